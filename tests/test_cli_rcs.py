@@ -163,9 +163,9 @@ def test_finer_cuts_are_drawn_with_their_medians() -> None:
     with pytest.raises(ArgumentError, match="cuts as two patterns"):
         figures.draw_rcs(pattern, cuts=[*cuts, 3])
     for wrong, message in (
-        (cuts[1].isel(elevation=[0]), "two angles each"),
+        (cuts[1].isel(elevation=[0]), "2 x 2 angles"),
         (3, "rcs_pattern"),
-        (pattern.assign(rcs=0 * pattern["rcs"]), "zero everywhere"),
+        (pattern.assign(rcs=0 * pattern["rcs"]), "zero at all angles"),
     ):
         with pytest.raises(ArgumentError, match=message):
             figures.draw_rcs(wrong)

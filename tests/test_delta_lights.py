@@ -244,5 +244,5 @@ def test_a_light_that_no_receiver_can_take_is_refused(plain: None) -> None:
 
 def test_other_renderers_warn_of_lights_that_they_miss(plain: None) -> None:
     scene = scene_of(rx=receiver(), lamp=point((0, 0, 1)), integrator={"type": "path"})
-    with pytest.warns(RuntimeWarning, match="from 'lamp'; use"), pm.receiving(scene):
+    with pytest.warns(RuntimeWarning, match="from 'lamp' to a receiver; use"), pm.receiving(scene):
         assert not np.array(mi.render(scene, spp=4)).any()

@@ -544,7 +544,7 @@ def test_the_gain_of_a_planning_file_has_a_unit(tmp_path: Path, gain: str, expec
     assert "nan" not in str(pw.beam_metrics(found)).lower()
     for change, words in (
         ((f"GAIN {gain}", "GAIN 17 lbs"), "GAIN"),
-        (("2140", "2140 furlongs"), "FREQUENCY"),
+        (("2140", "2140 furlongs"), "frequency"),
         (("HORIZONTAL 36", "HORIZONTAL 35"), "HORIZONTAL"),
         (("VERTICAL", "VERTIKAL"), "VERTICAL"),
     ):

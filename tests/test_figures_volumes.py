@@ -122,7 +122,7 @@ def test_what_cannot_be_drawn_is_refused():
         (found, {"name": "kirchhoff"}, "kirchhoff"),
         (renamed, {}, "x, y, z"),
         (uneven, {}, "evenly"),
-        (unfinished, {}, "nan"),
+        (unfinished, {}, "NaN"),
         (found * -1.0, {}, "above zero"),
         (found.astype(complex), {}, "complex"),
         (found, {"surfaces": (-50.0,)}, "floor"),

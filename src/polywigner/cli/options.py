@@ -207,10 +207,10 @@ def write(paths: Sequence[Path], contents: Sequence[Any], said: str = "") -> Non
             elif hasattr(content, "savefig"):
                 content.savefig(partial, format="png")
             elif hasattr(content, "data_vars"):
-                from polywigner.propagation import exports
+                from polywigner.propagation import stores
 
-                writers = {".nc": exports.write_netcdf, ".vti": exports.write_vti}
-                writers.get(partial.suffix, exports.write_zarr)(content, partial)
+                writers = {".nc": stores.write_netcdf, ".vti": stores.write_vti}
+                writers.get(partial.suffix, stores.write_zarr)(content, partial)
             else:
                 text = json.dumps(content, indent=2, allow_nan=False) + "\n"
                 partial.write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Far fields as data sheets show them: radiation patterns, and radar cross sections over angles."""
+"""Figures of far fields: radiation patterns, tolerances of arrays, and radar cross sections."""
 
 from __future__ import annotations
 
@@ -42,8 +42,10 @@ _DASHES = ("-", "--", "-.", ":")
 _PANELS: dict[str, tuple[float, float]] = {
     "cuts": (4.6, 3.4), "polar": (3.6, 3.4), "uv": (3.8, 3.4), "table": (5.0, 3.4),
 }  # fmt: skip
-# A map needs meridians; a few are cuts.
+# Least number of meridians of a map.
 _LEAST_MERIDIANS = 8
+# Maximum number of cuts of a tolerance analysis in a figure.
+_MOST_CUTS = 4
 
 
 @style.typeset
@@ -56,56 +58,64 @@ def draw_pattern(
     floor_db: float = -40.0,
     title: str = "",
     figure: Figure | SubFigure | None = None,
-) -> Any:
-    """The directivity of a pattern: cuts over theta, in polar coordinates, over u-v, and a table.
-
-    The table has the numbers of the cuts that are drawn.
+) -> Figure:
+    """Draw the directivity of a pattern: cuts, a polar plot, a map over u and v, and a table.
 
     Parameters
     ----------
-    pattern : xarray.Dataset or the like, as :func:`polywigner.radiation_pattern` returns.
-    panels : of "cuts", "polar", "uv" (direction cosines; needs eight angles phi or more) and
-        "table"; None: all that the pattern has enough angles for.
-    cuts : "beam": two orthogonal great circles through the beam, over the angle from it, as of
-        :func:`polywigner.beam_cuts`; "principal": the meridians next to the x and the y axis; or a
-        list of datasets, one of :func:`polywigner.beam_cuts`, or patterns whose meridians are
-        drawn. None: through the beam if the pattern has angles phi around the full circle, else the
-        principal planes.
-    metrics : the numbers of the table; None: those of :func:`polywigner.beam_metrics`.
-    floor_db : lowest level, dB below the largest directivity.
-    title : above all panels.
-    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
+    pattern : xarray.Dataset or the like, result of :func:`polywigner.radiation_pattern`.
+    panels : any of "cuts", "polar", "uv" (a map over direction cosines; requires eight angles phi)
+        and "table"; None: all panels for which the pattern has enough angles.
+    cuts : "beam": two orthogonal great circles through the beam, over the angle from the beam, as
+        of :func:`polywigner.beam_cuts`; "principal": the meridians next to the x and the y axis; or
+        a list of datasets, of :func:`polywigner.beam_cuts`, or of patterns whose meridians are
+        drawn. None: "beam" if the pattern has angles phi around the full circle, otherwise
+        "principal".
+    metrics : numbers of the table; None: result of :func:`polywigner.beam_metrics`. The table
+        contains the metrics of the cuts in the figure.
+    floor_db : lowest level in dB relative to the largest directivity.
+    title : title of the figure.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure.
 
     Raises
     ------
-    ArgumentError : no pattern, an unknown panel, too few angles; a ``figure`` of another type.
+    ArgumentError : for another ``pattern``, an unknown panel, too few angles, or a ``figure`` of
+        another type.
     """
     check_floor(floor_db)
     if metrics is not None and not isinstance(metrics, BeamMetrics):
         raise ArgumentError(f"expected metrics of beam_metrics, got {type(metrics).__name__}")
     theta, phi, levels, _ = checked_pattern(pattern)
     chosen = _chosen(panels, len(phi))
-    lines, found = _drawn_cuts(pattern, cuts, metrics)
+    lines, beam = _drawn_cuts(pattern, cuts, metrics)
     theta, levels = front_of(theta, levels)
-    low, high = found.directivity + floor_db, found.directivity
+    low, high = beam.directivity + floor_db, beam.directivity
+    label = f"directivity (dBi), {style.floor_text(round(low, 1), 'dBi')}"
     columns = 3 if len(chosen) == 3 else min(2, len(chosen))
     rows = -(-len(chosen) // columns)
     width = sum(max(_PANELS[name][0] for name in chosen[k::columns]) for k in range(columns))
     figure = style.figure_on(figure, width, 3.4 * rows + 0.3, spacing=0.05)
-    draw: dict[str, Callable[[Any], None]] = {
-        "cuts": lambda axes: _draw_cuts(axes, found, lines, low, high),
+    draw: dict[str, Callable[[Any], object]] = {
+        "cuts": lambda axes: _draw_cuts(axes, beam, lines, low, high),
         "polar": lambda axes: _draw_polar(axes, lines, low, high),
-        "uv": lambda axes: _draw_map(axes, theta, phi, levels, low, high),
-        "table": lambda axes: _write_table(axes, found),
+        "uv": lambda axes: style.draw_disc(
+            axes, theta, phi, np.maximum(levels, low), low, high, label, "uv"
+        ),
+        "table": lambda axes: _write_table(axes, beam),
     }
-    for place, name in enumerate(chosen, start=1):
-        kind = {"projection": "polar"} if name == "polar" else {}
-        draw[name](figure.add_subplot(rows, columns, place, **kind))
+    for number, name in enumerate(chosen, start=1):
+        projection = "polar" if name == "polar" else None
+        draw[name](figure.add_subplot(rows, columns, number, projection=projection))
     style.write_title(figure, title)
     return figure
 
 
 def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
+    """Return the names of the panels of a pattern with a number of meridians."""
     if panels is None:
         return [name for name in _PANELS if name != "uv" or meridians >= _LEAST_MERIDIANS]
     if isinstance(panels, str) or not isinstance(panels, Sequence):
@@ -115,8 +125,8 @@ def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
         raise ArgumentError("expected one panel or more, got none")
     if "uv" in names and meridians < _LEAST_MERIDIANS:
         raise ArgumentError(
-            f"expected {_LEAST_MERIDIANS} angles phi or more for a u-v map, got {meridians}; give "
-            "radiation_pattern more, or leave the map out"
+            f"expected {_LEAST_MERIDIANS} angles phi or more for a u-v map, got {meridians}; add "
+            "angles to radiation_pattern, or omit the map"
         )
     return list(dict.fromkeys(names))
 
@@ -124,7 +134,7 @@ def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
 def _drawn_cuts(
     pattern: Any, cuts: Any, metrics: BeamMetrics | None
 ) -> tuple[list[Cut], BeamMetrics]:
-    """Return the cuts to draw, and the beam with their numbers for the table."""
+    """Return the cuts to draw, and the beam with their metrics."""
     if not (cuts is None or isinstance(cuts, str)):
         if not isinstance(cuts, Sequence) or not cuts:
             raise ArgumentError(
@@ -139,26 +149,25 @@ def _drawn_cuts(
         return lines, _of_lines(beam_metrics(cuts[0]) if metrics is None else metrics, lines)
     if cuts is not None:
         checked_choice(cuts, "cuts", get_args(PatternCuts))
-    found = beam_metrics(pattern) if metrics is None else metrics
+    beam = beam_metrics(pattern) if metrics is None else metrics
     circles = [] if cuts == "principal" else circles_through_beam(pattern)
     if circles:
-        return circles, _of_lines(found, circles)
+        return circles, _of_lines(beam, circles)
     if cuts == "beam":
         raise ArgumentError(
             "expected a pattern over phi around the full circle for cuts through the beam, got "
             f"{pattern.sizes['phi']} angles phi; give cuts=[polywigner.beam_cuts(...)]"
         )
     meridians = cuts_in(pattern)
-    near = (
-        min(range(len(meridians)), key=lambda k: angle_between(meridians[k].phi, angle))
-        for angle in (0.0, math.pi / 2)
+    first, second = (
+        min(meridians, key=lambda cut: angle_between(cut.phi, angle)) for angle in (0, math.pi / 2)
     )
-    lines = [meridians[k] for k in dict.fromkeys(near)]
-    return lines, _of_lines(found, lines)
+    lines = [first] if first is second else [first, second]
+    return lines, _of_lines(beam, lines)
 
 
 def _of_lines(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
-    """The beam with the numbers of the cuts to draw."""
+    """Return the metrics of a beam with the metrics of the cuts to draw."""
     highest = max(float(line.levels.max()) for line in lines)
     cuts = tuple(cut_metrics(line, highest) for line in lines)
     return replace(metrics, cuts=cuts, beam_cuts=() if lines[0].kind == "theta" else cuts)
@@ -168,14 +177,6 @@ def _label(cut: Cut) -> str:
     return "across it" if cut.kind == "across" else f"$\\phi$ = {style.degrees_text(cut.phi)}"
 
 
-def _heading(metrics: BeamMetrics, cuts: Sequence[Cut]) -> str:
-    if cuts[0].kind == "theta":
-        is_principal = all(abs(math.remainder(cut.phi, math.pi / 2)) < 1e-4 for cut in cuts)
-        return "principal planes" if is_principal else "cuts along meridians"
-    theta, phi = (style.degrees_text(angle) for angle in (metrics.theta, metrics.phi))
-    return f"great circles through the beam at $\\theta$ = {theta}, $\\phi$ = {phi}"
-
-
 def _draw_cuts(
     axes: Axes, metrics: BeamMetrics, cuts: Sequence[Cut], low: float, high: float
 ) -> None:
@@ -183,11 +184,11 @@ def _draw_cuts(
 
     for number, cut in enumerate(cuts):
         _plot(axes, number, np.degrees(cut.angles), cut.levels, low - 100, label=_label(cut))
-    part = "its cross-polar part" if len(cuts) > 1 else "cross-polar part"
     for number, cut in enumerate(cuts):
         if cut.cross_levels is not None and cut.cross_levels.max() > low:
             angles = np.degrees(cut.angles)
-            _plot(axes, number, angles, cut.cross_levels, low - 100, label=part, ls=":")
+            label = "its cross-polar part" if len(cuts) > 1 else "cross-polar part"
+            _plot(axes, number, angles, cut.cross_levels, low - 100, label=label, ls=":")
     reach = _reach(cuts)
     axes.axhline(high - 10 * math.log10(2), color="0.6", lw=0.6, ls=":")
     entries = len(axes.get_legend_handles_labels()[0])
@@ -200,14 +201,20 @@ def _draw_cuts(
         xlabel=f"angle from {angle} (degrees)",
         ylabel="directivity (dBi)",
     )
-    heading = f"{_heading(metrics, cuts)}\ndotted: half the peak; {style.floor_text(low - high)}"
+    if cuts[0].kind == "theta":
+        is_principal = all(abs(math.remainder(cut.phi, math.pi / 2)) < 1e-4 for cut in cuts)
+        heading = "principal planes" if is_principal else "cuts along meridians"
+    else:
+        theta, phi = (style.degrees_text(angle) for angle in (metrics.theta, metrics.phi))
+        heading = f"great circles through the beam at $\\theta$ = {theta}, $\\phi$ = {phi}"
+    heading += f"\ndotted: half the peak; {style.floor_text(low - high)}"
     axes.set_title(heading, fontsize=8)
     axes.legend(frameon=False, fontsize=7, ncols=2, loc="upper center")
 
 
-def _plot(axes: Axes, number: int, places: Floats, levels: Floats, low: float, **how: Any) -> None:
-    dress: dict[str, Any] = {"color": _COLOURS[number % 4], "ls": _DASHES[number % 4], "lw": 1.2}
-    axes.plot(places, np.maximum(levels, low), **(dress | how))
+def _plot(axes: Axes, number: int, angles: Floats, levels: Floats, low: float, **how: Any) -> None:
+    looks: dict[str, Any] = {"color": _COLOURS[number % 4], "ls": _DASHES[number % 4], "lw": 1.2}
+    axes.plot(angles, np.maximum(levels, low), **(looks | how))
 
 
 def _reach(cuts: Sequence[Cut]) -> float:
@@ -233,26 +240,14 @@ def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None
     axes.set_title(f"directivity (dBi) over {over}, {planes}", fontsize=8)
 
 
-def _draw_map(
-    axes: Axes, theta: Floats, phi: Floats, levels: Floats, low: float, high: float
-) -> None:
-    label = f"directivity (dBi), {style.floor_text(round(low, 1), 'dBi')}"
-    style.draw_disc(axes, theta, phi, np.maximum(levels, low), low, high, label)
-    axes.set(xlabel="$u = \\sin\\theta\\,\\cos\\phi$", ylabel="$v = \\sin\\theta\\,\\sin\\phi$")
-
-
 def _write_table(axes: Axes, metrics: BeamMetrics) -> None:
     axes.axis("off")
-    text = str(metrics).replace("|u|^2", "|u|²").replace("-", "\N{MINUS SIGN}")
+    text = str(metrics).replace("^2", "²").replace("-", "\N{MINUS SIGN}")
     text = text.replace(f"half{chr(0x2212)}power", "half-power")
     axes.text(
         0.0, 0.95, text, family="DejaVu Sans Mono", fontsize=7, va="top", linespacing=1.5,
         transform=axes.transAxes,
     )  # fmt: skip
-
-
-# Cuts of a tolerance run in one figure.
-_MOST_CUTS = 4
 
 
 @style.typeset
@@ -262,41 +257,44 @@ def draw_tolerance(
     floor_db: float = -50.0,
     title: str = "",
     figure: Figure | SubFigure | None = None,
-) -> Any:
-    """The band between 5 and 95 % of an array's patterns with errors, and their mean, over theta.
+) -> Figure:
+    """Draw mean and 5 to 95 % band of the patterns of an array with errors, over theta.
 
     Parameters
     ----------
-    tolerance : xarray.Dataset or the like, as :func:`polywigner.array_tolerance` returns, of one to
-        four meridians; those half a turn apart are one cut.
-    floor_db : lowest level, dB below the largest directivity without errors.
-    title : above all panels.
-    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
+    tolerance : xarray.Dataset or the like, result of :func:`polywigner.array_tolerance`, with one
+        to four meridians; opposite meridians are joined to one cut.
+    floor_db : lowest level in dB relative to the largest directivity without errors.
+    title : title of the figure.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure.
 
     Raises
     ------
-    ArgumentError : no tolerance run, too many meridians or fewer than two angles theta; a
+    ArgumentError : for another ``tolerance``, too many meridians, fewer than two angles theta, or a
         ``figure`` of another type.
     """
     check_floor(floor_db)
     axes_of = {"theta": "theta", "phi": "phi"}
     axes_of |= dict.fromkeys(("nominal", "expected", "low", "high"), "theta phi")
     theta, phi, *levels = arrays_of(tolerance, axes_of, "polywigner.array_tolerance")
-    parts = (front_of(theta, part) for part in levels)
-    places, *others = (list(cuts_of(front, phi, part)) for front, part in parts)
-    if len(theta) < 2 or not 1 <= len(places) <= _MOST_CUTS:
+    fronts = (front_of(theta, part) for part in levels)
+    cuts = list(zip(*(cuts_of(angles, phi, part) for angles, part in fronts), strict=True))
+    if len(theta) < 2 or not 1 <= len(cuts) <= _MOST_CUTS:
         raise ArgumentError(
-            f"expected one to {_MOST_CUTS} cuts over two angles theta or more, got {len(places)} "
+            f"expected one to {_MOST_CUTS} cuts over two angles theta or more, got {len(cuts)} "
             f"over {len(theta)}; give array_tolerance fewer angles phi"
         )
     high = float(levels[0].max())
-    drawn = style.figure_on(figure, 5.4 * len(places), 3.9, spacing=0.05)
-    panels = drawn.subplots(1, len(places), squeeze=False)[0]
-    for k, (axes, (angle, where, nominal)) in enumerate(zip(panels, places, strict=True)):
-        degrees = np.degrees(where)
-        mean, low, upper = (cuts[k][2] for cuts in others)
+    drawn = style.figure_on(figure, 5.4 * len(cuts), 3.9, spacing=0.05)
+    for axes, parts in zip(drawn.subplots(1, len(cuts), squeeze=False)[0], cuts, strict=True):
+        azimuth, degrees = parts[0][0], np.degrees(parts[0][1])
+        nominal, mean, lower, upper = (levels for _, _, levels in parts)
         axes.fill_between(
-            degrees, low, upper, color=style.ORANGE, alpha=0.4, lw=0,
+            degrees, lower, upper, color=style.ORANGE, alpha=0.4, lw=0,
             label=f"5 to 95 % of {tolerance.attrs.get('count', '')} samples",
         )  # fmt: skip
         axes.plot(degrees, mean, color=style.RED, lw=1.2, ls="--", label="mean, closed form")
@@ -306,7 +304,7 @@ def draw_tolerance(
             xlim=(degrees.min(), degrees.max()), ylim=(high + floor_db, high + 3),
             xlabel="angle from the normal $\\theta$ (degrees)", ylabel="directivity (dBi)",
         )  # fmt: skip
-        heading = f"$\\phi$ = {style.degrees_text(angle)}; {style.floor_text(floor_db)}"
+        heading = f"$\\phi$ = {style.degrees_text(azimuth)}; {style.floor_text(floor_db)}"
         axes.set_title(heading, fontsize=8)
     style.write_title(drawn, title)
     return drawn
@@ -321,24 +319,28 @@ def draw_rcs(
     floor_db: float = -60.0,
     title: str = "",
     figure: Figure | SubFigure | None = None,
-) -> Any:
-    """Cross sections in dBsm: cuts over azimuth and over elevation, and a map of all angles.
+) -> Figure:
+    """Draw radar cross sections in dBsm: cuts over azimuth and elevation, and a map.
 
     Parameters
     ----------
-    pattern : xarray.Dataset or the like, as :func:`polywigner.rcs_pattern` returns, of two angles
-        each or more.
-    cuts : two patterns in finer steps: of one elevation, and of two azimuths half a turn apart;
-        None: those of the pattern nearest to the planes z = 0 and x-z.
-    smooth : width in rad of a running median, drawn over the cuts; None: no such line.
-    floor_db : lowest level, dB below the largest cross section.
-    title : above all panels.
-    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
+    pattern : xarray.Dataset or the like, result of :func:`polywigner.rcs_pattern`, with at least
+        two azimuths and two elevations.
+    cuts : two patterns in finer steps, of one elevation, and of two opposite azimuths; None: cuts
+        of the pattern nearest to the planes z = 0 and y = 0.
+    smooth : width in rad of a running median of the cuts; None: no median.
+    floor_db : lowest level in dB relative to the largest cross section.
+    title : title of the figure.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure.
 
     Raises
     ------
-    ArgumentError : no pattern, too few angles, a body that scatters nothing; a ``figure`` of
-        another type.
+    ArgumentError : for another ``pattern``, too few angles, a body without scattering, or a
+        ``figure`` of another type.
     """
     check_floor(floor_db)
     if smooth is not None:
@@ -349,22 +351,19 @@ def draw_rcs(
     parts = [part[np.isfinite(part)] for part in (levels, *(cut for _, _, cut in shown_cuts))]
     high = max(float(part.max(initial=-math.inf)) for part in parts)
     if high == -math.inf:
-        raise ArgumentError(
-            "expected a body that scatters something on these angles, got zero everywhere"
-        )
+        raise ArgumentError("expected cross sections above zero, got zero at all angles")
     low = high + floor_db
     drawn = style.figure_on(figure, 11.6, 3.9, spacing=0.05)
-    for place, (name, angles, cut) in enumerate(shown_cuts, start=1):
-        polar = drawn.add_subplot(1, 3, place, projection="polar")
+    for number, (name, angles, cut) in enumerate(shown_cuts, start=1):
+        polar = drawn.add_subplot(1, 3, number, projection="polar")
         _draw_rcs_cut(polar, angles, np.maximum(cut, low), smooth)
         polar.set_ylim(low, high)
         polar.set_title(name, fontsize=8)
     axes = drawn.add_subplot(1, 3, 3)
-    places = np.degrees(azimuth), np.degrees(elevation)
     label = f"RCS (dBsm), {style.floor_text(round(low, 1), 'dBsm')}"
     style.draw_levels(
-        axes, np.maximum(levels, low).T, *places, low=low, high=high, label=label,
-        shading="nearest",
+        axes, np.maximum(levels, low).T, np.degrees(azimuth), np.degrees(elevation), low=low,
+        high=high, label=label, shading="nearest",
     )  # fmt: skip
     axes.set(xlabel="azimuth (degrees)", ylabel="elevation (degrees)")
     style.write_title(drawn, title)
@@ -388,15 +387,15 @@ def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | No
 
 
 def _clear_angle(angles: Floats, levels: Floats) -> float:
-    """Return the angle in degrees, between the labels of angles, where a cut is lowest."""
+    """Return the angle in degrees, between the angle labels, at which a cut is lowest."""
     candidates = np.radians(np.arange(22.5, 360.0, 45.0))
-    apart = np.abs(np.angle(np.exp(1j * (angles - candidates[:, None]))))
-    near = np.where(apart < math.radians(10.0), levels, -np.inf).max(axis=1)
+    distance = np.abs(np.angle(np.exp(1j * (angles - candidates[:, None]))))
+    near = np.where(distance < math.radians(10.0), levels, -np.inf).max(axis=1)
     return float(np.degrees(candidates[near.argmin()]))
 
 
 def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
-    """Medians over a width about each of the angles (n,), which rise in equal steps."""
+    """Return medians of levels over windows about evenly spaced angles (n,)."""
     half = min(int(width / (2 * abs(angles[1] - angles[0]))), (len(levels) - 1) // 2)
     padded = np.pad(levels, half, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
@@ -406,13 +405,13 @@ def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
 
 
 def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats, Floats, Floats]:
-    """Azimuth (n,), elevation (m,), and levels (n, m) in dBsm, minus infinity for nothing."""
+    """Return azimuth (n,), elevation (m,), and levels (n, m) in dBsm."""
     names = dict.fromkeys(("azimuth", "elevation", "rcs"), "")
     azimuth, elevation, values = arrays_of(pattern, names, "polywigner.rcs_pattern")
     if values.ndim != 2 or values.shape[0] < least[0] or values.shape[1] < least[1]:
         raise ArgumentError(
-            f"expected a pattern of {least[0]} x {least[1]} angles or more, two angles each for a "
-            f"map, got a table of {values.shape}"
+            f"expected a pattern of {least[0]} x {least[1]} angles or more, got shape "
+            f"{values.shape}"
         )
     with np.errstate(divide="ignore"):
         return azimuth, elevation, 10 * np.log10(values)
@@ -421,22 +420,19 @@ def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats,
 def _rcs_cuts(
     pattern: tuple[Floats, Floats, Floats], cuts: Sequence[Any] | None
 ) -> list[tuple[str, Floats, Floats]]:
-    """Title, angles and levels over azimuth, and over one azimuth and that half a turn further.
-
-    Without ``cuts`` those of the pattern nearest to the planes z = 0 and x-z.
-    """
+    """Return title, angles and levels of the cut over azimuth and of the cut over elevation."""
     if cuts is None:
         flat = upright = pattern
         at = int(np.abs(pattern[1]).argmin())
-        turns = np.abs(np.exp(1j * pattern[0])[:, None] - np.array([1.0, -1.0])).argmin(axis=0)
-        front, back = (int(turn) for turn in turns)
+        distance = np.abs(np.exp(1j * pattern[0])[:, None] - np.array([1.0, -1.0]))
+        front, back = distance.argmin(axis=0).tolist()
     elif isinstance(cuts, Sequence) and len(cuts) == 2:
         flat, upright = _checked_rcs(cuts[0], (2, 1)), _checked_rcs(cuts[1])
         at, front, back = 0, 0, 1
     else:
-        got = type(cuts).__name__
         raise ArgumentError(
-            f"expected cuts as two patterns, over azimuth and over elevation, got {got}"
+            "expected cuts as two patterns, over azimuth and over elevation, got "
+            f"{type(cuts).__name__}"
         )
     azimuth, elevation, levels = upright
     around = np.concatenate([elevation, math.pi - elevation[::-1]])

@@ -1,4 +1,4 @@
-"""Fields along lines, on planes and on hemispheres, by several methods side by side."""
+"""Figures of fields along lines, on planes and on hemispheres, by one or several methods."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Axis = tuple[str, Floats]
-"""The label of an axis, and places along it in the unit that the label names."""
+"""Label of an axis, and positions in the unit of the label."""
 
 _COLOURS = (
     *(style.RED, style.BLUE, style.ORANGE, style.GREEN, style.VIOLET),
@@ -43,29 +43,26 @@ _COLOURS = (
 )
 _DASHES = ("-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)))
 
+# Least ratio of the ends of a logarithmic axis of lengths.
 _DECADES = 20.0
-"""Ratio of the ends of an axis of lengths from which it is logarithmic."""
-
+# Difference in dB up to which the axis is linear; it is logarithmic beyond, since differences of
+# accurate methods decrease by three decades along a line.
 _LINEAR_DB = 0.01
-"""Difference up to which the axis is linear, logarithmic beyond: differences of good methods fall
-by three decades along a line."""
-# Width of a panel without its colour bar: of several maps, of one alone, of a disc.
+# Width of a panel in inches: one of several maps, a single map, and a disc.
 _INCHES, _ALONE, _DISC = 3.0, 4.8, 3.3
+# Limit of the colour scale of differences, in dB.
 _MOST_DB = 3.0
-"""Largest difference with a colour of its own."""
-
-
 # Fraction of the power below the default floor of a plane.
 _FAINT = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """One quantity by several methods at the same places, like a power: fields are squared.
+    """A quantity at the same points by several methods, as powers.
 
-    ``powers`` and ``labels`` are by the name of the variable, over ``dims``, the axes of more than
-    one sample. 0 dB is ``zero``, the peak of the method ``against``. ``fields`` are the values as
-    they were given, complex if ``is_field``.
+    ``powers``, ``labels`` and ``fields``, the unchanged values, have the names of the variables.
+    Arrays are over ``dims``, the axes of more than one sample. 0 dB is ``zero``, the peak of the
+    method ``against``. ``is_field``: the values are complex, and are squared.
     """
 
     fields: dict[str, NDArray[Any]]
@@ -79,11 +76,11 @@ class Comparison:
     is_field: bool
 
     @staticmethod
-    def of(found: Any, against: str | None) -> Comparison:
-        """Read the variables of a dataset; 0 dB is the peak of ``against``, by default the last."""
+    def of(dataset: Any, against: str | None) -> Comparison:
+        """Read the variables of a dataset; ``against``: None: the last variable."""
         arrays = {
             str(name): array.squeeze()
-            for name, array in checked_dataset(found, "found").data_vars.items()
+            for name, array in checked_dataset(dataset, "found").data_vars.items()
         }
         if not arrays:
             raise ArgumentError("expected a field to draw, got a dataset without variables")
@@ -92,8 +89,8 @@ class Comparison:
         for name, array in arrays.items():
             if array.dims != first.dims or quantity_of(array) != quantity:
                 raise ArgumentError(
-                    f"expected fields of one quantity over the same axes, got {name!r}, another; "
-                    "draw them one by one"
+                    f"expected fields of one quantity over the same axes, but {name!r} differs; "
+                    "draw the fields separately"
                 )
         if against is not None:
             checked_choice(against, "against", list(arrays))
@@ -111,17 +108,17 @@ class Comparison:
 
     @property
     def zero_text(self) -> str:
-        """The power of 0 dB with its unit."""
+        """Power of 0 dB with its unit."""
         return style.quantity_text(self.zero, self.unit)
 
     def level_text(self, floor_db: float) -> str:
-        """Label of a bar of levels."""
+        """Return the label of a colour bar of levels."""
         return f"{self.quantity}, dB relative to {self.zero_text}\n{style.floor_text(floor_db)}"
 
     def default_floor_db(self) -> float:
-        """Return the level in dB below which 1 % of the power lies, from -40 to -10.
+        """Return the multiple of 5 dB, from -40 to -10 dB, below which 1 % of the power lies.
 
-        It is a multiple of 5 dB. Fresnel fringes then fill the colour scale, and so do sidelobes.
+        The colour scale then suits Fresnel fringes as well as sidelobes.
         """
         power = np.sort(np.maximum(self.powers[self.against], 0.0), axis=None)
         below = np.cumsum(power)
@@ -140,33 +137,36 @@ def draw_lines(
     compared_db: float = COMPARED_DB,
     title: str = "",
     figure: Figure | SubFigure | None = None,
-) -> Any:
-    """Levels along a line by each method, and below them the differences from one of the methods.
+) -> Figure:
+    """Draw fields along a line by each method, and differences from a reference method.
 
     Parameters
     ----------
-    found : xarray.Dataset with a variable for each method, as from :func:`polywigner.line` and, for
-        a cut, :func:`polywigner.hemisphere`; complex values are squared. Or several, by the titles
-        of the columns in which they are drawn beside each other, all of the same methods.
-    along : the coordinate on the horizontal axis, in metres or radians; None: x, y or z if the
-        line is parallel to it, else that of the dataset.
-    against : the variable that the others are compared with; None: the last one.
-    floor_db : lowest level shown, dB below the peak of that method. Curves have gaps where values
-        are not above zero.
-    linear : show values relative to that peak on a linear scale instead of levels in dB.
-    compared_db : lowest level of that method at which differences are shown.
-    title : above the panels.
-    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
+    found : xarray.Dataset with a variable for each method, such as a result of
+        :func:`polywigner.line`, or a cut of :func:`polywigner.hemisphere`; complex values are
+        squared. Or a dict of such datasets, with equal methods, by the titles of columns.
+    along : coordinate on the horizontal axis, in metres or radians; None: x, y or z if the line is
+        parallel to it, otherwise the dimension of the dataset.
+    against : reference variable, whose peak is 0 dB; None: the last variable.
+    floor_db : lowest level in dB. Curves have gaps at values of zero or less.
+    linear : whether to draw values relative to the peak instead of levels in dB.
+    compared_db : lowest level of the reference at which differences are drawn.
+    title : title of the figure.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure.
 
     Raises
     ------
-    ArgumentError : no such quantity, method or coordinate; values over more than one axis; a
-        ``figure`` of another type.
+    ArgumentError : if the quantity, method or coordinate is missing, for values over more than one
+        axis, and for a ``figure`` of another type.
     """
     check_floor(floor_db)
     checked_flag(linear, "linear")
     columns = dict(found) if isinstance(found, dict) and found else {"": found}
-    fields = [Comparison.of(one, against) for one in columns.values()]
+    fields = [Comparison.of(dataset, against) for dataset in columns.values()]
     is_compared, side_by_side = len(fields[0].powers) > 1, len(fields) > 1
     width, height = 1.0 + 3.0 * len(fields) if side_by_side else 6.4, 5.6 if is_compared else 3.7
     figure = style.figure_on(figure, width, height + 0.3 * side_by_side, spacing=0.03)
@@ -174,13 +174,13 @@ def draw_lines(
     panels = figure.subplots(
         len(ratios), len(fields), sharex="col", sharey="row", squeeze=False, height_ratios=ratios
     )
-    for column, one, each, name in zip(panels.T, columns.values(), fields, columns, strict=True):
-        _draw_column(column, each, _axis(one, each.dims, along), linear, compared_db)
-        text = f"{'1' if linear else '0 dB'}: {each.zero_text}"
+    for column, (name, dataset), part in zip(panels.T, columns.items(), fields, strict=True):
+        _draw_column(column, part, _axis(dataset, part.dims, along), linear, compared_db)
+        text = f"{'1' if linear else '0 dB'}: {part.zero_text}"
         if name:
             text = f"{name}; {text}"
         elif is_compared:
-            text += f", the peak of {each.labels[each.against]}"
+            text += f", the peak of {part.labels[part.against]}"
         column[0].set_title(text, loc="left", fontsize=8)
     if not linear:
         panels[0, 0].set_ylim(*_range(fields, floor_db))
@@ -189,8 +189,9 @@ def draw_lines(
     if is_compared:
         _difference_axis(panels[1], fields[0], compared_db)
     if is_compared and side_by_side:
-        handles = panels[0, 0].get_legend_handles_labels()
-        figure.legend(*handles, loc="outside lower center", ncols=len(handles[0]), **legend)
+        handles, labels = panels[0, 0].get_legend_handles_labels()
+        place: Any = "outside lower center"
+        figure.legend(handles, labels, loc=place, ncols=len(handles), **legend)
     elif is_compared:
         panels[0, 0].legend(**legend)
     style.write_title(figure, title)
@@ -201,7 +202,7 @@ def _draw_column(
     column: Any, fields: Comparison, axis: tuple[Floats, str, bool], linear: bool,
     compared_db: float,
 ) -> None:  # fmt: skip
-    """Draw levels, and below them the differences of several fields from the reference."""
+    """Draw fields, and differences from the reference below."""
     positions, label, is_logarithmic = axis
     styles = _styles(list(fields.powers), fields.against)
     for method, values in fields.powers.items():
@@ -225,30 +226,30 @@ def _draw_column(
         ticks.set_minor_formatter(lambda *_: "")
 
 
-def _axis(found: Any, dims: tuple[str, ...], along: str | None) -> tuple[Floats, str, bool]:
-    """Places as they are printed, the label of their axis, and whether it is logarithmic."""
+def _axis(dataset: Any, dims: tuple[str, ...], along: str | None) -> tuple[Floats, str, bool]:
+    """Return the positions, the label of their axis, and whether it is logarithmic."""
     if len(dims) != 1:
         raise ArgumentError(f"expected fields along one axis, got them over {', '.join(dims)}")
     if along is None:
         along = dims[0]
-        if found[along].attrs.get("units") == "m":  # a line may be parallel to x, y or z
-            changing = [k for k in "xyz" if k in found.coords and np.ptp(found[k].values) > 0]
+        if dataset[along].attrs.get("units") == "m":  # a line may be parallel to x, y or z
+            changing = [k for k in "xyz" if k in dataset.coords and np.ptp(dataset[k].values) > 0]
             along = changing[0] if len(changing) == 1 else along
-    checked_choice(along, "along", [str(name) for name in found.coords])
-    places = np.asarray(found[along].squeeze().values, dtype=np.float64)
-    kind = found[along].attrs.get("units", "")
-    called = str(found[along].attrs.get("long_name", f"${along}$" if len(along) == 1 else along))
+    checked_choice(along, "along", [str(name) for name in dataset.coords])
+    values = np.asarray(dataset[along].squeeze().values, dtype=np.float64)
+    kind = dataset[along].attrs.get("units", "")
+    name = str(dataset[along].attrs.get("long_name", f"${along}$" if len(along) == 1 else along))
     if kind == "rad":
-        return np.degrees(places), f"{called} (degrees)", False
+        return np.degrees(values), f"{name} (degrees)", False
     if kind != "m":
-        return places, f"{called} ({kind})" if kind else called, False
-    unit = length_unit(float(np.abs(places).max()))
-    logarithmic = bool(places.min() > 0 and places.max() > _DECADES * places.min())
-    return places / unit.metres, f"{called} ({unit.name})", logarithmic
+        return values, f"{name} ({kind})" if kind else name, False
+    unit = length_unit(float(np.abs(values).max()))
+    logarithmic = bool(values.min() > 0 and values.max() > _DECADES * values.min())
+    return values / unit.metres, f"{name} ({unit.name})", logarithmic
 
 
 def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
-    """Line styles: the reference is a broad grey band, on which other lines are still seen."""
+    """Return line styles; the reference is a broad grey line."""
     if len(methods) == 1:
         return {against: {"color": _COLOURS[1], "lw": 1.2}}
     others = (method for method in methods if method != against)
@@ -261,8 +262,10 @@ def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
 
 
 def _range(columns: list[Comparison], floor_db: float) -> tuple[float, float]:
-    """From the floor, or just below all curves, to above them. They may pass the peak of the
-    reference (0 dB), but not by so much that nothing else is seen."""
+    """Return the limits of levels: from the floor, or just below the curves, to above them.
+
+    Curves may exceed the peak of the reference (0 dB) by up to a quarter of the floor.
+    """
     levels = np.concatenate(
         [v[v > 0] / fields.zero for fields in columns for v in fields.powers.values()]
     )
@@ -299,23 +302,24 @@ def draw_planes(
     obstacles: Any = (),
     title: str = "",
     figure: Figure | SubFigure | None = None,
-) -> Any:
-    """Draw maps of a field on a plane; below them its phases, or differences between methods.
+) -> Figure:
+    """Draw maps of a field on a plane, with phases, or differences between methods, below.
 
     Parameters
     ----------
-    found : xarray.Dataset with a variable for each method, as from :func:`polywigner.plane`, over
-        two evenly spaced axes in metres. The second axis is drawn upwards, unless it is z. The
-        second row shows the phases of complex values, paler where the field is weaker.
-    against : variable whose peak is 0 dB, with which the others are compared; None: the last.
-    floor_db : lowest level in dB below that peak. Lower and negative values get its colour.
-        None: the multiple of 5 dB below which 1 % of the power lies, from -40 to -10 dB.
-    linear : show values relative to the peak on a linear scale instead of levels in dB.
-    compared_db : lowest level of that method at which differences are shown.
-    obstacles : bodies and plates, as :func:`polywigner.plane` takes them. Their intersections with
-        the plane are drawn.
-    title : title above the panels.
-    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
+    found : xarray.Dataset with a variable for each method, such as a result of
+        :func:`polywigner.plane`, over two evenly spaced axes in metres. The second axis is drawn
+        upwards, unless it is z. Complex values are squared; their phases, in a second row, fade
+        with the level.
+    against : reference variable, whose peak is 0 dB; None: the last variable.
+    floor_db : lowest level in dB. Lower and negative values are drawn at the floor. None: the
+        multiple of 5 dB, from -40 to -10 dB, below which 1 % of the power lies.
+    linear : whether to draw values relative to the peak instead of levels in dB.
+    compared_db : lowest level of the reference at which differences are drawn.
+    obstacles : bodies and plates, as for :func:`polywigner.plane`, whose intersections with the
+        plane are drawn.
+    title : title of the figure.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
 
     Returns
     -------
@@ -323,15 +327,15 @@ def draw_planes(
 
     Raises
     ------
-    ArgumentError : the quantity or method is missing, the axes are not even, or ``figure`` is not
-        a figure.
+    ArgumentError : if the quantity or method is missing, for unevenly spaced axes, and for a
+        ``figure`` of another type.
     """
     fields = Comparison.of(found, against)
     floor_db = fields.default_floor_db() if floor_db is None else check_floor(floor_db)
     checked_flag(linear, "linear")
     across, up = _axes(found, fields.dims)
     cuts = _cuts(found, fields.dims, obstacles)
-    extents = [np.ptp(places) + places[1] - places[0] for _, places in (across, up)]
+    extents = [np.ptp(axis) + axis[1] - axis[0] for _, axis in (across, up)]
     rows = 2 if fields.is_field or len(fields.powers) > 1 else 1
     ratio = float(np.clip(extents[1] / extents[0], 0.4, 2.0))
     columns = len(fields.powers)
@@ -355,46 +359,44 @@ def draw_planes(
     for axes in panels.flat:
         for lines in cuts:
             style.draw_cut(axes, lines, "kw")
-    for axes in panels.flat:
         axes.set(xlabel=across[0], ylabel=up[0])
         axes.label_outer()
     style.write_title(figure, title)
     return figure
 
 
-def _axes(found: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
-    """The axes across and up; z, along which beams go, is never the one upwards."""
+def _axes(dataset: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
+    """Return the axes across and upwards; z, the direction of beams, is drawn across."""
     if len(dims) != 2:
-        raise ArgumentError(f"expected fields over two axes, got them over {', '.join(dims)}")
-    places = {d: even_axis(d, np.asarray(found[d].values, dtype=np.float64)) for d in dims}
-    unit = length_unit(max(float(np.ptp(p)) for p in places.values()))
-    first, second = ((style.axis_label(d, unit), p / unit.metres) for d, p in places.items())
+        raise ArgumentError(f"expected fields over two axes, got fields over {', '.join(dims)}")
+    values = {d: even_axis(d, np.asarray(dataset[d].values, dtype=np.float64)) for d in dims}
+    unit = length_unit(max(float(np.ptp(v)) for v in values.values()))
+    first, second = ((style.axis_label(d, unit), v / unit.metres) for d, v in values.items())
     return (second, first) if dims[1] == "z" else (first, second)
 
 
-def _cuts(found: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
-    """Lines (k, 2, 2) in which the plane of a field cuts obstacles, in the units of its axes."""
+def _cuts(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
+    """Return the intersections (k, 2, 2) of obstacles with the plane, in the unit of its axes."""
     bodies = bodies_if_any(obstacles)
     if not bodies:
         return []
-    places = [np.asarray(found[d].values, dtype=np.float64) for d in dims]
+    values = [np.asarray(dataset[d].values, dtype=np.float64) for d in dims]
 
-    def point(*numbers: int) -> Floats:
-        at = dict(zip(dims, numbers, strict=True))
-        own = (found[c].isel({d: n for d, n in at.items() if d in found[c].dims}) for c in "xyz")
-        return np.array([float(c) for c in own])
+    def point(*indices: int) -> Floats:
+        sample = dataset.isel(dict(zip(dims, indices, strict=True)))
+        return np.array([float(sample[c]) for c in "xyz"])
 
     corner = point(0, 0)
     along = np.array([point(-1, 0) - corner, point(0, -1) - corner])
-    along /= np.array([np.ptp(p) for p in places])[:, None]
-    origin = corner - places[0][0] * along[0] - places[1][0] * along[1]
-    metres = length_unit(max(float(np.ptp(p)) for p in places)).metres
+    along /= np.array([np.ptp(v) for v in values])[:, None]
+    origin = corner - values[0][0] * along[0] - values[1][0] * along[1]
+    metres = length_unit(max(float(np.ptp(v)) for v in values)).metres
     lines = [obstacle_of(body).cut(origin, along) / metres for body in bodies]
     return [line[..., ::-1] if dims[1] == "z" else line for line in lines]
 
 
 def _upright(values: NDArray[Any], fields: Comparison) -> NDArray[Any]:
-    """Values with the axis upwards first."""
+    """Transpose values such that the vertical axis is the first."""
     return values if fields.dims[1] == "z" else values.T
 
 
@@ -405,10 +407,12 @@ def _draw_phases(
     from matplotlib.colors import Normalize
 
     for axes, (method, field) in zip(panels, fields.fields.items(), strict=True):
-        # Noise around nulls has a phase as well: it fades with the level.
+        # phases fade with the level: they are noise near nulls
         strength = 1 - level_db(fields.powers[method], fields.zero, floor_db) / floor_db
         phases = _upright(np.degrees(np.angle(field)), fields)
-        shown = style.draw_map(axes, phases, across, up, cmap=style.PHASE_MAP, vmin=-180, vmax=180)
+        shown: Any = style.draw_map(
+            axes, phases, across, up, cmap=style.PHASE_MAP, vmin=-180, vmax=180
+        )
         shown.set_alpha(_upright(np.clip(3 * strength, 0, 1), fields))
     # a bar of the images would be transparent as well
     opaque = ScalarMappable(Normalize(-180, 180), style.PHASE_MAP)
@@ -420,7 +424,7 @@ def _draw_differences(
 ) -> None:
     reference = fields.powers[fields.against]
     differences = [difference_db(power, reference, compared_db) for power in fields.powers.values()]
-    largest = max(float(np.nanmax(np.abs(each), initial=0.0)) for each in differences)
+    largest = max(float(np.nanmax(np.abs(values), initial=0.0)) for values in differences)
     bound = min(largest, _MOST_DB) or 1.0
     for axes, method, difference in zip(panels, fields.powers, differences, strict=True):
         if method == fields.against:
@@ -441,28 +445,33 @@ def draw_hemispheres(
     floor_db: float = -40.0,
     title: str = "",
     figure: Figure | SubFigure | None = None,
-) -> Any:
-    """Levels over all directions of a half space, in the plane of the direction cosines s_x, s_y.
+) -> Figure:
+    """Draw levels over the directions of a hemisphere, over the direction cosines s_x and s_y.
 
     Parameters
     ----------
-    found : xarray.Dataset with a variable for each method, as from :func:`polywigner.hemisphere`,
-        over ``theta`` (from the axis) and ``phi`` (around it, from x) in radians. Complex values
-        are squared.
-    against : the variable whose peak is 0 dB; None: the last one.
-    floor_db : lowest level, dB; all that is less has its colour.
-    title : above the panels.
-    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
+    found : xarray.Dataset with a variable for each method, such as a result of
+        :func:`polywigner.hemisphere`, over ``theta`` (angle from the z axis) and ``phi`` (azimuth
+        from x) in radians. Complex values are squared.
+    against : variable whose peak is 0 dB; None: the last variable.
+    floor_db : lowest level in dB. Lower values are drawn at the floor.
+    title : title of the figure.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure.
 
     Raises
     ------
-    ArgumentError : no such quantity or method; other axes; a ``figure`` of another type.
+    ArgumentError : if the quantity or method is missing, for other axes, and for a ``figure`` of
+        another type.
     """
     check_floor(floor_db)
     if "directivity" in checked_dataset(found, "found"):
         raise ArgumentError(
-            "expected fields on a hemisphere, got a radiation pattern, whose directivity is in dBi "
-            "already; use draw_pattern"
+            "expected fields on a hemisphere, got a radiation pattern with a directivity in dBi; "
+            "use draw_pattern"
         )
     fields = Comparison.of(found, against)
     if sorted(fields.dims) != ["phi", "theta"]:

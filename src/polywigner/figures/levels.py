@@ -1,11 +1,11 @@
-"""Levels in dB above a floor, their differences, and the labelled arrays that figures read."""
+"""Levels in dB above a floor, their differences, and checks of datasets for figures."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from numbers import Real
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,17 +14,31 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_array, checked_length, real_numbers
 from polywigner.source.obliquities import OBLIQUITIES
 
+if TYPE_CHECKING:
+    import xarray
+
 Floats = NDArray[np.float64]
 
 PEAK_RULE = "largest 3x3 median"
-"""Rule by which :func:`picture_peak` chooses 0 dB, in words for labels and logs."""
+"""Definition of 0 dB by :func:`picture_peak`, for labels and logs."""
+COMPARED_DB = -30.0
+"""Lowest compared level in dB relative to the peak of the reference: differences in dB diverge at
+nulls."""
 
+# Lower levels are rounding errors: 15 digits of a field.
 _LOWEST_DB = -300.0
-"""Fifteen digits of a field and thirty of its square: fainter values are rounding."""
+# Largest deviation of the steps of an axis, relative: single precision has 1e-5 on a hundred
+# wavelengths with a thousand samples.
+_EVEN = 1e-3
+# Units for labels; files have W m-2.
+_PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
+# Names of methods and obliquities for labels.
+_NAMES = {"wigner": "Wigner", "fresnel": "Fresnel", "fraunhofer": "Fraunhofer"}
+_NAMES |= {name: obliquity.title for name, obliquity in OBLIQUITIES.items()}
 
 
 def check_floor(floor_db: float) -> float:
-    """The floor itself, once it is known to be a level below the peak."""
+    """Return a level below 0 dB, or raise ArgumentError."""
     number = isinstance(floor_db, Real) and not isinstance(floor_db, bool)
     if not number or not _LOWEST_DB <= floor_db < 0:
         raise ArgumentError(
@@ -35,22 +49,21 @@ def check_floor(floor_db: float) -> float:
 
 
 def picture_peak(values: ArrayLike) -> float | None:
-    """The peak of a picture, as the largest median over 3 x 3 neighbouring pixels.
+    """Return the peak of an image, the largest median over 3 x 3 neighbouring pixels.
 
-    The largest pixel of a Monte Carlo picture is its noisiest: it would set the 0 dB level too
-    high and differ from seed to seed. A percentile would depend on how much of the picture the
-    beam fills. The median of nine neighbours ignores up to four outliers and follows the beam.
+    The largest pixel of a Monte Carlo image is too high due to noise, and depends on the seed. A
+    percentile depends on the fraction of the image that the beam fills. The median of nine
+    neighbours ignores up to four outliers.
 
     Parameters
     ----------
-    values : (height, width), any unit; non-finite pixels are left out of the medians' choice.
+    values : (height, width), any unit; medians that are not finite are ignored.
 
     Returns
     -------
-    The peak in the unit of ``values``, or None where no median is positive.
+    The peak in the unit of ``values``, or None if no median is positive.
     """
-    picture = checked_array(values, "values", 2)
-    padded = np.pad(picture, 1, mode="edge")
+    padded = np.pad(checked_array(values, "values", 2), 1, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
     medians = np.median(windows, axis=(-2, -1))
     peak = float(np.max(medians, initial=0.0, where=np.isfinite(medians)))
@@ -58,16 +71,15 @@ def picture_peak(values: ArrayLike) -> float | None:
 
 
 def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDArray[np.float64]:
-    """Levels of power-like values in dB relative to ``reference``, never below the floor.
+    """Convert powers to levels in dB relative to ``reference``, at least the floor.
 
-    Values at or below the floor, zero and negative ones among them (the Wigner radiance is
-    negative in places), get the floor: no logarithm is ever taken of them.
+    Zero and negative values, such as negative Wigner radiance, are converted to the floor.
 
     Parameters
     ----------
-    values : any shape; radiance, intensity, |F|^2, ...
-    reference : the 0 dB value, in the unit of ``values``; None puts everything on the floor.
-    floor_db : lowest level, dB, below 0.
+    values : powers of any shape: radiance, intensity, |F|^2, ...
+    reference : value of 0 dB, in the unit of ``values``; None: all levels are the floor.
+    floor_db : lowest level in dB, below 0.
 
     Returns
     -------
@@ -87,130 +99,115 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
     return levels
 
 
-def checked_dataset(found: Any, name: str) -> Any:
-    """An xarray.Dataset, or ArgumentError."""
+def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:
+    """Return an xarray.Dataset, or raise ArgumentError."""
     import xarray
 
-    if not isinstance(found, xarray.Dataset):
-        raise ArgumentError(f"expected {name} as an xarray.Dataset, got {type(found).__name__}")
-    return found
+    if not isinstance(dataset, xarray.Dataset):
+        raise ArgumentError(f"expected {name} as an xarray.Dataset, got {type(dataset).__name__}")
+    return dataset
 
 
-def arrays_of(found: Any, axes: Mapping[str, str], maker: str) -> list[NDArray[Any]]:
-    """Arrays of a dataset of the function ``maker``, over axes in order; "": as they are.
+def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str) -> list[NDArray[Any]]:
+    """Return arrays of a result of the function ``maker`` by name, transposed to axes.
 
-    Raises ArgumentError without one of the arrays, and for other axes.
+    Raises ArgumentError if an array is missing, or has other axes. An empty text: any axes.
     """
     try:
         return [
-            np.asarray((found[name].transpose(*own.split()) if own else found[name]).values)
-            for name, own in axes.items()
+            np.asarray((dataset[name].transpose(*dims.split()) if dims else dataset[name]).values)
+            for name, dims in axes.items()
         ]
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        raise ArgumentError(f"expected what {maker} returns, got {type(found).__name__}") from None
-
-
-COMPARED_DB = -30.0
-"""Levels that are compared, relative to the peak of the reference: in a null of one field another
-is infinitely many dB away, and means nothing by it."""
+        got = type(dataset).__name__
+        raise ArgumentError(f"expected a result of {maker}, got {got}") from None
 
 
 class Difference(NamedTuple):
-    """Between two fields where they were compared: the largest in size and the rms, in dB, over
-    ``points`` points; nan without any. ``negative`` counts points left out since the field that is
-    compared is zero or less there, as sums of Wigner functions may be."""
+    """Difference of a field from a reference at the compared points."""
 
     largest: float
+    """Difference with the largest magnitude in dB; NaN without points."""
     rms: float
+    """Root mean square in dB; NaN without points."""
     points: int
+    """Number of compared points."""
     negative: int
+    """Number of ignored points, at which the field is zero or negative."""
 
 
 def difference_db(
     values: ArrayLike, reference: ArrayLike, above_db: float = COMPARED_DB
 ) -> NDArray[np.float64]:
-    """Differences of levels to a reference in dB; nan where they are not compared."""
-    found, true = (np.asarray(v, dtype=np.float64) for v in (values, reference))
-    if found.shape != true.shape:
-        raise ArgumentError(f"expected fields at the same points, got {found.shape}, {true.shape}")
-    counts = _counts(true, above_db, float(true.max(initial=0.0))) & (found > 0)
-    difference = np.full(found.shape, np.nan)
-    difference[counts] = 10 * np.log10(found[counts] / true[counts])
-    return difference
+    """Return differences of levels from a reference in dB; NaN if the reference is too low."""
+    field, true = (np.asarray(v, dtype=np.float64) for v in (values, reference))
+    if field.shape != true.shape:
+        raise ArgumentError(f"expected fields at the same points, got {field.shape}, {true.shape}")
+    return np.asarray(_differences(field, true, above_db)[0])
 
 
-def _counts(reference: Any, above_db: float, peak: float) -> Any:
-    return (reference >= peak * 10 ** (above_db / 10)) & (reference > 0)
+def _differences(
+    values: ArrayLike | xarray.DataArray, reference: ArrayLike | xarray.DataArray, above_db: float
+) -> tuple[xarray.DataArray, int]:
+    """Return the differences in dB, and the number of points with a field of zero or less."""
+    import xarray
+
+    field, true = xarray.DataArray(values), xarray.DataArray(reference)
+    compared = (true >= float(true.max()) * 10 ** (above_db / 10)) & (true > 0)
+    positive = compared & (field > 0)
+    difference = 10 * np.log10(field.where(positive) / true.where(positive))
+    return difference, int((compared & ~positive).sum())
 
 
 def summary(values: Any, reference: Any, above_db: float = COMPARED_DB) -> Difference:
-    """Return the largest and the rms difference of two fields in dB; lazy ones are read by chunks.
+    """Return the largest and the rms difference of two fields in dB.
 
-    ``values`` and ``reference`` are arrays or xarray.DataArrays; complex values are squared.
+    ``values`` and ``reference`` are arrays or xarray.DataArrays, which may be lazy. Complex values
+    are squared.
     """
-    import xarray
-
-    arrays = (xarray.DataArray(each) for each in (values, reference))
-    found, true = (abs(each) ** 2 if np.iscomplexobj(each) else each for each in arrays)
-    compared = _counts(true, above_db, float(true.max()))
-    positive = compared & (found > 0)
-    points = int(positive.sum())
-    negative = int(compared.sum()) - points
-    if points == 0:
-        return Difference(math.nan, math.nan, 0, negative)
-    difference = 10 * np.log10(found.where(positive) / true.where(positive))
+    field, true = (abs(a) ** 2 if np.iscomplexobj(a) else a for a in (values, reference))
+    difference, negative = _differences(field, true, above_db)
     largest = max(float(difference.min()), float(difference.max()), key=abs)
-    return Difference(largest, math.sqrt(float((difference**2).mean())), points, negative)
+    rms = math.sqrt(float((difference**2).mean()))
+    return Difference(largest, rms, int(difference.notnull().sum()), negative)
 
 
-_EVEN = 1e-3
-"""By how much of a step places may differ from even ones: single precision leaves 1e-5 on a hundred
-wavelengths of a thousand samples, and a tenth of a pixel is not seen."""
-
-
-def even_axis(name: str, places: Floats) -> Floats:
-    """Return the points of an axis; ArgumentError unless two or more rise in even steps."""
-    step = (places[-1] - places[0]) / max(len(places) - 1, 1)
-    if not (step > 0 and np.allclose(np.diff(places), step, rtol=_EVEN, atol=0.0)):
+def even_axis(name: str, values: Floats) -> Floats:
+    """Return ascending, evenly spaced values of an axis, or raise ArgumentError."""
+    step = (values[-1] - values[0]) / max(len(values) - 1, 1)
+    if not (step > 0 and np.allclose(np.diff(values), step, rtol=_EVEN, atol=0.0)):
         raise ArgumentError(
-            f"expected two or more evenly spaced values of {name}, rising, got {len(places)} others"
+            f"expected two or more evenly spaced, ascending values of {name}, got {len(values)} "
+            "other values"
         )
-    return places
+    return values
 
 
 def peak_of(values: NDArray[Any], name: str) -> float:
-    """The largest of real values; ArgumentError if that is not above zero."""
+    """Return the largest value, or raise ArgumentError if it is not above zero."""
     peak = float(np.max(values))
     if not (peak > 0 and math.isfinite(peak)):
         raise ArgumentError(f"expected some {name} above zero, got {peak:g} at most")
     return peak
 
 
-# Units as printed; files write W m-2.
-_PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
-
-
 def printed_unit(array: Any) -> str:
-    """The unit of a labelled array, as it is printed."""
+    """Return the unit of a labelled array for labels."""
     unit = str(array.attrs.get("units", ""))
     return _PRINTED.get(unit, unit)
 
 
 def quantity_of(array: Any) -> str:
-    """The quantity of a variable: "irradiance" unless its attributes say something else."""
+    """Return the quantity of a variable, by default "irradiance"."""
     return str(array.attrs.get("quantity", "irradiance"))
 
 
 def label_of(array: Any, name: str) -> str:
-    """Name of a method in a figure: ``Wigner, obliquity Kirchhoff``."""
-    about = array.attrs
-    method = str(about.get("method", name))
-    label = _CALLED.get(method, name)
-    if method == "wigner":
-        obliquity = str(about.get("obliquity", ""))
-        label += f", obliquity {_CALLED.get(obliquity, obliquity)}" if obliquity else ""
+    """Return the label of a method, such as ``Wigner, obliquity Kirchhoff``."""
+    method, obliquity = (
+        str(array.attrs.get(k, d)) for k, d in (("method", name), ("obliquity", ""))
+    )
+    label = _NAMES.get(method, name)
+    if method == "wigner" and obliquity:
+        label += f", obliquity {_NAMES.get(obliquity, obliquity)}"
     return label
-
-
-_CALLED = {"wigner": "Wigner", "fresnel": "Fresnel", "fraunhofer": "Fraunhofer"}
-_CALLED |= {name: each.title for name, each in OBLIQUITIES.items()}

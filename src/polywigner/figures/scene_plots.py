@@ -1,4 +1,4 @@
-"""Figures of scenes: radiance in dB, frames by range, and the power and channels of receivers."""
+"""Figures of scenes: radiance in dB, frames by range, and power and channels of receivers."""
 
 from __future__ import annotations
 
@@ -14,10 +14,24 @@ from polywigner.errors import ArgumentError, value_text
 from polywigner.figures import style
 from polywigner.figures.levels import arrays_of, check_floor, level_db, picture_peak
 from polywigner.geometry.arguments import checked_array, checked_count, checked_path
-from polywigner.propagation.exports import in_place
+from polywigner.propagation.stores import in_place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.text import Annotation
+
+Floats = NDArray[np.float64]
+
+_MILLIWATT = 1e-3
+# Margin below the noise and above the peak, in dB.
+_MARGIN_DB = 5.0
+# Least degree of linear polarisation with a meaningful angle.
+_LEAST_LINEAR = 0.05
+# Maximum number of frames; each takes up to 2 MB of memory.
+_MOST_FRAMES = 2**10
+# Colour of marks.
+_MARK = "#4dd2ff"
 
 
 @style.typeset
@@ -29,7 +43,7 @@ def draw_scene(
     title: str = "",
     *,
     ax: Axes | None = None,
-) -> Any:
+) -> Axes | Figure:
     """Draw a rendered image in dB relative to ``reference``, with a colour bar.
 
     Parameters
@@ -37,28 +51,29 @@ def draw_scene(
     radiance : (height, width), signed, in ``unit``.
     reference : the 0 dB radiance, normally :func:`polywigner.figures.picture_peak`; None draws
         an image at the floor.
-    floor_db : lowest level, dB; everything at or below it, negative radiance included, gets its
-        colour.
+    floor_db : lowest level in dB. Lower and negative radiance is drawn at the floor.
     unit : unit of ``radiance``, for the label.
-    title : above the image.
-    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure. The axes
-        or the new figure are returned.
+    title : title of the image.
+    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure.
+
+    Returns
+    -------
+    The axes, or the new figure.
 
     Raises
     ------
-    ArgumentError : ``ax`` of another type.
+    ArgumentError : for ``ax`` of another type.
     """
-    picture = checked_array(radiance, "radiance", 2)
-    height, width = picture.shape
-    levels = level_db(picture, reference, floor_db)
-    reference = None if reference is None else float(reference)
-    # Inches: the longer side of the image is 5, with room for a colour bar and its label.
+    image = checked_array(radiance, "radiance", 2)
+    height, width = image.shape
+    levels = level_db(image, reference, floor_db)
+    # in inches, with space for a colour bar
     scale = 5.0 / max(width, height)
     axes, drawn = style.axes_on(ax, width * scale + 1.2, max(height * scale, 3.4))
     shown = style.draw_levels(axes, levels, low=floor_db)
     axes.set(xticks=[], yticks=[])
     axes.set_title(title, fontsize=8)
-    zero = "nothing positive" if reference is None else style.quantity_text(reference, unit)
+    zero = "nothing positive" if reference is None else style.quantity_text(float(reference), unit)
     label = f"radiance, dB relative to {zero}\n{style.floor_text(floor_db)}"
     style.colour_bar(axes, shown, label, "max" if np.any(levels > 0) else "neither")
     return drawn
@@ -68,19 +83,21 @@ _STOKES = ("S₀", "S₁: horizontal − vertical", "S₂: 45° − (−45°)", 
 
 
 @style.typeset
-def draw_stokes(stokes: ArrayLike, title: str = "") -> Any:
+def draw_stokes(stokes: ArrayLike, title: str = "") -> Figure:
     """Draw the four Stokes parameters of a rendered image, signed, relative to its peak.
 
     Parameters
     ----------
-    stokes : (4, height, width), as :func:`polywigner.mitsuba.stokes_of` returns.
-    title : above the panels.
+    stokes : (4, height, width), result of :func:`polywigner.mitsuba.stokes_of`.
+    title : title of the figure.
 
-    Returns the figure.
+    Returns
+    -------
+    The figure.
 
     Raises
     ------
-    ArgumentError : numbers of another shape; a title that is no text.
+    ArgumentError : for an array of another shape.
     """
     numbers, figure, panels = _stokes_panels(stokes, 2, title)
     peak = picture_peak(numbers[0])
@@ -92,40 +109,39 @@ def draw_stokes(stokes: ArrayLike, title: str = "") -> Any:
     return figure
 
 
-# Degree of linear polarisation below which an angle is noise.
-_LEAST_LINEAR = 0.05
-
-
 @style.typeset
-def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "") -> Any:
+def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "") -> Figure:
     """Draw the degree of polarisation of a rendered image and the angle of its linear part.
+
+    The angle is measured from the image's right upwards, from -90 to 90 degrees. Pixels are grey if
+    less than 5 % of the radiance is linearly polarised.
 
     Parameters
     ----------
-    stokes : (4, height, width), as :func:`polywigner.mitsuba.stokes_of` returns.
-    floor_db : level of S0 below its peak, in dB, below which pixels are grey.
-    title : above the panels.
+    stokes : (4, height, width), result of :func:`polywigner.mitsuba.stokes_of`.
+    floor_db : lowest level of S0 in dB relative to its peak; pixels below are grey.
+    title : title of the figure.
 
-    The angle is from the image's right upwards, from -90 to 90 degrees, and grey if less than 5 %
-    of the radiance is linearly polarised. Returns the figure.
+    Returns
+    -------
+    The figure.
 
     Raises
     ------
-    ArgumentError : another shape; a floor that is not below 0 dB; a title that is no text.
+    ArgumentError : for an array of another shape, or a floor that is not below 0 dB.
     """
     check_floor(floor_db)
     numbers, figure, panels = _stokes_panels(stokes, 1, title)
     peak = picture_peak(numbers[0])
-    lit = numbers[0] > (peak or math.inf) * 10 ** (floor_db / 10)
-    whole = np.where(lit, numbers[0], 1.0)
-    linear = np.hypot(numbers[1], numbers[2]) / whole
-    degree = np.minimum(np.hypot(linear, numbers[3] / whole), 1.0)
+    bright = numbers[0] > (peak or math.inf) * 10 ** (floor_db / 10)
+    total = np.where(bright, numbers[0], 1.0)
+    linear = np.hypot(numbers[1], numbers[2]) / total
+    degree = np.minimum(np.hypot(linear, numbers[3] / total), 1.0)
     angle = np.degrees(np.arctan2(numbers[2], numbers[1])) / 2
-    shown = style.draw_map(
-        panels[0], np.where(lit, degree, np.nan), None, None, cmap="viridis", vmin=0, vmax=1
-    )
+    degree = np.where(bright, degree, np.nan)
+    shown = style.draw_map(panels[0], degree, None, None, cmap="viridis", vmin=0, vmax=1)
     style.colour_bar(panels[0], shown, "degree of polarisation")
-    angle = np.where(lit & (linear > _LEAST_LINEAR), angle, np.nan)
+    angle = np.where(bright & (linear > _LEAST_LINEAR), angle, np.nan)
     shown = style.draw_map(panels[1], angle, None, None, cmap=style.PHASE_MAP, vmin=-90, vmax=90)
     style.colour_bar(panels[1], shown, "angle from the right upwards, degrees")
     for axes in panels:
@@ -133,8 +149,10 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
     return figure
 
 
-def _stokes_panels(stokes: ArrayLike, rows: int, title: str) -> tuple[Any, Any, Any]:
-    """The numbers, and a figure with two columns of panels of the image's shape."""
+def _stokes_panels(
+    stokes: ArrayLike, rows: int, title: str
+) -> tuple[Floats, Figure, NDArray[np.object_]]:
+    """Return the Stokes parameters, and a figure with two columns of panels."""
     numbers = checked_array(stokes, "stokes", 3)
     if len(numbers) != 4:
         raise ArgumentError(
@@ -152,10 +170,6 @@ def _stokes_panels(stokes: ArrayLike, rows: int, title: str) -> tuple[Any, Any, 
     return numbers, figure, panels
 
 
-# A frame takes up to 2 MB of memory until the file is written.
-_MOST_FRAMES = 2**10
-
-
 def write_range_animation(
     frames: Any,
     path: str | os.PathLike[str],
@@ -168,16 +182,16 @@ def write_range_animation(
 
     Parameters
     ----------
-    frames : as :func:`polywigner.mitsuba.range_frames` returns, up to 1024.
-    path : the file, with the suffix .gif; an existing file is replaced.
-    floor_db : lowest level, dB.
-    title : above each frame, before its range.
-    milliseconds : of each frame, 10 or more.
+    frames : result of :func:`polywigner.mitsuba.range_frames`, up to 1024 frames.
+    path : path of the file, with the suffix .gif; an existing file is replaced.
+    floor_db : lowest level in dB.
+    title : title of each frame, in addition to its range.
+    milliseconds : duration of a frame, from 10 to 60,000 ms.
 
     Raises
     ------
-    ArgumentError : no frames or too many, a floor that is not below 0 dB, a time out of range, a
-        place that cannot be written to.
+    ArgumentError : for other or too many frames, a floor that is not below 0 dB, a duration out of
+        range, or a path that cannot be written to.
     """
     from matplotlib.animation import PillowWriter
 
@@ -193,7 +207,7 @@ def write_range_animation(
     if path.suffix.lower() != ".gif":
         raise ArgumentError(f"expected a path with the suffix .gif, got {path.name!r}")
     peak = max(picture_peak(frame) or 0.0 for frame in radiance) or None
-    figure = draw_scene(radiance[0], peak, floor_db)
+    figure: Any = draw_scene(radiance[0], peak, floor_db)
     axes = figure.axes[0]
     writer = PillowWriter(fps=1000 / milliseconds)  # type: ignore[arg-type]
     with in_place(path) as scratch, writer.saving(figure, scratch, figure.dpi):
@@ -205,15 +219,8 @@ def write_range_animation(
 
 
 def _rounded(value: float) -> str:
-    """A number with up to four significant digits."""
+    """Return a number with up to four significant digits."""
     return style.number_text(float(f"{value:.4g}"))
-
-
-Floats = NDArray[np.float64]
-
-_MILLIWATT = 1e-3
-# Room below the noise and above the peak, dB.
-_ROOM = 5.0
 
 
 @style.typeset
@@ -224,63 +231,30 @@ def draw_range_profile(
     floor_db: float = -60.0,
     title: str = "",
     ax: Axes | None = None,
-) -> Any:
+) -> Axes | Figure:
     """Draw the power of each bin in dBm over range in m, with the noise of the receiver.
 
-    Circles are paths of direct light, line of sight and by flat mirrors.
+    Circles are line-of-sight paths and specular paths.
 
     Parameters
     ----------
-    profile : as :func:`polywigner.mitsuba.range_profile` returns.
-    receiver : which one of several, from 0.
-    floor_db : lowest level, dB below the largest bin, or 5 dB below the noise if that is lower;
-        bins below it, and bins that are not positive, have no line.
-    title : above the figure.
-    ax : matplotlib axes to draw on, which are returned; None: a new figure, which is.
+    profile : result of :func:`polywigner.mitsuba.range_profile`.
+    receiver : index of the receiver.
+    floor_db : lowest level in dB relative to the largest bin, or 5 dB below the noise if that is
+        lower. Bins below the floor have no line.
+    title : title of the panel.
+    ax : matplotlib axes to draw on; None: a new figure.
+
+    Returns
+    -------
+    The axes, or the new figure.
 
     Raises
     ------
-    ArgumentError : no profile, or not that receiver; ``ax`` of another type; a floor that is not
-        below 0 dB.
+    ArgumentError : for another ``profile``, a receiver that does not exist, ``ax`` of another type,
+        or a floor that is not below 0 dB.
     """
     check_floor(floor_db)
-    edges, power, error, noise, *paths = _checked_profile(profile, receiver)
-    peak = float(power.max())
-    top = 10 * math.log10(peak / _MILLIWATT) if peak > 0 else 0.0
-    low = top + floor_db
-    noise_level = 10 * math.log10(noise / _MILLIWATT) if noise > 0 else None
-    if noise_level is not None:
-        low, top = min(low, noise_level - _ROOM), max(top, noise_level)
-    axes, drawn = style.axes_on(ax, 6.4, 3.6)
-    band = [_dbm(power + sign * error, low) for sign in (-1, 1)]
-    axes.stairs(band[1], edges, baseline=band[0], fill=True, color="C0", alpha=0.3, lw=0)
-    axes.stairs(_dbm(power, low), edges, baseline=None, color="C0", lw=1.0)
-    here = (paths[0] >= edges[0]) & (paths[0] <= edges[-1])
-    if here.any():
-        level = _dbm(paths[1][here], low)
-        label = "direct path, or by flat mirrors"
-        axes.plot(paths[0][here], level, "o", mfc="none", color="C1", ms=6, label=label)
-    if noise_level is not None:
-        label = f"noise kTBF, {style.number_text(round(noise_level, 1))} dBm"
-        axes.axhline(noise_level, color="C3", ls="--", lw=1.0, label=label)
-    width = np.diff(edges)
-    bins = f"{_rounded(width.max())} m"
-    if width.max() > width.min() * (1 + 1e-6):
-        bins = f"up to {bins}"
-    style.finish_lines(
-        axes,
-        legend=7 if noise_level is not None or here.any() else 0,
-        xlim=(edges[0], edges[-1]),
-        ylim=(low, top + _ROOM),
-        xlabel="range, half the length of the path (m)",
-        ylabel=f"power of a bin of {bins} (dBm)\n± its standard error",
-    )
-    axes.set_title(title, fontsize=8)
-    return drawn
-
-
-def _checked_profile(profile: Any, receiver: int) -> tuple[Floats, Floats, Floats, float, Any, Any]:
-    """Edges, powers, errors, and the noise or zero, of one receiver; ranges, powers of paths."""
     if "receiver" in getattr(profile, "dims", ()):
         checked_count(receiver, "receiver", 0, profile.sizes["receiver"] - 1)
         profile = profile.isel(receiver=receiver)
@@ -290,27 +264,55 @@ def _checked_profile(profile: Any, receiver: int) -> tuple[Floats, Floats, Float
         ("range_edge", "power", "standard_error", "noise_power", "path_range", "path_power"), ""
     )
     maker = "polywigner.mitsuba.radar.range_profile"
-    edges, power, error, noise, *paths = arrays_of(profile, names, maker)
-    return edges, power, error, float(np.nan_to_num(noise)), paths[0].ravel(), paths[1].ravel()
+    edges, power, error, noise, lengths, strengths = arrays_of(profile, names, maker)
+    peak, has_noise = float(power.max()), float(np.nan_to_num(noise)) > 0
+    top = 10 * math.log10(peak / _MILLIWATT) if peak > 0 else 0.0
+    low = top + floor_db
+    noise_level = 10 * math.log10(noise / _MILLIWATT) if has_noise else low
+    if has_noise:
+        low, top = min(low, noise_level - _MARGIN_DB), max(top, noise_level)
 
+    def dbm(power: Floats) -> Floats:
+        floor = _MILLIWATT * 10 ** (low / 10)
+        return np.asarray(10 * np.log10(np.maximum(power, floor) / _MILLIWATT))
 
-def _dbm(power: Floats, low: float) -> Floats:
-    """dBm, not below ``low``."""
-    floor = _MILLIWATT * 10 ** (low / 10)
-    return np.asarray(10 * np.log10(np.maximum(power, floor) / _MILLIWATT))
-
-
-_MARK = "#4dd2ff"
+    axes, drawn = style.axes_on(ax, 6.4, 3.6)
+    lower, upper = dbm(power - error), dbm(power + error)
+    axes.stairs(upper, edges, baseline=lower, fill=True, color="C0", alpha=0.3, lw=0)
+    axes.stairs(dbm(power), edges, baseline=None, color="C0", lw=1.0)
+    visible = (lengths >= edges[0]) & (lengths <= edges[-1])
+    if visible.any():
+        label = "line-of-sight or specular path"
+        levels = dbm(strengths[visible])
+        axes.plot(lengths[visible], levels, "o", mfc="none", color="C1", ms=6, label=label)
+    if has_noise:
+        label = f"noise kTBF, {style.number_text(round(noise_level, 1))} dBm"
+        axes.axhline(noise_level, color="C3", ls="--", lw=1.0, label=label)
+    width = np.diff(edges)
+    bins = f"{_rounded(width.max())} m"
+    if width.max() > width.min() * (1 + 1e-6):
+        bins = f"up to {bins}"
+    style.finish_lines(
+        axes,
+        legend=7 if has_noise or visible.any() else 0,
+        xlim=(edges[0], edges[-1]),
+        ylim=(low, top + _MARGIN_DB),
+        xlabel="range, half the length of the path (m)",
+        ylabel=f"power of a bin of {bins} (dBm)\n± standard error",
+    )
+    axes.set_title(title, fontsize=8)
+    return drawn
 
 
 class DirectArrival(NamedTuple):
-    """A line-of-sight path from a source, or from its mirror image: a mark in the figure."""
+    """Line-of-sight or specular path, a mark in the figure."""
 
     place: tuple[float, float]
-    """Direction cosines."""
+    """Direction cosines of the arrival."""
     power: float
-    """W."""
+    """Power in W."""
     name: str
+    """Name of the source."""
 
 
 @style.typeset
@@ -322,7 +324,7 @@ def draw_arrivals(
     *,
     names: Mapping[str, tuple[float, float]] | None = None,
     ax: Axes | None = None,
-) -> Any:
+) -> Axes | Figure:
     """Draw scattered power over direction cosines in dBm, with marks for direct paths.
 
     The view is the receiver's, along its +z axis with its +y axis upwards, so its +x axis points
@@ -361,9 +363,9 @@ def draw_arrivals(
     shown.set_clip_path(Circle((0, 0), 1.0, transform=axes.transData))
     style.draw_circles(axes, above=False)
     labels = _mark(axes, direct)
-    for name, place in (names or {}).items():
+    for name, cosines in (names or {}).items():
         label = axes.annotate(
-            name, place, (0, 0), textcoords="offset points", ha="center", va="center", color="w",
+            name, cosines, (0, 0), textcoords="offset points", ha="center", va="center", color="w",
             fontsize=7, parse_math=False, annotation_clip=True,
         )  # fmt: skip
         label.set_path_effects([withStroke(linewidth=1.5, foreground="k")])
@@ -372,41 +374,35 @@ def draw_arrivals(
     axes.set(xlim=(high[0], low[0]), ylim=(low[1], high[1]), xlabel=r"$s_x$", ylabel=r"$s_y$")
     axes.set_title(title, fontsize=8)
     rows, columns = values.shape
-    text = f"scattered power per pixel ({columns} × {rows} pixels), dBm\n"
-    text += (
-        "nothing positive" if peak is None else style.floor_text(round(top + floor_db, 1), "dBm")
-    )
+    floor = style.floor_text(round(top + floor_db, 1), "dBm") if peak else "nothing positive"
+    text = f"scattered power per pixel ({columns} × {rows} pixels), dBm\n{floor}"
     style.colour_bar(axes, shown, text)
     style.separate_labels(axes, labels)
     return drawn
 
 
-# Margin about the directions shown, and the smallest half width, in direction cosines.
+# Margin of the view, and its smallest half width, in direction cosines.
 _MARGIN, _LEAST_HALF = 0.05, 0.1
 
 
 def _view(
-    bright: NDArray[np.bool_], places: Sequence[tuple[float, float]]
+    bright: NDArray[np.bool_], directions: Sequence[tuple[float, float]]
 ) -> tuple[Floats, Floats]:
     """Return the lower and upper corner of the square that contains pixels and directions."""
-    rows, columns = bright.shape
-    corners = [np.asarray(places, np.float64).reshape(-1, 2)]
-    for axis, count in ((1, columns), (0, rows)):
-        at = np.flatnonzero(bright.any(axis=1 - axis))
-        if len(at):
-            ends = np.full((2, 2), np.nan)
-            ends[:, 1 - axis] = np.array([at[0], at[-1] + 1]) * (2 / count) - 1
-            corners.append(ends)
-    points = np.concatenate(corners)
+    points = np.asarray(directions, np.float64).reshape(-1, 2)
+    if bright.any():
+        pixels = np.argwhere(bright)[:, ::-1]
+        ends = np.array([pixels.min(axis=0), pixels.max(axis=0) + 1])
+        points = np.concatenate([points, ends * 2 / bright.shape[::-1] - 1])
     if not len(points):
         return np.full(2, -1.02), np.full(2, 1.02)
-    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    low, high = points.min(axis=0), points.max(axis=0)
     half = min(max(float((high - low).max()) / 2 + _MARGIN, _LEAST_HALF), 1.02)
     centre = np.clip((low + high) / 2, half - 1.02, 1.02 - half)
     return centre - half, centre + half
 
 
-def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Any]:
+def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     """Mark direct paths, and return their labels."""
     if not isinstance(direct, Sequence) or not all(isinstance(d, DirectArrival) for d in direct):
         raise ArgumentError(
@@ -424,103 +420,92 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Any]:
     return labels
 
 
-# Pairs of ends in one figure; delays at which impulse responses are drawn, and inverse bandwidths
-# before the first path and after the last.
+# Maximum number of pairs in a figure, number of delays of an impulse response, and its extent
+# before the first and after the last path in inverse bandwidths.
 _MOST_PAIRS, _DELAYS, _BEYOND = 6, 2001, 6.0
-_HERTZ = ((1e12, "THz"), (1e9, "GHz"), (1e6, "MHz"), (0.0, "Hz"))
+_HERTZ = ((1e12, "THz"), (1e9, "GHz"), (1e6, "MHz"), (1.0, "Hz"))
 
 
 @style.typeset
 def draw_channel(
-    channel: Any, *, floor_db: float = -60.0, title: str = "", figure: Any = None
-) -> Any:
-    """Channels in dB over frequency, and their impulse responses over delay, a row for each pair.
+    channel: Any,
+    *,
+    floor_db: float = -60.0,
+    title: str = "",
+    figure: Figure | SubFigure | None = None,
+) -> Figure:
+    """Draw channels over frequency and their impulse responses over delay, a row for each pair.
 
-    The impulse response is the mean of h exp(-2 pi i f t) over evenly spaced frequencies, with a
-    Hann window: a single path peaks at its level. Stems are the paths at the centre frequency.
+    The impulse response is the mean of h exp(-2 pi i f t) over evenly spaced frequencies with a
+    Hann window, so a single path peaks at its level. Stems are the paths at the centre frequency.
 
     Parameters
     ----------
-    channel : as :func:`polywigner.mitsuba.channel` returns; the first 6 pairs are drawn.
-    floor_db : lowest level, dB below the largest of a panel.
-    title : above the figure.
-    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
+    channel : result of :func:`polywigner.mitsuba.channel`; the first 6 pairs are drawn.
+    floor_db : lowest level in dB relative to the peak of a panel.
+    title : title of the figure.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure.
 
     Raises
     ------
-    ArgumentError : no channel; a ``figure`` of another type; a floor that is not below 0 dB.
+    ArgumentError : for another ``channel``, a floor that is not below 0 dB, or a ``figure`` of
+        another type.
     """
     check_floor(floor_db)
-    pairs = _checked_channel(channel)[:_MOST_PAIRS]
-    frequencies = channel["frequency"].values
-    scale, unit = next(each for each in _HERTZ if frequencies.max() >= each[0])
+    ends = "receiver emitter"
+    names = {"h": f"frequency {ends}", "amplitude": f"frequency {ends} way", "delay": f"{ends} way"}
+    names |= {"frequency": "frequency", "receiver": "receiver", "emitter": "emitter"}
+    h, amplitude, delay, frequencies, receivers, emitters, mirrors = arrays_of(
+        channel, names | {"mirrors": "way"}, "polywigner.mitsuba.channel"
+    )
+    pairs = list(np.ndindex(delay.shape[:2]))[:_MOST_PAIRS]
+    scale, unit = next(pair for pair in _HERTZ if frequencies.max() >= pair[0] or pair[0] == 1.0)
     drawn = style.figure_on(figure, 9.6, 0.5 + 2.7 * len(pairs), spacing=0.05)
     panels = drawn.subplots(len(pairs), 2, squeeze=False)
     line = "-" if len(frequencies) > 1 else "o"
-    for (left, right), pair in zip(panels, pairs, strict=True):
-        left.plot(frequencies / (scale or 1.0), _levels(pair.h), line, lw=1.0)
+    for (left, right), (k, j) in zip(panels, pairs, strict=True):
+        response, paths = h[:, k, j], amplitude[:, k, j]
+        left.plot(frequencies / scale, _levels(response), line, lw=1.0)
         left.set(xlabel=f"frequency ({unit})", ylabel="|h|², received over sent (dB)")
-        left.set_title(pair.title, fontsize=8)
-        _draw_response(right, frequencies, pair)
-        for axes, values in ((left, pair.h), (right, pair.amplitude)):
+        left.set_title(f"{receivers[k]} from {emitters[j]}", fontsize=8)
+        _draw_response(right, frequencies, response, paths[len(frequencies) // 2], delay[k, j],
+                       [str(name) or "direct" for name in mirrors])  # fmt: skip
+        for axes, values in ((left, response), (right, paths)):
             top = float(_levels(np.abs(values).max(initial=0.0)))
-            low = float(_levels(values).min()) - _ROOM if axes is left else -math.inf
-            style.finish_lines(axes, ylim=(max(low, top + floor_db), top + _ROOM))
+            low = float(_levels(values).min()) - _MARGIN_DB if axes is left else -math.inf
+            style.finish_lines(axes, ylim=(max(low, top + floor_db), top + _MARGIN_DB))
     style.write_title(drawn, title)
     return drawn
 
 
-class _Pair(NamedTuple):
-    """The channel of one receiver and one emitter."""
-
-    title: str
-    h: NDArray[np.complex128]
-    amplitude: NDArray[np.complex128]
-    """(n, paths)."""
-    delays: Floats
-    names: list[str]
+def _levels(amplitudes: Any) -> Floats:
+    """Convert amplitudes to dB; zero is far below any floor."""
+    return np.asarray(20 * np.log10(np.maximum(np.abs(amplitudes), 1e-150)))
 
 
-def _levels(values: Any) -> Floats:
-    """dB of amplitudes, far below any floor for zero."""
-    return np.asarray(20 * np.log10(np.maximum(np.abs(values), 1e-150)))
-
-
-def _draw_response(axes: Axes, frequencies: Floats, pair: _Pair) -> None:
-    there = np.isfinite(pair.delays)
-    band = float(np.ptp(frequencies))
+def _draw_response(
+    axes: Axes, frequencies: Floats, h: Any, amplitudes: Any, delays: Floats, names: list[str]
+) -> None:
+    """Draw the impulse response of h over frequency, and the paths as stems."""
+    exists = np.isfinite(delays)
     steps = np.diff(frequencies)
-    if there.any() and len(steps) > 1 and np.ptp(steps) <= 1e-6 * abs(steps[0]):
-        beyond = min(_BEYOND / band, 0.5 / steps[0])
-        times = np.linspace(
-            max(0.0, pair.delays[there].min() - beyond), pair.delays[there].max() + beyond, _DELAYS
-        )
-        window = np.hanning(len(frequencies) + 2)[1:-1]
-        turns = np.outer(times, frequencies)
-        response = np.exp(-2j * np.pi * (turns % 1.0)) @ (window * pair.h) / window.sum()
-        axes.plot(1e9 * times, _levels(response), lw=1.0, label="impulse response")
-    middle = np.abs(pair.amplitude[len(frequencies) // 2])
-    for number in np.flatnonzero(there):
-        delay, level = 1e9 * pair.delays[number], float(_levels(middle[number]))
-        ink = f"C{number + 1}"
-        axes.plot(delay, level, "o", ms=4, color=ink, label=pair.names[number] or "direct")
-        axes.vlines(delay, level - 1e3, level, color=ink, lw=1.0)
     axes.set(xlabel="delay (ns)", ylabel="level (dB)")
-    if there.any():
-        axes.legend(frameon=False, fontsize=7, loc="upper right")
-
-
-def _checked_channel(channel: Any) -> list[_Pair]:
-    ends = "receiver emitter"
-    names = {"h": f"frequency {ends}", "amplitude": f"frequency {ends} way", "delay": f"{ends} way"}
-    names |= {"receiver": "receiver", "emitter": "emitter", "mirrors": "way"}
-    h, amplitude, delay, receivers, emitters, mirrors = arrays_of(
-        channel, names, "polywigner.mitsuba.channel"
-    )
-    return [
-        _Pair(
-            f"{receivers[k]} from {emitters[j]}", h[:, k, j], amplitude[:, k, j], delay[k, j],
-            list(map(str, mirrors)),
-        )
-        for k, j in np.ndindex(delay.shape[:2])
-    ]  # fmt: skip
+    if not exists.any():
+        return
+    if len(steps) > 1 and np.ptp(steps) <= 1e-6 * abs(steps[0]):
+        beyond = min(_BEYOND / float(np.ptp(frequencies)), 0.5 / steps[0])
+        first, last = delays[exists].min() - beyond, delays[exists].max() + beyond
+        times = np.linspace(max(0.0, first), last, _DELAYS)
+        window = np.hanning(len(frequencies) + 2)[1:-1]
+        cycles = np.outer(times, frequencies) % 1.0
+        response = np.exp(-2j * np.pi * cycles) @ (window * h) / window.sum()
+        axes.plot(1e9 * times, _levels(response), lw=1.0, label="impulse response")
+    for number in np.flatnonzero(exists):
+        delay, level, ink = 1e9 * delays[number], _levels(amplitudes[number]), f"C{number + 1}"
+        axes.plot(delay, level, "o", ms=4, color=ink, label=names[number])
+        axes.vlines(delay, level - 1e3, level, color=ink, lw=1.0)
+    axes.legend(frameon=False, fontsize=7, loc="upper right")

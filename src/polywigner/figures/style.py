@@ -1,22 +1,26 @@
-"""The common style of all pictures: maps of levels and of signed values, axes, bars, layouts."""
+"""Common style of all figures: maps of levels and signed values, axes, colour bars, layouts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from string import ascii_lowercase
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.display import LengthUnit, draw_rings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+    from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure, SubFigure
+    from matplotlib.image import AxesImage
+    from matplotlib.text import Annotation
 
+    Map: TypeAlias = AxesImage | QuadMesh
 
 LEVEL_MAP = "inferno"  # perceptually uniform, black at the floor
 SIGNED_MAP = "RdBu_r"  # diverging, white at zero
@@ -42,7 +46,7 @@ Drawn = TypeVar("Drawn")
 
 
 def typeset(draw: Callable[Given, Drawn]) -> Callable[Given, Drawn]:
-    """Return the function, to draw with this typography and leave the caller's as it is."""
+    """Return a function that draws with this typography and restores the caller's."""
 
     @wraps(draw)
     def drawn(*values: Given.args, **options: Given.kwargs) -> Drawn:
@@ -54,19 +58,18 @@ def typeset(draw: Callable[Given, Drawn]) -> Callable[Given, Drawn]:
     return drawn
 
 
+# Fraction of the peak up to which signed maps are linear; they are logarithmic beyond.
 _LINEAR = 0.01
-"""Signed maps are linear within this part of their peak and logarithmic beyond it."""
 
 
 def draw_levels(
     axes: Axes, levels: Any, across: Any = None, up: Any = None, *, low: float,
     high: float | None = 0.0, label: str | None = None,
     **how: Any,
-) -> Any:  # fmt: skip
-    """Draw levels in dB from the floor ``low``, black, to ``high``; places as for `draw_map`.
+) -> Map:  # fmt: skip
+    """Draw levels from ``low``, black, to ``high``, or to the largest level without ``high``.
 
-    Or values that are not below ``low``; without ``high`` the largest is the brightest. ``label``:
-    of a colour bar next to the axes.
+    ``label``: label of a colour bar next to the axes. Positions: see :func:`draw_map`.
     """
     shown = draw_map(axes, levels, across, up, cmap=LEVEL_MAP, vmin=low, vmax=high, **how)
     if label is not None:
@@ -77,11 +80,11 @@ def draw_levels(
 def draw_signed(
     axes: Axes, values: Any, across: Any = None, up: Any = None, *, bound: float | None = None,
     label: str | None = None, **how: Any,
-) -> Any:  # fmt: skip
-    """Draw signed values on a symmetric colour scale to ``bound``; places as for `draw_map`.
+) -> Map:  # fmt: skip
+    """Draw signed values on a symmetric colour scale up to ``bound``.
 
-    Without a bound values reach from -1 to 1, and the scale is logarithmic so that faint ones are
-    seen as well; ``label`` is of its :func:`signed_bar` next to the axes.
+    Without a bound, values range from -1 to 1 on a logarithmic scale. ``label``: label of a
+    :func:`signed_bar` next to the axes. Positions: see :func:`draw_map`.
     """
     if bound is None:
         from matplotlib.colors import SymLogNorm
@@ -95,49 +98,45 @@ def draw_signed(
     return shown
 
 
-def draw_map(axes: Axes, values: Any, across: Any, up: Any, **how: Any) -> Any:
-    """Draw values (m, n) at places ``across`` (n,) and ``up`` (m,); None: a picture, from its top.
+def draw_map(axes: Axes, values: Any, across: Any, up: Any, **how: Any) -> Map:
+    """Draw values (m, n) at positions ``across`` (n,) and ``up`` (m,); None: pixels from the top.
 
-    Places are evenly spaced, unless ``how`` names a shading: those of a mesh may be any.
+    Positions are evenly spaced, unless ``how`` specifies the shading of a mesh.
     """
     if "shading" in how:
         return axes.pcolormesh(across, up, values, rasterized=True, **how)
     if across is None:
         return axes.imshow(values, **how)
-    extent = (*_outer_edges(across), *_outer_edges(up))
+    # positions are the centres of pixels
+    half = (across[1] - across[0]) / 2, (up[1] - up[0]) / 2
+    extent = across[0] - half[0], across[-1] + half[0], up[0] - half[1], up[-1] + half[1]
     return axes.imshow(
         values, origin="lower", extent=extent, **({"interpolation": "nearest"} | how)
     )
 
 
-def _outer_edges(places: NDArray[np.float64]) -> tuple[float, float]:
-    """Edges of the outer pixels: their middles, not their edges, lie on the places."""
-    half = (places[1] - places[0]) / 2
-    return float(places[0] - half), float(places[-1] + half)
-
-
 def number_text(value: float) -> str:
-    """A number as it is printed, with the minus sign that matplotlib's axes have."""
+    """Format a number with a typographic minus sign, as on matplotlib's axes."""
     return f"{value:g}".replace("-", "−")
 
 
 def quantity_text(value: float, unit: str) -> str:
-    """A value with three significant digits and an SI prefix-free unit: ``1.23e-05 W/m²/sr``."""
+    """Format a value with three significant digits and its unit: ``1.23e-05 W/m²/sr``."""
     return f"{value:.3g} {unit}".rstrip()
 
 
 def floor_text(floor: float, unit: str = "dB") -> str:
-    """The lowest level of a picture, for the label of its bar."""
+    """Format the lowest level of a figure, for the label of its colour bar."""
     return f"floor {number_text(floor)} {unit}"
 
 
 def new_figure(
     width: float, height: float, spacing: float = 0.02, *, is_compressed: bool = False
 ) -> Figure:
-    """An empty figure, in inches, that no window shows and pyplot does not keep.
+    """Return an empty figure of a size in inches, which pyplot does not manage.
 
-    ``spacing`` between panels, as a part of their size; ``is_compressed``: panels of one shape lie
-    next to each other.
+    ``spacing``: distance of panels as a fraction of their size; ``is_compressed``: panels with a
+    fixed aspect ratio are adjacent.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -153,30 +152,32 @@ def new_figure(
 
 def figure_on(
     figure: Any, width: float, height: float, *, spacing: float = 0.02, is_compressed: bool = False
-) -> Any:
-    """The figure or subfigure of a caller, ready to be drawn on; for None a :func:`new_figure`.
+) -> Figure:
+    """Return the figure or subfigure of a caller, or a :func:`new_figure` for None.
 
-    An empty figure without a layout gets that of :func:`new_figure`, or colour bars would overlap.
-    Raises ArgumentError for anything else.
+    An empty figure without a layout engine gets the constrained layout, which prevents colour bars
+    from overlapping. The static type of a subfigure is Figure too, so that results for None have
+    the method ``savefig``. Raises ArgumentError for other types.
     """
     if figure is None:
         return new_figure(width, height, spacing, is_compressed=is_compressed)
     from matplotlib.figure import Figure, FigureBase
 
-    if not isinstance(figure, FigureBase):
+    if not isinstance(figure, FigureBase):  # Figure and SubFigure
         raise ArgumentError(
             "expected figure as a matplotlib Figure or SubFigure, got "
-            f"{type(figure).__name__}; several panels are drawn, for which axes are not enough"
+            f"{type(figure).__name__}; the figure has several panels"
         )
     if isinstance(figure, Figure) and figure.get_layout_engine() is None and not figure.axes:
         figure.set_layout_engine("constrained")
-    return figure
+    result: Figure = figure
+    return result
 
 
-def axes_on(ax: Any, width: float, height: float) -> tuple[Any, Any]:
-    """The axes to draw on, and the caller's result: the axes, or for None the new figure.
+def axes_on(ax: Any, width: float, height: float) -> tuple[Axes, Axes | Figure]:
+    """Return the axes to draw on, and the return value: the axes, or a new figure for None.
 
-    Raises ArgumentError for anything but axes.
+    Raises ArgumentError for other types.
     """
     from matplotlib.axes import Axes
 
@@ -192,7 +193,7 @@ def axes_on(ax: Any, width: float, height: float) -> tuple[Any, Any]:
 
 
 def finish_lines(axes: Axes, *, legend: float = 0.0, **labels: Any) -> None:
-    """Set labels and limits of axes with lines, a faint grid, and a legend in this font size."""
+    """Set labels and limits of axes with lines, a faint grid, and a legend of a font size."""
     axes.set(**labels)
     axes.grid(alpha=0.3, lw=0.5)
     if legend:
@@ -200,21 +201,21 @@ def finish_lines(axes: Axes, *, legend: float = 0.0, **labels: Any) -> None:
 
 
 def degrees_text(angle: float) -> str:
-    """An angle in rad as degrees with two decimals at most."""
+    """Format an angle in rad as degrees with at most two decimals."""
     return f"{number_text(round(float(np.degrees(angle)), 2))}°"
 
 
 def write_title(figure: Figure | SubFigure, title: str) -> None:
-    """Write the title above all panels; without one the caller's stays."""
+    """Set the title of a figure; an empty title leaves the caller's title."""
     if title or not figure.get_suptitle():
         figure.suptitle(title)
 
 
-def colour_bar(panels: Any, mappable: Any, label: str, extend: str = "neither") -> Any:
-    """A labelled colour bar as high as its picture, or at the right of a row of panels."""
+def colour_bar(panels: Any, mappable: Any, label: str, extend: str = "neither") -> Colorbar:
+    """Draw a labelled colour bar next to axes, or at the right of a row of panels."""
     row = [panels] if hasattr(panels, "figure") else list(panels)
     how = {"aspect": 18} if len(row) > 1 or row[0] is not panels else {}
-    bar = row[0].figure.colorbar(
+    bar: Colorbar = row[0].figure.colorbar(
         mappable, ax=row, extend=extend, fraction=0.046 / len(row), pad=0.03 / len(row), **how
     )
     bar.set_label(label)
@@ -223,18 +224,18 @@ def colour_bar(panels: Any, mappable: Any, label: str, extend: str = "neither") 
 
 
 def signed_bar(axes: Any, mappable: Any, label: str) -> None:
-    """The colour bar of :func:`draw_signed` without a bound, with its decades."""
+    """Draw the colour bar of :func:`draw_signed` without a bound."""
     set_ticks(colour_bar(axes, mappable, label).ax.yaxis, [-1, -0.1, -0.01, 0, 0.01, 0.1, 1])
 
 
 def set_ticks(axis: Any, values: Any) -> None:
-    """Set the ticks of a signed logarithmic axis, with no others between them."""
+    """Set the major ticks of a signed logarithmic axis, and remove the minor ticks."""
     axis.set_ticks(values, [number_text(value) for value in values])
     axis.set_ticks([], minor=True)
 
 
 def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
-    """A shapely polygon or multipolygon in metres, holes cut out, in the unit that is printed."""
+    """Draw a shapely polygon or multipolygon in metres on axes with a length unit."""
     polygons = [p for p in getattr(shape, "geoms", [shape]) if p.geom_type == "Polygon"]
     rings = [ring for p in polygons for ring in (p.exterior, *p.interiors)]
     if rings:
@@ -242,9 +243,9 @@ def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
 
 
 def draw_cut(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> None:
-    """Draw lines (k, n, 2) or (k, n, 3) in two inks, broad and thin; limits stay.
+    """Draw lines (k, n, 2) or (k, n, 3) in two colours, visible on any background.
 
-    They are visible on every colour.
+    The limits of the axes do not change.
     """
     from matplotlib.collections import LineCollection
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
@@ -260,11 +261,12 @@ def draw_cut(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> N
 
 def draw_disc(
     axes: Axes, theta: Any, phi: Any, levels: Any, low: float, high: float,
-    label: str | None = None,
-) -> Any:  # fmt: skip
-    """Levels (n, m) over theta and phi, in the plane of the direction cosines, with its circles.
+    label: str | None = None, names: str = "",
+) -> Map:  # fmt: skip
+    """Draw levels (n, m) over theta and phi in the plane of the direction cosines.
 
-    The first meridian is drawn again at the end if the circle is left open by one step.
+    If phi ends one step before the full circle, the first meridian is repeated. ``names``: letters
+    of both direction cosines.
     """
     step = phi[1] - phi[0] if len(phi) > 1 else 0.0
     if abs(phi[-1] + step - phi[0] - 2 * np.pi) <= 1e-6 * max(step, 1e-6):
@@ -275,61 +277,59 @@ def draw_disc(
     shown = draw_levels(axes, levels, x, y, low=low, high=high, shading="gouraud")
     draw_circles(axes, above=True)
     axes.set(aspect="equal", xlim=(-1.02, 1.02), ylim=(-1.02, 1.02))
+    for name, axis, function in zip(names, "xy", ("cos", "sin"), strict=False):
+        axes.set(**{f"{axis}label": rf"${name} = \sin\theta\,\{function}\phi$"})
     if label is not None:
         colour_bar(axes, shown, label)
     return shown
 
 
 def draw_circles(axes: Axes, *, above: bool) -> None:
-    """Rings of 30 and 60 degrees from the axis among direction cosines, and a rim.
+    """Draw circles at 30, 60 and 90 degrees from the axis over direction cosines.
 
-    ``above``: their names stand above the middle, else below it.
+    ``above``: labels are above the centre, otherwise below.
     """
     from matplotlib.patches import Circle
 
     for degrees in (30, 60):
         radius = float(np.sin(np.radians(degrees)))
         axes.add_patch(Circle((0, 0), radius, lw=0.6, ls=":", edgecolor="white", fill=False))
-        place, side = radius * np.sqrt(0.5), 1 if above else -1
+        offset, side = radius * np.sqrt(0.5), 1 if above else -1
         axes.text(
-            place, side * place, f"{degrees}°", color="white", fontsize=7,
+            offset, side * offset, f"{degrees}°", color="white", fontsize=7,
             ha="left" if above else "right", va="bottom" if above else "top", clip_on=True,
         )  # fmt: skip
     axes.add_patch(Circle((0, 0), 1.0, lw=0.6, edgecolor="0.4", fill=False))
 
 
-def separate_labels(axes: Axes, labels: Iterable[Any]) -> None:
-    """Move annotations about their points until none covers another one or leaves the axes."""
+def separate_labels(axes: Axes, labels: Iterable[Annotation]) -> None:
+    """Move annotations about their points so that none overlaps another or leaves the axes."""
     from matplotlib.transforms import Bbox
 
     figure: Any = axes.get_figure(root=True)
-    figure.draw_without_rendering()  # sizes of texts are those of the final layout
+    figure.draw_without_rendering()  # computes the final sizes of texts
     frame = axes.get_window_extent()
-    taken: list[Bbox] = []
+    occupied: list[Bbox] = []
+    directions = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1))
     for label in labels:
-        first = label.get_position()
-        for offset in (first, *_around(first, label.get_window_extent(), figure.dpi)):
+        first, size = label.get_position(), label.get_window_extent()
+        gap = float(np.hypot(*first))  # in points
+        width, height = (72 / figure.dpi * n + gap for n in (size.width / 2, size.height))
+        rings = [(n * x * width, n * y * height) for n in (1, 2, 3) for x, y in directions]
+        for offset in (first, *rings):
             label.set_position(offset)
             box = label.get_window_extent()
             inside = frame.x0 <= box.x0 and box.x1 <= frame.x1
             inside &= frame.y0 <= box.y0 and box.y1 <= frame.y1
-            if inside and not any(box.overlaps(other) for other in taken):
+            if inside and not any(box.overlaps(other) for other in occupied):
                 break
         else:
             label.set_position(first)
-        taken.append(label.get_window_extent())
-
-
-def _around(first: Any, box: Any, dpi: float) -> list[tuple[float, float]]:
-    """Return offsets in points on three rings about an anchor, the nearest ones first."""
-    gap = float(np.hypot(*first))
-    width, height = 72 / dpi * box.width / 2 + gap, 72 / dpi * box.height + gap
-    directions = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1)]
-    return [(x * ring * width, y * ring * height) for ring in (1, 2, 3) for x, y in directions]
+        occupied.append(label.get_window_extent())
 
 
 def mark_evanescent(axes: Axes, wavelength: float, unit: LengthUnit, ink: str) -> None:
-    """A dotted circle |nu| = 1/wavelength: waves inside propagate, those outside are evanescent."""
+    """Draw a dotted circle |nu| = 1/wavelength, outside which waves are evanescent."""
     from matplotlib.patches import Circle
 
     radius = unit.metres / wavelength
@@ -337,28 +337,28 @@ def mark_evanescent(axes: Axes, wavelength: float, unit: LengthUnit, ink: str) -
 
 
 def is_spectral(name: str) -> bool:
-    """Whether a coordinate is a frequency, whose unit is one over a length."""
+    """Return whether a coordinate is a spatial frequency."""
     return name.startswith(("nu", "upsilon"))
 
 
 def latex(name: str) -> str:
-    """A coordinate in a formula: the Greek ones are ``xi``, ``nu`` and ``upsilon``."""
+    """Return a coordinate as LaTeX, with Greek letters."""
     return f"\\{name}" if name.startswith(("xi", "nu", "upsilon")) else name
 
 
 def axis_label(name: str, unit: LengthUnit) -> str:
-    """A coordinate with its unit: ``x (mm)``, ``nu_x (1/mm)``."""
+    """Return the label of a coordinate with its unit: ``x (mm)``, ``nu_x (1/mm)``."""
     return f"${latex(name)}$ ({'1/' if is_spectral(name) else ''}{unit.name})"
 
 
 def label_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
-    """Label both axes with the components of ``symbol``: (x, y), (xi_x, xi_y), (nu_x, nu_y), ..."""
+    """Label axes with the components of ``symbol``: (x, y), (xi_x, xi_y), (nu_x, nu_y), ..."""
     across, up = ("x", "y") if symbol == "x" else (f"{symbol}_x", f"{symbol}_y")
     axes.set(xlabel=axis_label(across, unit), ylabel=axis_label(up, unit))
 
 
 def length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
-    """Set both axes to one scale around the drawing, labelled with components of ``symbol``."""
+    """Set equal scales, limits around the drawing, and labels with components of ``symbol``."""
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
     axes.autoscale_view()
@@ -366,6 +366,6 @@ def length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
 
 
 def letter_panels(panels: Iterable[Axes]) -> None:
-    """(a), (b), ... in the upper left corners."""
+    """Write (a), (b), ... in the upper left corners."""
     for letter, axes in zip(ascii_lowercase, panels, strict=False):
         axes.set_title(f"({letter})", loc="left", fontweight="bold")

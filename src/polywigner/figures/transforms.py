@@ -1,4 +1,4 @@
-"""The figures of ``polywigner transform``, ``psf`` and ``mtf``, and the values behind them."""
+"""Figures of transforms, point spread functions and modulation transfer functions."""
 
 from __future__ import annotations
 
@@ -24,33 +24,45 @@ from polywigner.source.support import mutual_support
 from polywigner.transforms.wavefronts import flat_of
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
 
 LARGEST_SAMPLES = 4096
-"""Along each axis: an array of as many complex squares holds 256 MiB."""
+"""Maximum number of samples along each axis; a complex array then has 256 MiB."""
 
+# Half width of the frequency axes without a wavelength, in 1/diameter: five lobes of a square.
 _LOBES = 8.0
-"""Half width of the frequency axes without a wavelength, in 1/diameter: five lobes of a square."""
+# Half width of the frequency axis before a system, in lobes 1/width of the source.
+_SYSTEM_LOBES = 4.0
+# Fraction of the peak irradiance at the edge of a spot, and coarse samples along each axis.
+_SPOT, _COARSE = 0.01, 65
+# Least ratio of the sides of a line focus.
+_LINE = 4.0
+_DASHES = ("-", "--", "-.", ":")
+# Largest difference of curves that are drawn as one line.
+_ALIKE = 2e-3
+
+Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class TransformSlices:
-    """Values of the transforms of one source; lengths in metres.
+    """Values of the transforms of a source; lengths in metres.
 
-    ``fourier`` (n, n) complex, ``wigner`` (n, n) real and ``ambiguity`` (n, n) complex, all in
-    m^2, with the second frequency component along the first axis: ``fourier[j, i]`` belongs to
+    ``fourier`` (n, n) complex, ``wigner`` (n, n) real and ``ambiguity`` (n, n) complex are in m^2.
+    The second frequency component varies along the first axis: ``fourier[j, i]`` is the value at
     (frequency[i], frequency[j]). ``frequency`` (n,) in 1/m is the axis of nu and of upsilon.
     """
 
     source: pw.Aperture | pw.Array | pw.Wavefront
     aperture: pw.Aperture
-    """Outline of the source; for an array, the outline of all elements."""
+    """Outline of the source; for an array, the union of the elements."""
     support: pw.Aperture
-    """The automean, or a region around it: where W may differ from zero."""
-    x: tuple[float, float]
-    xi: tuple[float, float]
+    """Region outside which W is zero: the automean, or a region around it."""
+    x: Point
+    xi: Point
     wavelength: float | None
     frequency: NDArray[np.float64]
     fourier: NDArray[np.complex128]
@@ -66,35 +78,49 @@ def transform_slices(
     samples: int = 257,
     zoomed: bool = False,
 ) -> TransformSlices:
-    """F(nu), W(x, nu) at one position and A(upsilon, xi) at one lag, on a square of frequencies.
+    """Compute F(nu), W(x, nu) at a position and A(upsilon, xi) at a lag, over two frequencies.
 
     Parameters
     ----------
-    source : an aperture with its field, or an array of apertures in the plane z = 0; or one with a
-        curved wave; metres.
-    x : (2,) m, inside the automean; None: the centre of the bounds if it is inside, else a point
-        inside.
-    xi : (2,) m, a lag at which the aperture overlaps itself; None: a quarter of the width, or of
-        the height, or a sixteenth, whichever first leaves a quarter of the area.
-    wavelength : m; the axes reach to |nu| = 1/wavelength. None: to 8/diameter.
-    samples : points along each axis, from 2 to 4096; an odd number has nu = 0 among them.
-    zoomed : whether axes reach to 8/diameter with a wavelength as well.
+    source : Aperture, or Array of apertures in the plane z = 0; or one with a curved wave.
+    x : (2,) position in m inside the automean; None: the centre of the bounds if it is inside,
+        otherwise a point inside.
+    xi : (2,) lag in m at which the aperture overlaps itself; None: the first of 1/4 of the width,
+        1/4 of the height, 1/16 of the width and 1/16 of the height that leaves a quarter of the
+        area.
+    wavelength : in m, for axes up to |nu| = 1/wavelength; None: up to 8/diameter.
+    samples : number of samples along each axis, from 2 to 4096; odd numbers include nu = 0.
+    zoomed : whether axes end at 8/diameter with a wavelength too.
+
+    Returns
+    -------
+    TransformSlices
 
     Raises
     ------
-    ArgumentError : anything but such a source; W vanishes at this x, or A at this xi, for every
-    frequency; too few or too many samples.
-    GeometryError : elements of an array that do not lie in the plane z = 0.
+    ArgumentError for another source, for an x or xi at which W or A is zero at all frequencies, and
+    for too few or too many samples; GeometryError for an Array whose elements do not lie in the
+    plane z = 0.
     """
     checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     aperture, support = outline_of(source), mutual_support(flat_of(source))
-    position = default_position(support, aperture.centre) if x is None else _point(x)
+    position = _default_position(support, aperture.centre) if x is None else _point(x)
     lag = _default_lag(aperture) if xi is None else _point(xi)
-    _check_supports(aperture, support, position, lag)
+    if not pw.lag_slice(aperture, position).area > 0:
+        bounds = ", ".join(f"{b:.4g}" for b in support.bounds)
+        raise ArgumentError(
+            f"expected a position x inside the automean (bounds {bounds} m), where W is not zero, "
+            f"got ({position[0]:.4g}, {position[1]:.4g}) m; give another, with its unit"
+        )
+    if not pw.position_slice(aperture, lag).area > 0:
+        raise ArgumentError(
+            "expected a lag xi at which the aperture overlaps its shifted copy, got "
+            f"({lag[0]:.4g}, {lag[1]:.4g}) m, where A is zero; give another, with its unit"
+        )
     half = _half_width(aperture, None if checked_flag(zoomed, "zoomed") else wavelength)
     frequency = np.linspace(-half, half, samples)
     grid = np.stack(np.meshgrid(frequency, frequency), axis=-1)
-    in_plane: Any = source  # whose Fourier transform takes two components of nu
+    in_plane: Any = source  # an array of dimension 2 accepts two components of nu
     if isinstance(source, pw.Array) and source.dimension == 3:
         in_plane = pw.Array(source.elements_in_plane, source.weights)
     fourier, wigner = pw.fourier(in_plane, grid), pw.wigner(source, position, grid)
@@ -103,9 +129,9 @@ def transform_slices(
 
 
 def outline_of(source: pw.Aperture | pw.Array | pw.Wavefront) -> pw.Aperture:
-    """The aperture itself, or the union of an array's elements; ArgumentError for others.
+    """Return the outline of an aperture, or the union of the elements of an array.
 
-    Of a source with a curved wave that of its flat source.
+    Raises ArgumentError for other sources.
     """
     source = flat_of(source)
     if isinstance(source, pw.Aperture):
@@ -117,39 +143,38 @@ def outline_of(source: pw.Aperture | pw.Array | pw.Wavefront) -> pw.Aperture:
 
 
 def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
-    """Samples along each axis that show all of |F|^2, W and A between them.
+    """Return the number of samples along each axis that resolves |F|^2, W and A.
 
     Parameters
     ----------
-    aperture : the outline of the source.
-    wavelength : as for :func:`transform_slices`.
+    aperture : outline of the source.
+    wavelength : as of :func:`transform_slices`.
     """
     aperture = outline_of(aperture)
-    found = pw.suggest_sampling(aperture, reach=_half_width(aperture, wavelength))
-    return max(axis.count for axis in found.axes)
+    sampling = pw.suggest_sampling(aperture, reach=_half_width(aperture, wavelength))
+    return max(axis.count for axis in sampling.axes)
 
 
 def _half_width(aperture: pw.Aperture, wavelength: float | None) -> float:
     return _LOBES / aperture.diameter if wavelength is None else 1 / checked_wavelength(wavelength)
 
 
-def _point(value: ArrayLike) -> tuple[float, float]:
+def _point(value: ArrayLike) -> Point:
     x, y = checked_vectors(value, "expected two coordinates", (2,)).ravel()
     return float(x), float(y)
 
 
-def default_position(support: pw.Aperture, middle: NDArray[np.float64]) -> tuple[float, float]:
+def _default_position(support: pw.Aperture, centre: NDArray[np.float64]) -> Point:
+    """Return the centre if it is inside, otherwise a point that is not near the boundary."""
     import shapely
 
-    centre = shapely.Point(middle)
-    # A representative point keeps its distance from the boundary, where W vanishes.
-    region = support.polygons
-    inside = centre if region.contains(centre) else region.representative_point()
+    point, region = shapely.Point(centre), support.polygons
+    inside = point if region.contains(point) else region.representative_point()
     return inside.x, inside.y
 
 
-def _default_lag(aperture: pw.Aperture) -> tuple[float, float]:
-    """A lag that keeps a good part of the overlap, so that A differs from F and is not small."""
+def _default_lag(aperture: pw.Aperture) -> Point:
+    """Return a lag with a large overlap."""
     xmin, ymin, xmax, ymax = aperture.bounds
     width, height = xmax - xmin, ymax - ymin
     for lag in ((width / 4, 0.0), (0.0, height / 4), (width / 16, 0.0), (0.0, height / 16)):
@@ -158,37 +183,13 @@ def _default_lag(aperture: pw.Aperture) -> tuple[float, float]:
     return 0.0, 0.0
 
 
-def _check_supports(
-    aperture: pw.Aperture, support: pw.Aperture, x: tuple[float, float], xi: tuple[float, float]
-) -> None:
-    if not pw.lag_slice(aperture, x).area > 0:
-        bounds = ", ".join(f"{b:.4g}" for b in support.bounds)
-        raise ArgumentError(
-            f"expected a position x inside the automean (bounds {bounds} m), where W is not zero, "
-            f"got ({x[0]:.4g}, {x[1]:.4g}) m; give another, with its unit"
-        )
-    if not pw.position_slice(aperture, xi).area > 0:
-        raise ArgumentError(
-            "expected a lag xi at which the aperture overlaps its shifted copy, got "
-            f"({xi[0]:.4g}, {xi[1]:.4g}) m, where A is zero; give another, with its unit"
-        )
-
-
-# Half range of frequencies, in lobes 1/width of the source.
-_SYSTEM_LOBES = 4.0
-# The spot is where the irradiance exceeds this fraction of its peak on so many coarse samples.
-_SPOT, _COARSE = 0.01, 65
-# Ratio of its sides from which a spot is a line.
-_LINE = 4.0
-
-
 @dataclass(frozen=True)
 class SystemSlices:
-    """W and the light of a source before and behind a system, in SI units.
+    """W before and behind an optical system, and the irradiance behind it, in SI units.
 
-    ``before`` (n, n) is W at ((x[i], y), (nu[j], 0)), in m^2; ``behind`` (n, n) that at
-    ((x_out[i], y_out), (nu_out[j], nu_y)), where the ray through the centre, (y_out, nu_y), leaves
-    the system. ``light`` (n, n) is |U|^2 at (across[i], up[j]) behind it.
+    ``before`` (n, n) is W in m^2 at ((x[i], y), (nu[j], 0)), and ``behind`` (n, n) is W at
+    ((x_out[i], y_out), (nu_out[j], nu_y)), where (y_out, nu_y) is the ray from the centre of the
+    source. ``light`` (n, n) is |U|^2 at (across[i], up[j]) behind the system.
     """
 
     source: pw.Aperture | pw.Array
@@ -209,36 +210,40 @@ class SystemSlices:
 def system_slices(
     source: pw.Aperture | pw.Array, system: pw.FirstOrder, wavelength: float, samples: int = 257
 ) -> SystemSlices:
-    """W of a source over x and nu_x before and behind a system, and the irradiance behind it.
+    """Compute W over x and nu_x before and behind an optical system, and the irradiance behind it.
 
     Parameters
     ----------
-    source : an aperture with its field, or an array of apertures in the plane z = 0; metres.
-    system : the optical system between the source and the plane behind.
-    wavelength : m.
-    samples : points along each axis, from 2 to 4096.
+    source : Aperture, or Array of apertures in the plane z = 0.
+    system : optical system between the source and the plane behind.
+    wavelength : in m.
+    samples : number of samples along each axis, from 2 to 4096.
+
+    Returns
+    -------
+    SystemSlices
 
     Raises
     ------
-    ArgumentError : anything but such arguments; too few or too many samples.
+    ArgumentError for arguments of the wrong type or range.
     """
     checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     wavelength = checked_wavelength(wavelength)
     if not isinstance(system, pw.FirstOrder):
         raise ArgumentError(f"expected a FirstOrder system, got {type(system).__name__}")
     aperture, support = outline_of(source), mutual_support(flat_of(source))
-    middle = np.array(default_position(support, aperture.centre))
+    centre = np.array(_default_position(support, aperture.centre))
     xmin, ymin, xmax, ymax = support.bounds
     width = np.array([xmax - xmin, ymax - ymin])
     sides = np.array([xmin, xmax]) + np.array([-0.1, 0.1]) * width[0]
     x = _axis(sides, samples)
     nu = np.linspace(-_SYSTEM_LOBES / width[0], _SYSTEM_LOBES / width[0], samples)
     grid = np.meshgrid(x, nu)
-    before = pw.wigner(source, _pairs(grid[0], middle[1]), _pairs(grid[1], 0.0))
-    # the corners of that section, as rays
+    before = pw.wigner(source, _pairs(grid[0], centre[1]), _pairs(grid[1], 0.0))
+    # rays at the corners of this section
     ends = np.array(list(product(sides, nu[[0, -1]])))
-    corners = system.rays(_pairs(ends[:, 0], middle[1]), wavelength * _pairs(ends[:, 1], 0.0))
-    y_out, s_out = system.rays(middle, np.zeros(2))
+    corners = system.rays(_pairs(ends[:, 0], centre[1]), wavelength * _pairs(ends[:, 1], 0.0))
+    y_out, s_out = system.rays(centre, np.zeros(2))
     x_out = _axis(corners[0][:, 0], samples)
     nu_out = _axis(corners[1][:, 0] / wavelength, samples)
     grid = np.meshgrid(x_out, nu_out)
@@ -248,31 +253,23 @@ def system_slices(
     starts = np.array(list(product(sides, (ymin, ymax), (-1, 1), (-1, 1))))
     bright = system.rays(starts[:, :2], starts[:, 2:] * slope)[0]
 
-    def light_at(x: Any, y: Any, tolerance: float) -> Any:
+    def light_at(x: Any, y: Any, tolerance: float) -> NDArray[np.float64]:
         points = np.stack(np.meshgrid(x, y), axis=-1)
         return pw.irradiance(source, points, wavelength, through=system, tolerance=tolerance)
 
-    across, up = (_axis(values, _COARSE) for values in bright.T)
-    spot = _spot(across, up, light_at(across, up, 0.1 * _SPOT))
-    across, up = (_axis(ends, samples) for ends in spot)
+    # the bright part of coarse samples
+    coarse = _axis(bright[:, 0], _COARSE), _axis(bright[:, 1], _COARSE)
+    light = light_at(*coarse, 0.1 * _SPOT)
+    rows, columns = np.nonzero(light >= _SPOT * light.max())
+    across, up = (
+        _axis(axis[max(at.min() - 2, 0) : at.max() + 3], samples)
+        for axis, at in zip(coarse, (columns, rows), strict=True)
+    )
     light = light_at(across, up, 1e-6)
     return SystemSlices(
         source, aperture, system, wavelength, x, nu, before, x_out, nu_out, behind, across, up,
         light,
     )  # fmt: skip
-
-
-def _spot(
-    across: NDArray[np.float64], up: NDArray[np.float64], light: NDArray[np.float64]
-) -> list[NDArray[np.float64]]:
-    """Return the ends of both axes of the part in which light (up, across) is bright."""
-    bright = light >= _SPOT * light.max()
-    ends = []
-    for places, rows in ((across, bright.any(axis=0)), (up, bright.any(axis=1))):
-        at = np.flatnonzero(rows)
-        first, last = max(at[0] - 2, 0), min(at[-1] + 2, len(places) - 1)
-        ends.append(places[[first, last]])
-    return ends
 
 
 def _pairs(first: Any, second: float) -> NDArray[np.float64]:
@@ -290,29 +287,34 @@ def draw_transforms(
     title: str = "",
     *,
     figure: Figure | SubFigure | None = None,
-) -> Any:
-    """Six panels: the aperture with its automean, |F|^2, Re F, the lag slice, W and Re A.
+) -> Figure:
+    """Draw the transforms of a source, or W and the irradiance behind an optical system.
 
-    Through a system four: the aperture, W over x and direction, and the light and W behind.
+    The six panels of a source are the aperture with its automean, |F|^2, Re F, the lag slice, W and
+    Re A. The four panels of a system are the aperture, W over position and direction before and
+    behind the system, and the irradiance behind it.
 
     Parameters
     ----------
-    slices : from :func:`polywigner.figures.transform_slices`, or through a system from
+    slices : result of :func:`polywigner.figures.transform_slices` or
         :func:`polywigner.figures.system_slices`.
-    floor_db : lowest level of |F|^2, dB relative to |F(0)|^2, the largest value that the
-        transform of a uniform aperture has; of other sources, and of the light behind a system, to
-        the largest value shown.
-    title : above the panels, before the wavelength.
-    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
+    floor_db : lowest level in dB of |F|^2, relative to |F(0)|^2 for a uniform aperture; of other
+        sources, and of the irradiance behind a system, relative to the largest value.
+    title : title of the figure, in addition to the wavelength.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure.
 
     Raises
     ------
-    ArgumentError : a floor that is not below zero; a ``figure`` of another type.
+    ArgumentError for a floor that is not below 0 dB, and for a ``figure`` of another type.
     """
     check_floor(floor_db)
     if not isinstance(slices, (SystemSlices, TransformSlices)):
         raise ArgumentError(
-            f"expected slices as transform_slices returns them, got {type(slices).__name__}"
+            f"expected a result of transform_slices or system_slices, got {type(slices).__name__}"
         )
     if isinstance(slices, SystemSlices):
         figure = style.figure_on(figure, 9.4, 7.2, spacing=0.04)
@@ -336,7 +338,7 @@ def draw_transforms(
 
 
 def _draw_system_panels(axes: Any, slices: SystemSlices, floor_db: float) -> None:
-    """The aperture, W before, the light behind, and W behind, on (2, 2) axes."""
+    """Draw the aperture, W before, and the irradiance and W behind a system on (2, 2) axes."""
     unit = length_unit(slices.aperture.diameter)
     aperture, before, light, behind = axes.ravel()
     style.draw_polygons(
@@ -346,7 +348,7 @@ def _draw_system_panels(axes: Any, slices: SystemSlices, floor_db: float) -> Non
     style.length_axes(aperture, "x", unit)
     _draw_section(before, slices, slices.x, slices.nu, slices.before, "W(x, ν) before")
     widths = [float(np.ptp(points)) for points in (slices.across, slices.up)]
-    # a line focus fills its panel only with a scale of its own along each axis
+    # a line focus requires different scales of both axes
     is_line = max(widths) > _LINE * min(widths)
     units = [length_unit(width if is_line else max(widths)) for width in widths]
     peak = float(slices.light.max())
@@ -365,7 +367,7 @@ def _draw_system_panels(axes: Any, slices: SystemSlices, floor_db: float) -> Non
 def _draw_section(
     axes: Axes, slices: SystemSlices, x: Any, nu: Any, values: Any, title: str
 ) -> None:
-    """W over x and the direction lambda nu, in units of the largest before the system."""
+    """Draw W over x and the direction lambda nu, relative to the peak before the system."""
     unit = length_unit(float(np.ptp(x)))
     peak = float(np.abs(slices.before).max())
     directions = nu * slices.wavelength * 1e3
@@ -411,6 +413,7 @@ def _draw_lag_slice(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> No
 
 
 def _write_legend(axes: Axes, columns: int) -> None:
+    """Write a legend below the axes."""
     axes.legend(
         loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=columns, frameon=False,
         fontsize=7.5, handlelength=1.2, handletextpad=0.5, columnspacing=1.0,
@@ -421,11 +424,11 @@ def _draw_power(axes: Axes, slices: TransformSlices, unit: LengthUnit, floor_db:
     power = np.abs(slices.fourier) ** 2
     uniform = isinstance(slices.source, pw.Aperture) and slices.source.illumination is None
     reference = slices.aperture.area**2 if uniform else float(power.max())
-    places = slices.frequency * unit.metres
+    nu = slices.frequency * unit.metres
     levels = level_db(power, reference, floor_db)
     zero = "|F(0)|²" if uniform else "the peak shown"
     label = f"dB relative to {zero}, {style.floor_text(floor_db)}"
-    style.draw_levels(axes, levels, places, places, low=floor_db, label=label)
+    style.draw_levels(axes, levels, nu, nu, low=floor_db, label=label)
     axes.set_title("|F(ν)|²")
     _frequency_axes(axes, "nu", unit, slices.wavelength, "white")
 
@@ -434,9 +437,9 @@ def _draw_real(
     axes: Axes, slices: TransformSlices, values: Any, unit: LengthUnit, name: str, symbol: str
 ) -> None:
     peak = float(np.max(np.abs(values)))
-    places = slices.frequency * unit.metres
+    frequency = slices.frequency * unit.metres
     label = f"{name} / ({peak / unit.metres**2:.4g} {unit.name}²)"
-    style.draw_signed(axes, values / peak, places, places, label=label)
+    style.draw_signed(axes, values / peak, frequency, frequency, label=label)
     axes.set_title(name)
     _frequency_axes(axes, symbol, unit, slices.wavelength, "0.35")
 
@@ -444,13 +447,13 @@ def _draw_real(
 def _frequency_axes(
     axes: Axes, symbol: str, unit: LengthUnit, wavelength: float | None, ink: str
 ) -> None:
-    # beyond the axes it would be drawn as millions of dots
+    # a circle far outside the axes would consist of millions of dots
     if wavelength is not None and unit.metres / wavelength < 2 * max(axes.get_xlim()):
         style.mark_evanescent(axes, wavelength, unit, ink)
     style.label_axes(axes, symbol, unit)
 
 
-def _point_text(point: tuple[float, float], unit: LengthUnit) -> str:
+def _point_text(point: Point, unit: LengthUnit) -> str:
     first, second = (f"{value / unit.metres:.4g}" for value in point)
     return f"({first}, {second}) {unit.name}"
 
@@ -459,31 +462,38 @@ def _heading(title: str, wavelength: float | None, note: str) -> str:
     if wavelength is None:
         return title
     unit = length_unit(wavelength)
-    marked = f"λ = {wavelength / unit.metres:.4g} {unit.name}{note}"
-    return f"{title}; {marked}" if title else marked
+    text = f"λ = {wavelength / unit.metres:.4g} {unit.name}{note}"
+    return f"{title}; {text}" if title else text
 
 
 # ---- lenses -------------------------------------------------------------------------------------
 
-_DASHES = ("-", "--", "-.", ":")
-# Curves that are no further apart are one line.
-_ALIKE = 2e-3
-
 
 @style.typeset
-def draw_psf(found: Any, floor_db: float = -40.0, title: str = "", *, figure: Any = None) -> Any:
+def draw_psf(
+    found: Any,
+    floor_db: float = -40.0,
+    title: str = "",
+    *,
+    figure: Figure | SubFigure | None = None,
+) -> Figure:
     """Draw point spread functions, a panel for each defocus.
 
     Parameters
     ----------
     found : xarray.Dataset with ``psf`` (defocus, y, x) in 1/m^2, x and y in m.
-    floor_db : lowest level, dB below the largest value of all panels.
-    title : above the panels.
-    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
+    floor_db : lowest level in dB relative to the largest value of all panels.
+    title : title of the figure.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure.
 
     Raises
     ------
-    ArgumentError : a floor that is not below zero, a ``figure`` of another type, and no dataset.
+    ArgumentError for another dataset, a floor that is not below 0 dB, and a ``figure`` of another
+    type.
     """
     check_floor(floor_db)
     spots = _checked_lens(found, "psf", ("defocus", "y", "x"))
@@ -506,18 +516,22 @@ def draw_psf(found: Any, floor_db: float = -40.0, title: str = "", *, figure: An
 
 
 @style.typeset
-def draw_mtf(found: Any, title: str = "", *, figure: Any = None) -> Any:
-    """Draw modulation transfer functions along x and y, a style of lines for each defocus.
+def draw_mtf(found: Any, title: str = "", *, figure: Figure | SubFigure | None = None) -> Figure:
+    """Draw modulation transfer functions along x and y, with a line style for each defocus.
 
     Parameters
     ----------
     found : xarray.Dataset with ``mtf`` (defocus, direction, frequency), frequency in cycles/mm.
-    title : above the panel.
-    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
+    title : title of the figure.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure.
 
     Raises
     ------
-    ArgumentError : a ``figure`` of another type, and no dataset.
+    ArgumentError for another dataset, and a ``figure`` of another type.
     """
     curves = _checked_lens(found, "mtf", ("defocus", "direction", "frequency"))
     figure = style.figure_on(figure, 6.4, 3.8)
@@ -543,11 +557,11 @@ def _of_focus(part: Any) -> str:
     return f"{waves:g} waves of defocus" if waves else "in focus"
 
 
-def _checked_lens(found: Any, name: str, dims: tuple[str, ...]) -> Any:
-    values = checked_dataset(found, "found").get(name)
-    if values is None or values.dims != dims or not all(dim in found.coords for dim in dims):
+def _checked_lens(dataset: Any, name: str, dims: tuple[str, ...]) -> xarray.DataArray:
+    values = checked_dataset(dataset, "found").get(name)
+    if values is None or values.dims != dims or not all(dim in dataset.coords for dim in dims):
         raise ArgumentError(
-            f"expected found with {name} over {', '.join(dims)}, got a dataset without; give one "
-            f"that polywigner {name} writes"
+            f"expected a dataset with {name} over {', '.join(dims)}, got another dataset; use a "
+            f"dataset that polywigner {name} writes"
         )
     return values

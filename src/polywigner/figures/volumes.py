@@ -1,4 +1,4 @@
-"""Isosurfaces of an irradiance in a box, and its projections on the back walls."""
+"""Figures of volumes: isosurfaces of an irradiance in a box, and projections on its back walls."""
 
 from __future__ import annotations
 
@@ -21,37 +21,37 @@ from polywigner.figures.levels import (
 )
 from polywigner.figures.transforms import outline_of
 from polywigner.geometry.arguments import checked_choice, checked_length, checked_row
-from polywigner.geometry.display import LengthUnit, length_unit
+from polywigner.geometry.display import length_unit
 from polywigner.geometry.obstacles import obstacle_of
 from polywigner.geometry.silhouettes import bodies_if_any
 from polywigner.source.source_files import SOURCE_COORDINATE, read_source
 
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
 
     from polywigner import Aperture, Array
 
 Projection = Literal["maximum", "mean"]
 Floats = NDArray[np.float64]
 
+# Maximum number of samples along an axis; longer axes are decimated.
 _MOST = 128
-"""Samples along an axis that are drawn; of longer axes every second, third, ... sample."""
-
 _SURFACES = (0.15, 0.3, 0.45, 0.6)  # fractions of the floor
 _FAINTEST, _DENSEST = 0.28, 0.95  # opacities of the outermost and innermost surface
 _SURFACE_COLOURS = ("#2f6be0", "#0fb5a6", "#ffb000", "#e01a10")
-_WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")  # pale: surfaces stand before them
+_WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")  # pale, behind the surfaces
 _WALL_LEVELS = 80
 _INKS = "white", "#101010"
 
+# Viewing angles in degrees, from above and behind the aperture: z increases to the right and away.
 _ELEVATION, _AZIMUTH = 24.0, -133.0
-"""Viewing angles in degrees, from behind the aperture and above: z runs to the right and away from
-the viewer."""
+# Levels are clipped this far below the lowest surface, in dB: interpolation next to a null, whose
+# level is minus infinity, would shift the surface.
 _BELOW = 20.0
-"""Range below the lowest surface in dB at which levels are clipped. Levels of nulls go to minus
-infinity, and linear interpolation next to them would shift the surface."""
+# Smallest ratio of drawn sides of a box; thinner boxes are stretched.
 _FLATTEST = 0.25
-"""Smallest drawn side of a box relative to its largest; thinner boxes are stretched."""
 _AMBIENT, _DIFFUSE = 0.45, 0.55
 
 
@@ -67,26 +67,26 @@ def draw_volume(
     reference: float | None = None,
     projection: Projection = "maximum",
     title: str = "",
-    ax: Any = None,
-) -> Any:
+    ax: Axes3D | None = None,
+) -> Axes3D | Figure:
     """Draw isosurfaces of an irradiance in a box, and its projections on the three back walls.
 
-    Lengths have one scale along all axes, unless the box is more than four times as long as wide.
-    The surfaces are found by marching cubes (scikit-image) and drawn by matplotlib.
+    All axes have equal scales, unless the box is more than four times as long as wide. scikit-image
+    computes the surfaces (marching cubes), and matplotlib draws them.
 
     Parameters
     ----------
-    found : xarray.Dataset, as from :func:`polywigner.volume`: ``found[name]`` over x, y and z (in
-        any order) in metres, each with at least two evenly spaced samples. Of axes with more than
-        128 samples every second, third, ... one is read.
-    source : source whose outline is drawn in the plane z = 0; None: the one that the dataset
-        contains.
-    obstacles : bodies and plates, as :func:`polywigner.volume` takes them, drawn by their outlines.
-    name : variable to draw, a power density; None: the only one.
-    surfaces : levels of the isosurfaces, dB, from the floor to below 0; None: four, evenly spaced.
-    floor_db : lowest level of the walls, dB; lower levels have its colour.
-    reference : the value that is 0 dB, in the unit of the quantity; None: the largest in the box.
-    projection : on the walls, the "maximum" or the "mean" of the quantity along their normals.
+    found : xarray.Dataset, such as a result of :func:`polywigner.volume`: ``found[name]`` over x, y
+        and z (in any order) in metres, each with at least two evenly spaced samples. Axes with more
+        than 128 samples are decimated.
+    source : source whose outline is drawn in the plane z = 0; None: the source in the dataset.
+    obstacles : bodies and plates, as for :func:`polywigner.volume`, whose outlines are drawn.
+    name : variable to draw, a power density; None: the only variable.
+    surfaces : levels of the isosurfaces in dB, from the floor to below 0; None: four levels, evenly
+        spaced.
+    floor_db : lowest level of the walls in dB. Lower levels are drawn at the floor.
+    reference : value of 0 dB, in the unit of the quantity; None: the largest value in the box.
+    projection : "maximum" or "mean" of the quantity along the normals of the walls.
     title : title of the figure.
     ax : matplotlib axes with ``projection="3d"`` to draw on, whose figure gets the colour bar;
         None: a new figure.
@@ -97,7 +97,7 @@ def draw_volume(
 
     Raises
     ------
-    ArgumentError : for a dataset without such a volume, wrong levels, or axes that are not 3D.
+    ArgumentError : for another dataset, wrong levels, or axes that are not 3D.
     MissingExtraError : if scikit-image is not installed.
     """
     from matplotlib.cm import ScalarMappable
@@ -115,17 +115,19 @@ def draw_volume(
     volume = volume._replace(lower=lower, upper=upper)
     if ax is None:
         figure = style.new_figure(7.2, 5.4)
-        figure.set_layout_engine("none")  # it would leave room around the box
-        axes = figure.add_axes((0.03, 0.0, 0.84, 0.95), projection="3d")
-        place: dict[str, Any] = {"cax": figure.add_axes((0.88, 0.12, 0.02, 0.76))}
+        figure.set_layout_engine("none")  # a layout would add margins around the box
+        axes: Any = figure.add_axes((0.03, 0.0, 0.84, 0.95), projection="3d")
+        bar_options: dict[str, Any] = {"cax": figure.add_axes((0.88, 0.12, 0.02, 0.76))}
     elif hasattr(ax, "get_proj"):
-        axes, place = ax, {"ax": ax, "fraction": 0.03, "pad": 0.08}
+        axes, bar_options = ax, {"ax": ax, "fraction": 0.03, "pad": 0.08}
     else:
         style.axes_on(ax, 0, 0)
         raise ArgumentError('expected ax with projection="3d", got flat axes; make them by '
                             'figure.add_subplot(projection="3d")')  # fmt: skip
     _draw_box(axes, front / unit.metres, upper, unit.name)
-    colours = _colours(len(shells))
+    count = len(shells)
+    shades = _map(_SURFACE_COLOURS)(np.linspace(0 if count > 1 else 1, 1, count))
+    colours: Floats = np.array(shades)[:, :3]  # RGB, from the lowest level to the highest
     with np.errstate(divide="ignore"):
         levels = 10 * np.log10(np.maximum(volume.values, 0) / zero)
     projected = np.max if projection == "maximum" else np.mean
@@ -134,17 +136,20 @@ def draw_volume(
         _draw_wall(axes, volume, axis, wall, floor_db, shells, colours)
     opacities = np.geomspace(_FAINTEST, _DENSEST, len(shells))
     for k, (shell, colour, opacity) in enumerate(zip(shells, colours, opacities, strict=True)):
-        # surfaces of lower levels enclose the others, so they are drawn later
+        # surfaces of lower levels enclose the others, and are drawn later
         _draw_surface(axes, volume, levels, shell, colour, opacity, zorder=20 - k)
     if source is None and SOURCE_COORDINATE in found.coords:
         source = read_source(found)  # type: ignore[assignment]
     if source is not None:
-        _draw_aperture(axes, source, unit)
-    for body in bodies_if_any(obstacles):  # visible through everything in front of it
+        rings = outline_of(source).rings
+        corners = [np.pad(np.asarray(ring) / unit.metres, ((0, 0), (0, 1))) for ring in rings]
+        lines = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in corners]
+        style.draw_cut(axes, np.concatenate(lines), _INKS, 30)
+    for body in bodies_if_any(obstacles):
         style.draw_cut(axes, obstacle_of(body).outline(_towards()) / unit.metres, _INKS, 30)
     extend = "max" if np.max(volume.values) > zero else "neither"
-    shades = ScalarMappable(Normalize(floor_db, 0.0), _map(_WALL_COLOURS))
-    bar = axes.figure.colorbar(shades, extend=extend, **place)
+    walls = ScalarMappable(Normalize(floor_db, 0.0), _map(_WALL_COLOURS))
+    bar = axes.figure.colorbar(walls, extend=extend, **bar_options)
     bar.outline.set_linewidth(0.6)
     bar.ax.hlines(shells, 0, 1, colors=[tuple(c) for c in colours], linewidth=3)
     size, floor = style.quantity_text(zero, volume.unit), style.floor_text(floor_db)
@@ -189,16 +194,16 @@ class _Volume(NamedTuple):
     """(3,) positions of the first and of the last sample."""
 
 
-def _samples(found: Any, name: str | None) -> _Volume:
-    """The real samples of ``found[name]``, at most 128 along an axis."""
-    variables = checked_dataset(found, "found").data_vars
+def _samples(dataset: Any, name: str | None) -> _Volume:
+    """Return the real samples of ``dataset[name]``, at most 128 along an axis."""
+    variables = checked_dataset(dataset, "found").data_vars
     if name is None and len(variables) == 1:
         (name,) = variables
     if not isinstance(name, str) or name not in variables:
         raise ArgumentError(
             f"expected the name of one of {', '.join(map(str, variables))}, got {name!r}"
         )
-    array = found[name]
+    array = dataset[name]
     if sorted(array.dims) != ["x", "y", "z"]:
         raise ArgumentError(
             f"expected {name} over x, y, z, got it over {', '.join(map(str, array.dims))}"
@@ -211,8 +216,8 @@ def _samples(found: Any, name: str | None) -> _Volume:
         raise ArgumentError(f"expected {name} as real values, got complex ones; draw their squares")
     if np.isnan(values).any():
         raise ArgumentError(
-            f"expected {name} at all points, got nan at {np.isnan(values).mean():.1%} of them; "
-            "finish the run that computes it"
+            f"expected {name} at all points, got NaN at {np.isnan(values).mean():.1%} of the "
+            "points; finish the computation"
         )
     ends = (np.array([axis[k] for axis in axes]) for k in (0, -1))
     return _Volume(quantity_of(array), printed_unit(array), values.astype(np.float64), *ends)
@@ -229,7 +234,7 @@ def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: str) -> None:
     """Set the limits, the view and the labels of the axes, and draw the edges of the walls."""
     from matplotlib.ticker import MaxNLocator
 
-    # each artist has its own zorder: matplotlib would sort them by their mean depth
+    # artists have explicit zorders; matplotlib would sort them by their mean depth
     axes.computed_zorder = False
     extent = upper - lower
     axes.set_proj_type("ortho")
@@ -255,7 +260,7 @@ def _draw_wall(
     axes: Any, volume: _Volume, axis: int, wall: Floats, floor_db: float,
     contours: tuple[float, ...], colours: Floats,
 ) -> None:  # fmt: skip
-    """Draw levels (m, n) on the back wall across an axis, with contours at some of them."""
+    """Draw levels (m, n) on the back wall normal to an axis, with contours."""
     lower, upper = volume.lower, volume.upper
     position = (lower if _towards()[axis] > 0 else upper)[axis]
     shape = volume.values.shape
@@ -275,8 +280,8 @@ def _draw_surface(
 ) -> None:  # fmt: skip
     """Draw the isosurface of a level, closed at the faces of the box.
 
-    The surface is drawn opaque and its image made translucent, so only its front is visible and
-    the edges of its triangles are not.
+    An opaque surface is drawn, and its image is made translucent: its back and the edges of its
+    triangles are then invisible.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
     from skimage.measure import marching_cubes
@@ -296,25 +301,12 @@ def _draw_surface(
     drawn = Poly3DCollection(
         vertices[faces], facecolors=colours, edgecolors=colours, linewidths=0.3, zorder=zorder
     )
-    drawn.set_rasterized(True)  # in SVG and PDF too
+    drawn.set_rasterized(True)  # for SVG and PDF
     drawn.set_agg_filter(lambda image, _dpi: (image * [1.0, 1.0, 1.0, opacity], 0, 0))
     axes.add_collection3d(drawn, autolim=False)
-
-
-def _draw_aperture(axes: Any, source: Aperture | Array, unit: LengthUnit) -> None:
-    """Draw the outline of a source in the plane z = 0."""
-    rings = outline_of(source).rings
-    corners = [np.pad(np.asarray(ring) / unit.metres, ((0, 0), (0, 1))) for ring in rings]
-    lines = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in corners]
-    style.draw_cut(axes, np.concatenate(lines), _INKS, 30)
 
 
 def _map(colours: tuple[str, ...]) -> Colormap:
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("polywigner", colours)
-
-
-def _colours(count: int) -> Floats:
-    """RGB (count, 3) of surfaces from the lowest level to the highest."""
-    return np.array(_map(_SURFACE_COLOURS)(np.linspace(0 if count > 1 else 1, 1, count)))[:, :3]

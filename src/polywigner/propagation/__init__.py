@@ -25,11 +25,9 @@ module               what is in it
 ``element_patterns`` far fields known at angles: between these, and as those of apertures
 ``radiators``        sources as functions of direction, and the search for the beam
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
-``datasets``         lines, planes, hemispheres and volumes: computed, lazy, or stored
-``stores``           results larger than memory: lazy datasets, written to zarr stores by chunks
-``exports``          datasets to NetCDF and VTK files
+``datasets``         lines, planes, hemispheres, volumes, tables of W and A: lazy, or stored
+``stores``           datasets on disk: zarr stores written by chunks, NetCDF and VTK files
 ``suggestions``      how many samples a grid needs
-``wigner_tables``    W and A on grids of four coordinates
 ===================  ==========================================================================
 """
 
@@ -39,18 +37,24 @@ from polywigner.propagation import horns
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.array_patterns import array_tolerance, two_way_pattern
 from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
-from polywigner.propagation.datasets import hemisphere, line, plane, volume
+from polywigner.propagation.datasets import (
+    ambiguity_table,
+    hemisphere,
+    line,
+    plane,
+    volume,
+    wigner_table,
+)
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
-from polywigner.propagation.exports import write_netcdf, write_vti
 from polywigner.propagation.far_fields import psf, radiated_power
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import read_pattern, write_pattern
 from polywigner.propagation.patterns import beam_cuts, radiation_pattern
 from polywigner.propagation.places import METHODS
 from polywigner.propagation.screens import PlaneWave, PointSource, Screen
+from polywigner.propagation.stores import write_netcdf, write_vti
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling
 from polywigner.propagation.vector_fields import field
-from polywigner.propagation.wigner_tables import ambiguity_table, wigner_table
 
 __all__ = [
     "METHODS",

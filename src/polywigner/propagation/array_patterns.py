@@ -1,4 +1,4 @@
-"""Patterns of arrays as they are built and used: with errors, and of radars with two arrays."""
+"""Patterns of arrays with random errors, and two-way patterns of radars."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from polywigner.execution.progress import told
 from polywigner.geometry.arguments import (
     checked_count,
     checked_generator,
-    checked_length,
     checked_number,
     checked_wavelength,
     takes_frequency,
@@ -32,10 +31,17 @@ if TYPE_CHECKING:
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# Complex numbers at a time: 64 MiB.
+# Complex numbers in a block: 64 MiB.
 _BLOCK = 2**22
+# Largest value and meaning of each error.
+_ERRORS = {
+    "amplitude": (40.0, "an rms error from 0 to 40 dB"),
+    "phase": (2 * math.pi, "an rms error from 0 to 2 pi rad"),
+    "position": (math.inf, "an rms error of zero or more, in m"),
+    "dead": (math.nextafter(1.0, 0.0), "a fraction from 0 to below 1"),
+}
+# Decibels of a factor of e.
 _NEPER = 20 / math.log(10)
-"""Decibels in a factor of e."""
 
 
 @takes_frequency
@@ -53,11 +59,11 @@ def array_tolerance(
     seed: int | np.random.Generator = 0,
     obliquity: ObliquityName | None = None,
 ) -> xarray.Dataset:
-    """Return the patterns of an array whose elements have random errors: mean, 5 % and 95 %.
+    """Compute mean and quantiles of the pattern of an array with random errors of its elements.
 
     Each sample has weights w_k f_k with independent factors
-    f_k = d_k 10^(a_k/20) exp(i p_k - i k s.x_k), a_k, p_k and x_k of normal distributions, d_k = 0
-    for dead elements and else 1. With m = <f_k> and v = <|f_k|^2> - |m|^2 the mean is (RP4)
+    f_k = d_k 10^(a_k/20) exp(i p_k - i k s.x_k). a_k, p_k and x_k are normally distributed; d_k is
+    0 for dead elements and 1 otherwise. With m = <f_k> and v = <|f_k|^2> - |m|^2 the mean is (RP4)
 
         <|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2
 
@@ -65,36 +71,35 @@ def array_tolerance(
 
     Parameters
     ----------
-    array : of apertures in the plane z = 0, with fields as :func:`radiation_pattern` takes them.
+    array : Array of apertures in the plane z = 0, with any fields.
     wavelength : in m.
     theta, phi : (n,) and (m,) angles in rad, as of :func:`radiation_pattern`.
-    amplitude : error of the amplitudes, rms in dB.
-    phase : error of the phases, rms in rad.
-    dead : share of the elements that radiate nothing, on average, from 0 to below 1.
-    position : error of the positions, rms in m along each of x, y and z.
+    amplitude : rms error of the amplitudes in dB.
+    phase : rms error of the phases in rad.
+    dead : probability from 0 to below 1 that an element does not radiate.
+    position : rms error of the positions in m, along each of x, y and z.
     count : number of samples, 2 or more.
-    seed : of NumPy's default generator, or a generator.
+    seed : seed of NumPy's default generator, or a generator.
     obliquity : as of :func:`radiation_pattern`.
 
     Returns
     -------
-    xarray.Dataset over theta and phi, 4 pi |E|^2/P in dBi with P the radiated power of the array
-    without errors: ``nominal`` without errors, ``expected``, the mean in closed form, and of the
-    samples ``mean``, ``low`` and ``high``, the levels that 5 and 95 % of them are below. Levels of
-    a cut below -300 dBi are -300 dBi. Attributes: the errors, count, and ``peak_loss`` in dB, by
-    which the expected level at the nominal peak of these angles is below the nominal one.
-    Time and memory: angles x elements x count multiplications, in blocks of some 64 MiB.
+    xarray.Dataset over theta and phi of 4 pi |E|^2/P in dBi, at least -300 dBi, where P is the
+    radiated power without errors: ``nominal`` without errors, ``expected``, the mean in closed
+    form, and ``mean``, ``low`` and ``high`` of the samples, their mean, 5 % and 95 % quantiles.
+    Attributes: the errors, count, and ``peak_loss`` in dB, the difference of nominal and expected
+    level at the nominal peak. The time is proportional to angles x elements x count.
 
     Raises
     ------
-    ArgumentError for anything but an Array, errors below zero, no error at all, and shares of 1;
+    ArgumentError if ``array`` is not an Array, for errors out of range, and if all errors are zero;
     otherwise as :func:`radiation_pattern`.
 
     >>> import polywigner as pw
-    >>> places = pw.arrays.grid_positions(8, 8, 2e-3)
-    >>> array = pw.phased_array(pw.shapes.square(1.9e-3), places)
-    >>> found = pw.array_tolerance(array, 3.9e-3, 0.0, 0.0, phase=0.2)
-    >>> round(found.attrs["peak_loss"], 3)  # dB
+    >>> positions = pw.arrays.grid_positions(8, 8, 2e-3)
+    >>> array = pw.phased_array(pw.shapes.square(1.9e-3), positions)
+    >>> tolerance = pw.array_tolerance(array, 3.9e-3, 0.0, 0.0, phase=0.2)
+    >>> round(tolerance.attrs["peak_loss"], 3)  # dB
     0.171
     """
     if not isinstance(array, Array):
@@ -130,18 +135,11 @@ def array_tolerance(
 
 
 def _checked_errors(**errors: float) -> dict[str, float]:
-    """The errors by name; ArgumentError for negative ones, dead arrays, and none at all."""
-    for name, unit in (("amplitude", "dB"), ("phase", "rad"), ("position", "m")):
-        meaning = f"an rms error of zero or more, in {unit}"
-        errors[name] = checked_length(errors[name], name, zero=True, meaning=meaning)
-    errors["dead"] = checked_number(errors["dead"], "dead", "a share from 0 to below 1")
-    if not 0 <= errors["dead"] < 1:
-        raise ArgumentError(f"expected dead as a share from 0 to below 1, got {errors['dead']!r}")
-    if errors["amplitude"] > 40 or errors["phase"] > 2 * math.pi:
-        raise ArgumentError(
-            "expected rms errors of up to 40 dB and 2 pi rad, got "
-            f"{errors['amplitude']:g} dB and {errors['phase']:g} rad; give phases in rad"
-        )
+    """Return the errors by name; raise ArgumentError if out of range, or all zero."""
+    for name, (most, meaning) in _ERRORS.items():
+        errors[name] = checked_number(errors[name], name, meaning)
+        if not 0 <= errors[name] <= most:
+            raise ArgumentError(f"expected {name} as {meaning}, got {errors[name]:g}")
     if not any(errors.values()):
         raise ArgumentError(
             "expected an error of amplitude, phase, dead or position above zero, got none"
@@ -150,20 +148,20 @@ def _checked_errors(**errors: float) -> dict[str, float]:
 
 
 def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]:
-    """|<f>|^2 and <|f|^2> - |<f>|^2 of the factors of :func:`array_tolerance`."""
+    """Return |<f>|^2 and <|f|^2> - |<f>|^2 of the factors of :func:`array_tolerance`."""
     spread = (errors["amplitude"] / _NEPER) ** 2
-    turns = errors["phase"] ** 2 + (2 * math.pi * errors["position"] / wavelength) ** 2
+    phase = errors["phase"] ** 2 + (2 * math.pi * errors["position"] / wavelength) ** 2
     alive = 1 - errors["dead"]
-    square = alive**2 * math.exp(spread - turns)
-    # e^(2 spread) - alive e^(spread - turns), without the difference of two numbers close to 1
-    rest = math.exp(2 * spread) * (errors["dead"] - alive * math.expm1(-spread - turns))
-    return square, alive * rest
+    square = alive**2 * math.exp(spread - phase)
+    # e^(2 spread) - alive e^(spread - phase), without cancellation
+    variance = math.exp(2 * spread) * (errors["dead"] - alive * math.expm1(-spread - phase))
+    return square, alive * variance
 
 
 def _draw(
     errors: dict[str, float], shape: tuple[int, int], random: np.random.Generator
 ) -> tuple[Complexes, Reals | None]:
-    """Factors (n, count) of the weights, and shifts (n, count, 3) of the elements, if any."""
+    """Return factors (n, count) of the weights, and shifts (n, count, 3) of the elements."""
     logarithms = errors["amplitude"] / _NEPER * random.standard_normal(shape)
     phases = errors["phase"] * random.standard_normal(shape)
     alive = random.random(shape) >= errors["dead"]
@@ -182,40 +180,40 @@ def _statistics(
     factors: Complexes,
     shifts: Reals | None,
 ) -> dict[str, Reals]:
-    """|E|^2 (n,) in directions (n, 3): without errors, expected, mean, low and high."""
+    """Return nominal, expected, mean, low and high |E|^2 (n,) in directions (n, 3)."""
     square, variance = _moments(errors, wavelength)
     weighted = source.weights[:, None] * factors
     size = len(source) * (1 if shifts is None else factors.shape[1]) + factors.shape[1]
     rows = max(1, _BLOCK // size)
-    found = []
-    blocks = [directions[k : k + rows] for k in range(0, len(directions), rows)]
-    with told("directions", blocks) as each:
-        for block in each:
-            fields = element_fields(source, block, wavelength, obliquity)
+    results = []
+    parts = [directions[k : k + rows] for k in range(0, len(directions), rows)]
+    with told("directions", parts) as blocks:
+        for block in blocks:
+            fields = _element_fields(source, block, wavelength, obliquity)
             nominal = np.square(np.abs(fields @ source.weights))
             alone = np.square(np.abs(fields * source.weights)).sum(axis=1)
             if shifts is None:
                 total = fields @ weighted
             else:
-                turns = np.tensordot(block / wavelength, shifts, axes=(1, 2))
-                total = np.einsum("mk,kc,mkc->mc", fields, weighted, np.exp(-2j * np.pi * turns))
+                cycles = np.tensordot(block / wavelength, shifts, axes=(1, 2))
+                total = np.einsum("mk,kc,mkc->mc", fields, weighted, np.exp(-2j * np.pi * cycles))
             samples = np.square(np.abs(total))
             low, high = np.quantile(samples, (0.05, 0.95), axis=1)
             expected = square * nominal + variance * alone
-            found.append((nominal, expected, samples.mean(axis=1), low, high))
+            results.append((nominal, expected, samples.mean(axis=1), low, high))
     names = ("nominal", "expected", "mean", "low", "high")
-    return dict(zip(names, map(np.concatenate, zip(*found, strict=True)), strict=True))
+    return dict(zip(names, map(np.concatenate, zip(*results, strict=True)), strict=True))
 
 
-def element_fields(
+def _element_fields(
     source: Array, directions: Reals, wavelength: float, obliquity: str
 ) -> Complexes:
-    """Far field (m, n) of each of n elements, with weight 1, in directions (m, 3)."""
+    """Return the far fields (m, n) of n elements with weight 1 in directions (m, 3)."""
     if source.repeated is not None:
         element, positions = source.repeated
-        turns = directions[:, :2] @ positions.T / wavelength
-        own = far_field(element, directions, wavelength, obliquity)
-        return np.asarray(own[:, None] * np.exp(-2j * np.pi * turns))
+        cycles = directions[:, :2] @ positions.T / wavelength
+        field = far_field(element, directions, wavelength, obliquity)
+        return np.asarray(field[:, None] * np.exp(-2j * np.pi * cycles))
     elements = source.elements_in_plane
     return np.stack([far_field(e, directions, wavelength, obliquity) for e in elements], axis=1)
 
@@ -230,15 +228,16 @@ def two_way_pattern(
     *,
     obliquity: ObliquityName | None = None,
 ) -> xarray.Dataset:
-    """Return the pattern of a radar that transmits with one source and receives with another.
+    """Compute the two-way pattern of a radar with two sources for transmission and reception.
 
-    Its field is the product E_t E_r, its level the sum of both directivities in dBi: a target of
-    cross section c at the distance r returns G_t G_r c lambda^2/((4 pi)^3 r^4) of the power.
+    The field is the product E_t E_r, and the level is the sum of both directivities in dBi. A
+    target of cross section c at the distance r returns G_t G_r c lambda^2/((4 pi)^3 r^4) of the
+    power.
 
     Parameters
     ----------
-    transmitter, receiver : an Aperture or Array of apertures each, in the plane z = 0, with any
-        fields; weights of a receiver as those with which it would transmit.
+    transmitter, receiver : Aperture, or Array of apertures in the plane z = 0, with any fields. The
+        weights of the receiver are those of the same antenna in transmission.
     wavelength : in m.
     theta, phi : (n,) and (m,) angles in rad, as of :func:`radiation_pattern`.
     obliquity : as of :func:`radiation_pattern`.
@@ -254,19 +253,18 @@ def two_way_pattern(
 
     >>> import polywigner as pw
     >>> square = pw.shapes.square(10e-3)
-    >>> found = pw.two_way_pattern(square, square, 3.2e-3, 0.0, 0.0)
-    >>> round(float(found["two_way"][0, 0]), 1)  # twice 21.35 dBi
+    >>> pattern = pw.two_way_pattern(square, square, 3.2e-3, 0.0, 0.0)
+    >>> round(float(pattern["two_way"][0, 0]), 1)  # twice 21.35 dBi
     42.7
     """
-    there, back = (
-        radiation_pattern(one, wavelength, theta, phi, obliquity=obliquity)
-        for one in (transmitter, receiver)
+    sent, received = (
+        radiation_pattern(source, wavelength, theta, phi, obliquity=obliquity)
+        for source in (transmitter, receiver)
     )
-    levels, fields = ([one[name] for one in (there, back)] for name in ("directivity", "field"))
-    units = {"two_way": ("dB", "two-way directivity"), "field": ("W sr-1", "product of fields")}
-    products = {"two_way": levels[0] + levels[1], "field": fields[0] * fields[1]}
-    found = there[["theta", "phi"]].assign(transmit=levels[0], receive=levels[1], **products)
-    for name, (unit, meaning) in units.items():
-        found[name].attrs = {"units": unit, "long_name": meaning}
-    found.attrs = {name: there.attrs[name] for name in ("wavelength", "frequency", "obliquity")}
-    return found
+    levels = sent["directivity"], received["directivity"]
+    products = {"two_way": levels[0] + levels[1], "field": sent["field"] * received["field"]}
+    result = sent[["theta", "phi"]].assign(transmit=levels[0], receive=levels[1], **products)
+    result["two_way"].attrs = {"units": "dB", "long_name": "two-way directivity"}
+    result["field"].attrs = {"units": "W sr-1", "long_name": "product of fields"}
+    result.attrs = {name: sent.attrs[name] for name in ("wavelength", "frequency", "obliquity")}
+    return result

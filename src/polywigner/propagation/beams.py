@@ -1,4 +1,4 @@
-"""Numbers that a data sheet gives of a radiation pattern: gain, EIRP, beamwidths, sidelobes."""
+"""Data-sheet numbers of a radiation pattern: gain, EIRP, beamwidths, nulls and sidelobes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, value_text
-from polywigner.geometry.arguments import checked_number, warn_caller
+from polywigner.geometry.arguments import checked_length, warn_caller
 from polywigner.propagation.patterns import (
     Cut,
     CutKind,
@@ -25,21 +25,21 @@ if TYPE_CHECKING:
 
 
 _HALF = 10 * math.log10(2.0)
-# Stands for minus infinity, in dBi: parabolas are laid through levels.
+# Finite level in dBi for minus infinity: parabolas are fitted to levels.
 _DARK = -400.0
-# Steeper than this, in dB from a sample to the next, levels are no parabola: a null is near.
+# Largest difference in dB between samples that a parabola describes; near nulls it is larger.
 _STEEP = 10.0
-# A cut so far below the beam, in dB, holds nothing but rounding.
+# Level in dB below the beam at which a cut is rounding noise.
 _NOTHING = 150.0
-# Ratios of polarisations beyond are rounding, in dB.
+# Largest meaningful ratio of polarisations, in dB.
 _LINEAR = 200
-# A beam so far above all cuts, in dB, is not on them: more than a data sheet's last digit.
+# Least level in dB of a beam above all cuts that does not lie on them.
 _MISSED = 0.1
-# With fewer samples within half power, a beamwidth is off by percents.
+# With fewer samples within the half-power width, its error is some percent.
 _LEAST_SAMPLES = 6
-# A beam along the normal, to the rounding of degrees.
+# Tolerance in rad of a beam along the normal.
 _SAME_ANGLE = 1e-9
-# A beam is off the direction to which it is steered by more than this, in rad: 0.01 degrees.
+# Least reported angle in rad between the beam and the steering direction: 0.01 degrees.
 _SQUINT = 1.7e-4
 _NUMBERS = (
     "radiated_power", "aperture_power", "peak_directivity", "peak_theta", "peak_phi",
@@ -53,10 +53,10 @@ _NAN_PAIR = (math.nan, math.nan)
 
 @dataclass(frozen=True)
 class CutMetrics:
-    """The main beam and the sidelobes along one cut, both sides of its peak.
+    """Main beam and sidelobes along a cut, on both sides of its peak.
 
-    Angles are theta on a meridian, negative on the other side of the normal. On a great circle
-    through the beam they are angles from the beam.
+    On a meridian, angles are theta, negative at the opposite phi. On a great circle through the
+    beam, angles are measured from the beam.
 
     >>> import polywigner as pw
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, [-0.1, 0.0, 0.1], 0.0)
@@ -69,27 +69,28 @@ class CutMetrics:
     theta: float
     """Angle of the cut's peak in rad."""
     directivity: float
-    """Directivity of the cut's peak in dBi; minus infinity where the cut has no radiation."""
+    """Directivity of the cut's peak in dBi; minus infinity if the cut has no radiation."""
     half_power_beamwidth: float
-    """In rad, between the directions of half the cut's peak; NaN where the cut ends before."""
+    """Angle in rad between the directions of half the peak; NaN if the cut ends before."""
     sidelobe_levels: tuple[float, float]
-    """First maxima beyond half power towards smaller and larger angles, in dB of the cut's peak."""
+    """Levels in dB, relative to the peak of the cut, of the first maxima beyond half power, towards
+    smaller and larger angles."""
     sidelobe_angles: tuple[float, float]
-    """Their angles, in rad."""
+    """Angles in rad of these maxima."""
     first_nulls: tuple[float, float] = _NAN_PAIR
-    """Angles of the first minima beyond half power, in rad; NaN where the cut ends before."""
+    """Angles in rad of the first minima beyond half power; NaN if the cut ends before."""
     peak_sidelobe_level: float = math.nan
-    """Largest level beyond the first nulls, in dB of the cut's peak; NaN without a first null."""
+    """Largest level in dB beyond the first nulls, relative to the peak; NaN without a null."""
     peak_sidelobe_angle: float = math.nan
-    """Its angle, in rad."""
+    """Angle in rad of the peak sidelobe."""
     kind: CutKind = "theta"
-    """"theta" for a meridian. Great circles through the beam are its "meridian" and the circle
-    "across", or go along "x" and "y" for a beam next to the normal."""
+    """"theta" for a meridian; "meridian" and "across" for great circles through the beam, or "x"
+    and "y" if the beam is near the normal."""
 
 
 @dataclass(frozen=True)
 class BeamMetrics:
-    """The main beam of a pattern; ``str()`` is a table.
+    """Main beam of a pattern; ``str()`` is a table.
 
     >>> import polywigner as pw
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, [-0.1, 0.0, 0.1], 0.0)
@@ -98,43 +99,45 @@ class BeamMetrics:
     """
 
     theta: float
-    """Angle of the beam, the direction of largest directivity, from the normal in rad."""
+    """Angle between the beam, the direction of largest directivity, and the normal in rad."""
     phi: float
-    """Angle of the beam from the x axis in rad; 0 for a beam along the normal."""
+    """Azimuth of the beam from the x axis in rad; 0 for a beam along the normal."""
     directivity: float
     """Directivity of the beam in dBi: 4 pi |E|^2 over the radiated power."""
     gain: float
-    """In dBi: the directivity times the efficiency."""
+    """Gain in dBi: directivity times efficiency."""
     radiated_power: float
-    """In W, through the hemisphere in front; NaN for a pattern without a field."""
+    """Power in W radiated into the hemisphere; NaN for a pattern without a field."""
     eirp: float | None
-    """Radiated power times directivity in W; None without a power."""
+    """Radiated power times directivity in W; None if no power is specified."""
     front_share: float
-    """Radiated power over int |u|^2; NaN for a pattern of a file, or of elements with one."""
+    """Radiated power over int |u|^2; NaN if the pattern, or the element pattern, is from a file."""
     cuts: tuple[CutMetrics, ...]
-    """One for each meridian of the pattern, or for each great circle of :func:`beam_cuts`."""
+    """Metrics of each meridian of the pattern, or of each great circle of :func:`beam_cuts`."""
     axial_ratio: float | None = None
     """Axial ratio of the beam in dB, infinite for a linear one; None for a scalar pattern."""
     cross_polar_discrimination: float | None = None
     """Co- over cross-polar part of the beam in dB; None for a scalar pattern."""
     beam_cuts: tuple[CutMetrics, ...] = ()
-    """Two orthogonal great circles through the beam; none if the pattern has too few angles."""
+    """Metrics of two orthogonal great circles through the beam; empty if angles are too few."""
     steering: tuple[float, float] | None = None
-    """Theta and phi in rad to which the source is steered; None if not known."""
+    """Theta and phi in rad to which the source is steered; None if unknown."""
 
     def __str__(self) -> str:
         rows = [("directivity", f"{self.directivity:.2f} dBi"), ("gain", f"{self.gain:.2f} dBi")]
-        of_field = ", of the field as it is" if self.eirp is None else ""
+        condition = ", for |u|^2 in W/m^2" if self.eirp is None else ""
         if self.eirp is not None:
             level = 10 * math.log10(self.eirp) + 30 if self.eirp > 0 else -math.inf
             rows.append(("EIRP", f"{level:.2f} dBm ({self.eirp:.4g} W)"))
         if not math.isnan(self.radiated_power):
-            rows.append(("radiated power", f"{self.radiated_power:.4g} W{of_field}"))
+            rows.append(("radiated power", f"{self.radiated_power:.4g} W{condition}"))
         if not math.isnan(self.front_share):
             rows.append(("front share", f"{100 * self.front_share:.1f} % of int |u|^2"))
         rows.append(("beam direction", _direction(self.theta, self.phi)))
         if self.steering is not None:
-            squint = _apart((self.theta, self.phi), self.steering)
+            angles = np.array([(self.theta, self.phi), self.steering])
+            beam, steered = (unit_vectors(*pair[:, None])[0, 0] for pair in angles)
+            squint = 2 * math.asin(min(1.0, float(np.linalg.norm(beam - steered)) / 2))
             if squint > _SQUINT:
                 rows.append(("steered to", f"{_direction(*self.steering)}: {_degrees(squint)} off"))
         rows += [
@@ -151,19 +154,19 @@ class BeamMetrics:
 
     @property
     def principal_cuts(self) -> tuple[CutMetrics, ...]:
-        """The cuts next to the x axis, to the y axis and to the beam, each once."""
-        wanted = (0.0, math.pi / 2, *((self.phi,) if abs(self.theta) > _SAME_ANGLE else ()))
-        nearest = (min(self.cuts, key=lambda cut: angle_between(cut.phi, phi)) for phi in wanted)
+        """Cuts next to the x axis, the y axis and the beam, without duplicates."""
+        azimuths = (0.0, math.pi / 2, *((self.phi,) if abs(self.theta) > _SAME_ANGLE else ()))
+        nearest = (min(self.cuts, key=lambda cut: angle_between(cut.phi, phi)) for phi in azimuths)
         return tuple(dict.fromkeys(nearest))
 
     @property
     def table_cuts(self) -> tuple[CutMetrics, ...]:
-        """The cuts of the table: great circles through the beam, or else the principal ones."""
+        """Cuts in the table: great circles through the beam, otherwise the principal cuts."""
         return self.beam_cuts or self.principal_cuts
 
 
 def _cut_rows(cut: CutMetrics) -> list[tuple[str, str]]:
-    """The rows of a cut in the table."""
+    """Return the rows of a cut in the table."""
     name = "cut across it" if cut.kind == "across" else f"cut phi {_degrees(cut.phi)}"
     if cut.directivity == -math.inf:
         return [(name, "nothing is radiated")]
@@ -191,25 +194,25 @@ def _cut_rows(cut: CutMetrics) -> list[tuple[str, str]]:
 def beam_metrics(
     pattern: xarray.Dataset, *, power: float | None = None, efficiency: float = 1.0
 ) -> BeamMetrics:
-    """Directivity, gain, EIRP, beam direction, half-power beamwidths, nulls and sidelobes.
+    """Return directivity, gain, EIRP, beam direction, beamwidths, nulls and sidelobes.
 
-    Directivity, gain, EIRP and direction describe the beam, wherever it points. Beamwidths, first
-    nulls and sidelobes describe cuts up to the horizon:
+    Directivity, gain, EIRP and direction refer to the beam in any direction. Half-power beamwidths,
+    first nulls and sidelobes refer to cuts up to the horizon:
 
-    - ``cuts`` : the meridians of the pattern, or the great circles of :func:`beam_cuts`. Columns
-      with theta of both signs are meridians; others are joined, phi with phi + pi.
-    - ``beam_cuts`` : two great circles through the beam, in angles from it. They are exact in the
-      result of :func:`beam_cuts`, and interpolated in a pattern over phi around the full circle. A
-      pattern of single meridians has none.
+    - ``cuts`` : the meridians of the pattern, or the great circles of :func:`beam_cuts`. If theta
+      is never negative, columns at phi and phi + pi are joined to a meridian.
+    - ``beam_cuts`` : two great circles through the beam, over angles from the beam. They are exact
+      in the result of :func:`beam_cuts`, and interpolated in a pattern over phi around the full
+      circle. A pattern of single meridians has none.
 
-    Between samples of a cut they follow parabolas: beamwidths are right to 3e-3 of themselves for
-    ten samples in them.
+    Levels between samples are interpolated by parabolas: the relative error of a beamwidth is below
+    3e-3 with ten samples in it.
 
     Parameters
     ----------
-    pattern : what :func:`radiation_pattern`, :func:`beam_cuts` or :func:`read_pattern` returned.
-    power : accepted by the antenna, in W; None: the radiated power is the integral of |E|^2, and
-        there is no EIRP.
+    pattern : result of :func:`radiation_pattern`, :func:`beam_cuts` or :func:`read_pattern`.
+    power : power accepted by the antenna, in W; None: the radiated power is the integral of |E|^2,
+        and there is no EIRP.
     efficiency : radiated over accepted power, above 0 and up to 1, for losses outside the model.
 
     Returns
@@ -218,13 +221,13 @@ def beam_metrics(
 
     Raises
     ------
-    ArgumentError for anything but a pattern over theta and phi with three angles theta or more in
-    front, a power or an efficiency out of range.
+    ArgumentError if ``pattern`` is not a pattern over theta and phi with at least three angles
+    theta in front, and for a power or an efficiency out of range.
 
     Warns
     -----
-    PolywignerWarning where fewer than six samples lie within half power of the beam, and where the
-    beam is 0.1 dB or more above all cuts.
+    PolywignerWarning if fewer than six samples lie within the half-power width, or the beam is
+    0.1 dB or more above all cuts.
 
     >>> import numpy as np, polywigner as pw
     >>> theta, phi = np.radians(np.arange(-90, 91)), np.radians([0, 90])
@@ -240,27 +243,21 @@ def beam_metrics(
             f"{len(lines[0].angles)}; use some ten within the main beam"
         )
     about = {name: float(pattern.attrs[name]) for name in _NUMBERS}
-    share = checked_efficiency(efficiency)
-    radiated = about["radiated_power"] if power is None else share * _positive("power", power)
+    fraction, directivity = checked_efficiency(efficiency), about["peak_directivity"]
+    radiated = about["radiated_power"]
+    if power is not None:
+        radiated = fraction * checked_length(power, "power", meaning="a finite number above 0")
     peak = max(float(line.levels.max()) for line in lines)
-    cuts = tuple(cut_metrics(line, peak) for line in lines)
-    is_circles = lines[0].kind != "theta"
-    circles = (
-        cuts
-        if is_circles
-        else tuple(
-            cut_metrics(line, about["peak_directivity"]) for line in circles_through_beam(pattern)
-        )
-    )
-    if not is_circles:
+    circles = cuts = tuple(cut_metrics(line, peak) for line in lines)
+    if lines[0].kind == "theta":
+        circles = tuple(cut_metrics(line, directivity) for line in circles_through_beam(pattern))
         _warn_of_samples(cuts, lines, about, bool(circles))
-    directivity = about["peak_directivity"]
     steered = pattern.attrs.get("steered_theta"), pattern.attrs.get("steered_phi")
     return BeamMetrics(
         theta=about["peak_theta"],
         phi=about["peak_phi"],
         directivity=directivity,
-        gain=directivity + 10 * math.log10(share),
+        gain=directivity + 10 * math.log10(fraction),
         radiated_power=radiated,
         eirp=None if power is None else radiated * 10 ** (directivity / 10),
         front_share=about["radiated_power"] / about["aperture_power"],
@@ -281,19 +278,19 @@ def _warn_of_samples(
     if best.half_power_beamwidth < _LEAST_SAMPLES * step:
         warn_caller(
             f"steps of {_degrees(step)} are coarse for a half-power width of "
-            f"{_degrees(best.half_power_beamwidth)}: the numbers may be off by percents; give "
+            f"{_degrees(best.half_power_beamwidth)}: errors may be some percent; give "
             "radiation_pattern more angles theta"
         )
     if about["peak_directivity"] > best.directivity + _MISSED and not has_circles:
         warn_caller(
             f"the cuts of the pattern miss the beam of {about['peak_directivity']:.2f} dBi at "
-            f"{_direction(about['peak_theta'], about['peak_phi'])}: the largest on them is "
-            f"{best.directivity:.2f} dBi; use beam_cuts, or give radiation_pattern that phi"
+            f"{_direction(about['peak_theta'], about['peak_phi'])}: the largest directivity on the "
+            f"cuts is {best.directivity:.2f} dBi; use beam_cuts, or add phi to radiation_pattern"
         )
 
 
 def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
-    """Return the numbers of a cut of a pattern whose beam has this level in dBi."""
+    """Return the metrics of a cut of a pattern whose beam has a level in dBi."""
     angles, levels = cut.angles, np.maximum(cut.levels, _DARK)
     peak = int(np.argmax(levels)) if cut.kind == "theta" else _top(levels, angles)
     angle, level = _vertex(angles, levels, peak)
@@ -320,14 +317,14 @@ def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
 
 
 def _top(levels: Levels, angles: Levels) -> int:
-    """The sample at the top of the beam, which a great circle has next to angle 0.
+    """Return the sample at the top of the beam, near angle 0 of a great circle.
 
-    A lobe behind the plane may be as high.
+    The largest sample may belong to a lobe behind the plane.
     """
     k = int(np.abs(angles).argmin())
     while True:
-        around = range(max(0, k - 1), min(len(levels), k + 2))
-        higher = max(around, key=lambda n: levels[n])
+        neighbours = range(max(0, k - 1), min(len(levels), k + 2))
+        higher = max(neighbours, key=lambda n: levels[n])
         if levels[higher] <= levels[k]:
             return k
         k = higher
@@ -342,75 +339,66 @@ class _Side(NamedTuple):
     """Level of the first sidelobe."""
     angle: float = math.nan
     peak_level: float = -math.inf
-    """Largest level beyond the first null, up to the horizon; minus infinity without a null."""
+    """Largest level from the first null to the horizon; minus infinity without a null."""
     peak_angle: float = math.nan
 
 
 def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) -> _Side:
-    """One side of a peak."""
-    along, places = levels[peak::step], angles[peak::step]
-    below = np.flatnonzero(along < level - _HALF)
+    """Return one side of the peak of a cut; ``step``: 1 or -1."""
+    levels, angles = levels[peak::step], angles[peak::step]
+    below = np.flatnonzero(levels < level - _HALF)
     if not below.size:
         return _Side()
     flank = int(below[0])  # maxima before it are ripples of the beam
-    half = _crossing(along, places, flank, level - _HALF)
-    rising = np.flatnonzero(np.diff(along[flank:]) > 0)
+    half = _crossing(levels, angles, flank, level - _HALF)
+    rising = np.flatnonzero(np.diff(levels[flank:]) > 0)
     if not rising.size:
         return _Side(half)
     null = flank + int(rising[0])
     # |E|^2 is a parabola next to a null
-    beside = along[null - 1 : null + 2].max()
-    null_angle, _ = _vertex(places, -(10 ** ((along - beside) / 10)), null)
-    strongest = null + int(along[null:].argmax())
-    peak_angle, peak_level = _vertex(places, along, strongest)
-    falling = np.flatnonzero(np.diff(along[null:]) < 0)
+    scale = levels[null - 1 : null + 2].max()
+    null_angle, _ = _vertex(angles, -(10 ** ((levels - scale) / 10)), null)
+    peak_angle, peak_level = _vertex(angles, levels, null + int(levels[null:].argmax()))
+    falling = np.flatnonzero(np.diff(levels[null:]) < 0)
     if not falling.size:
         return _Side(half, null_angle, peak_level=peak_level, peak_angle=peak_angle)
-    lobe_angle, lobe = _vertex(places, along, null + int(falling[0]))
+    lobe_angle, lobe = _vertex(angles, levels, null + int(falling[0]))
     return _Side(half, null_angle, lobe, lobe_angle, peak_level, peak_angle)
 
 
-def _vertex(places: Levels, levels: Levels, peak: int) -> tuple[float, float]:
-    """The top of the parabola through a largest sample and its neighbours."""
-    place, level = float(places[peak]), float(levels[peak])
-    x, y = places[max(0, peak - 1) : peak + 2] - place, levels[max(0, peak - 1) : peak + 2] - level
+def _vertex(angles: Levels, levels: Levels, peak: int) -> tuple[float, float]:
+    """Return angle and level of the vertex of the parabola through a maximum and its neighbours."""
+    angle, level = float(angles[peak]), float(levels[peak])
+    x, y = angles[max(0, peak - 1) : peak + 2] - angle, levels[max(0, peak - 1) : peak + 2] - level
     if len(x) < 3 or y.min() < -_STEEP or not (x[0] and x[2]):
-        return place, level
+        return angle, level
     left, right = y[0] / x[0], y[2] / x[2]
     curvature = (right - left) / (x[2] - x[0])
     if not curvature < 0:
-        return place, level
+        return angle, level
     slope = left - curvature * x[0]
-    return float(place - slope / (2 * curvature)), float(level - slope**2 / (4 * curvature))
+    return float(angle - slope / (2 * curvature)), float(level - slope**2 / (4 * curvature))
 
 
-def _crossing(levels: Levels, places: Levels, k: int, wanted: float) -> float:
-    """Where falling levels pass a value between samples k - 1 and k: an inverse parabola."""
-    some = slice(max(0, k - 2), max(0, k - 2) + 3)
-    x, y = places[some], levels[some]
+def _crossing(levels: Levels, angles: Levels, k: int, level: float) -> float:
+    """Return the angle between samples k - 1 and k at a level, from an inverse parabola."""
+    x, y = (values[max(0, k - 2) :][:3] for values in (angles, levels))
     if len(x) == 3 and y[0] > y[1] > y[2]:
         total = 0.0
         for i in range(3):
             others = [j for j in range(3) if j != i]
-            total += x[i] * math.prod((wanted - y[j]) / (y[i] - y[j]) for j in others)
-        if min(places[k - 1], places[k]) <= total <= max(places[k - 1], places[k]):
+            total += x[i] * math.prod((level - y[j]) / (y[i] - y[j]) for j in others)
+        if min(angles[k - 1], angles[k]) <= total <= max(angles[k - 1], angles[k]):
             return float(total)
-    return float(np.interp(-wanted, -levels[k - 1 : k + 1], places[k - 1 : k + 1]))
+    return float(np.interp(-level, -levels[k - 1 : k + 1], angles[k - 1 : k + 1]))
 
 
 def checked_efficiency(value: Any) -> float:
-    """A number above 0 and up to 1; ArgumentError for anything else."""
-    share = _positive("efficiency", value)
-    if share > 1:
+    """Return a number above 0 and up to 1, or raise ArgumentError."""
+    fraction = checked_length(value, "efficiency", meaning="a finite number above 0")
+    if fraction > 1:
         raise ArgumentError(f"expected an efficiency of at most 1, got {value_text(value)}")
-    return share
-
-
-def _positive(name: str, value: Any) -> float:
-    number = checked_number(value, name, "a finite number above 0")
-    if not number > 0:
-        raise ArgumentError(f"expected {name} as a finite number above 0, got {value_text(value)}")
-    return number
+    return fraction
 
 
 def _degrees(angle: float) -> str:
@@ -419,9 +407,3 @@ def _degrees(angle: float) -> str:
 
 def _direction(theta: float, phi: float) -> str:
     return f"theta {_degrees(theta)}, phi {_degrees(phi)}"
-
-
-def _apart(one: tuple[float, float], other: tuple[float, float]) -> float:
-    """The angle in rad between two directions, each as theta and phi."""
-    first, second = (unit_vectors(*np.array(angles)[:, None])[0, 0] for angles in (one, other))
-    return 2 * math.asin(min(1.0, float(np.linalg.norm(first - second)) / 2))

@@ -1,4 +1,4 @@
-"""Far fields in text files of simulators: HFSS, CST, FEKO and GRASP."""
+"""Readers of far fields in text files of simulators: HFSS, CST, FEKO and GRASP."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import FileFormatError, PolywignerError
+from polywigner.errors import FileFormatError
 from polywigner.geometry.io.limits import LARGEST_NUMBER, check_most, token
 from polywigner.quantities import parse_frequency
 
@@ -30,12 +30,12 @@ DIPOLE_GAIN = 2.15
 """Gain in dBi of the half-wave dipole to which dBd refers."""
 
 MOST_DIRECTIONS = 2_000_000
-"""Directions of a table."""
+"""Maximum number of directions of a table."""
 
 
 @dataclass(frozen=True, eq=False)
 class FarFieldTable:
-    """The far field of one frequency, as its file has it: waves exp(+j omega t - j k r)."""
+    """Far field of one frequency in the convention of the files: exp(+j omega t - j k r)."""
 
     theta: Floats
     """(n,) in degrees, from -180 to 180."""
@@ -44,9 +44,9 @@ class FarFieldTable:
     fields: Complex
     """E_theta and E_phi (2, n): rE in V, peak values."""
     frequency: float = math.nan
-    """In Hz; NaN if the file has none."""
+    """Frequency in Hz; NaN if the file has none."""
     repeated: list[tuple[Column, Floats]] = field(default_factory=list)
-    """Columns that repeat the result, as radiant intensities (n,) in W/sr."""
+    """Redundant columns, as radiant intensities (n,) in W/sr."""
     has_unit_power: bool = False
     """Whether the format normalises the field to a radiated power of 1 W."""
 
@@ -62,7 +62,7 @@ class Unit(NamedTuple):
     kind: Kind
     """Fields are rE (or E at 1 m); intensities W/sr (or W/m^2 at 1 m); ratios are to isotropic."""
     scale: float = 1.0
-    """One unit, or 0 dB, in degrees, Hz, V, W/sr or 1."""
+    """Value of one unit, or of 0 dB, in degrees, Hz, V, W/sr or 1."""
     is_db: bool = False
 
 
@@ -85,7 +85,7 @@ _ADVICE = (
 
 
 def unit_of(text: str) -> Unit | None:
-    """Return the unit that a text in brackets names; None for a unit that is not supported."""
+    """Return the unit of a text in brackets; None for an unsupported unit."""
     name = re.sub(r"\s|\.$", "", text).replace("²", "2").replace("^", "")
     if name.lower() in _NAMED:
         return _NAMED[name.lower()]
@@ -101,7 +101,7 @@ def unit_of(text: str) -> Unit | None:
 
 # ---- columns ------------------------------------------------------------------------------------
 
-# Kinds of units that a quantity may have, and the unit of a header without one.
+# Kinds of units of a quantity, and the default unit.
 _UNITS: dict[str, tuple[tuple[Kind, ...], Unit | None]] = {
     "theta": (("angle",), _DEGREES),
     "phi": (("angle",), _DEGREES),
@@ -147,32 +147,31 @@ class Column(NamedTuple):
     unit: Unit
 
     def intensity(self, values: Floats) -> Floats:
-        """Return the radiant intensity in W/sr of sizes; ratios are taken for 1 W radiated."""
-        squared = self.unit.kind == "field"
+        """Convert values to radiant intensity in W/sr, and ratios for a radiated power of 1 W."""
+        is_field = self.unit.kind == "field"
         if self.unit.is_db:
-            values = np.where(values <= FLOOR, 0.0, 10 ** (values / (20 if squared else 10)))
+            values = np.where(values <= FLOOR, 0.0, 10 ** (values / (20 if is_field else 10)))
         elif values.min() < 0:
             raise FileFormatError(
                 f"expected values of zero or more in column {self.title}, got {values.min():g}; "
                 "give its unit, such as [dBi], in its header"
             )
         sizes = values * self.unit.scale
-        if squared:
+        if is_field:
             return np.square(sizes) / (2 * FREE_SPACE)
         return sizes / (4 * math.pi) if self.unit.kind == "ratio" else sizes
 
 
 def _column(title: str, unit: str | None, name: str | None = None) -> Column | None:
-    """Return the column of a title and the text in its brackets; None for an unknown name.
+    """Return the column of a title and its unit text; None for an unknown name.
 
-    ``name``: the title as HFSS would write it.
+    ``name``: the title in the notation of HFSS, if it differs.
     """
     name = re.sub(r"[\s\"]", "", title if name is None else name).lower()
     label = repr(title)[1:-1][:40]
     if name in _AXES:
-        quantity = _AXES[name]
-        kinds, usual = _UNITS[quantity]
-        return Column(label, quantity, "", "value", _checked_unit(label, unit, kinds, usual))
+        axis = _AXES[name]
+        return Column(label, axis, "", "value", _checked_unit(label, unit, *_UNITS[axis]))
     match = _NAME.fullmatch(name)
     if match is None:
         return None
@@ -183,31 +182,31 @@ def _column(title: str, unit: str | None, name: str | None = None) -> Column | N
         return None
     if function == ("db10" if is_field else "db20"):
         return None
-    kinds, usual = _UNITS[quantity]
+    kinds, default = _UNITS[quantity]
     if part == "phase":
-        kinds, usual = ("angle",), _RADIANS if function.endswith("rad") else _DEGREES
+        kinds, default = ("angle",), _RADIANS if function.endswith("rad") else _DEGREES
     elif function.startswith("db") or match["is_feko"]:  # FEKO writes Gain(Total) in dB
-        usual = Unit("field" if is_field else "ratio", 1.0, True)
+        default = Unit("field" if is_field else "ratio", 1.0, True)
     elif not function and is_field and component != "total":
         part = "complex"
-    known = _checked_unit(label, unit, kinds, usual, part == "size")
+    known = _checked_unit(label, unit, kinds, default, part == "size")
     return Column(label, quantity, component, part, known)
 
 
 def _checked_unit(
-    label: str, text: str | None, kinds: Sequence[Kind], usual: Unit | None, may_be_db: bool = False
+    label: str, text: str | None, kinds: Sequence[Kind], default: Unit | None, db: bool = False
 ) -> Unit:
-    """Return the unit of a text, or the usual one for a blank text; FileFormatError for others.
+    """Return the unit of a text, or the default for a blank text, or raise FileFormatError.
 
-    If the usual unit is in dB, so must be the unit.
+    ``db``: whether units in dB are allowed. A default in dB requires them.
     """
     if text is None or not text.strip():
-        if usual is None:
+        if default is None:
             raise FileFormatError(f"expected a unit in the header of column {label}, got none")
-        return usual
+        return default
     unit = unit_of(text)
-    needs_db = usual is not None and usual.is_db
-    if unit is None or unit.kind not in kinds or not needs_db <= unit.is_db <= may_be_db:
+    needs_db = default is not None and default.is_db
+    if unit is None or unit.kind not in kinds or not needs_db <= unit.is_db <= db:
         raise FileFormatError(
             f"the unit {text.strip()[:20]!r} of column {label} is not supported; export {_ADVICE}"
         )
@@ -217,8 +216,8 @@ def _checked_unit(
 def _cst_columns(header: str) -> list[Column | None]:
     """Return the columns of a far-field table of CST; None for unknown names.
 
-    The column Abs(Dir.), Abs(Gain), Abs(E) and the like names the quantity of Abs(Theta) and
-    Abs(Phi) as well.
+    The column of the total, such as Abs(Dir.) or Abs(E), also specifies the quantity of Abs(Theta)
+    and Abs(Phi).
     """
     titles: list[tuple[str, str | None]] = re.findall(r"([^\[\]]+)\[([^\]]*)\]", header)
     titles += [(name, None) for name in header.rpartition("]")[2].split()]
@@ -235,7 +234,7 @@ def _cst_columns(header: str) -> list[Column | None]:
 
 
 def _check_header(columns: Sequence[Column | None]) -> None:
-    """Raise FileFormatError for two columns of the same quantity, and a header without angles."""
+    """Raise FileFormatError for a header with equal quantities, or without angles."""
     contents = [column[1:4] for column in columns if column is not None]
     for column in columns:
         if column is not None and contents.count(column[1:4]) > 1:
@@ -252,15 +251,15 @@ def _check_header(columns: Sequence[Column | None]) -> None:
 
 # ---- values -------------------------------------------------------------------------------------
 
-# Samples further below the largest intensity are not compared, since tables round them.
+# Smallest compared intensity relative to the maximum: tables round weaker values.
 _COMPARED = 1e-2
-# Difference in dB that the rounding of a table explains.
+# Maximum difference in dB due to the rounding of tables.
 SAME_LEVEL = 0.1
-# GRASP leaves out the E of exponents with three digits.
+# GRASP omits the E of exponents with three digits.
 _SHORT_EXPONENT = re.compile(r"(?<=\d)([+-]\d{3})$")
 
-Known = Sequence[tuple[Column, Complex]]
-"""Columns with their numbers (n,)."""
+Cells = Sequence[tuple[Column, Complex]]
+"""Columns with their values (n,)."""
 
 
 def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
@@ -277,7 +276,7 @@ def _number(cell: str) -> complex:
 
 
 def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Complex:
-    """Numbers (n, columns) of rows of cells; blank rows are left out."""
+    """Return the numbers (n, columns) of rows of cells; blank rows are skipped."""
     values: list[list[complex]] = []
     for number, cells in enumerate(rows, start=first):
         if not any(cell.strip() for cell in cells):
@@ -298,41 +297,28 @@ def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Comple
     return table
 
 
-def frequency_of(text: str) -> float:
-    """Return a frequency in Hz from a number, or from a number with its unit."""
-    try:
-        value = float(text)
-    except ValueError:
-        try:
-            return parse_frequency(text)
-        except PolywignerError:
-            value = math.nan
-    if not 0 < value < math.inf:
-        raise FileFormatError(f"expected a frequency above zero, got {token(text.strip())}")
-    return value
-
-
 def _tables_of(
     columns: Sequence[Column | None], values: Complex, frequency: float = math.nan
 ) -> Iterator[FarFieldTable]:
-    """The tables of columns with angles, one for each frequency in a column of frequencies."""
+    """Yield a table for each frequency in the column of frequencies, or one table without it."""
     known = [(c, values[:, k]) for k, c in enumerate(columns) if c is not None]
     axes = {c.quantity: c.unit.scale * v.real for c, v in known if c.part == "value"}
     frequencies = axes.get("frequency", np.full(len(values), frequency))
-    for one in np.unique(frequencies):
-        rows = slice(None) if np.isnan(one) else frequencies == one
+    for value in np.unique(frequencies):
+        rows = slice(None) if np.isnan(value) else frequencies == value
         cells = [(column, numbers[rows]) for column, numbers in known]
-        (a, of_a), (b, of_b) = (_component(name, cells) for name in ("theta", "phi"))
-        fields, used = np.array([a, b]), [*of_a, *of_b]
-        sizes = [(c, v.real) for c, v in cells if c.part == "size" and c not in used]
-        repeated = [(column, column.intensity(numbers)) for column, numbers in sizes]
+        (a, columns_a), (b, columns_b) = (_component(name, cells) for name in ("theta", "phi"))
+        fields, used = np.array([a, b]), [*columns_a, *columns_b]
+        repeated = [
+            (c, c.intensity(v.real)) for c, v in cells if c.part == "size" and c not in used
+        ]
         _compare(fields, repeated, {column.quantity for column in used if column.part != "phase"})
-        yield FarFieldTable(axes["theta"][rows], axes["phi"][rows], fields, float(one), repeated)
+        yield FarFieldTable(axes["theta"][rows], axes["phi"][rows], fields, float(value), repeated)
 
 
-def _component(name: str, known: Known) -> tuple[Complex, list[Column]]:
-    """The field (n,) in V along theta or phi, and its columns."""
-    parts = {(c.quantity, c.part): (c, v) for c, v in known if c.component == name}
+def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
+    """Return the field (n,) in V along theta or phi, and its columns."""
+    parts = {(c.quantity, c.part): (c, v) for c, v in cells if c.component == name}
     if ("field", "real") in parts and ("field", "imaginary") in parts:
         (x, real), (y, imaginary) = parts["field", "real"], parts["field", "imaginary"]
         return x.unit.scale * real.real + 1j * y.unit.scale * imaginary.real, [x, y]
@@ -351,7 +337,7 @@ def _component(name: str, known: Known) -> tuple[Complex, list[Column]]:
             f"{'a size' if sizes else 'a phase' if phases else 'none'}; export the components "
             "along theta and phi with their phases"
         )
-    # a field, an intensity, a directivity or a gain, in this order
+    # preferred quantities: field, intensity, directivity, gain
     size, values = min(sizes, key=lambda pair: list(_UNITS).index(pair[0].quantity))
     phase, angles = phases[0]
     absolute = np.sqrt(2 * FREE_SPACE * size.intensity(values.real))
@@ -359,10 +345,10 @@ def _component(name: str, known: Known) -> tuple[Complex, list[Column]]:
 
 
 def _compare(fields: Complex, repeated: list[tuple[Column, Floats]], sources: set[str]) -> None:
-    """Raise FileFormatError for a column that disagrees with the fields.
+    """Raise FileFormatError for a column that contradicts the fields.
 
-    Columns of the quantity of the fields agree with them. Others differ from them by one factor,
-    such as the radiated power.
+    Columns of the quantities ``sources`` must equal the fields. Other columns may differ by a
+    constant factor, such as the radiated power.
     """
     squares = np.square(np.abs(fields)) / (2 * FREE_SPACE)
     total = squares.sum(axis=0)
@@ -389,18 +375,18 @@ _HFSS_NAME = re.compile(r"(?P<title>[^\[]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*(?:-\
 
 
 def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Reports of HFSS (.csv): one row for each direction."""
+    """Read a report of HFSS (.csv): a row for each direction."""
     matches = [_HFSS_NAME.fullmatch(cell.strip()) for cell in next(csv.reader(lines[:1]))]
     columns = [match and _column(match["title"], match["unit"]) for match in matches]
     _check_header(columns)
     frequencies = set(re.findall(r"Freq='([^']*)'", lines[0]))
-    frequency = frequency_of(frequencies.pop()) if len(frequencies) == 1 else math.nan
+    frequency = parse_frequency(frequencies.pop()) if len(frequencies) == 1 else math.nan
     values = _cells_of(list(csv.reader(lines[1:])), 2, len(columns))
     yield from _tables_of(columns, values, frequency)
 
 
 def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Far-field tables of CST (.txt): a header, a rule, a row for each direction."""
+    """Read a far-field table of CST (.txt): a header, a rule, a row for each direction."""
     columns = _cst_columns(lines[0])
     _check_header(columns)
     first = 2 if len(lines) > 1 and set(lines[1].strip()) <= {"-"} else 1
@@ -409,39 +395,39 @@ def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Far fields of FEKO (.ffe): headers with #, then a row for each direction."""
+    """Read far fields of FEKO (.ffe): headers with #, then a row for each direction."""
     columns: list[Column | None] = []
-    rows: list[list[str]] = []
-    frequency, first = math.nan, 0
-    for number, line in enumerate([*lines, "#"], start=1):
-        key, _, value = line.partition(":")
-        key, value = key.strip().lower(), value.strip()
-        if line.startswith("#") and rows:
-            yield from _tables_of(columns, _cells_of(rows, first, len(columns)), frequency)
-            rows = []
-        if key == "#frequency":
-            frequency = frequency_of(value)
-        elif key == "#coordinate system" and value.lower() != "spherical":
-            raise FileFormatError(f"expected spherical coordinates, got {token(value)}")
-        elif key == "#result type" and value.lower() == "rcs":
+    settings = {"#coordinate system": "spherical", "#result type": ""}
+    numbered = ((n, s) for n, s in enumerate(lines, 1) if s.strip() and not s.startswith("**"))
+    for is_header, group in groupby(numbered, lambda pair: pair[1].startswith("#")):
+        numbers, block = zip(*group, strict=True)
+        if is_header:
+            pairs = (line.partition(":") for line in block)
+            settings |= {key.strip().lower(): value.strip() for key, _, value in pairs}
+            for line in block:
+                if '"' in line:
+                    names = re.findall(r'"([^"]*)"\s*(?:\[([^\]]*)\])?', line)
+                    columns = [_column(name, unit) for name, unit in names]
+            continue
+        if settings["#coordinate system"].lower() != "spherical":
+            got = token(settings["#coordinate system"])
+            raise FileFormatError(f"expected spherical coordinates, got {got}")
+        if settings["#result type"].lower() == "rcs":
             raise FileFormatError("expected the far field of an antenna, got cross sections (RCS)")
-        elif line.startswith("#") and '"' in line:
-            names = re.findall(r'"([^"]*)"\s*(?:\[([^\]]*)\])?', line)
-            columns = [_column(name, unit) for name, unit in names]
-        elif line.strip() and not line.startswith(("#", "**")):
-            if not columns:
-                raise FileFormatError(
-                    f"expected the names of the columns in a line with # before line {number}, got "
-                    "none"
-                )
-            if not rows:
-                first = number
-                _check_header(columns)
-            rows.append(line.split())
+        if not columns:
+            raise FileFormatError(
+                f"expected a line with # and the names of the columns before line {numbers[0]}, "
+                "got none"
+            )
+        _check_header(columns)
+        text = settings.get("#frequency")
+        frequency = math.nan if text is None else parse_frequency(text)
+        cells = _cells_of([line.split() for line in block], numbers[0], len(columns))
+        yield from _tables_of(columns, cells, frequency)
 
 
 def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Far-field data of HFSS (.ffd): two axes, then a block for each frequency."""
+    """Read far-field data of HFSS (.ffd): two axes, then a block for each frequency."""
     axes = []
     for number in (1, 2):
         start, stop, count = numbers_of(lines[number - 1 : number], number, 3)[0]
@@ -458,12 +444,12 @@ def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
         table = numbers_of(lines[start + 1 : stop], start + 2, 4)
         if len(theta) != len(table):
             raise FileFormatError(f"expected {len(theta)} directions, got {len(table)}")
-        frequency = frequency_of(lines[start].split(maxsplit=1)[-1])
+        frequency = parse_frequency(lines[start].split(maxsplit=1)[-1])
         yield FarFieldTable(theta, phi, _pair(table), frequency)
 
 
 def _pair(table: Floats) -> Complex:
-    """Two complex numbers (2, n) from rows of real and imaginary parts."""
+    """Combine columns of real and imaginary parts to two complex numbers (2, n)."""
     return (table[:, ::2] + 1j * table[:, 1::2]).T
 
 
@@ -474,7 +460,7 @@ def _checked_count(count: float, line: int) -> int:
 
 
 def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Spherical cuts of GRASP (.cut): a text, seven numbers and the samples of each cut."""
+    """Read spherical cuts of GRASP (.cut): for each cut a text, seven numbers and the samples."""
     cuts: dict[float, list[tuple[Floats, Floats, Complex]]] = {}
     k = 0
     while k < len(lines):
@@ -497,8 +483,8 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
             raise FileFormatError(f"expected {count} directions after line {k + 2}, got fewer")
         along, across = start + step * np.arange(count), np.full(count, constant)
         theta, phi = (along, across) if cut == 1 else (across, along)
-        of_frequency = cuts.setdefault(frequency_of(named[0]) if named else 0.0, [])
-        of_frequency.append((theta, phi, _from_grasp(int(kind), _pair(table), np.radians(phi))))
+        parts = cuts.setdefault(parse_frequency(named[0]) if named else 0.0, [])
+        parts.append((theta, phi, _from_grasp(int(kind), _pair(table), np.radians(phi))))
         k += 2 + count
     # |E|^2 is the directivity: 4 pi W are radiated
     scale = math.sqrt(2 * FREE_SPACE / (4 * math.pi))
@@ -510,7 +496,7 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _from_grasp(kind: int, pair: Complex, phi: Floats) -> Complex:
-    """E_theta and E_phi of these (1), of right- and left-hand parts (2), or of co and cross (3)."""
+    """Convert ICOMP 1 (theta, phi), 2 (right, left) or 3 (co, cross) to E_theta and E_phi."""
     if kind == 1:
         return pair
     co, cross = pair
@@ -528,4 +514,4 @@ LOADERS: dict[str, Callable[[list[str]], Iterator[FarFieldTable]]] = {
     ".ffe": _feko_far_field,
     ".cut": _grasp_cuts,
 }
-"""Functions by suffix, from the lines of a file to the far fields of its frequencies."""
+"""Readers by suffix: from the lines of a file to a far field for each frequency."""

@@ -1,23 +1,21 @@
-"""Horns: the mode of a rectangular guide on a mouth, with the curved wave of the flare.
+"""Horns: the TE mode of a rectangular waveguide on the mouth, with the phase of the flare.
 
-E is along y, so that the H plane is that of x, across which the mode is a cosine, and the E plane
-that of y, along which it is constant. Textbooks write a_1 for ``width`` and rho_2 for its radius,
-b_1 for ``height`` and rho_1 for its radius.
+E is along y. The mode is a cosine along x (H plane) and constant along y (E plane). Textbooks write
+a_1 for ``width`` and rho_2 for its radius, b_1 for ``height`` and rho_1 for its radius.
 
-- ``pyramidal``: flared along both; ``e_plane``: along y; ``h_plane``: along x
-- ``directivity``: the textbook's, on the axis
+- ``pyramidal``: flared along x and y; ``e_plane``: along y; ``h_plane``: along x
+- ``directivity``: textbook directivity on the axis
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from polywigner.geometry import Wavefront, shapes
 from polywigner.geometry.arguments import checked_length, checked_wavelength, takes_frequency
-from polywigner.radiometry.directions import checked_radiator
+from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.source import te_mode
 from polywigner.transforms import fourier, lag_marginal
 
@@ -28,22 +26,22 @@ __all__ = ["directivity", "e_plane", "h_plane", "pyramidal"]
 def pyramidal(
     width: float, height: float, radius_x: float, radius_y: float, wavelength: float
 ) -> Wavefront:
-    """The mouth of a pyramidal horn: cos(pi x/width), with a wave that is curved along x and y.
+    """Return the mouth of a pyramidal horn: cos(pi x/width) with a quadratic phase.
 
-    The phase is quadratic, pi (x^2/radius_x + y^2/radius_y)/wavelength, as in Balanis, "Antenna
-    Theory", section 13.4; it differs from that of the slant path by some x^4/(8 wavelength
-    radius^3).
+    The phase is pi (x^2/radius_x + y^2/radius_y)/wavelength, as in Balanis, "Antenna Theory",
+    section 13.4. It differs from the phase of the slant path by about x^4/(8 wavelength radius^3)
+    cycles.
 
     Parameters
     ----------
-    width, height : of the mouth along x (H plane) and y (E plane), in m.
-    radius_x, radius_y : distance in m from the mouth to where its walls along x and along y meet;
-        inf for walls that do not open.
+    width, height : size of the mouth along x (H plane) and y (E plane), in m.
+    radius_x, radius_y : distance in m from the mouth to the apex of the walls along x and along y;
+        inf for parallel walls.
     wavelength : in m.
 
     Returns
     -------
-    A source with a curved wave, centred at the origin, of peak field 1.
+    A source with a curved wave, centred at the origin, with a peak field of 1.
 
     Raises
     ------
@@ -63,9 +61,9 @@ def pyramidal(
 
 @takes_frequency
 def e_plane(width: float, height: float, radius: float, wavelength: float) -> Wavefront:
-    """The mouth of a sectoral horn that opens along y, the E plane; see :func:`pyramidal`.
+    """Return the mouth of a sectoral horn that flares along y, in the E plane.
 
-    ``width`` is that of the guide, and ``radius`` is along y, all in m.
+    ``width`` is the width of the waveguide, and ``radius`` is along y, in m; see :func:`pyramidal`.
 
     >>> import polywigner as pw
     >>> horn = pw.horns.e_plane(0.5, 2.75, 6.0, 1.0)
@@ -77,9 +75,10 @@ def e_plane(width: float, height: float, radius: float, wavelength: float) -> Wa
 
 @takes_frequency
 def h_plane(width: float, height: float, radius: float, wavelength: float) -> Wavefront:
-    """The mouth of a sectoral horn that opens along x, the H plane; see :func:`pyramidal`.
+    """Return the mouth of a sectoral horn that flares along x, in the H plane.
 
-    ``height`` is that of the guide, and ``radius`` is along x, all in m.
+    ``height`` is the height of the waveguide, and ``radius`` is along x, in m; see
+    :func:`pyramidal`.
 
     >>> import polywigner as pw
     >>> horn = pw.horns.h_plane(5.5, 0.25, 6.0, 1.0)
@@ -90,26 +89,26 @@ def h_plane(width: float, height: float, radius: float, wavelength: float) -> Wa
 
 
 @takes_frequency
-def directivity(source: Any, wavelength: float) -> float:
-    """The textbook's directivity on the axis, 4 pi |F(0)|^2/(wavelength^2 int |u|^2), a ratio.
+def directivity(source: PlaneSource | Wavefront, wavelength: float) -> float:
+    """Return the textbook directivity on the axis, 4 pi |F(0)|^2/(wavelength^2 int |u|^2), a ratio.
 
-    For a horn it is the formula in Fresnel integrals of Balanis, (13-52). It counts the power in
-    the mouth; :func:`polywigner.radiation_pattern` counts what its far field carries.
+    For a horn this is the formula in Fresnel integrals of Balanis, (13-52). It refers to the power
+    in the mouth; :func:`polywigner.radiation_pattern` refers to the power of the far field.
 
     Parameters
     ----------
-    source : an Aperture, an Array of apertures in the plane z = 0, or one with a curved wave.
+    source : Aperture, or Array of apertures in the plane z = 0; or one with a curved wave.
     wavelength : in m.
 
     Raises
     ------
-    ArgumentError and GeometryError as :func:`polywigner.radiant_intensity` does.
+    As :func:`polywigner.radiant_intensity`.
 
     >>> import polywigner as pw
     >>> round(pw.horns.directivity(pw.shapes.square(1.0), 1.0) / (4 * np.pi), 12)
     1.0
     """
-    radiator: Any = checked_radiator(source)
+    radiator = checked_radiator(source)
     length = checked_wavelength(wavelength)
     energy = float(np.real(lag_marginal(radiator, (0.0, 0.0))))
     return 4 * math.pi * float(abs(fourier(radiator, (0.0, 0.0))) / length) ** 2 / energy

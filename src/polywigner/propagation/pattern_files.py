@@ -1,11 +1,11 @@
-"""Radiation patterns in files of simulators and planning tools: read and written."""
+"""Radiation patterns in files of simulators and planning tools: readers and writers."""
 
 from __future__ import annotations
 
 import math
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -37,7 +37,6 @@ from polywigner.propagation.far_field_tables import (
     Complex,
     FarFieldTable,
     Floats,
-    frequency_of,
     numbers_of,
 )
 from polywigner.propagation.patterns import (
@@ -49,7 +48,7 @@ from polywigner.propagation.patterns import (
 )
 from polywigner.propagation.places import angle_axes
 from polywigner.propagation.vector_fields import axial_ratios
-from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency
 from polywigner.source.polarisation import checked_polarisation
 
 if TYPE_CHECKING:
@@ -57,14 +56,14 @@ if TYPE_CHECKING:
 
 # ---- reading ------------------------------------------------------------------------------------
 
-# Relative difference between a requested frequency and the frequency of a file.
+# Largest relative difference between a requested frequency and the frequency of a file.
 _SAME_FREQUENCY = 1e-3
 # Difference in dB between the directivity in a file and the integral over its directions that
-# missing directions or coarse steps hardly explain.
+# neither missing directions nor coarse steps explain.
 _CONTRADICTION = 1.0
-# Relative difference of fields that a file has for one direction twice, such as phi = 0 and 360.
+# Largest relative difference of two fields in one direction, such as at phi = 0 and 360 degrees.
 _SAME_FIELD = 1e-3
-# Cuts with fewer meridians are not integrated over directions.
+# Least number of meridians for an integral over directions.
 _LEAST_MERIDIANS = 8
 
 
@@ -93,33 +92,33 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
     path : the suffix specifies the format. Angles are evenly spaced, theta from 0 to 90 or to 180
         degrees and phi around the full circle, or theta from -180 to 180 degrees. Cuts of .cut
         files may be fewer. Without directions behind the plane, nothing is radiated backwards.
-    frequency : in Hz, of a file with several frequencies. A file without a frequency (.csv, .txt,
-        .cut) is taken to be of this one.
+    frequency : frequency in Hz to select from a file with several frequencies, or the frequency of
+        a file that contains none (.csv, .txt, .cut).
 
     Returns
     -------
     xarray.Dataset
-        As :func:`radiation_pattern` returns of a polarised source, with its sign of time; theta is
-        0 or more. The beam is the largest sample. The radiated power is the integral of the field
-        over all directions, or follows from the directivity in the file. Files in dBi, and .cut
-        files, have a radiated power near 1 W. The aperture power is NaN, as are frequency and
-        wavelength if the file has none. Files .msi and .pln have the gain in ``directivity`` over
-        theta from -180 to 180 degrees at phi = 0 (horizontal) and 90 degrees (vertical), no
-        ``field``, and a radiated power of NaN.
+        As :func:`radiation_pattern` returns for a polarised source, in its time convention, with
+        theta of 0 or more. The beam is the largest sample. The radiated power is the integral of
+        the field over all directions, or follows from the directivity in the file. It is near 1 W
+        for files in dBi and .cut files. The aperture power is NaN. Frequency and wavelength are
+        NaN if the file contains none. For .msi and .pln files ``directivity`` is the gain over
+        theta from -180 to 180 degrees at phi = 0 (horizontal) and 90 degrees (vertical); there is
+        no ``field``, and the radiated power is NaN.
 
     Raises
     ------
-    FileFormatError for a file that is missing, over 64 MiB, of another format, or damaged; for
-    units that are not supported, columns that contradict each other, angles that do not cover the
-    front, fields that are not finite, and zeros only; for several frequencies without
-    ``frequency``, and one that the file does not have. ArgumentError for no path.
+    FileFormatError if the file is missing, larger than 64 MiB, of another format, or damaged; for
+    unsupported units, contradictory columns, angles that do not cover the front, fields that are
+    not finite or all zero, several frequencies without ``frequency``, or a ``frequency`` that is
+    not in the file. ArgumentError for an invalid path or frequency.
 
     Warns
     -----
-    PolywignerWarning if the integral over the directions of the file differs by more than 0.1 dB
-    from its directivity, which is then returned (above 1 dB it is an error, unless directions are
-    missing); if a gain exceeds the directivity; and for a .msi
-    file whose GAIN has no unit, which is taken in dBd.
+    PolywignerWarning if the directivity in the file, which is returned, differs by more than 0.1 dB
+    from the integral over its directions (above 1 dB this is an error, unless directions are
+    missing); if a gain exceeds the directivity; and if GAIN in a .msi file has no unit, and dBd is
+    assumed.
 
     >>> import numpy as np, polywigner as pw
     >>> import pathlib, tempfile
@@ -127,8 +126,8 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
     >>> horn = pw.radiation_pattern(pw.shapes.square(4e-3), 3.9e-3, *angles, polarisation="x")
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "horn.ffd"
     >>> pw.write_pattern(horn, path)
-    >>> found = pw.read_pattern(path)
-    >>> bool(abs(found["directivity"] - horn["directivity"])[:18].max() < 1e-6)
+    >>> pattern = pw.read_pattern(path)
+    >>> bool(abs(pattern["directivity"] - horn["directivity"])[:18].max() < 1e-6)
     True
     """
     if frequency is not None:
@@ -138,7 +137,7 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
 
 
 def read_nearest_pattern(path: str | os.PathLike[str], frequency: float) -> xarray.Dataset:
-    """Read the pattern of a file at its frequency nearest to one in Hz."""
+    """Read the pattern of a file at the nearest frequency in the file."""
     return _read(path, frequency, math.inf)
 
 
@@ -148,11 +147,7 @@ def _read(
     file = checked_path(path)
     suffix = file.suffix.lower()
     try:
-        if suffix not in (known := [*LOADERS, ".msi", ".pln"]):
-            raise FileFormatError(
-                f"expected a pattern file with the suffix {', '.join(known)}, got "
-                f"{suffix or 'none'!r}"
-            )
+        _check_suffix(suffix, (*LOADERS, ".msi", ".pln"))
         lines = text_of(bytes_of(file)).splitlines()
         check_most(len(lines), MOST_DIRECTIONS + 10, "lines", "export coarser steps")
         if suffix not in LOADERS:
@@ -162,10 +157,17 @@ def _read(
         raise FileFormatError(f"{file}: {error}") from None
 
 
+def _check_suffix(suffix: str, known: Iterable[str]) -> None:
+    if suffix not in known:
+        raise FileFormatError(
+            f"expected a pattern file with the suffix {', '.join(known)}, got {suffix or 'none'!r}"
+        )
+
+
 def _selected(
     tables: list[FarFieldTable], frequency: float | None, tolerance: float
 ) -> FarFieldTable:
-    """The table at a frequency, which a file with several needs."""
+    """Return the table of the requested frequency, or the only table."""
     if not tables:
         raise FileFormatError("expected a far field, got none")
     known = np.array([table.frequency for table in tables])
@@ -185,7 +187,7 @@ def _selected(
 
 
 def _dataset(table: FarFieldTable) -> xarray.Dataset:
-    """The pattern of a table: over all directions, or of some cuts with a known power."""
+    """Return the pattern of all directions, or of a few cuts if the power is known."""
     if len(np.unique(np.stack([table.theta, table.phi]).round(6), axis=1).T) < len(table.theta):
         raise FileFormatError("expected each direction once, got some several times")
     fields = table.fields.conj() / math.sqrt(2 * FREE_SPACE)
@@ -199,8 +201,7 @@ def _dataset(table: FarFieldTable) -> xarray.Dataset:
         power = 1.0
     else:
         theta, phi, (polar, azimuthal) = _gridded(*flat)
-        integral = ElementPattern(theta, phi, (polar, azimuthal)).power(0.0)
-        power = _radiated_power(table, integral)
+        power = _radiated_power(table, ElementPattern(theta, phi, (polar, azimuthal)).power(0.0))
     with np.errstate(divide="ignore"):
         squares = np.square(np.abs(polar)) + np.square(np.abs(azimuthal))
         levels = 10 * np.log10(4 * math.pi / power * squares)
@@ -215,7 +216,7 @@ def _dataset(table: FarFieldTable) -> xarray.Dataset:
 def _about(
     theta: Floats, phi: Floats, levels: Floats, frequency: float, power: float
 ) -> dict[str, float]:
-    """The attributes of a pattern whose beam is its largest sample."""
+    """Return the attributes of a pattern whose beam is the largest sample."""
     row, column = np.unravel_index(levels.argmax(), levels.shape)
     return {
         "wavelength": SPEED_OF_LIGHT / frequency,
@@ -229,10 +230,10 @@ def _about(
 
 
 def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
-    """Directions with theta moved into 0 to 180 and phi into 0 up to below 360 degrees.
+    """Convert directions to theta from 0 to 180 degrees and phi from 0 to below 360 degrees.
 
-    The unit vectors change their signs from (-theta, phi) to (theta, phi + 180). At the poles they
-    do so from phi to phi + 180, where rows are added for the other half of the turn.
+    The unit vectors of theta and phi have opposite signs at (-theta, phi) and (theta, phi + 180).
+    At the poles the same holds for phi and phi + 180: rows for phi + 180 are added there.
     """
     theta = theta.round(6) % 360
     beyond = theta > 180
@@ -246,27 +247,28 @@ def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats
 
 
 def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
-    """Theta (n,) and phi (m,) in rad, and both components (2, n, m)."""
-    rows, row = np.unique(theta, return_inverse=True)
-    turns, column = np.unique(phi, return_inverse=True)
-    check_most(len(rows) * len(turns), MOST_DIRECTIONS, "directions", "export a grid of angles")
-    grid = np.full((2, len(rows), len(turns)), np.nan, np.complex128)
+    """Return theta (n,) and phi (m,) in rad, and both components (2, n, m)."""
+    polar, row = np.unique(theta, return_inverse=True)
+    azimuth, column = np.unique(phi, return_inverse=True)
+    shape = len(polar), len(azimuth)
+    check_most(math.prod(shape), MOST_DIRECTIONS, "directions", "export a grid of angles")
+    grid = np.full((2, *shape), np.nan, np.complex128)
     grid[:, row, column] = fields
     if np.isnan(grid).any():
         raise FileFormatError(
-            f"expected each of {len(rows)} angles theta and {len(turns)} angles phi with each "
-            f"other once, got {len(theta)} directions"
+            f"expected a grid of {shape[0]} angles theta and {shape[1]} angles phi, got "
+            f"{len(theta)} directions"
         )
     if np.abs(grid[:, row, column] - fields).max() > _SAME_FIELD * np.abs(fields).max():
         raise FileFormatError(
             "expected one field in each direction, got two in some; compare the rows of phi = 0 "
             "and 360 degrees, and of theta and -theta"
         )
-    return np.radians(rows), np.radians(turns), grid
+    return np.radians(polar), np.radians(azimuth), grid
 
 
 def _radiated_power(table: FarFieldTable, integral: float) -> float:
-    """The radiated power in W: of the directivity in the file, or the integral of the field."""
+    """Return the radiated power in W, from the directivity in the file or the integral."""
     squares = np.square(np.abs(table.fields)).sum(axis=0)
     peak = int(squares.argmax())
     strongest = float(squares[peak]) / (2 * FREE_SPACE)
@@ -275,57 +277,59 @@ def _radiated_power(table: FarFieldTable, integral: float) -> float:
     power = strongest / totals["directivity"][1] if "directivity" in totals else integral
     if table.has_unit_power and not is_sphere:
         power = 1.0
-    level, stated = (10 * math.log10(4 * math.pi * strongest / one) for one in (integral, power))
+    level, stated = (10 * math.log10(4 * math.pi * strongest / p) for p in (integral, power))
     contradiction = (
         f"the file has a directivity of {stated:.2f} dBi, but the integral over its directions "
         f"gives {level:.2f} dBi"
     )
-    # missing directions make the integral's level larger, not smaller
+    # missing directions can only increase the level from the integral
     if (abs(level - stated) if is_sphere else stated - level) > _CONTRADICTION:
         raise FileFormatError(
             f"{contradiction}; check the units in the header, or export finer steps"
         )
     if abs(level - stated) > SAME_LEVEL:
         warn_caller(
-            f"{contradiction}: directions are missing, or steps are too coarse; the former is used"
+            f"{contradiction}: directions are missing, or steps are too coarse; the directivity in "
+            "the file is used"
         )
     column, gain = totals.get("gain", (None, 0.0))
     if column is not None and 4 * math.pi * gain > 10 ** ((stated + SAME_LEVEL) / 10):
         warn_caller(
             f"column {column.title} has a gain of {10 * math.log10(4 * math.pi * gain):.2f} dBi, "
             f"which exceeds the directivity of {stated:.2f} dBi: directions are missing, steps are "
-            "too coarse, or its unit is another"
+            "too coarse, or its unit is wrong"
         )
     return power
 
 
-_NUMBER = r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)"
+_GAIN = re.compile(r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*(dBi|dBd)?", re.IGNORECASE)
 
 
 def _planning_cuts(lines: list[str]) -> xarray.Dataset:
-    """The gain in an MSI Planet file (.msi, .pln) at phi = 0 and 90 degrees.
+    """Read the gain in an MSI Planet file (.msi, .pln) at phi = 0 and 90 degrees.
 
     Theta is from -180 to 180 degrees.
     """
     words = [line.split() for line in lines]
     values = {word[0].upper(): " ".join(word[1:]) for word in words if word}
-    match = re.fullmatch(_NUMBER + r"\s*(dBi|dBd)?", values.get("GAIN", ""), re.IGNORECASE)
+    match = _GAIN.fullmatch(values.get("GAIN", ""))
     if match is None:
         raise FileFormatError(f"expected GAIN in dBi or dBd, got {values.get('GAIN', '')[:30]!r}")
-    unit = (match[2] or "dBd").lower()
-    gain = float(match[1]) + (DIPOLE_GAIN if unit == "dbd" else 0.0)
+    gain = float(match[1]) + (DIPOLE_GAIN if (match[2] or "dBd").lower() == "dbd" else 0.0)
     if match[2] is None:
         warn_caller(
-            f"GAIN has no unit: it is taken in dBd, as the format specifies, {gain:.2f} dBi; "
-            "add dBi or dBd"
+            f"GAIN has no unit: dBd is assumed, as in the format, {gain:.2f} dBi; add dBi or dBd"
         )
-    frequency = _megahertz(values.get("FREQUENCY", ""))
+    text = values.get("FREQUENCY", "")
+    is_band = not text or "-" in text
+    has_unit = text.lower().endswith("hz")
+    frequency = math.nan if is_band else parse_frequency(text if has_unit else f"{text} MHz")
     cuts = [_planning_cut(name, words, lines) for name in ("HORIZONTAL", "VERTICAL")]
     angles = cuts[0][0]
     if not np.array_equal(angles, cuts[1][0]):
         raise FileFormatError("expected the same angles in both cuts, got others")
-    # The y axis points up. Seen from behind, x points to the left: angles of the file run to the
-    # right and downwards.
+    # Seen from behind with y up, x points to the left. Angles of the file increase to the right
+    # and downwards.
     theta = np.where(angles > 180, 360 - angles, -angles)
     levels = gain - np.stack([attenuation for _, attenuation in cuts], axis=1)
     back = np.flatnonzero(theta == -180)
@@ -338,7 +342,7 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
 
 
 def _planning_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
-    """Angles in degrees (n,), from 0 up to below 360, and attenuations in dB of a cut."""
+    """Return the angles (n,) in degrees, from 0 to below 360, and attenuations in dB of a cut."""
     at = [k for k, word in enumerate(words) if word[:1] and word[0].upper() == name]
     if len(at) != 1 or not words[at[0]][1:2] or not words[at[0]][1].isdecimal():
         raise FileFormatError(f"expected one line {name} with a number of angles, got others")
@@ -352,40 +356,30 @@ def _planning_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[
     return angles, table[rows, 1]
 
 
-def _megahertz(text: str) -> float:
-    """A frequency in Hz; a number without a unit is in MHz. NaN for none, and for a band."""
-    match = re.fullmatch(_NUMBER + r"\s*([kMGT]?Hz)?", text, re.IGNORECASE)
-    if match is not None:
-        return frequency_of(f"{match[1]} {match[2] or 'MHz'}")
-    if text and not re.fullmatch(r"[\d.]+\s*-\s*[\d.]+\s*(MHz)?", text):
-        raise FileFormatError(f"expected FREQUENCY in MHz, got {text[:30]!r}")
-    return math.nan
-
-
 # ---- writing ------------------------------------------------------------------------------------
 
 Polarisation = Literal["x", "y"]
 Lines = Iterator[str]
 
-# Largest attenuation in dB below the peak, as planning tools have it.
+# Largest attenuation in dB in files of planning tools.
 _MOST_ATTENUATION = 99.9
-# Axial ratio in dB that stands for infinity, as of a linear polarisation.
+# Axial ratio in dB that represents infinity.
 _AXIAL_RATIO = 40.0
 
 
 @dataclass(frozen=True)
 class _Pattern:
-    """The values written: angles in degrees, levels in dBi, fields in V, Hz and W."""
+    """Values to write: angles in degrees, levels in dBi, fields in V, Hz and W."""
 
     theta: Floats
     phi: Floats
     directivity: Floats
     components: tuple[Complex, Complex]
-    """E_theta and E_phi (n, m), with their phases."""
+    """E_theta and E_phi (n, m), complex."""
     about: dict[str, float]
 
     def rows(self, *columns: Floats) -> Iterator[tuple[float, ...]]:
-        """Phi, theta and values (n, m) of each direction; theta runs fastest."""
+        """Yield phi, theta and the values of each direction; theta varies fastest."""
         phi, theta = np.meshgrid(self.phi, self.theta, indexing="ij")
         table = [phi, theta, *(column.T for column in columns)]
         return zip(*(values.ravel().tolist() for values in table), strict=True)
@@ -401,16 +395,16 @@ def write_pattern(
     """Write a :func:`radiation_pattern` to a file of angles, directivity and field components.
 
     =======  =====================================================================================
-    suffix   what
+    suffix   content
     =======  =====================================================================================
     .csv     ``Phi [deg],Theta [deg],dB(DirTotal),re(rETheta) [V],...`` as HFSS exports reports:
-             for spreadsheets, MATLAB (readmatrix and patternCustom), pandas. Theta runs fastest.
+             for spreadsheets, MATLAB (readmatrix and patternCustom), pandas. Theta varies fastest.
     .txt     the far-field table of CST Studio Suite's ASCII export, two lines of header and eight
-             columns, that scripts and simulators (OSKAR among them) read. Theta runs fastest.
-    .ffd     far-field data of HFSS: for its far-field links, and PyAEDT. Evenly spaced angles,
+             columns, also read by OSKAR. Theta varies fastest.
+    .ffd     far-field data of HFSS, for its far-field links and PyAEDT. Evenly spaced angles,
              0 <= theta <= 180 degrees.
-    .cut     TICRA's GRASP: a polar cut for each phi, E_theta and E_phi with a radiated power of 4
-             pi, so that squares are directivities. Evenly spaced theta.
+    .cut     TICRA's GRASP: a polar cut for each phi, E_theta and E_phi with a radiated power of
+             4 pi W, so squares are directivities. Evenly spaced theta.
     .msi     MSI Planet, also .pln: attenuations every degree in the horizontal and the vertical
     .pln     plane, for an aperture whose y axis points up; 99.9 dB behind. Cuts phi = 0 and 90
              degrees with theta from -90 to 90 degrees, or their halves.
@@ -423,16 +417,18 @@ def write_pattern(
 
     Parameters
     ----------
-    pattern : of :func:`radiation_pattern`, or a part of it; files have angles in ascending order.
-    path : the suffix chooses the format. The file appears whole or not at all.
-    polarisation : of a scalar pattern "x" or "y" (None: "y"), the direction of the electric field
-        on the aperture; None for a pattern that has a polarisation.
-    efficiency : radiated over accepted power, for the gain that .msi and .pln files name.
+    pattern : result of :func:`radiation_pattern`, or a part of it. Files have angles in ascending
+        order.
+    path : path of the file, whose suffix selects the format. The file appears complete or not at
+        all.
+    polarisation : direction "x" or "y" of the electric field on the aperture of a scalar pattern
+        (None: "y"); None for a pattern with a polarisation.
+    efficiency : radiated over accepted power, for the gain in .msi and .pln files.
 
     Raises
     ------
-    FileFormatError for another suffix; ArgumentError for anything but a pattern, another
-    polarisation, angles that the format does not take, and a place that cannot be written to.
+    FileFormatError for another suffix; ArgumentError if ``pattern`` is not a pattern, for another
+    polarisation, for angles that the format does not support, and if the file cannot be written.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -446,13 +442,9 @@ def write_pattern(
     writers = {
         ".csv": _csv, ".txt": _cst, ".ffd": _ffd, ".cut": _grasp, ".msi": _msi, ".pln": _msi,
     }  # fmt: skip
-    if file.suffix.lower() not in writers:
-        raise FileFormatError(
-            f"{file}: expected a pattern file with the suffix {', '.join(writers)}, got "
-            f"{file.suffix or 'none'!r}"
-        )
-    lines = writers[file.suffix.lower()](_checked(pattern, polarisation, efficiency))
-    write_lines(file, lines)
+    suffix = file.suffix.lower()
+    _check_suffix(suffix, writers)
+    write_lines(file, writers[suffix](_checked(pattern, polarisation, efficiency)))
 
 
 def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
@@ -460,7 +452,7 @@ def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
     if "field" not in pattern:
         raise ArgumentError(
             "expected a pattern with directivity and field over theta and phi, got one without a "
-            "field; use what polywigner.radiation_pattern returned"
+            "field; use a result of polywigner.radiation_pattern"
         )
     if "cross_field" not in pattern:
         name = "y" if polarisation is None else polarisation
@@ -483,7 +475,7 @@ def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
 def _csv(pattern: _Pattern) -> Lines:
     names = [f"{part}(rE{name}) [V]" for name in ("Theta", "Phi") for part in ("re", "im")]
     yield ",".join(["Phi [deg]", "Theta [deg]", "dB(DirTotal)", *names])
-    parts = [part for each in pattern.components for part in (each.real, each.imag)]
+    parts = [part for field in pattern.components for part in (field.real, field.imag)]
     for row in pattern.rows(pattern.directivity, *parts):
         yield ",".join(f"{value:.9g}" for value in row)
 
@@ -510,7 +502,7 @@ def _ffd(pattern: _Pattern) -> Lines:
     if pattern.theta.min() < 0:
         raise ArgumentError(
             f"expected theta from 0 to 180 degrees for an .ffd file, got {pattern.theta.min():g}; "
-            "use phi over the whole turn"
+            "use phi over the full circle"
         )
     for name, angles in (("theta", pattern.theta), ("phi", pattern.phi)):
         _step(name, angles, ".ffd")
@@ -543,19 +535,18 @@ def _msi(pattern: _Pattern) -> Lines:
     yield f"GAIN {pattern.about['gain']:.3f} dBi"
     yield "TILT ELECTRICAL"
     yield "COMMENT far field of an aperture, y axis up"
-    # Seen from behind, with y up, x points to the left: angles run to the right and downwards.
+    # angles increase to the right and downwards, as in _planning_cuts
     for name, phi in (("HORIZONTAL", 0.0), ("VERTICAL", 90.0)):
         theta, levels = _full_cut(pattern, phi)
         yield f"{name} 360"
-        for degrees in range(360):
-            angle = -float(degrees if degrees <= 180 else degrees - 360)
-            behind = abs(angle) > 90
-            level = FLOOR if behind else float(np.interp(angle, theta, levels))
+        angles = 180.0 - (np.arange(360) + 180) % 360  # 0, -1, ..., 180, 179, ..., 1
+        front = np.where(np.abs(angles) > 90, FLOOR, np.interp(angles, theta, levels))
+        for degrees, level in enumerate(front):
             yield f"{degrees} {min(peak - level, _MOST_ATTENUATION):.3f}"
 
 
 def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
-    """Theta in degrees from -90 or less to 90 or more, and levels in dBi, of a meridian."""
+    """Return theta in degrees, from -90 or less to 90 or more, and levels in dBi of a meridian."""
     meridians = cuts_of(np.radians(pattern.theta), np.radians(pattern.phi), pattern.directivity)
     for angle, theta, levels in meridians:
         turn = (math.degrees(angle) - phi) % 360.0
@@ -571,7 +562,7 @@ def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
 
 
 def _step(name: str, angles: Floats, suffix: str) -> float:
-    """The step of angles in degrees; ArgumentError where they are not evenly spaced."""
+    """Return the step of evenly spaced angles in degrees, or raise ArgumentError."""
     steps = np.diff(angles)
     if steps.size and np.ptp(steps) > 1e-6 * abs(angles[-1] - angles[0]):
         raise ArgumentError(

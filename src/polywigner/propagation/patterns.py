@@ -1,4 +1,4 @@
-"""Radiation patterns over angles and along great circles, and the cuts that they contain."""
+"""Radiation patterns over angles and along great circles, and their cuts."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Values = NDArray[Any]
 
-# Two meridians half a turn apart, and the horizon, to the rounding of degrees.
+# Tolerances in rad, due to the rounding of degrees: of the horizon, and of opposite meridians.
 _SAME_ANGLE = 1e-9
 _OPPOSITE = 1e-6
-# A lobe of a source D across is lambda/D wide. This number of samples draws its nulls, some 30 dB
-# below the lobe; a wide source has at most that many samples.
+# Samples of a lobe of width lambda/D, which resolve nulls down to some 30 dB below the lobe, and
+# limits of the number of samples of a half circle.
 _STEPS_PER_LOBE, _LEAST_STEPS, _MOST_STEPS = 64, 360, 32768
-# Samples between two angles of a table, whose field is interpolated.
+# Interpolated samples per step of a table.
 _STEPS_PER_ANGLE = 4
-# A beam that exceeds the direction of the normal by less, in dB, is cut next to the x and y axes.
+# If the beam exceeds the normal by less than this value in dB, the cuts go along x and y.
 _NORMAL = 0.1
 _LEAST_MERIDIANS = 8
-# Cosines of directions on the horizon, to rounding.
+# Rounding error of the cosine of directions on the horizon.
 _HORIZON = 1e-15
 
 _ATTRIBUTES = (
@@ -66,60 +66,60 @@ def radiation_pattern(
     phi: ArrayLike,
     **options: Unpack[FarFieldOptions],
 ) -> xarray.Dataset:
-    """Far field and directivity of a source over angles from its normal.
+    """Compute the far field and the directivity of a source over angles from its normal.
 
-    E = sum over the field's waves of sqrt(g) F/(i lambda), F from :func:`fourier`; the directivity
-    is 4 pi |E|^2/P, with P the integral of |E|^2 over the hemisphere to rounding
-    (docs/patterns.md). |E|^2 is in W/sr for |u|^2 in W/m^2. Nothing goes backwards. With a
-    ``polarisation`` E is the electric field (VP2), of which the directivity counts all, split into
-    a co- and a cross-polar part by Ludwig's third definition, (VP3).
+    E is the sum of sqrt(g) F/(i lambda) over the waves of the field, with F from :func:`fourier`.
+    The directivity is 4 pi |E|^2/P, where P is the integral of |E|^2 over the hemisphere
+    (docs/patterns.md). |E|^2 is in W/sr for |u|^2 in W/m^2. There is no backward radiation. With a
+    ``polarisation``, E is the electric field (VP2), split into a co- and a cross-polar part by
+    Ludwig's third definition (VP3); the directivity includes both parts.
 
     Parameters
     ----------
     source : Aperture or Array of apertures in the plane z = 0, with any fields; or one with a
         curved wave.
     wavelength : in m.
-    theta : (n,) angles from the normal in rad, from -pi to pi; negative ones, for cuts, lie at the
-        opposite phi.
-    phi : (m,) angles from the x axis in rad; or one.
-    obliquity : g, a boundary condition: cos^2 ("rayleigh-sommerfeld-1", or None), ((1 + cos)/2)^2
-        ("kirchhoff"), 1 ("rayleigh-sommerfeld-2"), or cos ("paper"); for tapers and steering wave
-        by wave (docs/theory.md, (D2), (D3)). Not with a polarisation.
-    polarisation : of the source, as of :func:`polywigner.field`; None: the field is scalar.
-    method : of a polarised source: "huygens" (default), "magnetic" or "electric", the currents that
-        stand for it.
-    element : far field of each element of a :func:`phased_array`, in place of its aperture, field
-        and obliquity: of :func:`read_pattern`, or of this function with a polarisation. Its origin
-        is at the positions; the power counts directions behind the plane where it has some; the
-        aperture power is NaN. Co-polar refers to ``polarisation``; None: that of the beam.
+    theta : (n,) angles from the normal in rad, from -pi to pi; negative angles, for cuts, lie at
+        the opposite phi.
+    phi : (m,) angles from the x axis in rad, or one angle.
+    obliquity : boundary condition for g: cos^2 ("rayleigh-sommerfeld-1", or None),
+        ((1 + cos)/2)^2 ("kirchhoff"), 1 ("rayleigh-sommerfeld-2"), or cos ("paper"); applied to
+        each wave of tapers and steering (docs/theory.md, (D2), (D3)). Not with a polarisation.
+    polarisation : polarisation of the source, as of :func:`polywigner.field`; None: scalar field.
+    method : equivalent currents of a polarised source: "huygens" (default), "magnetic" or
+        "electric".
+    element : far field of the elements of a :func:`phased_array`, which replaces their aperture,
+        field and obliquity: result of :func:`read_pattern`, or of this function with a
+        polarisation. Its origin is at the positions. The radiated power includes backward
+        radiation of the element; the aperture power is NaN. Co-polar refers to ``polarisation``;
+        None: the polarisation of the beam.
     precision, engine : see :func:`fourier`.
 
     Returns
     -------
     xarray.Dataset with
-    ``directivity`` (n, m) in dBi, minus infinity where nothing is radiated, and ``field`` (n, m),
-    complex, in m times the unit of u; accurate to 1e-12 of the largest |E|. Attributes: the
-    wavelength, frequency, obliquity, radiated power, aperture power int |u|^2, the largest
-    directivity on these angles, and that of the beam in all directions, ``peak_directivity`` in
-    dBi, at ``peak_theta`` and ``peak_phi``; and ``steered_theta`` and ``steered_phi`` if the phases
-    of the source point to one direction.
+    ``directivity`` (n, m) in dBi, minus infinity without radiation, and ``field`` (n, m), complex,
+    in m times the unit of u; accurate to 1e-12 of the largest |E|. Attributes: wavelength,
+    frequency, obliquity, radiated power, aperture power int |u|^2, the largest directivity at these
+    angles, ``peak_directivity`` in dBi of the beam in all directions, at ``peak_theta`` and
+    ``peak_phi``; and ``steered_theta`` and ``steered_phi`` if the phases of the source are linear.
 
-    Of a polarised source ``field`` is the co-polar part, and there are ``cross_field``, complex,
-    ``cross_polar_discrimination`` (co- over cross-polar) and ``axial_ratio``, (n, m) in dB.
-    Attributes have method in place of obliquity, ``polarisation``, the Jones vector that co-polar
-    refers to (real and imaginary part along x, then y; of elements of several polarisations that of
-    the beam), and ``peak_axial_ratio`` and ``peak_cross_polar_discrimination`` of the beam.
+    For a polarised source ``field`` is the co-polar part, and there are ``cross_field``, complex,
+    ``cross_polar_discrimination`` (co- over cross-polar) and ``axial_ratio``, (n, m) in dB. The
+    attributes contain method instead of obliquity; ``polarisation``, the Jones vector of the
+    co-polar part (real and imaginary part along x, then y; the polarisation of the beam if elements
+    differ); and ``peak_axial_ratio`` and ``peak_cross_polar_discrimination`` of the beam.
 
     Raises
     ------
     ArgumentError for arguments of the wrong type, shape or range; IlluminationError for a source
-    that radiates nothing; GeometryError for an Array whose elements do not lie in the plane z = 0;
-    EngineError without the engine.
+    that does not radiate; GeometryError for an Array whose elements do not lie in the plane z = 0;
+    EngineError if the engine is not available.
 
     Warns
     -----
-    PolywignerWarning for "kirchhoff" and "rayleigh-sommerfeld-2" of a :func:`fit_illumination` with
-    evanescent waves, whose slopes the fit does not know.
+    PolywignerWarning for "kirchhoff" and "rayleigh-sommerfeld-2" if a :func:`fit_illumination` has
+    evanescent waves: the fit does not determine their normal derivatives.
 
     >>> import polywigner as pw
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, 0.0, 0.0)
@@ -138,11 +138,11 @@ def beam_cuts(
     wavelength: float,
     **options: Unpack[FarFieldOptions],
 ) -> xarray.Dataset:
-    """Far field and directivity of a source along two orthogonal great circles through its beam.
+    """Compute far field and directivity along two orthogonal great circles through the beam.
 
-    The first circle contains the normal, so that it is the meridian of the beam; the second crosses
-    it at a right angle. If the directivity along the normal is within 0.1 dB of the beam, the
-    circles go along the axes, "x" and "y", instead. For :func:`beam_metrics` and
+    The first circle is the meridian of the beam; the second crosses it at a right angle. If the
+    directivity along the normal is within 0.1 dB of the beam, the circles go along the axes, "x"
+    and "y". The result is input of :func:`beam_metrics` and
     :func:`polywigner.figures.draw_pattern`.
 
     Parameters
@@ -153,10 +153,10 @@ def beam_cuts(
     -------
     xarray.Dataset
         The variables and attributes of :func:`radiation_pattern`, over ``cut`` (2,) and ``angle``
-        (n,) from the beam in rad, positive to larger theta on the "meridian" and to larger phi on
-        the circle "across", in 64 steps per lobe. Coordinates ``theta`` and ``phi`` (2, n) are the
-        directions in rad, and ``azimuth`` (2,) that of the tangents at the beam. Directions behind
-        the plane are NaN.
+        (n,) from the beam in rad, positive towards larger theta on the "meridian" and towards
+        larger phi on the circle "across", with 64 steps per lobe. Coordinates ``theta`` and ``phi``
+        (2, n) are the directions in rad, and ``azimuth`` (2,) the azimuths of the tangents at the
+        beam. Values behind the plane are NaN.
 
     Raises
     ------
@@ -177,11 +177,19 @@ def beam_cuts(
 
 
 def _great_circles(far: FarField, step: float) -> xarray.Dataset:
-    """The pattern along two great circles through the beam, in steps of about this angle."""
+    """Return the pattern along two great circles through the beam, in steps of an angle in rad."""
     largest, theta, phi = far.beam
     is_normal = float(far.intensity(np.array([0.0, 0.0, 1.0]))) > largest * 10 ** (-_NORMAL / 10)
     reach = math.pi if far.goes_backwards else math.pi / 2 + theta
-    azimuths, angle, directions = _circles(theta, phi, is_normal, step, reach)
+    beam, outwards = unit_vectors(np.array([theta, theta + math.pi / 2]), np.array([phi]))[:, 0]
+    around = np.array([-math.sin(phi), math.cos(phi), 0.0])
+    turn = -phi if is_normal else 0.0
+    sine, cosine = math.sin(turn), math.cos(turn)
+    tangents = np.array([cosine * outwards + sine * around, cosine * around - sine * outwards])
+    count = math.ceil(reach / step - 1e-9)
+    angle = np.asarray(step * np.arange(-count, count + 1), np.float64)
+    directions = np.cos(angle)[:, None] * beam + np.sin(angle)[:, None] * tangents[:, None]
+    azimuths = (turn + phi + np.array([0.0, math.pi / 2])) % (2 * math.pi)
     ahead = (directions[..., 2] >= -_HORIZON) | far.goes_backwards
     values = np.full(directions.shape[: 3 if far.is_vector else 2], np.nan, np.complex128)
     values[ahead] = far.at(directions[ahead])
@@ -198,35 +206,13 @@ def _great_circles(far: FarField, step: float) -> xarray.Dataset:
     )
 
 
-def _circles(
-    theta: float, phi: float, is_normal: bool, step: float, reach: float
-) -> tuple[Floats, Floats, Floats]:
-    """Azimuths (2,), angles from the beam (n,) and unit vectors (2, n, 3) of the great circles."""
-    beam = unit_vectors(np.array([theta]), np.array([phi]))[0, 0]
-    outwards = unit_vectors(np.array([theta + math.pi / 2]), np.array([phi]))[0, 0]
-    around = np.array([-math.sin(phi), math.cos(phi), 0.0])
-    turn = -phi if is_normal else 0.0
-    tangents = np.stack(
-        [
-            math.cos(turn) * outwards + math.sin(turn) * around,
-            math.cos(turn) * around - math.sin(turn) * outwards,
-        ]
-    )
-    count = math.ceil(reach / step - 1e-9)
-    angle = np.asarray(step * np.arange(-count, count + 1), np.float64)
-    sine, cosine = np.sin(angle)[:, None], np.cos(angle)[:, None]
-    directions: Floats = cosine * beam + sine * tangents[:, None]
-    first = 0.0 if is_normal else phi
-    return np.array([first, (first + math.pi / 2) % (2 * math.pi)]), angle, directions
-
-
 # ---- datasets -----------------------------------------------------------------------------------
 
 
 def _dataset(
     far: FarField, values: Values, directions: Values, axes: dict[str, xarray.Variable]
 ) -> xarray.Dataset:
-    """The pattern of a far field (..., or ..., 3) at unit vectors (..., 3) over axes."""
+    """Return the pattern of a far field, (...) or (..., 3), at unit vectors (..., 3)."""
     power, energy = far.powers
     largest, theta, phi = far.beam
     squares = np.square(np.abs(values))
@@ -258,7 +244,7 @@ def _dataset(
 
 
 def jones_of(components: tuple[Values, Values]) -> Values:
-    """The Jones vector of a field with components along x and y, its larger one real."""
+    """Return the Jones vector of components along x and y; the larger component is real."""
     larger = components[int(abs(components[1]) > abs(components[0]))]
     return checked_polarisation(np.stack(components) / larger)
 
@@ -271,7 +257,7 @@ def vector_dataset(
     about: dict[str, Any],
     source: PlaneSource | Wavefront | None = None,
 ) -> xarray.Dataset:
-    """The pattern of a polarised source: directivity (n, m) in dBi, components along x and y."""
+    """Return the pattern of a polarised source, from levels in dBi and components along x and y."""
     co, cross = co_and_cross(along, jones)
     variables = {
         "directivity": levels,
@@ -285,13 +271,13 @@ def vector_dataset(
 
 
 def decibels(intensity: Values, power: float) -> Values:
-    """Directivity in dBi of radiant intensities in W/sr."""
+    """Convert radiant intensities in W/sr to directivity in dBi."""
     with np.errstate(divide="ignore"):
         return np.asarray(10 * np.log10(4 * math.pi / power * intensity))
 
 
 def _discrimination(co: Values, cross: Values) -> Values:
-    """Co- over cross-polar in dB; infinite without a cross-polar part, NaN without both."""
+    """Return the ratio of co- to cross-polar in dB; NaN if both are zero."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(20 * np.log10(np.abs(co) / np.abs(cross)))
 
@@ -316,7 +302,7 @@ def described(
     variables: dict[str, Values],
     about: dict[str, Any],
 ) -> xarray.Dataset:
-    """Variables over axes with their units and names, and a source that is stored with them."""
+    """Return a dataset of variables over axes, with units, names, and the source."""
     from polywigner import __version__
 
     convention = {
@@ -336,14 +322,14 @@ def described(
 # ---- cuts ---------------------------------------------------------------------------------------
 
 CutKind = Literal["theta", "meridian", "across", "x", "y"]
-"""A meridian over theta, or a great circle through the beam."""
+"""Meridian over theta, or great circle through the beam."""
 
 
 class Cut(NamedTuple):
-    """Levels along a line of directions."""
+    """Directivity along a meridian or a great circle."""
 
     phi: float
-    """The meridian of theta > 0 in rad; of a great circle, the azimuth of its tangent."""
+    """Azimuth in rad of the meridian at theta > 0, or of the tangent of a great circle."""
     angles: Floats
     """Theta in rad; on a great circle the angle from the beam."""
     levels: Floats
@@ -354,18 +340,16 @@ class Cut(NamedTuple):
 
 
 def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, float]]:
-    """Theta (n,), phi (m,), directivity (n, m) in dBi, and the numbers among the attributes."""
+    """Return theta (n,), phi (m,), directivity (n, m) in dBi, and attributes that are numbers."""
     levels, about = _checked_levels(pattern, ("theta", "phi"))
     theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
     if np.isnan(levels).any():
-        raise ArgumentError(
-            "expected a pattern with numbers at its angles, got angles that are not a number"
-        )
+        raise ArgumentError("expected a pattern without NaN, got NaN at some angles")
     return theta, phi, levels, about
 
 
 def _checked_levels(pattern: Any, axes: tuple[str, str]) -> tuple[Floats, dict[str, float]]:
-    """Directivity (n, m) in dBi over two axes, and the numbers among the attributes."""
+    """Return directivity (n, m) in dBi over two axes, and attributes that are numbers."""
     try:
         for name in axes:
             len(pattern[name].values)
@@ -374,17 +358,17 @@ def _checked_levels(pattern: Any, axes: tuple[str, str]) -> tuple[Floats, dict[s
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         raise ArgumentError(
             f"expected a pattern with directivity over {' and '.join(axes)}, got "
-            f"{type(pattern).__name__} without; use what polywigner.radiation_pattern returned"
+            f"{type(pattern).__name__}; use a result of polywigner.radiation_pattern"
         ) from None
     if not levels.size:
-        raise ArgumentError("expected a pattern with numbers at its angles, got no angles")
+        raise ArgumentError("expected a pattern over angles, got no angles")
     return levels, about
 
 
 def _cross_polar(
     pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
 ) -> Floats:
-    """Directivity (n, m) of the cross-polar part in dBi; ``levels`` for a scalar pattern."""
+    """Return the directivity (n, m) of the cross-polar part in dBi; ``levels`` if scalar."""
     if "cross_field" not in pattern:
         return levels
     values = pattern["cross_field"].transpose(*axes).values
@@ -392,73 +376,68 @@ def _cross_polar(
 
 
 def front_of(theta: Floats, levels: Floats) -> tuple[Floats, Floats]:
-    """Theta and levels (n, m) in front of the plane."""
+    """Return theta and levels (n, m) in front of the plane."""
     front = np.abs(theta) <= math.pi / 2 + _SAME_ANGLE
     return theta[front], levels[front]
 
 
 def cuts_of(theta: Floats, phi: Floats, levels: Floats) -> Iterator[tuple[float, Floats, Floats]]:
-    """(phi, theta (k,), levels (k,)) along meridians, with theta from one horizon to the other.
+    """Yield phi, theta (k,) and levels (k,) of meridians, from one horizon to the other.
 
-    Half a meridian where the other half is not among the levels (n, m) over theta and phi.
+    Columns of levels (n, m) at opposite phi are joined; a column without an opposite is half a
+    meridian.
     """
     order = np.argsort(theta)
-    is_whole = theta.min() < -_SAME_ANGLE
-    left = np.full(len(phi), True)
+    has_both_signs = theta.min() < -_SAME_ANGLE
+    remaining = np.full(len(phi), True)
     for j, angle in enumerate(phi):
-        if not left[j]:
+        if not remaining[j]:
             continue
-        left[j] = False
-        opposite = np.flatnonzero(
-            left & (np.abs((phi - angle) % (2 * math.pi) - math.pi) < _OPPOSITE)
-        )
-        if is_whole or not opposite.size:
+        remaining[j] = False
+        is_opposite = np.abs((phi - angle) % (2 * math.pi) - math.pi) < _OPPOSITE
+        opposite = np.flatnonzero(remaining & is_opposite)
+        if has_both_signs or not opposite.size:
             yield float(angle), theta[order], levels[order, j]
             continue
-        left[opposite[0]] = False
+        remaining[opposite[0]] = False
         back = order[::-1] if theta[order[0]] > _SAME_ANGLE else order[:0:-1]
-        places = np.concatenate([-theta[back], theta[order]])
-        yield float(angle), places, np.concatenate([levels[back, opposite[0]], levels[order, j]])
+        angles = np.concatenate([-theta[back], theta[order]])
+        yield float(angle), angles, np.concatenate([levels[back, opposite[0]], levels[order, j]])
 
 
 def angle_between(a: float, b: float) -> float:
-    """The angle between two whole meridians."""
-    rest = (a - b) % math.pi
-    return min(rest, math.pi - rest)
+    """Return the angle between two meridians in rad, from 0 to pi/2."""
+    return abs(math.remainder(a - b, math.pi))
 
 
 def cuts_in(pattern: Any) -> list[Cut]:
-    """Return the great circles of a dataset of :func:`beam_cuts`, or the meridians of a pattern.
-
-    ArgumentError for anything else.
-    """
+    """Return the great circles of a result of :func:`beam_cuts`, or the meridians of a pattern."""
     if "cut" not in getattr(pattern, "dims", ()):
         theta, phi, levels, about = checked_pattern(pattern)
         crossed = _cross_polar(pattern, ("theta", "phi"), about, levels)
-        meridians, others = (
-            cuts_of(front, phi, part)
-            for front, part in (front_of(theta, values) for values in (levels, crossed))
-        )
-        found = [
-            Cut(angle, along, values, "theta", part)
-            for (angle, along, values), (_, _, part) in zip(meridians, others, strict=True)
+        fronts = (front_of(theta, part) for part in (levels, crossed))
+        co, cross = (cuts_of(angles, phi, part) for angles, part in fronts)
+        cuts = [
+            Cut(azimuth, angles, values, "theta", others)
+            for (azimuth, angles, values), (_, _, others) in zip(co, cross, strict=True)
         ]
     else:
         levels, about = _checked_levels(pattern, ("cut", "angle"))
         crossed = _cross_polar(pattern, ("cut", "angle"), about, levels)
-        angle, kinds = pattern["angle"].values, pattern["cut"].values.tolist()
-        found = []
-        for k, ahead in enumerate(~np.isnan(levels)):
-            along, values, part = (each[ahead] for each in (angle, levels[k], crossed[k]))
-            found.append(Cut(float(pattern["azimuth"][k]), along, values, kinds[k], part))
+        azimuths, angles = pattern["azimuth"].values.tolist(), pattern["angle"].values
+        kinds = pattern["cut"].values.tolist()
+        cuts = [
+            Cut(azimuths[k], angles[ahead], levels[k, ahead], kinds[k], crossed[k, ahead])
+            for k, ahead in enumerate(~np.isnan(levels))
+        ]
     is_scalar = "cross_field" not in pattern
-    return [cut._replace(cross_levels=None) for cut in found] if is_scalar else found
+    return [cut._replace(cross_levels=None) for cut in cuts] if is_scalar else cuts
 
 
 def circles_through_beam(pattern: Any) -> list[Cut]:
-    """Return the great circles through the beam of a pattern, interpolated between its angles.
+    """Interpolate a pattern along the great circles through its beam.
 
-    The list is empty if the pattern has no field over the front in even steps.
+    The list is empty if the pattern has no field over the hemisphere in even steps.
     """
     theta, phi, _, about = checked_pattern(pattern)
     polar, turns = np.unique(theta), np.unique(phi.round(12) % (2 * math.pi))
@@ -466,7 +445,7 @@ def circles_through_beam(pattern: Any) -> list[Cut]:
     if "field" not in pattern or not fine_enough or not covers_front(polar, turns):
         return []
     is_scalar = "cross_field" not in pattern
-    if is_scalar:  # by Ludwig's third definition a field along x, which is smooth over the pole
+    if is_scalar:  # as a field along x by Ludwig's third definition, which is smooth at the pole
         pattern = pattern.assign(cross_field=0 * pattern["field"])
         pattern = pattern.assign_attrs(polarisation=[1.0, 0.0, 0.0, 0.0])
     element = element_pattern_of(pattern, "pattern")

@@ -1,8 +1,8 @@
-"""Results larger than memory: lazy xarray datasets, written to zarr stores region by region.
+"""Datasets on disk: zarr stores written chunk by chunk, NetCDF files, and VTK image data.
 
-A region is one chunk of one variable. zarr's local store renames finished chunk files into place,
-so a chunk exists complete or not at all, and a second run computes the missing ones only. The
-attributes and coordinates of a store are the settings of its run. (docs/large_runs.md)
+zarr's local store renames finished chunk files, so a chunk is complete or missing, and a second run
+computes the missing chunks only. The attributes and coordinates of a store are the settings of its
+run. (docs/large_runs.md)
 """
 
 from __future__ import annotations
@@ -12,15 +12,24 @@ import math
 import os
 import sys
 import warnings
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext, suppress
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeAlias
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from polywigner.errors import ArgumentError, EngineError, PolywignerError, StoreError, require
+from polywigner.errors import (
+    ArgumentError,
+    EngineError,
+    PolywignerError,
+    StoreError,
+    require,
+    value_text,
+)
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import checked_count, checked_path
@@ -29,36 +38,42 @@ from polywigner.source.source_files import SOURCE_COORDINATE, source_json
 from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
+    import dask.array
     import xarray
     from distributed import Client
     from distributed.deploy import Cluster
 
 Index = tuple[int, ...]
-"""One number for each dimension: of a chunk, of its first sample, or of samples in it."""
+"""One integer for each dimension: a position, or a number of samples."""
 Block = Callable[[Index, Index], NDArray[Any]]
-"""(origin, shape), in samples -> the values there."""
+"""(index of the first sample, shape) -> values (shape)."""
 Scheduler: TypeAlias = "str | Cluster | None"
 """Address of a dask.distributed scheduler, or a cluster object such as ``LocalCluster``."""
+Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
+"""A dataset in memory or lazy, one array, or the path of a store on disk."""
 
-# Longest description of a source in an attribute.
-_LONGEST_ATTRIBUTE = 200
 # Seconds to wait for a scheduler, and for its first worker.
 _PATIENCE = 10.0
+# Samples in memory while a VTK file is written.
+_SLAB = 1 << 24
+# Largest deviation of a step from the mean step of an axis of VTK image data, relative.
+_EVEN = 1e-6
+_VTK_TYPES = {"float32": "Float32", "float64": "Float64"}
 
 
-def required(name: str) -> Any:
-    """Return a module of the extra ``datasets``; raise MissingExtraError without it."""
-    return require(name, "datasets", "large results are stored and shared out with")
+def required(name: str) -> ModuleType:
+    """Return a module of the extra ``datasets``, or raise MissingExtraError."""
+    return require(name, "datasets", "large results are stored and distributed with")
 
 
 def require_stores(scheduler: Scheduler = None) -> None:
-    """Raise MissingExtraError unless the libraries of stores, or of schedulers, are installed."""
+    """Raise MissingExtraError unless the libraries for stores and schedulers are installed."""
     for module in ("zarr", "dask", *(() if scheduler is None else ("distributed",))):
         required(module)
 
 
 def chunks_within(shape: Sequence[int], samples: int) -> Index:
-    """Return chunks of at most ``samples`` samples, by halving the longest axis again and again."""
+    """Halve the longest axis of a chunk until it has at most ``samples`` samples."""
     chunks = list(shape)
     while math.prod(chunks) > samples:
         longest = chunks.index(max(chunks))
@@ -67,18 +82,13 @@ def chunks_within(shape: Sequence[int], samples: int) -> Index:
 
 
 def source_attrs(source: Any) -> dict[str, str]:
-    """Return the dataset attribute that describes a source in one line."""
-    text = repr(source)
-    return {
-        "source": text
-        if len(text) <= _LONGEST_ATTRIBUTE
-        else f"{text:.{_LONGEST_ATTRIBUTE - 3}}..."
-    }
+    """Return the dataset attribute that describes a source in up to 200 characters."""
+    return {"source": f"{source!r:.200}"}
 
 
 def source_coords(source: Any) -> dict[str, xarray.Variable]:
     """Return the coordinate that holds a source as JSON."""
-    # object: NumPy's texts of fixed length take four times the memory, and zarr has none
+    # object dtype: zarr cannot store NumPy's fixed-length strings
     values = np.array(source_json(source), dtype=object)
     return {SOURCE_COORDINATE: labelled_array(values, (), {"long_name": "source file in JSON"})}
 
@@ -91,17 +101,18 @@ def lazy_array(
     *,
     compiled: bool = True,
     threads: int | None = None,
-) -> Any:
-    """Return a dask array whose chunks are values of a block.
+) -> dask.array.Array:
+    """Return a dask array whose chunks are computed by a block.
 
     Parameters
     ----------
-    block : can be pickled.
-    chunks : as dask takes them.
-    compiled : the block uses Dr.Jit's pool of threads, which serves one chunk at a time.
-    threads : size of that pool; None: as it is, and on a dask worker its number of threads.
+    block : a function that can be pickled.
+    shape, dtype : of the array.
+    chunks : any specification that dask accepts.
+    compiled : whether the block uses Dr.Jit's thread pool, which computes one chunk at a time.
+    threads : size of that pool; None: its current size, or the threads of the dask worker.
     """
-    arrays, core, dask = (required(n) for n in ("dask.array", "dask.array.core", "dask"))
+    arrays, core = required("dask.array"), required("dask.array.core")
     try:
         sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
         if not all(n > 0 for axis in sizes for n in axis):
@@ -113,20 +124,22 @@ def lazy_array(
         ) from None
     if threads is not None:
         threads = checked_count(threads, "threads", 1, MOST_THREADS)
-    # a node of the graph: a worker receives it once, and reuses its caches
-    node, meta = dask.delayed(block, traverse=False), np.empty((0,) * len(shape), dtype)
-    how = {"block": node, "compiled": compiled, "threads": threads}
-    return arrays.map_blocks(_values, chunks=sizes, dtype=dtype, meta=meta, **how)
+    # a node of the graph: each worker receives the block once, and reuses its caches
+    node, meta = required("dask").delayed(block, traverse=False), np.empty((0,) * len(shape), dtype)
+    options = {"block": node, "compiled": compiled, "threads": threads}
+    array: dask.array.Array = arrays.map_blocks(
+        _compute_chunk, chunks=sizes, dtype=dtype, meta=meta, **options
+    )
+    return array
 
 
-def _values(
+def _compute_chunk(
     block: Block, compiled: bool, threads: int | None, block_info: Any = None
 ) -> NDArray[Any]:
-    """Compute one chunk."""
     location = block_info[None]["array-location"]
     origin, shape = tuple(a for a, _ in location), tuple(b - a for a, b in location)
     if compiled and threads is None and "distributed" in sys.modules:
-        with suppress(ValueError):  # no task of a worker
+        with suppress(ValueError):  # not on a worker
             threads = sys.modules["distributed"].get_worker().state.nthreads
     with kernel_threads(threads) if compiled else nullcontext():
         return np.asarray(block(origin, shape))
@@ -141,24 +154,22 @@ def write_store(
     threads: int | None = None,
     progress: bool | None = None,
 ) -> xarray.Dataset:
-    """Write a lazy dataset to a zarr store (format 3), and return it as read from there, lazily.
+    """Write a lazy dataset to a zarr store (format 3), and open the store lazily.
 
-    A store of the same dataset is completed: only missing chunks are computed.
+    An incomplete store of the same dataset is completed: only missing chunks are computed.
 
     Parameters
     ----------
     path : folder of the store.
-    dataset : variables of :func:`lazy_array`. Its attributes and coordinates are the settings that
-        a store must have to be completed.
-    compiled : chunks are computed one after the other, since each uses all cores; else there are
-        as many at a time as ``threads``.
+    dataset : variables of :func:`lazy_array`. An existing store must have the same attributes,
+        coordinates and chunks.
+    compiled : compute one chunk at a time, which uses all cores; otherwise ``threads`` chunks.
     scheduler, threads, progress : as for :func:`wigner_table`.
 
     Raises
     ------
-    StoreError for a path that cannot be written to, or holds something else; EngineError for a
-    scheduler that does not respond; MissingExtraError without zarr or dask; and the errors of the
-    blocks.
+    StoreError if the path cannot be written to, or contains something else; EngineError if the
+    scheduler does not respond; MissingExtraError without zarr or dask; and errors of the blocks.
     """
     require_stores(scheduler)
     folder, dataset = checked_path(path), dataset.assign_attrs(written="chunk by chunk")
@@ -169,17 +180,17 @@ def write_store(
     if not tasks:
         return open_store(folder)
     total = sum(array.data.npartitions for array in dataset.data_vars.values())
-    here = nullcontext("synchronous" if compiled else "threads")
-    with here if scheduler is None else _connected(scheduler) as how:
+    local = nullcontext("synchronous" if compiled else "threads")
+    with local if scheduler is None else _connected(scheduler) as executor:
         try:
             if is_new:  # after the scheduler has responded
                 _create(folder, dataset)
             with progress_bar(folder.name, total, total - len(tasks), progress) as advance:
-                keys, dask = {task.key for task in tasks}, required("dask")
+                keys = {task.key for task in tasks}
                 with required("dask.callbacks").Callback(
                     posttask=lambda key, *_: advance() if key in keys else None
                 ):
-                    dask.compute(*tasks, scheduler=how, num_workers=threads)
+                    required("dask").compute(*tasks, scheduler=executor, num_workers=threads)
         except OSError as error:
             if isinstance(error, PolywignerError):
                 raise
@@ -219,15 +230,14 @@ def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
 
 def _create(folder: Path, dataset: xarray.Dataset) -> None:
     """Write metadata and coordinates of a store without chunks."""
-    # not compressed: last digits are noise to a compressor, which halves the speed
+    # no compressors: they halve the speed, and cannot compress the last digits
     encoding: dict[Any, Any] = {
         name: {"compressors": (), "fill_value": array.dtype.type(np.nan)}  # of missing chunks
         for name, array in dataset.data_vars.items()
     }
     folder.parent.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings(), atomic_path(folder) as scratch:
-        # zarr warns that other readers may not know its texts and consolidated metadata
-        warnings.simplefilter("ignore")
+        warnings.simplefilter("ignore")  # about strings and consolidated metadata
         try:
             dataset.to_zarr(scratch, mode="w-", compute=False, zarr_format=3, encoding=encoding)
         except ValueError as error:  # chunks of unequal sizes
@@ -235,11 +245,11 @@ def _create(folder: Path, dataset: xarray.Dataset) -> None:
 
 
 def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
-    """Return a task for each chunk that a store does not have, which computes and writes it."""
+    """Return tasks that compute and write the missing chunks of a store."""
     tasks = []
     for name, array in dataset.data_vars.items():
         path, meta = folder.absolute() / str(name), np.empty((0,) * array.ndim)
-        # dask fuses both steps: a chunk is never computed without being written
+        # dask fuses both steps into one task
         blocks = array.data.map_blocks(_write_region, path=path, meta=meta).to_delayed()
         for index in np.ndindex(blocks.shape):
             if not path.joinpath("c", *map(str, index)).is_file():
@@ -250,19 +260,19 @@ def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
 def _write_region(values: NDArray[Any], path: Path, block_info: Any = None) -> NDArray[Any]:
     """Write one chunk to the array of a store, and return an empty array."""
     region = tuple(slice(*ends) for ends in block_info[0]["array-location"])
-    # a chunk of nothing but NaN is complete as well
+    # write_empty_chunks: a chunk of NaN is complete as well
     array = required("zarr").open_array(path, mode="r+")
     array.with_config({"write_empty_chunks": True})[region] = values
     return values[(slice(0),) * values.ndim].copy()
 
 
 def _connected(scheduler: Scheduler) -> Client:
-    """Connect to a scheduler that has workers; EngineError without."""
+    """Connect to a scheduler with workers, or raise EngineError."""
     distributed = required("distributed")
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
         client.wait_for_workers(1, timeout=_PATIENCE)
-    except Exception as error:  # of many types if something else responds
+    except Exception as error:  # many types, if another server responds
         raise EngineError(
             f"no dask scheduler with workers responds at {scheduler!r} ({type(error).__name__}: "
             f"{error!s:.300}); start `dask scheduler` and `dask worker`, and pass an address such "
@@ -272,9 +282,9 @@ def _connected(scheduler: Scheduler) -> Client:
 
 
 def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Open a zarr store (format 3) lazily; StoreError for anything else.
+    """Open a zarr store (format 3) lazily, or raise StoreError.
 
-    zarr has no codecs that could run code from the store, such as pickles.
+    zarr has no codec, such as pickle, that runs code from the store.
     """
     required("zarr"), required("dask")
     import xarray
@@ -282,10 +292,201 @@ def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
     folder = checked_path(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of other files in the folder
+            warnings.simplefilter("ignore")  # about other files in the folder
             return xarray.open_zarr(folder, zarr_format=3, consolidated=False)
     except Exception as error:  # zarr and its codecs raise many types
         raise StoreError(
             f"expected a zarr store of format 3 at {folder}, got something else there "
             f"({type(error).__name__}: {error!s:.200}); choose another name"
         ) from error
+
+
+# ---- files for other programs -------------------------------------------------------------------
+
+
+def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
+    """Write a dataset to a NetCDF 4 file, which MATLAB, Julia, Panoply and xarray read.
+
+    NetCDF has no complex numbers: a complex variable A becomes A_real and A_imag. Needs the extra
+    ``datasets``.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset, in memory or lazy; or the path of a zarr store. It may be larger than
+        memory.
+    path : path of the file; an existing file is replaced. The file appears complete or not at all.
+
+    Raises
+    ------
+    ArgumentError if ``dataset`` is not a dataset, or the file cannot be written; StoreError if
+    there is no zarr store at the path; MissingExtraError without h5netcdf.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> table = pw.wigner_table(pw.shapes.square(1.0), [0.0], [0.0], [0.0, 0.5], [0.0])
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "w.nc"
+    >>> pw.write_netcdf(table, path)
+    >>> path.stat().st_size > 0
+    True
+    """
+    for module in ("h5netcdf", "h5py"):
+        required(module)
+    parts = _real_parts(_opened(dataset))
+    with in_place(checked_path(path)) as scratch:
+        parts.to_netcdf(scratch, engine="h5netcdf")
+
+
+def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
+    """Write a dataset, which may have complex variables, to a new zarr store (format 3)."""
+    required("zarr")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about consolidated metadata
+            _opened(dataset).to_zarr(checked_path(path), mode="w-", zarr_format=3)
+    except OSError as error:
+        raise _not_written(Path(path), error) from error
+
+
+def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
+    """Write a dataset of up to three evenly spaced axes to VTK image data (XML, raw binary).
+
+    ParaView, VisIt, 3D Slicer and PyVista read the file. Axes named x, y and z are the axes of the
+    image, so planes keep their positions. Other axes become x, y and z in the order of the dataset.
+    A complex variable A becomes A_real and A_imag. Needs the extra ``datasets``.
+
+    Parameters
+    ----------
+    dataset, path : as of :func:`write_netcdf`.
+
+    Raises
+    ------
+    ArgumentError if ``dataset`` is not a dataset, has more axes or unevenly spaced axes, or if the
+    file cannot be written; StoreError if there is no zarr store at the path.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> square, box = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.05), (0.02, 0.02, 0.1)]
+    >>> field = pw.volume(square, box, (3, 3, 2), 3.2e-3, method="fresnel")
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "field.vti"
+    >>> pw.write_vti(field, path)
+    >>> path.stat().st_size > 0
+    True
+    """
+    # The package vtk has 600 MB, and its writer requires the image in memory.
+    parts = _real_parts(_opened(dataset))
+    header = _vti_header(parts)
+    with in_place(checked_path(path)) as scratch, scratch.open("wb") as file:
+        file.write(header.encode())
+        for array in parts.data_vars.values():
+            file.write(array.nbytes.to_bytes(8, "little"))
+            axis = array.dims[-1]
+            thickness = max(1, _SLAB * array.sizes[axis] // max(1, array.size))
+            for start in range(0, array.sizes[axis], thickness):
+                slab = array.isel({axis: slice(start, start + thickness)}).values
+                # in VTK, x varies fastest
+                file.write(np.ascontiguousarray(slab.T, slab.dtype.newbyteorder("<")).data)
+        file.write(b"\n</AppendedData>\n</VTKFile>\n")
+
+
+@contextmanager
+def in_place(path: Path) -> Iterator[Path]:
+    """Yield the path of a scratch file, which replaces the file at the end of the block.
+
+    Raises ArgumentError if the file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(path) as scratch:
+            yield scratch
+    except PolywignerError:
+        raise
+    except OSError as error:
+        raise _not_written(path, error) from error
+
+
+def _not_written(path: Path, error: OSError) -> ArgumentError:
+    return ArgumentError(
+        f"expected to write {path}, got {error.strerror or error}; choose another location"
+    )
+
+
+def _opened(dataset: Stored) -> xarray.Dataset:
+    import xarray
+
+    if isinstance(dataset, xarray.DataArray):
+        return dataset.to_dataset(name=dataset.name or "values")
+    if isinstance(dataset, xarray.Dataset):
+        return dataset
+    if isinstance(dataset, (str, os.PathLike)):
+        return open_store(dataset)
+    raise ArgumentError(
+        f"expected an xarray.Dataset or the path of a store, got {value_text(dataset)}"
+    )
+
+
+def _real_parts(dataset: xarray.Dataset) -> xarray.Dataset:
+    """Split complex variables, and convert attributes to texts and numbers."""
+    for name, array in dataset.data_vars.items():
+        if array.dtype.kind == "c":
+            parts = {f"{name}_real": array.real, f"{name}_imag": array.imag}
+            dataset = dataset.drop_vars(name).assign(
+                {key: part.assign_attrs(array.attrs) for key, part in parts.items()}
+            )
+    dataset = dataset.drop_encoding()
+    plain = (str, int, float, np.ndarray, np.number)
+    for item in (dataset, *(dataset[name] for name in dataset.variables)):
+        item.attrs = {
+            name: value
+            if isinstance(value, plain) and not isinstance(value, bool)
+            else json.dumps(value)
+            for name, value in item.attrs.items()
+        }
+    return dataset
+
+
+def _vti_header(dataset: xarray.Dataset) -> str:
+    """Return the file up to its values; a missing axis has one sample."""
+    shapes = {name: array.dims for name, array in dataset.data_vars.items()}
+    dims = next(iter(shapes.values()), ())
+    if not 1 <= len(dims) <= 3 or any(other != dims for other in shapes.values()):
+        raise ArgumentError(
+            f"expected variables over the same one to three axes, got {shapes}; select a part by "
+            "dataset.isel, or write NetCDF"
+        )
+    in_space = tuple(sorted(dims)) == dims and set(dims) <= set("xyz")
+    axes = [_vti_axis(dataset, name) for name in ("xyz" if in_space else (*dims, None, None)[:3])]
+    origin, spacing = (" ".join(repr(axis[k]) for axis in axes) for k in (0, 1))
+    extent = " ".join(f"0 {count - 1}" for _, _, count in axes)
+    arrays, offset = [], 0
+    for name, array in dataset.data_vars.items():
+        if array.dtype.name not in _VTK_TYPES:
+            raise ArgumentError(f"expected {name} as floats, got {array.dtype}")
+        arrays.append(
+            f'<DataArray type="{_VTK_TYPES[array.dtype.name]}" Name={quoteattr(str(name))} '
+            f'format="appended" offset="{offset}"/>\n'
+        )
+        offset += 8 + array.nbytes
+    return (
+        '<?xml version="1.0"?>\n'
+        '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+        f'<ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}">\n'
+        f'<Piece Extent="{extent}">\n<PointData>\n{"".join(arrays)}</PointData>\n</Piece>\n'
+        '</ImageData>\n<AppendedData encoding="raw">\n_'
+    )
+
+
+def _vti_axis(dataset: xarray.Dataset, name: Hashable | None) -> tuple[float, float, int]:
+    """Return the first value, the step and the number of samples of an axis."""
+    is_scalar = name in dataset.coords and dataset[name].ndim == 0
+    if name not in dataset.dims and not is_scalar:
+        return 0.0, 1.0, 1
+    points = np.atleast_1d(np.asarray(dataset[name], np.float64))
+    if len(points) == 1:
+        return float(points[0]), 1.0, 1
+    step = (points[-1] - points[0]) / (len(points) - 1)
+    if not step > 0 or np.abs(np.diff(points) - step).max() > _EVEN * step:
+        raise ArgumentError(
+            f"expected evenly spaced ascending values of {name} for VTK image data, got others; "
+            "write NetCDF"
+        )
+    return float(points[0]), float(step), len(points)

@@ -17,8 +17,7 @@ from polywigner.errors import ArgumentError, FileFormatError, MissingExtraError
 from polywigner.geometry.arguments import checked_choice, checked_flag, checked_path, warn_caller
 from polywigner.geometry.io.limits import check_regular
 from polywigner.interruption import atomic_path
-from polywigner.propagation.exports import write_netcdf
-from polywigner.propagation.stores import required
+from polywigner.propagation.stores import required, write_netcdf
 from polywigner.rays.bundles import bundle, checked_bundle, count_of
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Images of scenes and of scene files, rendered here, into a store, or by a cluster's workers."""
+"""Images of scenes and received powers of scene files, computed locally, in stores or clusters."""
 
 from __future__ import annotations
 
@@ -36,13 +36,7 @@ from polywigner.mitsuba.scenes.rendering import Exposure, check_is_whole, expose
 from polywigner.mitsuba.scenes.scene_files import digests_of
 from polywigner.mitsuba.scenes.scenes import SceneFile, choose_variant
 from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of
-from polywigner.propagation.stores import (
-    Index,
-    Scheduler,
-    lazy_array,
-    require_stores,
-    write_store,
-)
+from polywigner.propagation.stores import Index, Scheduler, lazy_array, require_stores, write_store
 from polywigner.transforms.xarray_arguments import labelled_arrays
 
 if TYPE_CHECKING:
@@ -51,20 +45,21 @@ if TYPE_CHECKING:
 
 @contextmanager
 def receiving(scene: Any) -> Iterator[None]:
-    """Tell receivers the scene, for their estimator ``exact``; and all whose light diffracts.
+    """Give plugins access to the scene while ``mi.render`` or another renderer runs.
 
-    :func:`polywigner.mitsuba.render` does it by itself; for ``mi.render`` and other renderers.
-    Mitsuba tells cameras written in Python nothing of their scene, and one that held it would keep
-    it alive for ever.
+    The receivers' estimator ``exact`` and light that diffracts require the scene.
+    :func:`polywigner.mitsuba.render` calls this function itself.
 
-    Warns of point, spot, projector and directional lights, whose direct light ``mi.render`` does
-    not find.
+    Warns
+    -----
+    RuntimeWarning for point, spot, projector and directional lights: ``mi.render`` does not sample
+    their direct light to a receiver.
     """
     if any(map(is_receiver, scene.sensors())):
         for light in delta_lights(scene):
             warnings.warn(
-                f"mi.render does not find the light that a receiver gets straight from "
-                f"{light.name!r}; use polywigner.mitsuba.render or received_power",
+                f"mi.render does not sample the direct light from {light.name!r} to a receiver; "
+                "use polywigner.mitsuba.render or received_power",
                 RuntimeWarning,
                 stacklevel=3,
             )
@@ -81,30 +76,38 @@ def render(
     sensor: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> npt.NDArray[np.float32]:
-    """The image of a scene: signed radiance, float32, (height, width, channels).
+    """Render the signed radiance of a scene.
 
     Parameters
     ----------
-    scene: a ``mi.Scene``; its sensor brings film and sampler.
-    integrator: plugin name or ``mi.Integrator``; default: the scene's own, else
-        ``path``, or ``volpath`` where a source's surface stands in the light of another.
-        ``stokes``: the same, or a plugin as in ``stokes volpath``, with the Stokes numbers of
-        polarised light as further channels: :func:`polywigner.mitsuba.stokes_of`.
-    spp: samples per pixel; default: the sampler's own. Samplers may round it up.
-    seed: of the random numbers, zero or more; every strip and pass derives its own from it.
-    sensor: index of the scene's sensor.
-    progress: called after each part with the number of parts done, and of all parts.
+    scene : ``mi.Scene`` with a sensor, its film and its sampler.
+    integrator : plugin name or ``mi.Integrator``. Default: the scene's integrator, otherwise
+        ``path``, or ``volpath`` if the surface of a source shadows another source. ``stokes``, or
+        ``stokes volpath`` and the like, adds Stokes parameters of polarised light as channels; see
+        :func:`polywigner.mitsuba.stokes_of`.
+    spp : samples per pixel, 1 to 2^30; default: sample count of the sampler. Samplers may round it
+        up.
+    seed : seed of the random numbers, zero or more.
+    sensor : index of the sensor in the scene.
+    progress : function that is called after each part with the numbers of finished and of all
+        parts.
 
-    The film is rendered in strips of whole rows, each with all its samples, which keeps a
-    stratified sampler's advantage (four passes of 64 samples have 5 dB more noise than one of 256).
-    Sensors that cannot be cropped have passes, which are averaged. Noise can make pixels negative,
-    and so can the Wigner radiance where the aperture is seen directly.
+    Returns
+    -------
+    float32 array (height, width, channels) in W/(m^2 sr). Noise can make pixels negative, and so
+    can the Wigner radiance if the aperture is directly visible.
 
     Raises
     ------
-    ArgumentError for what is no scene, an spp that is not from 1 to 2^30, a sensor that is not
-    there or a negative seed; SceneError for a scene without sensor or pixels, an unknown
-    integrator, one that cannot render this scene, or radiance that is not finite.
+    ArgumentError for an spp, a sensor or a seed out of range; SceneError if ``scene`` is not a
+    scene, has no sensor or no pixels, if the integrator is unknown or cannot render this scene, and
+    if the radiance is not finite.
+
+    Notes
+    -----
+    The film is rendered in strips of rows, each with all its samples, which preserves
+    stratification (four passes of 64 samples have 5 dB more noise than one pass of 256). Sensors
+    that cannot be cropped are rendered in passes, which are averaged.
     """
     exposure = exposed(scene, integrator, spp, seed, sensor)
     checked_callable(progress, "progress")
@@ -115,7 +118,7 @@ def render(
     return with_delta_lights(exposure, exposure.picture(lambda: progress(next(done), steps)))
 
 
-# Integrators whose images are radiance, and most mirrors on a path that images take over.
+# Classes of integrators that render radiance, and maximum number of reflections of delta lights.
 _OF_RADIANCE = ("Path", "Direct", "PRB", "Volumetric", "Volpath")
 _MOST_MIRRORS = 2
 
@@ -131,12 +134,12 @@ def with_delta_lights(
     depth = 2 if method.class_name() == "DirectIntegrator" else depths_of(method)["max_depth"]
     if depth == 0 or not any(name in names for name in _OF_RADIANCE):
         return image
-    place = placed_receiver(camera, 0).touching(scene)
+    receiver = placed_receiver(camera, 0).touching(scene)
     most = _MOST_MIRRORS if depth < 0 else min(_MOST_MIRRORS, depth - 1)
-    mirrors = smooth_shapes(scene, place.scene_unit).mirrors
+    mirrors = smooth_shapes(scene, receiver.scene_unit).mirrors
     result = image.astype(np.float64)
     rows, columns, channels = image.shape
-    for path in delta_paths(scene, place, [(), *chains_of(mirrors, most)]):
+    for path in delta_paths(scene, receiver, [(), *chains_of(mirrors, most)]):
         column, row = (
             min(int((cosine + 1) / 2 * count), count - 1)
             for cosine, count in zip(path.arrives_from, (columns, rows), strict=True)
@@ -146,14 +149,14 @@ def with_delta_lights(
 
 
 Compute = Callable[[Any, Index], npt.NDArray[np.float64]]
-"""(scene, first sample of a part) -> the values of the part."""
+"""(scene, index of the first sample of a part) -> values of the part."""
 
 
 class SceneParts:
-    """Parts of the results of a scene. Another process, to which they are sent, loads the scene."""
+    """Block that computes parts of a result of a scene; other processes load the scene again."""
 
     def __init__(self, file: SceneFile, scene: Any, compute: Compute) -> None:
-        self.file = replace(file, path=file.path and file.path.absolute())  # for all workers
+        self.file = replace(file, path=file.path and file.path.absolute())
         self.scene, self.compute = scene, compute
         texts = [value for value in file.parameters.values() if isinstance(value, str)]
         self.sources = [registered_source(text) for text in texts if is_key(text)]
@@ -164,7 +167,7 @@ class SceneParts:
     def __call__(self, origin: Index, shape: Index) -> npt.NDArray[np.float64]:
         if self.scene is None:
             choose_variant(self.file.variant)
-            for source in self.sources:  # in the memory of the process that sent the parts
+            for source in self.sources:  # registered in the memory of the sending process
                 register_source(source)
             self.scene = self.file.load()
         return self.compute(self.scene, origin)
@@ -178,18 +181,18 @@ class SceneParts:
         settings: Mapping[str, Any],
         **keeping: Any,
     ) -> npt.NDArray[np.float64]:
-        """Write all parts to a store as a variable of a name and unit, and return its values.
+        """Write all parts to a store, and return the values.
 
-        ``keeping``: scheduler, threads and progress of :func:`render_file`.
+        ``variable``: name and unit; ``keeping``: scheduler, threads and progress.
         """
         from polywigner import __version__
 
         name, units = variable
-        how = vars(self.file).copy()
-        digests = digests_of(path := how.pop("path"), how["parameters"])
-        files = {os.path.relpath(file, path.parent.resolve()): d for file, d in digests.items()}
-        versions = [__version__, importlib.metadata.version("mitsuba")]
-        attrs = {**how, "files": files, "versions": versions, **settings}
+        attrs = {**vars(self.file), **settings}
+        path = attrs.pop("path")
+        digests = digests_of(path, self.file.parameters).items()
+        attrs["files"] = {os.path.relpath(file, path.parent.resolve()): d for file, d in digests}
+        attrs["versions"] = [__version__, importlib.metadata.version("mitsuba")]
         threads = keeping.get("threads")
         values = lazy_array(self, tuple(sizes.values()), chunks, "float64", threads=threads)
         parts = labelled_arrays({name: (tuple(sizes), values, {"units": units})}, {}, attrs)
@@ -217,36 +220,39 @@ def render_file(
 
     Parameters
     ----------
-    path: Mitsuba XML; with a scheduler, its workers see it, and the files it names, at this path.
-    integrator: name of a plugin; default: as of :func:`render`.
-    spp, seed, sensor: as of :func:`render`.
-    variant, sampler, parameters: as of :func:`load_scene`.
-    store: folder of a zarr store to which finished parts of the image are written. The same call
-        completes a store that an interrupted run has left. The store stays when the image is
-        complete. Needs the extra ``datasets``.
-    scheduler: address of a dask.distributed scheduler whose workers render the parts and see the
-        store, or a cluster object such as ``LocalCluster``; None: this machine.
-    threads: number of threads, on this machine or of each worker; None: all cores, or the worker's
-        threads.
-    progress: whether to draw a bar; None: on a terminal.
+    path : Mitsuba XML file. Workers of a scheduler must be able to access the file, and the files
+        that it names, at the same paths.
+    integrator, spp, seed, sensor : as of :func:`render`.
+    variant, sampler, parameters : as of :func:`load_scene`.
+    store : folder of a zarr store to which finished parts of the image are written. After an
+        interruption the same call completes the store. The store of a complete image is not
+        removed. Needs the extra ``datasets``.
+    scheduler : address of a dask.distributed scheduler whose workers can access the store, or a
+        cluster object such as ``LocalCluster``; None: this machine.
+    threads : number of threads, on this machine or of each worker; None: all cores, or the threads
+        of the worker.
+    progress : whether to draw a progress bar; None: on a terminal.
 
-    The image equals the result of :func:`render`, up to the rounding of single-precision sums.
+    Returns
+    -------
+    The image as of :func:`render`, up to the rounding of single-precision sums.
 
     Raises
     ------
-    What :func:`load_scene` and :func:`render` do; ArgumentError for a scheduler without a store;
-    StoreError for a path that cannot be written to, or holds parts of another image; EngineError
-    for a scheduler that does not respond; MissingExtraError without the extra ``datasets``.
+    As :func:`load_scene` and :func:`render`; ArgumentError for a scheduler without a store;
+    StoreError if the path cannot be written to, or contains parts of another image; EngineError
+    if the scheduler does not respond; MissingExtraError without the extra ``datasets``.
     """
     if scheduler is not None and store is None:
         raise ArgumentError("expected a store with a scheduler, got none; name one for the parts")
     if store is not None:
         require_stores(scheduler)
-    given = parameters if parameters is not None else {}
-    if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):
+    if not isinstance(parameters, Mapping | None):
         raise ArgumentError(f"expected parameters as values by their names, got {parameters!r}")
+    if threads is not None:
+        checked_count(threads, "threads", 1, MOST_THREADS)
     chosen = choose_variant(mi.variant() if variant is None else variant)
-    file = SceneFile(checked_path(path), chosen, sampler, dict(given))
+    file = SceneFile(checked_path(path), chosen, sampler, dict(parameters or {}))
     options = {"integrator": integrator, "spp": spp, "seed": seed, "sensor": sensor}
     keeping: dict[str, Any] = {"scheduler": scheduler, "threads": threads, "progress": progress}
     return render_parts(file, file.load(), options, store, **keeping)
@@ -259,25 +265,22 @@ def render_parts(
     store: str | Path | None = None,
     **keeping: Any,
 ) -> npt.NDArray[np.float32]:
-    """Return the image of a scene that was loaded from a file; see :func:`render_file`.
+    """Render a scene that was loaded from a file; see :func:`render_file`.
 
     ``options``: integrator, spp, seed and sensor. ``keeping``: scheduler, threads and progress.
     """
-    threads = keeping.get("threads")
-    if threads is not None:
-        threads = keeping["threads"] = checked_count(threads, "threads", 1, MOST_THREADS)
     exposure = exposed(scene, **options)
     cut = exposure.cut
     if store is None:
         bar = progress_bar("rendering", cut.steps, show=keeping.get("progress"))
-        with kernel_threads(threads), bar as advance:
+        with kernel_threads(keeping.get("threads")), bar as advance:
             return with_delta_lights(exposure, exposure.picture(advance))
-    how = {**options, "spp": cut.samples, "seed": exposure.seed}
+    settings = {**options, "spp": cut.samples, "seed": exposure.seed}
+    parts = SceneParts(file, scene, partial(strip, cut, settings))
     sizes = {"row": cut.height, "column": cut.width, "channel": exposure.channels()}
     chunks = cut.rows, cut.width, sizes["channel"]
-    parts = SceneParts(file, scene, partial(strip, cut, how))
-    variable, settings = ("radiance", "W m-2 sr-1"), how | {"passes": cut.passes}
-    image = parts.written(store, variable, sizes, chunks, settings, **keeping)
+    settings = settings | {"passes": cut.passes}
+    image = parts.written(store, ("radiance", "W m-2 sr-1"), sizes, chunks, settings, **keeping)
     return with_delta_lights(exposure, image.astype(np.float32))
 
 
@@ -285,7 +288,7 @@ def strip(
     cut: Tiling, options: Mapping[str, Any], scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
     """Render a strip of an image: (row, column, channel)."""
-    # the caller has warned of the integrator's limits
+    # warn=False: the calling process has issued the warnings
     exposure = exposed(scene, **options, warn=False)
     image = replace(exposure, cut=cut).image(origin[0] // cut.rows)
     check_is_whole(exposure.integrator)
@@ -299,9 +302,9 @@ def receive_parts(
     edges: npt.NDArray[np.float64] | None = None,
     **keeping: Any,
 ) -> tuple[list[ReceivedPower], xarray.Dataset | None]:
-    """Return :func:`received_powers` of a scene that was loaded from a file.
+    """Compute :func:`received_powers` of a scene that was loaded from a file.
 
-    With ``edges`` also the same samples by range, as of :func:`range_profile`.
+    With ``edges`` the same samples are also sorted by range, as by :func:`range_profile`.
     """
     numbers = list(range(len(receivers_of(scene))))
     sample = partial(_sampled, file, scene, **keeping)
@@ -319,7 +322,7 @@ def _sampled(
     progress: Callable[[int, int], None] | None = None,
     **keeping: Any,
 ) -> npt.NDArray[np.float64]:
-    """Return W (receivers, batches, lights, ...) of the batches, sampled here or into a store."""
+    """Return the powers (receivers, batches, lights, ...) of all batches in W."""
     if store is None:
         with kernel_threads(keeping.get("threads")):
             return scattered_here(scene, progress, plans)
@@ -336,7 +339,7 @@ def _sampled(
 
 
 def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
-    """Sample one batch of one receiver: W (1, 1, lights, ...)."""
+    """Return the powers (1, 1, lights, ...) of one batch of one receiver in W."""
     receiver, batch, *_ = origin
     with unseen(scene), aimed(scene):
         return plans[receiver].batch(scene, batch)[None, None]
