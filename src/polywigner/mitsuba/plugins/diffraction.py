@@ -414,7 +414,7 @@ def cast_shadows(scene: Any) -> None:
         shadows = None
         if bodies:
             shadows = Shadows(m, spec, wavelength, bodies, pose, reach_of(scene, plugin))
-        plugin.estimator.cast(digest.hexdigest(), shadows)
+        plugin.estimator.set_shadows(digest.hexdigest(), shadows)
 
 
 @contextmanager
@@ -426,5 +426,5 @@ def scene_known(scene: Any) -> Iterator[None]:
             plugin.stand_at(reach_of(scene, plugin))
     scenes = [(sensor, "scene", scene) for sensor in scene.sensors() if is_receiver(sensor)]
     # a scene that is freed while Dr.Jit records a kernel ends the process
-    with without_collection(), changed([(ExactEstimator, "tells", True), *scenes]):
+    with without_collection(), changed([(ExactEstimator, "scene_is_known", True), *scenes]):
         yield

@@ -24,8 +24,12 @@ from polywigner.geometry.arguments import checked_callable, checked_count, check
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import Tiling, depths_of
 from polywigner.mitsuba.plugins.placement import placed_receiver
-from polywigner.mitsuba.plugins.registration import one_at_a_time
-from polywigner.mitsuba.plugins.source_parameters import is_key, register_source, registered_source
+from polywigner.mitsuba.plugins.registration import (
+    is_key,
+    one_at_a_time,
+    register_source,
+    registered_source,
+)
 from polywigner.mitsuba.radar.range_profile import checked_ranges, received_by_range
 from polywigner.mitsuba.receive.direct_light import delta_lights, delta_paths
 from polywigner.mitsuba.receive.received import ReceivedPower, ReceiveOptions
