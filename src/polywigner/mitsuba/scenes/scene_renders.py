@@ -35,10 +35,9 @@ from polywigner.mitsuba.receive.direct_light import delta_lights, delta_paths
 from polywigner.mitsuba.receive.received import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.receive.received_power import received, scattered_here
 from polywigner.mitsuba.receive.scattered import BATCHES, Scattering, aimed, batches_of, lights_of
-from polywigner.mitsuba.scenes.reflectors import chains_of, smooth_shapes
+from polywigner.mitsuba.scenes.reflectors import chains_of, mirrors_in
 from polywigner.mitsuba.scenes.rendering import Exposure, check_is_whole, exposed, unseen
-from polywigner.mitsuba.scenes.scene_files import digests_of
-from polywigner.mitsuba.scenes.scenes import SceneFile, choose_variant
+from polywigner.mitsuba.scenes.scenes import SceneFile, choose_variant, digests_of
 from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of
 from polywigner.propagation.stores import (
     Index,
@@ -137,7 +136,7 @@ def with_delta_lights(
         return image
     place = placed_receiver(camera, 0).touching(scene)
     most = _MOST_MIRRORS if depth < 0 else min(_MOST_MIRRORS, depth - 1)
-    mirrors = smooth_shapes(scene, place.scene_unit).mirrors
+    mirrors, _ = mirrors_in(scene, place.scene_unit, most)
     result = image.astype(np.float64)
     rows, columns, channels = image.shape
     for path in delta_paths(scene, place, [(), *chains_of(mirrors, most)]):
