@@ -21,7 +21,7 @@ from oracles import meshes
 from polywigner.cli import main
 from polywigner.errors import SceneError
 from polywigner.geometry.silhouettes import Obstacles
-from polywigner.mitsuba.plugins.diffraction import bodies_of
+from polywigner.mitsuba.scenes.surfaces import bodies_of
 
 mi = use("scalar_rgb")
 pytestmark = pytest.mark.drjit

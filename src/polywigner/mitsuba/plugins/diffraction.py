@@ -24,48 +24,18 @@ from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit, ops_for, without_collection
 from polywigner.geometry.obstacles import Obstacle
 from polywigner.geometry.silhouettes import Obstacles, Silhouette
-from polywigner.kernels.boundary.edge_waves import (
-    EdgeRule,
-    difference,
-    dot,
-    edge_wave,
-    edge_wave_and_rate,
-    least_detour,
-)
+from polywigner.kernels.boundary import edge_waves
+from polywigner.kernels.boundary.edge_waves import difference, dot
 from polywigner.mitsuba.plugins.exact_field import AWAY, ExactEstimator
 from polywigner.mitsuba.plugins.films import changed
 from polywigner.mitsuba.plugins.registration import set_mesh
 from polywigner.mitsuba.plugins.samplers import opaque, single
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters, reach_of
-from polywigner.mitsuba.scenes.surfaces import (
-    BEHIND,
-    ROUNDING,
-    before_plane,
-    bodies_of,
-    in_frame,
-    is_receiver,
-    matrix_of,
-    meshes_in,
-    sorted_emitters,
-)
+from polywigner.mitsuba.scenes import surfaces
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.jets import Jet, flattened, rebuilt
-from polywigner.propagation.equivalent_points import (
-    RadiatingPoint,
-    oblique_change,
-    radiating_points,
-    wave_ahead,
-)
-from polywigner.propagation.shadows import (
-    ASIDE,
-    NO_SURFACE,
-    OWN_SURFACE,
-    behind_face,
-    blocked_edges,
-    diffracted,
-    shadow_lines,
-    transmission_over,
-)
+from polywigner.propagation import equivalent_points, shadows
+from polywigner.propagation.shadows import NO_SURFACE
 
 Floats = NDArray[np.float64]
 Point = tuple[Drjit, Drjit, Drjit]
@@ -77,7 +47,7 @@ _ERROR = 3e-4
 # Most points in place of a source: each of them looks for obstacles at each sample.
 _MOST_POINTS = 1024
 # Measured for random edges: within 9e-6, most within 5e-7.
-_RULE = EdgeRule.of(2.0, 16, 2)
+_RULE = edge_waves.EdgeRule.of(2.0, 16, 2)
 # The edge of a half plane adds 1/(sqrt(8) pi sqrt(detour)) of the free field: edges below this
 # fraction are left out.
 _FAINT = 2e-3
@@ -112,7 +82,7 @@ class EdgeTables(NamedTuple):
 
 def edge_tables(
     obstacles: Obstacles,
-    points: Sequence[RadiatingPoint],
+    points: Sequence[equivalent_points.RadiatingPoint],
     silhouettes: Sequence[Silhouette],
     margin: float,
 ) -> EdgeTables:
@@ -126,19 +96,19 @@ def edge_tables(
     margin : depth behind a face, as a fraction of its distance, up to which points lie on it.
     """
     centre = np.mean([point.place for point in points], axis=0)
-    blocked = blocked_edges(obstacles, silhouettes, centre)
+    blocked = shadows.blocked_edges(obstacles, silhouettes, centre)
     parts, groups = [], []
     for k, (silhouette, group) in enumerate(zip(silhouettes, blocked.groups, strict=True)):
         span = (0, len(points)) if len(silhouettes) < len(points) else (k, k + 1)
         rows = np.column_stack([silhouette.edges.reshape(-1, 6), silhouette.planes])
         parts.append(np.column_stack([rows, np.tile(span, (len(group), 1))]))
         groups.append(np.maximum(group, NO_SURFACE))
-        on_body = rows[group == OWN_SURFACE]
+        on_body = rows[group == shadows.OWN_SURFACE]
         count = len(on_body)
         for number in range(*span) if count else ():
             table = np.column_stack([np.tile(points[number].row, (count, 1)), on_body])
-            spans = np.tile((number, number + 1), (count, 1))
-            parts.append(np.column_stack([shadow_lines(table)[:, 7:], spans]))
+            numbers = np.tile((number, number + 1), (count, 1))
+            parts.append(np.column_stack([shadows.shadow_lines(table)[:, 7:], numbers]))
             groups.append(np.full(count, NO_SURFACE))
     edges, group = np.concatenate(parts), np.concatenate(groups)
     planes = edges[:, 6:10]
@@ -147,7 +117,7 @@ def edge_tables(
     planes[:, 3] += margin * np.linalg.norm(edges[:, 3:6], axis=1) * (group >= 0)
     order = np.argsort(group, kind="stable")
     edges, group = edges[order], group[order]
-    rows, triangles, rims = [], [np.empty((0, 10))], [np.empty((0, 6))]
+    spans, triangles, rims = [], [np.empty((0, 10))], [np.empty((0, 6))]
     sizes = [0, 0]
     for number, blocker in enumerate([None, *blocked.blockers], NO_SURFACE):
         first, end = np.searchsorted(group, [number, number + 1])
@@ -158,9 +128,9 @@ def edge_tables(
             triangles.append(_pyramids(blocker.triangles - origin))
             rims.append(blocker.rim.reshape(-1, 6))
             sizes = [sizes[0] + len(triangles[-1]), sizes[1] + len(rims[-1])]
-        spans = [first, end, before[0], sizes[0], before[1], sizes[1]]
-        rows.append([*origin, *plane, *spans])
-    return EdgeTables(np.array(rows), edges, np.concatenate(triangles), np.concatenate(rims))
+        numbers = [first, end, before[0], sizes[0], before[1], sizes[1]]
+        spans.append([*origin, *plane, *numbers])
+    return EdgeTables(np.array(spans), edges, np.concatenate(triangles), np.concatenate(rims))
 
 
 def _pyramids(corners: Floats) -> Floats:
@@ -187,28 +157,30 @@ class Shadows:
         scale = spec.scene_unit / wavelength
         self._inverse = opaque(m, scale)
         try:
-            points = radiating_points(
+            points = equivalent_points.radiating_points(
                 spec.at_origin, wavelength, spec.obliquity, _ERROR, _MOST_POINTS
             )
-            bodies = [in_frame(body, pose, scale) for body in bodies]
+            bodies = [surfaces.in_frame(body, pose, scale) for body in bodies]
             obstacles, positions = Obstacles(bodies), np.array([point.place for point in points])
             silhouettes = obstacles.silhouettes(list(positions))
             shared = silhouettes[-1] is silhouettes[0]
-            silhouettes = [before_plane(s) for s in (silhouettes[:1] if shared else silhouettes)]
+            silhouettes = [
+                surfaces.before_plane(s) for s in (silhouettes[:1] if shared else silhouettes)
+            ]
             tables = edge_tables(obstacles, points, silhouettes, _ENDS)
         except ArgumentError as error:
             raise SceneError(f"with diffraction: {error}") from None
         faces = sum(len(body.triangles) for body in bodies)
         _log.info("shadows: %d faces, %d edges, %d points", faces, len(tables.edges), len(points))
         self._obstacles = _scene_of(m, bodies)
-        self._start = opaque(m, max(BEHIND, ROUNDING * reach * scale))
+        self._start = opaque(m, max(surfaces.BEHIND, surfaces.ROUNDING * reach * scale))
         self._centre = tuple(positions.mean(axis=0).tolist())
         near = np.abs(positions).max(axis=0) + AWAY
         self._near = [opaque(m, value) for value in (near / scale).tolist()]
         self._is_oblique = any(point.field for point in points)
         self._is_blocked = len(tables.triangles) > 0
         every = silhouettes * len(points) if shared else silhouettes
-        self._on_host = partial(diffracted, obstacles, points, every, tolerance=_HOST_ERROR)
+        self._on_host = partial(shadows.diffracted, obstacles, points, every, tolerance=_HOST_ERROR)
         if self._jit:
             rows = np.array([[*point.row, 0.0] for point in points])
             self._tables = [self._ops.held(t.astype(np.float32)) for t in (rows, *tables)]
@@ -233,7 +205,7 @@ class Shadows:
             return float(np.abs(free + change)[0] ** 2)
         # off the boundaries of shadows and their corners, by more than rounding
         away = self._ops.sqrt(sum(c * c for c in at))
-        x, y, z = (c + _ASIDE * u * away for c, u in zip(at, ASIDE.tolist(), strict=True))
+        x, y, z = (c + _ASIDE * u * away for c, u in zip(at, shadows.ASIDE.tolist(), strict=True))
         real, imag = self._field((x, y, z))
         return real * real + imag * imag
 
@@ -265,7 +237,9 @@ class Shadows:
                     span = m.UInt32(row[10]), m.UInt32(row[11])
                     return ops.fold(*span, (real, imag), add_change)
 
-                is_short = least_detour(ops, self._centre, at, row[:3], row[3:6]) < _LONGEST
+                is_short = (
+                    edge_waves.least_detour(ops, self._centre, at, row[:3], row[3:6]) < _LONGEST
+                )
                 return self._if(is_short, add_changes, (real, imag))
 
             first, end = m.UInt32(group[7]), m.UInt32(group[8])
@@ -303,7 +277,7 @@ class Shadows:
 
         def over(number: Drjit, detour: Drjit, share: Drjit) -> Field:
             row = ops.gather(rims, number)
-            longer, passed = transmission_over(ops, group[:3], at, row[:3], row[3:6])
+            longer, passed = shadows.transmission_over(ops, group[:3], at, row[:3], row[3:6])
             return ops.minimum(longer, detour), ops.maximum(passed, share)
 
         def behind(real: Drjit, imag: Drjit) -> Field:
@@ -328,7 +302,9 @@ class Shadows:
 
     def _wave(self, row: Drjit, ahead: Point, turns: Drjit) -> Pair:
         """Return the wave of a point of the source, relative to the phase from the origin."""
-        return wave_ahead(self._ops, ahead, tuple(row[3:5]), tuple(row[5:7]), turns)
+        return equivalent_points.wave_ahead(
+            self._ops, ahead, tuple(row[3:5]), tuple(row[5:7]), turns
+        )
 
     def _hidden(self, row: Drjit, ahead: Point) -> Drjit:
         """Return whether an obstacle is between a point of the source and the end of a vector."""
@@ -348,13 +324,14 @@ class Shadows:
         wave = self._wave(point, ahead, turns)
         blocked = None
         if self._is_blocked:
-            blocked = behind_face(ops, source, *ends, row[6:10], at, 0.0)
-        arguments, options = (ops, _RULE, source, at, *ends), {"blocked": blocked}
+            blocked = shadows.behind_face(ops, source, *ends, row[6:10], at, 0.0)
+        options: dict[str, Any] = {"when": self._when, "blocked": blocked}
+        path = source, at, *ends
         if not self._is_oblique:
-            boundary = Pair(*edge_wave(*arguments, when=self._when, **options))
+            boundary = Pair(*edge_waves.edge_wave(ops, _RULE, *path, **options))
             return wave * boundary.scaled(-0.5 / math.pi)
-        boundary, rate = edge_wave_and_rate(*arguments, when=self._when, **options)
-        bend = oblique_change(ops, ahead, tuple(point[3:5]), rate, turns)
+        boundary, rate = edge_waves.edge_wave_and_rate(ops, _RULE, *path, **options)
+        bend = equivalent_points.oblique_change(ops, ahead, tuple(point[3:5]), rate, turns)
         return wave * boundary.scaled(-0.5 / math.pi) + bend
 
     def _when(
@@ -386,16 +363,18 @@ def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
 
 def cast_shadows(scene: mi.Scene) -> None:
     """Pass the surfaces of a scene to its sources and receivers with diffraction."""
-    plugins = [p for p in (*sorted_emitters(scene), *scene.sensors()) if hasattr(p, "estimator")]
+    plugins = [
+        p for p in (*surfaces.sorted_emitters(scene), *scene.sensors()) if hasattr(p, "estimator")
+    ]
     plugins = [plugin for plugin in plugins if plugin.spec.diffraction]
     if plugins and any(shape.is_medium_transition() for shape in scene.shapes()):
         raise SceneError(
             "expected no fog in a scene with diffraction, got some; remove the fog or leave "
             "diffraction out"
         )
-    meshes_at = cache(lambda wavelength: list(meshes_in(scene, wavelength)))
+    meshes_at = cache(lambda wavelength: list(surfaces.meshes_in(scene, wavelength)))
     for plugin in plugins:
-        spec, pose = plugin.spec, np.array(matrix_of(plugin.to_world))
+        spec, pose = plugin.spec, np.array(surfaces.matrix_of(plugin.to_world))
         wavelength = single(getattr(plugin, "wavelength", spec.wavelength), "wavelength")
         pose[:3, 3] += pose[:3, :2] @ spec.centre
         meshes = meshes_at(wavelength / spec.scene_unit)
@@ -404,11 +383,11 @@ def cast_shadows(scene: mi.Scene) -> None:
             digest.update(np.ascontiguousarray(array).tobytes())
         if plugin.estimator.shadows_key == digest.hexdigest():
             continue
-        bodies, shadows = bodies_of(meshes), None
+        bodies, cast = surfaces.bodies_of(meshes), None
         if bodies:
             m, reach = getattr(mi, mi.variant()), reach_of(scene, plugin)
-            shadows = Shadows(m, spec, wavelength, bodies, pose, reach)
-        plugin.estimator.set_shadows(digest.hexdigest(), shadows)
+            cast = Shadows(m, spec, wavelength, bodies, pose, reach)
+        plugin.estimator.set_shadows(digest.hexdigest(), cast)
 
 
 @contextmanager
@@ -418,7 +397,9 @@ def scene_known(scene: mi.Scene) -> Iterator[None]:
     for plugin in (*scene.emitters(), *scene.sensors()):
         if hasattr(plugin, "stand_at"):
             plugin.stand_at(reach_of(scene, plugin))
-    scenes = [(sensor, "scene", scene) for sensor in scene.sensors() if is_receiver(sensor)]
+    scenes = [
+        (sensor, "scene", scene) for sensor in scene.sensors() if surfaces.is_receiver(sensor)
+    ]
     # the process ends if a scene is freed while Dr.Jit records a kernel
     with without_collection(), changed([(ExactEstimator, "scene_is_known", True), *scenes]):
         yield

@@ -323,12 +323,7 @@ class WignerEmitter(VariantPlugin):
         return dr.select(active, self.m.Float(self._radiance.positions.density), 0.0)
 
     def sample_ray(
-        self,
-        time: Drjit,
-        sample1: Drjit,
-        sample2: mi.Point2f,
-        sample3: mi.Point2f,
-        active: Drjit = True,
+        self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.Ray3f, Drjit]:
         """Sample positions as for receivers and directions by cosine: the mean is the power."""
         ps, inverse_density = self.sample_position(time, sample2, active)

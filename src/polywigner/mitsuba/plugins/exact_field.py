@@ -240,11 +240,7 @@ class ExactEstimator:
         return dr.select(front, value * light.watts_per_norm(), 0.0)
 
     def received(
-        self,
-        x: mi.Point2f,
-        direction: mi.Vector3f,
-        point: mi.Point3f = None,
-        distance: Drjit = None,
+        self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
         """Return lambda^2 r^2 |U|^2/N at the point where the ray ends."""
         return self._scale * (distance * distance) * self.intensity(point)
@@ -301,12 +297,7 @@ class ExactField:
     """
 
     def __init__(
-        self,
-        m: Any,
-        source: SceneSource,
-        wavelength: float,
-        obliquity: str,
-        is_part: bool = False,
+        self, m: Any, source: SceneSource, wavelength: float, obliquity: str, is_part: bool = False
     ) -> None:
         source, condition = plane_waves_of(source), CONDITIONS[obliquity]
         condition.warn_of_fit(source, wavelength)

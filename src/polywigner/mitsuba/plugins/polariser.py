@@ -140,12 +140,7 @@ class Polariser:
             self._stokes_vector = [opaque(m, number) for number in stokes_vector(polarisation)]
 
     def sent(
-        self,
-        value: Drjit,
-        direction: mi.Vector3f,
-        frame: Frame,
-        active: Drjit,
-        along: mi.Vector3f | None = None,
+        self, value: Drjit, direction: Drjit, frame: Frame, active: Drjit, along: Drjit = None
     ) -> Drjit:
         """Return light that leaves a source in a direction of its frame: a column."""
         if self._is_plain:
@@ -180,12 +175,11 @@ def mueller_matrix(m: Any, entries: dict[tuple[int, int], Drjit]) -> Drjit:
     return matrix
 
 
-def turned(
-    m: Any,
-    share: Drjit,
-    arrives: tuple[Frame, mi.Vector3f],
-    leaves: tuple[Frame, mi.Vector3f] | None,
-) -> Drjit:
+_End = tuple[Frame, Drjit]
+"""Frame of an antenna, and the direction of a path in the scene."""
+
+
+def turned(m: Any, share: Drjit, arrives: _End, leaves: _End | None) -> Drjit:
     """Return a Mueller matrix of Mitsuba's axes as one between Ludwig's axes of two antennas.
 
     ``leaves`` : None for unpolarised light, which does not depend on axes.

@@ -175,24 +175,14 @@ class WignerReceiver(VariantPlugin):
     # ---- rays ----------------------------------------------------------------------------
 
     def sample_ray_differential(
-        self,
-        time: Drjit,
-        sample1: Drjit,
-        sample2: mi.Point2f,
-        sample3: mi.Point2f,
-        active: Drjit = True,
+        self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit]:
         angles, solid_angle = self._looks(sample2)
         ray, weight, colours = self.look_along(angles, time, sample1, sample3, active)
         return ray, self.weigh(colours, weight * solid_angle, angles, active)
 
     def sample_ray(
-        self,
-        time: Drjit,
-        sample1: Drjit,
-        sample2: mi.Point2f,
-        sample3: mi.Point2f,
-        active: Drjit = True,
+        self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.Ray3f, Drjit]:
         ray, weight = self.sample_ray_differential(time, sample1, sample2, sample3, active)
         return self.m.Ray3f(ray), weight
@@ -205,12 +195,7 @@ class WignerReceiver(VariantPlugin):
         return colours * self.polariser.taken(weight, direction, self._frame, active)
 
     def look_along(
-        self,
-        angles: mi.Point2f,
-        time: Drjit,
-        sample1: Drjit,
-        sample3: mi.Point2f,
-        active: Drjit = True,
+        self, angles: Drjit, time: Drjit, sample1: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit, Drjit]:
         """Return a ray, its weight in W per radiance and solid angle, and its colour weight."""
         direction = direction_of(self.m, angles)

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -402,7 +403,7 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
             "function of the source contains no edges of obstacles"
         )
     obliquity = given.choice("an obliquity", OBLIQUITIES, DEFAULT)
-    wavelength = given.wavelength()
+    wavelength, weight = given.wavelength(), given.number("sampling_weight")
     try:
         source, mixture = _mixture_of(
             given.source(wavelength), wavelength, given.number("bandwidth") if sends else None
@@ -422,7 +423,7 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
         normalise=checked_normalise(given.text("normalise", NORMALISATIONS[0]), SceneError),
         diffraction=diffraction,
         control_variate=given.flag("control_variate", False),
-        sampling_weight=given.sampling_weight(),
+        sampling_weight=1.0 if weight is None else weight,
         visible=given.flag("visible", True),
         noise={} if sends else {name: given.number(name) for name in NOISE_PARSERS},
         polarisation=given.polarisation(source),
@@ -458,9 +459,20 @@ _PARSERS: dict[str, Callable[[Any], float]] = {
     "scene_unit": _parse_unit,
     "power": parse_power,
     "aperture_power": parse_power,
+    "sampling_weight": float,
     **NOISE_PARSERS,
 }
 """Readers of the numbers of an entry, by name."""
+
+
+def _number(name: str, value: Any, element: str) -> float:
+    """Return the number of a parameter in SI units; raise SceneError for other values."""
+    if not isinstance(value, str | Real) or isinstance(value, bool):
+        raise SceneError(f"expected a number or a text as {name}, got {type(value).__name__}")
+    try:
+        return float(_PARSERS[name](value))
+    except ValueError as error:
+        raise SceneError(f"{name} of the {element}: {error}") from None
 
 
 def scene_entry(
@@ -474,7 +486,7 @@ def scene_entry(
     source = source if isinstance(source, kinds) else Aperture(source)
     entry: dict[str, Any] = {"type": plugin, "source": register_source(source)}
     entry |= {
-        name: _PARSERS[name](value) if name in _PARSERS else value
+        name: _number(name, value, plugin) if name in _PARSERS else value
         for name, value in values.items()
         if value is not None
     }
@@ -580,25 +592,11 @@ class _SceneValues:
         given = self.values.get("to_world")
         return rigid_pose(np.eye(4) if given is None else given.matrix)
 
-    def sampling_weight(self) -> float:
-        """Return the relative number of samples."""
-        weight = self._parsed("sampling_weight", float)
-        return 1.0 if weight is None else weight
-
     def number(self, name: str) -> float | None:
         """Return a parameter of `_PARSERS` in SI units; None without a value."""
-        return self._parsed(name, _PARSERS[name])
-
-    def _parsed(self, name: str, parse: Callable[[Any], float]) -> float | None:
         if name not in self.values:
             return None
-        value = self.values[name]
-        if not isinstance(value, (str, int, float)) or isinstance(value, bool):
-            raise SceneError(f"expected a number or a text as {name}, got {type(value).__name__}")
-        try:
-            return float(parse(value))
-        except ValueError as error:
-            raise SceneError(f"{name} of the {self.element}: {error}") from None
+        return _number(name, self.values[name], self.element)
 
     def flag(self, name: str, default: bool) -> bool:
         value = self.values.get(name, default)

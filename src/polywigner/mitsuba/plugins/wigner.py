@@ -128,11 +128,7 @@ class WignerRadiance:
         self._wave = source if isinstance(source, Wavefront) else None
 
     def at(
-        self,
-        x: mi.Point2f,
-        direction: mi.Vector3f,
-        wave: Wave,
-        wigner: Callable[..., Drjit] | None = None,
+        self, x: Drjit, direction: Drjit, wave: Wave, wigner: Callable[..., Drjit] | None = None
     ) -> Drjit:
         """Return the sum in m^2 at positions and directions of the source's frame, zero behind.
 
@@ -168,10 +164,7 @@ class WignerRadiance:
         return frequency[0] - (xx * dx + xy * dy), frequency[1] - (xy * dx + yy * dy)
 
     def integral(
-        self,
-        direction: mi.Vector3f,
-        wave: Wave,
-        intensity: Callable[..., Drjit] | None = None,
+        self, direction: Drjit, wave: Wave, intensity: Callable[..., Drjit] | None = None
     ) -> Drjit:
         """Return the integral over positions in m^4, the sum of h |F|^2.
 
@@ -252,11 +245,7 @@ class WignerEstimator:
         return value / self.density
 
     def received(
-        self,
-        x: mi.Point2f,
-        direction: mi.Vector3f,
-        point: mi.Point3f = None,
-        distance: Drjit = None,
+        self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
         """Return g W/N over the density, in units of the scene; g = h cos."""
         wave = self._radiance.waves.wave(self._inverse, x, direction)
