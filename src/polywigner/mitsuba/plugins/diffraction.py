@@ -107,8 +107,8 @@ def edge_tables(
         count = len(on_body)
         for number in range(*span) if count else ():
             table = np.column_stack([np.tile(points[number].row, (count, 1)), on_body])
-            numbers = np.tile((number, number + 1), (count, 1))
-            parts.append(np.column_stack([shadows.shadow_lines(table)[:, 7:], numbers]))
+            ranges = np.tile((number, number + 1), (count, 1))
+            parts.append(np.column_stack([shadows.shadow_lines(table)[:, 7:], ranges]))
             groups.append(np.full(count, NO_SURFACE))
     edges, group = np.concatenate(parts), np.concatenate(groups)
     planes = edges[:, 6:10]
