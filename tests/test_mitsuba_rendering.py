@@ -51,7 +51,6 @@ def irradiance(image):
     [
         pytest.param(SQUARE, 2, "independent", {}, marks=pytest.mark.slow),
         (CHEVRON, 10, "multijitter", {}),
-        pytest.param(CHEVRON, 10, "multijitter", {"sampling": "marginal"}, marks=pytest.mark.slow),
         pytest.param(CHEVRON, 50, "multijitter", {"control_variate": True}, marks=pytest.mark.slow),
     ],
 )

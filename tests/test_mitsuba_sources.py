@@ -15,11 +15,9 @@ from mitsuba_scenes import (
     emitter_of,
     evaluated,
     light,
-    uniform,
     use,
-    vectors,
 )
-from polywigner.mitsuba.plugins.emissions import Mixture
+from polywigner.mitsuba.plugins.source_parameters import Mixture
 from polywigner.mitsuba.plugins.wigner import DrawnWaves
 
 pytestmark = pytest.mark.drjit
@@ -176,33 +174,3 @@ def test_scalar_variants_draw_waves_of_the_right_spread():
     middle = pw.SPEED_OF_LIGHT / WAVELENGTH
     assert np.abs(frequencies - middle).max() <= 10.01e9
     assert frequencies.std() == pytest.approx(20e9 / np.sqrt(12), rel=0.1)
-
-
-def steered(degrees):
-    places = pw.arrays.grid_positions(12, 16, 1.9e-3)
-    beam = np.array([np.sin(np.radians(degrees)), 0.0, np.cos(np.radians(degrees))])
-    weights = pw.arrays.steering_weights(places, beam, WAVELENGTH)
-    return pw.phased_array(PATCH, places, weights)
-
-
-@pytest.mark.slow
-def test_antithetic_samples_see_what_plain_ones_see_with_far_less_noise(llvm):
-    """Beside a beam at 40 degrees, where midpoints of elements cancel one another."""
-    mi = use("llvm_ad_mono")
-    count = 2**14
-    points = [(0.0, 0.3), (-0.25, 0.0), (-0.05, 0.02), (0.42, 0.0)]  # the last one in the beam
-    means, errors = np.zeros((2, len(points))), np.zeros((2, len(points)))
-    for row, antithetic in enumerate((False, True)):
-        emitter = emitter_of(light(steered(40.0), antithetic=antithetic))
-        for column, (x, y) in enumerate(points):
-            it = mi.Interaction3f()
-            it.p = vectors(mi, "Point", np.tile([1e3 * x, 1e3 * y, 500.0], (count, 1)))
-            ds, weight = emitter.sample_direction(it, uniform(mi, count, 2, seed=column), True)
-            values = np.array(weight, dtype=float).ravel()
-            radiance = np.array(emitter.eval_direction(it, ds, True), dtype=float).ravel()
-            density = np.array(ds.pdf, dtype=float).ravel()
-            np.testing.assert_allclose(values * density, radiance, rtol=1e-3, atol=1e-3)
-            means[row, column] = values.mean()
-            errors[row, column] = values.std() / np.sqrt(count)
-    assert (np.abs(means[1] - means[0]) < 5 * np.hypot(*errors)).all()
-    assert (errors[1, :3] < 0.3 * errors[0, :3]).all()

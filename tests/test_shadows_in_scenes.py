@@ -21,7 +21,7 @@ from oracles import meshes
 from polywigner.cli import main
 from polywigner.errors import SceneError
 from polywigner.geometry.silhouettes import Obstacles
-from polywigner.mitsuba.plugins.diffraction import bodies_of
+from polywigner.mitsuba.scenes.surfaces import bodies_of
 
 mi = use("scalar_rgb")
 pytestmark = pytest.mark.drjit
@@ -364,7 +364,9 @@ def test_a_source_without_its_scene_lights_nothing_and_leaves_other_scenes_alone
     with pytest.warns(RuntimeWarning, match=r"polywigner\.mitsuba\.receiving"):
         assert np.isnan(mi.render(made, spp=1, integrator=direct)).any()
     with pytest.warns(RuntimeWarning, match=r"polywigner\.mitsuba\.receiving"):
-        np.testing.assert_array_equal(mi.render(other, spp=1, integrator=direct), alone)
+        again = np.array(mi.render(other, spp=1, integrator=direct))
+    # threads add the samples of a pixel in any order
+    np.testing.assert_allclose(again, alone, rtol=1e-5, atol=0.0)
     with pm.receiving(made):
         assert np.isfinite(mi.render(made, spp=1, integrator=direct)).all()
 

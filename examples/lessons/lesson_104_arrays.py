@@ -193,8 +193,8 @@ assert np.all(parts[::2] > 0) and np.all(parts[1::2] < 0)
 
 # %%
 # This is why arrays are noisy to render: rays are drawn from places, one by one, and at the
-# ghosts they cancel only when all places have been seen. The plugin's option ``antithetic`` takes
-# neighbouring places together for that reason.
+# ghosts they cancel only when all places have been seen. The plugin's estimator ``exact`` has no
+# such noise.
 #
 # Steering moves the beam, its copies and the ghosts along :math:`\nu`, all by the same amount,
 # and nothing along :math:`x`. What it does not move is the pattern of the single element, in

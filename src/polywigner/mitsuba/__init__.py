@@ -17,8 +17,11 @@ llvm.require_drjit()  # before the next imports, which load Dr.Jit
 from polywigner.mitsuba.plugins.emitter import aperture  # noqa: E402
 from polywigner.mitsuba.plugins.polariser import stokes_of  # noqa: E402
 from polywigner.mitsuba.plugins.receiver import receiver  # noqa: E402
-from polywigner.mitsuba.plugins.registration import exclusive, register  # noqa: E402
-from polywigner.mitsuba.plugins.source_parameters import register_source  # noqa: E402
+from polywigner.mitsuba.plugins.registration import (  # noqa: E402
+    exclusive,
+    register,
+    register_source,
+)
 from polywigner.mitsuba.radar.clouds import covariance, element_responses, write_scatterers  # noqa: E402
 from polywigner.mitsuba.radar.range_profile import range_frames, range_profile  # noqa: E402
 from polywigner.mitsuba.radar.scatterers import scatterers  # noqa: E402

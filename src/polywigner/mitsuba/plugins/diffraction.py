@@ -1,7 +1,8 @@
 """Shadows that diffract in scenes: the estimator ``exact`` with ``diffraction``. Source: (SB3).
 
-Each point in place of the source adds its light where obstacles let it pass, and boundary waves of
-their edges, which are data of one loop. Lengths are in wavelengths, in the source's frame.
+A sum over points replaces the source. Each point adds its wave where no obstacle hides it, and
+boundary waves of the obstacles' edges, which are data of one loop. Lengths are in wavelengths, in
+the source's frame.
 """
 
 from __future__ import annotations
@@ -23,68 +24,43 @@ from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit, ops_for, without_collection
 from polywigner.geometry.obstacles import Obstacle
 from polywigner.geometry.silhouettes import Obstacles, Silhouette
-from polywigner.kernels.boundary.edge_waves import (
-    EdgeRule,
-    difference,
-    dot,
-    edge_wave,
-    edge_wave_and_rate,
-    least_detour,
-)
+from polywigner.kernels.boundary import edge_waves
+from polywigner.kernels.boundary.edge_waves import difference, dot
 from polywigner.mitsuba.plugins.exact_field import AWAY, ExactEstimator
 from polywigner.mitsuba.plugins.films import changed
+from polywigner.mitsuba.plugins.registration import set_mesh
 from polywigner.mitsuba.plugins.samplers import opaque, single
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters, reach_of
-from polywigner.mitsuba.scenes.surfaces import (
-    BEHIND,
-    ROUNDING,
-    before_plane,
-    bodies_of,
-    in_frame,
-    is_receiver,
-    matrix_of,
-    meshes_in,
-    sorted_emitters,
-)
+from polywigner.mitsuba.scenes import surfaces
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.jets import Jet, flattened, rebuilt
-from polywigner.propagation.equivalent_points import (
-    RadiatingPoint,
-    oblique_change,
-    radiating_points,
-    wave_ahead,
-)
-from polywigner.propagation.shadows import (
-    ASIDE,
-    NO_SURFACE,
-    OWN_SURFACE,
-    Blocker,
-    behind_face,
-    blocked_edges,
-    diffracted,
-    shadow_lines,
-    transmission_over,
-)
+from polywigner.propagation import equivalent_points, shadows
+from polywigner.propagation.shadows import NO_SURFACE
 
 Floats = NDArray[np.float64]
+Point = tuple[Drjit, Drjit, Drjit]
+Field = tuple[Drjit, Drjit]
+"""Real and imaginary part."""
 
-# Error of |F|^2 over its peak: shadows of one edge at a time deserve no more.
+# Error of |F|^2 over its peak: shadows of one edge at a time need no smaller error.
 _ERROR = 3e-4
-# Points in place of a source: each looks for obstacles, at each sample.
+# Most points in place of a source: each of them looks for obstacles at each sample.
 _MOST_POINTS = 1024
-# Measured before edges at random: within 9e-6, most within 5e-7.
-_RULE = EdgeRule.of(2.0, 16, 2)
-# An edge of half a plane adds 1/(sqrt(8) pi sqrt(detour)) to the field that would be there without:
-# below this share it is left out.
+# Measured for random edges: within 9e-6, most within 5e-7.
+_RULE = edge_waves.EdgeRule.of(2.0, 16, 2)
+# The edge of a half plane adds 1/(sqrt(8) pi sqrt(detour)) of the free field: edges below this
+# fraction are left out.
 _FAINT = 2e-3
 _LONGEST = 1.0 / (8.0 * math.pi**2 * _FAINT**2)
-# Places are taken beside themselves by this fraction of their distance, which single precision can
-# tell from the boundaries of shadows.
+# Points are shifted by this fraction of their distance, so that single precision separates them
+# from the boundaries of shadows.
 _ASIDE = 1e-6
 # Fraction of a ray that is left out at its end, on a surface; in single precision.
 _ENDS = 1e-5
 # Relative error of fields in scalar variants.
-_ON_HOST = 1e-4
+_HOST_ERROR = 1e-4
+
+_NO_PLANE = (0.0, 0.0, 0.0, 1.0)
 
 _log = logging.getLogger("polywigner.mitsuba")
 
@@ -106,57 +82,59 @@ class EdgeTables(NamedTuple):
 
 def edge_tables(
     obstacles: Obstacles,
-    points: Sequence[RadiatingPoint],
-    seen: Sequence[Silhouette],
+    points: Sequence[equivalent_points.RadiatingPoint],
+    silhouettes: Sequence[Silhouette],
     margin: float,
 ) -> EdgeTables:
-    """Return the edges that points of a source see, in groups of one blocker.
+    """Return the edges of silhouettes from points of the source, in groups of one blocker.
 
     Parameters
     ----------
     obstacles : bodies, in wavelengths.
     points : points of the source.
-    seen : a silhouette for each point, or one for all.
+    silhouettes : one for each point, or one for all.
     margin : depth behind a face, as a fraction of its distance, up to which points lie on it.
     """
-    shared = len(seen) < len(points)
-    found = blocked_edges(obstacles, seen, np.mean([point.place for point in points], axis=0))
+    centre = np.mean([point.place for point in points], axis=0)
+    blocked = shadows.blocked_edges(obstacles, silhouettes, centre)
     parts, groups = [], []
-    for k, (silhouette, group) in enumerate(zip(seen, found.groups, strict=True)):
-        count, span = len(group), (0, len(points)) if shared else (k, k + 1)
+    for k, (silhouette, group) in enumerate(zip(silhouettes, blocked.groups, strict=True)):
+        span = (0, len(points)) if len(silhouettes) < len(points) else (k, k + 1)
         rows = np.column_stack([silhouette.edges.reshape(-1, 6), silhouette.planes])
-        parts.append(np.column_stack([rows, np.tile(span, (count, 1))]))
+        parts.append(np.column_stack([rows, np.tile(span, (len(group), 1))]))
         groups.append(np.maximum(group, NO_SURFACE))
-        own = rows[group == OWN_SURFACE]
-        for number in range(*span) if len(own) else ():
-            table = np.column_stack([np.tile(points[number].row, (len(own), 1)), own])
-            lines = shadow_lines(table)[:, 7:]
-            parts.append(np.column_stack([lines, np.tile((number, number + 1), (len(own), 1))]))
-            groups.append(np.full(len(own), NO_SURFACE))
+        on_body = rows[group == shadows.OWN_SURFACE]
+        count = len(on_body)
+        for number in range(*span) if count else ():
+            table = np.column_stack([np.tile(points[number].row, (count, 1)), on_body])
+            ranges = np.tile((number, number + 1), (count, 1))
+            parts.append(np.column_stack([shadows.shadow_lines(table)[:, 7:], ranges]))
+            groups.append(np.full(count, NO_SURFACE))
     edges, group = np.concatenate(parts), np.concatenate(groups)
     planes = edges[:, 6:10]
-    planes[group == NO_SURFACE] = 0.0, 0.0, 0.0, 1.0
-    # places on the surface count as before it, which single precision rounds
+    planes[group == NO_SURFACE] = _NO_PLANE
+    # points on the surface count as points in front of it, which single precision rounds
     planes[:, 3] += margin * np.linalg.norm(edges[:, 3:6], axis=1) * (group >= 0)
     order = np.argsort(group, kind="stable")
     edges, group = edges[order], group[order]
-    blockers: list[Blocker | None] = [None, *found.blockers]
     spans, triangles, rims = [], [np.empty((0, 10))], [np.empty((0, 6))]
-    for number, blocker in enumerate(blockers, NO_SURFACE):
+    sizes = [0, 0]
+    for number, blocker in enumerate([None, *blocked.blockers], NO_SURFACE):
         first, end = np.searchsorted(group, [number, number + 1])
-        plane = edges[first, 6:10] if first < end else np.array([0.0, 0.0, 0.0, 1.0])
-        before = sum(map(len, triangles)), sum(map(len, rims))
+        plane = edges[first, 6:10] if first < end else _NO_PLANE
+        before, origin = list(sizes), np.zeros(3)
         if blocker is not None:
-            triangles.append(_pyramids(blocker.triangles - blocker.origin))
+            origin = blocker.origin
+            triangles.append(_pyramids(blocker.triangles - origin))
             rims.append(blocker.rim.reshape(-1, 6))
-        after = sum(map(len, triangles)), sum(map(len, rims))
-        origin = np.zeros(3) if blocker is None else blocker.origin
-        spans.append([*origin, *plane, first, end, before[0], after[0], before[1], after[1]])
+            sizes = [sizes[0] + len(triangles[-1]), sizes[1] + len(rims[-1])]
+        numbers = [first, end, before[0], sizes[0], before[1], sizes[1]]
+        spans.append([*origin, *plane, *numbers])
     return EdgeTables(np.array(spans), edges, np.concatenate(triangles), np.concatenate(rims))
 
 
 def _pyramids(corners: Floats) -> Floats:
-    """(t, 10) normals of the sides of pyramids from the origin over triangles, and volumes."""
+    """Return side normals and volumes (t, 10) of pyramids from the origin over triangles."""
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
     return np.column_stack([*sides, np.einsum("tk,tk->t", a, sides[0])])
@@ -176,231 +154,227 @@ class Shadows:
     ) -> None:
         self._m, self._jit = m, dr.is_jit_v(m.Float)
         self._ops = ops_for(m.Float)
-        self._inverse = opaque(m, spec.scene_unit / wavelength)
+        scale = spec.scene_unit / wavelength
+        self._inverse = opaque(m, scale)
         try:
-            source = spec.at_origin
-            points = radiating_points(source, wavelength, spec.obliquity, _ERROR, _MOST_POINTS)
-            scale = spec.scene_unit / wavelength
-            own = [in_frame(body, pose, scale) for body in bodies]
-            obstacles, places = Obstacles(own), [point.place for point in points]
-            seen = obstacles.silhouettes(places)
-            shared = seen[-1] is seen[0]
-            seen = [before_plane(silhouette) for silhouette in (seen[:1] if shared else seen)]
-            tables = edge_tables(obstacles, points, seen, _ENDS)
+            points = equivalent_points.radiating_points(
+                spec.at_origin, wavelength, spec.obliquity, _ERROR, _MOST_POINTS
+            )
+            bodies = [surfaces.in_frame(body, pose, scale) for body in bodies]
+            obstacles, positions = Obstacles(bodies), np.array([point.place for point in points])
+            silhouettes = obstacles.silhouettes(list(positions))
+            shared = silhouettes[-1] is silhouettes[0]
+            silhouettes = [
+                surfaces.before_plane(s) for s in (silhouettes[:1] if shared else silhouettes)
+            ]
+            tables = edge_tables(obstacles, points, silhouettes, _ENDS)
         except ArgumentError as error:
             raise SceneError(f"with diffraction: {error}") from None
-        self._obstacles = _scene_of(m, own)
-        self._start = opaque(m, max(BEHIND, ROUNDING * reach * scale))
-        self._middle = np.mean([point.place for point in points], axis=0)
-        near = np.abs([point.place for point in points]).max(axis=0) + AWAY
+        faces = sum(len(body.triangles) for body in bodies)
+        _log.info("shadows: %d faces, %d edges, %d points", faces, len(tables.edges), len(points))
+        self._obstacles = _scene_of(m, bodies)
+        self._start = opaque(m, max(surfaces.BEHIND, surfaces.ROUNDING * reach * scale))
+        self._centre = tuple(positions.mean(axis=0).tolist())
+        near = np.abs(positions).max(axis=0) + AWAY
         self._near = [opaque(m, value) for value in (near / scale).tolist()]
-        rows = np.array([[*point.row, 0.0] for point in points])
         self._is_oblique = any(point.field for point in points)
-        faces = sum(len(body.triangles) for body in own)
-        _log.info(
-            "shadows: %d faces, %d edges of %d points; waves of edges below %g of the light are "
-            "left out, as by detours beyond %.3g wavelengths",
-            faces, len(tables.edges), len(points), _FAINT, _LONGEST,
-        )  # fmt: skip
-        self._tables = tables
         self._is_blocked = len(tables.triangles) > 0
-        whole = seen * len(points) if shared else seen
-        self._on_host = partial(diffracted, obstacles, points, whole, tolerance=_ON_HOST)
+        every = silhouettes * len(points) if shared else silhouettes
+        self._on_host = partial(shadows.diffracted, obstacles, points, every, tolerance=_HOST_ERROR)
         if self._jit:
-            self._held = [self._ops.held(t.astype(np.float32)) for t in (rows, *tables)]
-            self._ends = [m.UInt32(dr.opaque(m.UInt32, len(t))) for t in (rows, tables.groups)]
+            rows = np.array([[*point.row, 0.0] for point in points])
+            self._tables = [self._ops.held(t.astype(np.float32)) for t in (rows, *tables)]
+            counts = len(rows), len(tables.groups)
+            self._counts = [m.UInt32(dr.opaque(m.UInt32, count)) for count in counts]
+            self._has_edges = len(tables.edges) > 0  # a body around the source has no rim
 
-    def either(self, point: Any, plain: Callable[[Any], Any]) -> Drjit:
-        """|U|^2 at a point in front; by ``plain``, without shadows, beside the source."""
+    def either(self, point: mi.Point3f, free: Callable[[mi.Point3f], Drjit]) -> Drjit:
+        """Return |U|^2 at a point in front; ``free`` without shadows close to the source."""
         z, x, y = point.z, abs(point.x), abs(point.y)
         far = (z > self._near[2]) | (x > self._near[0]) | (y > self._near[1])
         if not self._jit:
-            return self.intensity(point) if far else plain(point)
-        return dr.if_stmt((point,), far, self.intensity, plain, mode="symbolic")
+            return self.intensity(point) if far else free(point)
+        return dr.if_stmt((point,), far, self.intensity, free, mode="symbolic")
 
-    def intensity(self, point: Any) -> Drjit:
-        """|U|^2 at a point in front, in units of the scene; in the unit of |u|^2."""
-        place = tuple(c * self._inverse for c in (point.x, point.y, point.z))
+    def intensity(self, point: mi.Point3f) -> Drjit:
+        """Return |U|^2 at a point in front in units of the scene, relative to |u|^2 = 1."""
+        at = tuple(c * self._inverse for c in (point.x, point.y, point.z))
         if not self._jit:
-            # before the surface that the point is on, by more than rounding
-            change, free, _ = self._on_host(
-                places=(1.0 - _ENDS) * np.array([place]), engine="numpy"
-            )
+            # in front of the surface that contains the point, by more than rounding
+            change, free, _ = self._on_host(places=(1.0 - _ENDS) * np.array([at]), engine="numpy")
             return float(np.abs(free + change)[0] ** 2)
-        # beside the boundaries of shadows and their corners, by more than rounding
-        away = self._ops.sqrt(sum(c * c for c in place))
-        place = tuple(c + _ASIDE * u * away for c, u in zip(place, ASIDE.tolist(), strict=True))
-        real, imag = self._traced(place)
+        # off the boundaries of shadows and their corners, by more than rounding
+        away = self._ops.sqrt(sum(c * c for c in at))
+        x, y, z = (c + _ASIDE * u * away for c, u in zip(at, shadows.ASIDE.tolist(), strict=True))
+        real, imag = self._field((x, y, z))
         return real * real + imag * imag
 
-    def _traced(self, place: Any) -> tuple[Drjit, Drjit]:
+    def _field(self, at: Point) -> Field:
         m, ops = self._m, self._ops
-        points, groups, edges, *_ = self._held
-        zero = m.Float(0.0)
+        points, groups, edges, *_ = self._tables
 
-        def lit(number: Any, real: Any, imag: Any) -> tuple[Drjit, Drjit]:
+        def add_point(number: Drjit, real: Drjit, imag: Drjit) -> Field:
             row = ops.gather(points, number)
-            wave, ahead = self._wave(ops, row, place)
-            hidden = self._hidden(row[:2], ahead)
+            ahead, turns = self._path(row, at)
+            wave, hidden = self._wave(row, ahead, turns), self._hidden(row, ahead)
             return (
                 real + dr.select(hidden, 0.0, wave.real),
                 imag + dr.select(hidden, 0.0, wave.imag),
             )
 
-        def of_group(number: Any, real: Any, imag: Any) -> tuple[Drjit, Drjit]:
+        def add_group(number: Drjit, real: Drjit, imag: Drjit) -> Field:
             group = ops.gather(groups, number)
-            weight = self._transmission(group, place)
+            weight = self._transmission(group, at)
 
-            def of_edge(number: Any, real: Any, imag: Any) -> tuple[Drjit, Drjit]:
+            def add_edge(number: Drjit, real: Drjit, imag: Drjit) -> Field:
                 row = ops.gather(edges, number)
 
-                def of_point(number: Any, real: Any, imag: Any) -> tuple[Drjit, Drjit]:
-                    change = self._change(ops, ops.gather(points, number), row, place) * weight
+                def add_change(number: Drjit, real: Drjit, imag: Drjit) -> Field:
+                    change = self._change(ops.gather(points, number), row, at) * weight
                     return real + change.real, imag + change.imag
 
-                def visible(real: Any, imag: Any) -> tuple[Drjit, Drjit]:
-                    return ops.fold(m.UInt32(row[10]), m.UInt32(row[11]), (real, imag), of_point)
+                def add_changes(real: Drjit, imag: Drjit) -> Field:
+                    span = m.UInt32(row[10]), m.UInt32(row[11])
+                    return ops.fold(*span, (real, imag), add_change)
 
-                matters = self._matters(ops, row, place)
-                return dr.if_stmt(
-                    (real, imag), matters, visible, lambda *state: state, mode="symbolic"
+                is_short = (
+                    edge_waves.least_detour(ops, self._centre, at, row[:3], row[3:6]) < _LONGEST
                 )
+                return self._if(is_short, add_changes, (real, imag))
 
             first, end = m.UInt32(group[7]), m.UInt32(group[8])
             end = dr.select(weight.norm() > _FAINT**2, end, first)
-            return ops.fold(first, end, (real, imag), of_edge)
+            return ops.fold(first, end, (real, imag), add_edge)
 
-        real, imag = ops.fold(0, self._ends[0], (zero, zero), lit)
-        if not len(self._tables.edges):  # a body around the source has no rim
-            return real, imag
-        return ops.fold(0, self._ends[1], (real, imag), of_group)
+        zero = m.Float(0.0)
+        field = ops.fold(0, self._counts[0], (zero, zero), add_point)
+        return ops.fold(0, self._counts[1], field, add_group) if self._has_edges else field
 
-    def _transmission(self, group: Any, place: Any) -> Pair:
-        """Amplitude at a place of the waves of a group of edges, over the free one."""
+    @staticmethod
+    def _if(condition: Drjit, compute: Callable[..., Any], state: Any) -> Any:
+        """Return ``compute(*state)`` where the condition holds, and the state elsewhere."""
+        return dr.if_stmt(state, condition, compute, lambda *state: state, mode="symbolic")
+
+    def _transmission(self, group: Drjit, at: Point) -> Pair:
+        """Return the amplitude at a point of the waves of a group of edges, over the free one."""
         m, ops = self._m, self._ops
+        free = m.Float(1.0), m.Float(0.0)
         if not self._is_blocked:
-            return Pair(m.Float(1.0), m.Float(0.0))
-        *_, triangles, rims = self._held
-        ahead = difference(place, group[:3])
+            return Pair(*free)
+        *_, triangles, rims = self._tables
+        ahead = difference(at, group[:3])
 
-        def is_hit(number: Any, hits: Any) -> tuple[Drjit]:
+        def is_hit(number: Drjit, hits: Drjit) -> tuple[Drjit]:
             row = ops.gather(triangles, number)
             shares = [dot(row[k : k + 3], ahead) for k in (0, 3, 6)]
             total = shares[0] + shares[1] + shares[2]
             sign = dr.select(total < 0.0, -1.0, 1.0)
-            # the triangle's plane is before the place, which does not lie on it
-            met = (row[9] * sign > 0.0) & (row[9] * sign < total * sign * (1.0 - _ENDS))
+            # the triangle's plane is in front of the point, which does not lie on it
+            hit = (row[9] * sign > 0.0) & (row[9] * sign < total * sign * (1.0 - _ENDS))
             for share in shares:
-                met &= share * sign >= 0.0
-            return (dr.select(met, 1.0, hits),)
+                hit &= share * sign >= 0.0
+            return (dr.select(hit, 1.0, hits),)
 
-        def over(number: Any, detour: Any, share: Any) -> tuple[Drjit, Drjit]:
+        def over(number: Drjit, detour: Drjit, share: Drjit) -> Field:
             row = ops.gather(rims, number)
-            path = group[:3], place, row[:3], row[3:6]
-            longer, passed = transmission_over(ops, *path)
+            longer, passed = shadows.transmission_over(ops, group[:3], at, row[:3], row[3:6])
             return ops.minimum(longer, detour), ops.maximum(passed, share)
 
-        def behind(real: Any, imag: Any) -> tuple[Drjit, Drjit]:
+        def behind(real: Drjit, imag: Drjit) -> Field:
             span = m.UInt32(group[9]), m.UInt32(group[10])
             (hits,) = ops.fold(*span, (m.Float(0.0),), is_hit)
             first, end = m.UInt32(group[11]), m.UInt32(group[12])
             end = dr.select(hits > 0.5, end, first)
-            state = m.Float(1e6), m.Float(0.0)
-            detour, share = ops.fold(first, end, state, over)
+            detour, share = ops.fold(first, end, (m.Float(1e6), m.Float(0.0)), over)
             wave = unit_wave(ops, detour).scaled(share)
             return dr.select(hits > 0.5, wave.real, real), dr.select(hits > 0.5, wave.imag, imag)
 
-        free = m.Float(1.0), m.Float(0.0)
-        is_behind = dot(group[3:6], place) + group[6] < 0.0
-        return Pair(*dr.if_stmt(free, is_behind, behind, lambda *state: state, mode="symbolic"))
+        return Pair(*self._if(dot(group[3:6], at) + group[6] < 0.0, behind, free))
 
-    def _wave(self, ops: Any, row: Any, place: Any) -> tuple[Pair, tuple[Drjit, Drjit, Drjit]]:
-        """The wave of a point of the source, relative to the phase of the distance from its frame's
-        origin; and the path to the place."""
-        ahead, turns = self._path(ops, row, place)
-        return wave_ahead(ops, ahead, tuple(row[3:5]), tuple(row[5:7]), turns), ahead
-
-    @staticmethod
-    def _path(ops: Any, row: Any, place: Any) -> tuple[tuple[Drjit, Drjit, Drjit], Drjit]:
-        """From a point of the source to a place, and cycles beyond the distance of the origin."""
-        x, y, z = place
+    def _path(self, row: Drjit, at: Point) -> tuple[Point, Drjit]:
+        """Return the vector from a point of the source, and cycles beyond the origin's distance."""
+        ops, (x, y, z) = self._ops, at
         a, b = row[:2]
         ahead = x - a, y - b, z
-        way = ops.sqrt(ahead[0] * ahead[0] + ahead[1] * ahead[1] + z * z)
-        turns = (a * (a - 2.0 * x) + b * (b - 2.0 * y)) / (way + ops.sqrt(x * x + y * y + z * z))
-        return ahead, turns
+        length = ops.sqrt(ahead[0] * ahead[0] + ahead[1] * ahead[1] + z * z)
+        sum_ = length + ops.sqrt(x * x + y * y + z * z)
+        return ahead, (a * (a - 2.0 * x) + b * (b - 2.0 * y)) / sum_
 
-    def _hidden(self, at: Any, ahead: Any) -> Drjit:
+    def _wave(self, row: Drjit, ahead: Point, turns: Drjit) -> Pair:
+        """Return the wave of a point of the source, relative to the phase from the origin."""
+        return equivalent_points.wave_ahead(
+            self._ops, ahead, tuple(row[3:5]), tuple(row[5:7]), turns
+        )
+
+    def _hidden(self, row: Drjit, ahead: Point) -> Drjit:
+        """Return whether an obstacle is between a point of the source and the end of a vector."""
         m = self._m
-        way = m.Vector3f(*ahead)
-        part = self._start / way.z
+        path = m.Vector3f(*ahead)
+        part = self._start / path.z
         part = dr.select(part < 0.5, part, 0.5)
-        distance = dr.norm(way)
-        ray = m.Ray3f(m.Point3f(at[0], at[1], 0.0) + way * part, way / distance)
+        distance = dr.norm(path)
+        ray = m.Ray3f(m.Point3f(row[0], row[1], 0.0) + path * part, path / distance)
         ray.maxt = distance * (1.0 - part - _ENDS)
         return self._obstacles.ray_test(ray)
 
-    def _matters(self, ops: Any, row: Any, place: Any) -> Drjit:
-        """Whether the detour over an edge is short."""
-        middle = tuple(self._middle.tolist())
-        return least_detour(ops, middle, place, row[:3], row[3:6]) < _LONGEST
-
-    def _change(self, ops: Any, seen: Any, row: Any, place: Any) -> Pair:
-        wave, _ = self._wave(ops, seen, place)
-        source = seen[0], seen[1], 0.0 * seen[0]
-        path = source, place, row[:3], row[3:6]
+    def _change(self, point: Drjit, row: Drjit, at: Point) -> Pair:
+        """Return the boundary wave of an edge for a point of the source."""
+        ops, source, ends = self._ops, (point[0], point[1], 0.0 * point[0]), (row[:3], row[3:6])
+        ahead, turns = self._path(point, at)
+        wave = self._wave(point, ahead, turns)
         blocked = None
         if self._is_blocked:
-            blocked = behind_face(ops, *path[:1], *path[2:], row[6:10], place, 0.0)
+            blocked = shadows.behind_face(ops, source, *ends, row[6:10], at, 0.0)
+        options: dict[str, Any] = {"when": self._when, "blocked": blocked}
+        path = source, at, *ends
         if not self._is_oblique:
-            boundary = Pair(*edge_wave(ops, _RULE, *path, when=self._when, blocked=blocked))
+            boundary = Pair(*edge_waves.edge_wave(ops, _RULE, *path, **options))
             return wave * boundary.scaled(-0.5 / math.pi)
-        boundary, rate = edge_wave_and_rate(ops, _RULE, *path, when=self._when, blocked=blocked)
-        ahead, turns = self._path(ops, seen, place)
-        bend = oblique_change(ops, ahead, tuple(seen[3:5]), rate, turns)
+        boundary, rate = edge_waves.edge_wave_and_rate(ops, _RULE, *path, **options)
+        bend = equivalent_points.oblique_change(ops, ahead, tuple(point[3:5]), rate, turns)
         return wave * boundary.scaled(-0.5 / math.pi) + bend
 
     def _when(
-        self, condition: Any, compute: Callable[..., Any], *arguments: Any
-    ) -> tuple[Drjit, Drjit] | tuple[Jet, Jet]:
-        zero = self._m.Float(0.0)
+        self, condition: Drjit, compute: Callable[..., Any], *arguments: Any
+    ) -> Field | tuple[Jet, Jet]:
+        """Return ``compute(*arguments)`` where the condition holds, and zero elsewhere."""
 
-        def taken(*parts: Any) -> tuple[Drjit, ...]:
+        def flat(*parts: Drjit) -> tuple[Drjit, ...]:
             return tuple(flattened(compute(*rebuilt(arguments, parts))))
 
-        # values of jets and their derivatives are arguments and results of their own
-        count = 4 if self._is_oblique else 2
+        # the values of jets and their derivatives are separate arguments and results
+        zeros = (self._m.Float(0.0),) * (4 if self._is_oblique else 2)
         state = tuple(flattened(arguments))
-        parts = dr.if_stmt(state, condition, taken, lambda *_: (zero,) * count, mode="symbolic")
+        parts = dr.if_stmt(state, condition, flat, lambda *_: zeros, mode="symbolic")
         if not self._is_oblique:
             return parts
         return Jet(self._ops, parts[0], parts[1:2]), Jet(self._ops, parts[2], parts[3:])
 
 
 def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
-    """A scene of the triangles of all bodies, which nothing lights."""
+    """Return a scene of the triangles of all bodies, without lights."""
     counts = np.cumsum([0, *(len(body.vertices) for body in bodies)])
     vertices = np.concatenate([body.vertices for body in bodies])
     faces = np.concatenate([body.triangles + n for body, n in zip(bodies, counts, strict=False)])
     mesh = m.Mesh("obstacles", len(vertices), len(faces))
-    params = mi.traverse(mesh)
-    params["vertex_positions"] = vertices.ravel().tolist()
-    params["faces"] = faces.ravel().tolist()
-    params.update()
+    set_mesh(mesh, vertex_positions=vertices, faces=faces)
     return mi.load_dict({"type": "scene", "mesh": mesh})
 
 
-def cast_shadows(scene: Any) -> None:
-    """Tell the sources and receivers with diffraction of a scene the surfaces in their way."""
-    plugins = [p for p in (*sorted_emitters(scene), *scene.sensors()) if hasattr(p, "estimator")]
+def cast_shadows(scene: mi.Scene) -> None:
+    """Pass the surfaces of a scene to its sources and receivers with diffraction."""
+    plugins = [
+        p for p in (*surfaces.sorted_emitters(scene), *scene.sensors()) if hasattr(p, "estimator")
+    ]
     plugins = [plugin for plugin in plugins if plugin.spec.diffraction]
     if plugins and any(shape.is_medium_transition() for shape in scene.shapes()):
         raise SceneError(
-            "expected no fog in a scene with diffraction, got some; leave either of them out"
+            "expected no fog in a scene with diffraction, got some; remove the fog or leave "
+            "diffraction out"
         )
-    meshes_at = cache(lambda wavelength: list(meshes_in(scene, wavelength)))  # mostly of one
+    meshes_at = cache(lambda wavelength: list(surfaces.meshes_in(scene, wavelength)))
     for plugin in plugins:
-        spec, pose = plugin.spec, np.array(matrix_of(plugin.to_world))
+        spec, pose = plugin.spec, np.array(surfaces.matrix_of(plugin.to_world))
         wavelength = single(getattr(plugin, "wavelength", spec.wavelength), "wavelength")
         pose[:3, 3] += pose[:3, :2] @ spec.centre
         meshes = meshes_at(wavelength / spec.scene_unit)
@@ -409,22 +383,23 @@ def cast_shadows(scene: Any) -> None:
             digest.update(np.ascontiguousarray(array).tobytes())
         if plugin.estimator.shadows_key == digest.hexdigest():
             continue
-        bodies = bodies_of(meshes)
-        m = getattr(mi, mi.variant())
-        shadows = None
+        bodies, cast = surfaces.bodies_of(meshes), None
         if bodies:
-            shadows = Shadows(m, spec, wavelength, bodies, pose, reach_of(scene, plugin))
-        plugin.estimator.cast(digest.hexdigest(), shadows)
+            m, reach = getattr(mi, mi.variant()), reach_of(scene, plugin)
+            cast = Shadows(m, spec, wavelength, bodies, pose, reach)
+        plugin.estimator.set_shadows(digest.hexdigest(), cast)
 
 
 @contextmanager
-def scene_known(scene: Any) -> Iterator[None]:
-    """Within, receivers and sources whose light diffracts know their scene."""
+def scene_known(scene: mi.Scene) -> Iterator[None]:
+    """Pass the scene to its receivers, and to its sources with diffraction."""
     cast_shadows(scene)
     for plugin in (*scene.emitters(), *scene.sensors()):
         if hasattr(plugin, "stand_at"):
             plugin.stand_at(reach_of(scene, plugin))
-    scenes = [(sensor, "scene", scene) for sensor in scene.sensors() if is_receiver(sensor)]
-    # a scene that is freed while Dr.Jit records a kernel ends the process
-    with without_collection(), changed([(ExactEstimator, "tells", True), *scenes]):
+    scenes = [
+        (sensor, "scene", scene) for sensor in scene.sensors() if surfaces.is_receiver(sensor)
+    ]
+    # the process ends if a scene is freed while Dr.Jit records a kernel
+    with without_collection(), changed([(ExactEstimator, "scene_is_known", True), *scenes]):
         yield

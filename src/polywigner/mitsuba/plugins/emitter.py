@@ -2,18 +2,15 @@
 
     L(x, s) = (power/N) W(x, s_par/lambda)/lambda^2 h(theta),    N = int g |F|^2 dOmega/lambda^2
 
-in the source's own frame, for directions s on its +z side and zero on the other. N is the power
-that the unscaled field radiates, a number of the host or, with derivatives, a traced sum over
-directions; h = g/cos(theta). W comes from the same kernel as :func:`polywigner.wigner`, traced into
-Mitsuba's render kernel: that of apertures with any field, of arrays of any elements, or of equal
-elements on a lattice. Where h differs from wave to wave, h W is a sum of such terms (module
-`obliquity`).
+in the source's frame, for directions s on its +z side and zero on the other. N is the power that
+the unscaled field radiates; h = g/cos(theta). N is a number of the host or, with derivatives, a
+traced sum over directions. W comes from the same kernel as :func:`polywigner.wigner`, traced into
+Mitsuba's render kernel. If h differs from wave to wave, h W is a sum of terms: `emissions`.
 
-Positions are relative to the middle of the source. They are drawn, and directions formed, in the
-source's frame: the reference point is brought there first. An aperture of some millimetres may then
-stand a hundred metres from the origin of the world, where single precision resolves hundredths of a
-millimetre, without losing its pattern. Rays that hit the mesh by chance carry their position as
-texture coordinates, for the same reason.
+Positions are relative to the centre of the source, and directions are formed in the source's frame
+after the reference point is transformed there. So an aperture of some millimetres keeps its pattern
+a hundred metres from the origin of the world, where single precision resolves hundredths of a
+millimetre. The mesh carries positions as texture coordinates for the same reason.
 """
 
 from __future__ import annotations
@@ -31,20 +28,20 @@ from polywigner.errors import SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry import Aperture, triangulate
 from polywigner.geometry.arguments import takes_frequency
-from polywigner.mitsuba.plugins.emissions import depends_on_wavelength
 from polywigner.mitsuba.plugins.exact_field import ExactEstimator
 from polywigner.mitsuba.plugins.polariser import Polariser, polarised_spec
 from polywigner.mitsuba.plugins.registration import (
     VariantPlugin,
     add_plugin,
     nested_properties,
+    set_mesh,
     variant_class,
 )
 from polywigner.mitsuba.plugins.samplers import Frame, opaque, single, spectrum
 from polywigner.mitsuba.plugins.source_parameters import (
     EMITTER,
-    SAMPLINGS,
     SourceParameters,
+    depends_on_wavelength,
     read_parameters,
     rigid_pose,
     scene_entry,
@@ -52,7 +49,6 @@ from polywigner.mitsuba.plugins.source_parameters import (
 )
 from polywigner.mitsuba.plugins.wigner import TracedSource, Wave, WignerEstimator, WignerRadiance
 from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, ROUNDING, matrix_of, shadow_end
-from polywigner.quantities import parse_frequency
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
 from polywigner.source import Array
 from polywigner.source.obliquities import DEFAULT
@@ -64,12 +60,13 @@ ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
     "exact": ExactEstimator,
 }
 
-# Stands for an infinite density; its square, and products with radiances, fit into float32.
+# Finite stand-in for an infinite density; its square, and products with radiances, fit into
+# float32.
 _OVERWHELMING = 1e12
 
 
 class WignerEmitter(VariantPlugin):
-    """Emitter of a ``wigner`` shape, which makes it; not a plugin by itself."""
+    """Emitter of a ``wigner`` shape, which makes it; not registered as a plugin."""
 
     get_shape: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -82,13 +79,13 @@ class WignerEmitter(VariantPlugin):
         props["sampling_weight"] = spec.sampling_weight
         self.base.__init__(self, props)
         flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
-        if not spec.visible:  # or the particle tracer would show it to the camera
+        if not spec.visible:  # the particle tracer would show it to the camera
             flags |= mi.EmitterFlags.DeltaPosition
         self.m_flags = flags
         self.wavelength = self._adjustable(spec.wavelength)
         self.power = self._adjustable(spec.power)
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
-        # a literal is folded into loops, which Dr.Jit cannot record for a single sample then
+        # a literal is folded into loops, and Dr.Jit cannot record these for a single sample
         self._dark = opaque(m, 0.0)
         self.polariser = Polariser(m, spec.polarisation)
         self._set_source(spec, spec.wavelength)
@@ -99,41 +96,43 @@ class WignerEmitter(VariantPlugin):
         return dr.opaque(self.m.Float, value) if self.jit else dr.scalar.ArrayXf(value)
 
     def _set_source(self, spec: SourceParameters, wavelength: float) -> None:
-        """Set all that depends on the source."""
         self.spec = spec
-        self._is_dispersive = depends_on_wavelength(spec.source, spec.obliquity)
         self._radiance = WignerRadiance(self.m, spec, wavelength)
         self.estimator = ESTIMATORS[spec.estimator](self.m, spec, wavelength, self._radiance)
         self._traced = TracedSource(self.m, spec)
+        self._is_constant = self.estimator.is_constant or depends_on_wavelength(
+            spec.source, spec.obliquity
+        )
+        """Whether the wavelength is a constant of the kernel."""
 
-    # ---- what a user may change ----------------------------------------------------------
+    # ---- parameters ----------------------------------------------------------------------
 
-    def traverse(self, callback: Any) -> None:
+    def traverse(self, callback: mi.TraversalCallback) -> None:
         """``wavelength`` (m), ``power`` (W), ``to_world`` (rigid); vertices and weights."""
-        # Waves of other directions are other constants of the kernel.
-        constant = self._is_dispersive or self.estimator.is_constant
-        flag = "NonDifferentiable" if constant else "Differentiable"
-        callback.put("wavelength", self.wavelength, getattr(mi.ParamFlags, flag))
-        callback.put("power", self.power, mi.ParamFlags.Differentiable)
+        differentiable, constant = mi.ParamFlags.Differentiable, mi.ParamFlags.NonDifferentiable
+        callback.put(
+            "wavelength", self.wavelength, constant if self._is_constant else differentiable
+        )
+        callback.put("power", self.power, differentiable)
         # With `direct` alone: other integrators do not move the samples with the aperture, so
         # their gradients lack the change of the receiver's cosine (docs/gradients.md).
-        callback.put("to_world", self.to_world, mi.ParamFlags.Differentiable)
+        callback.put("to_world", self.to_world, differentiable)
         if self._traced.vertices is not None:
-            callback.put("vertices", self._traced.vertices, mi.ParamFlags.Differentiable)
+            callback.put("vertices", self._traced.vertices, differentiable)
         if self._traced.weights is not None:
-            callback.put("weights", self._traced.weights, mi.ParamFlags.Differentiable)
+            callback.put("weights", self._traced.weights, differentiable)
 
     @property
     def vertices(self) -> Drjit:
-        """x and y of each vertex (m), as a scene's parameters have them; else SceneError."""
+        """x and y of each vertex in m, the parameter of the scene; SceneError without it."""
         return self._exposed(self._traced.vertices)
 
     @property
     def weights(self) -> Drjit:
-        """Real and imaginary part of each weight, as a scene's parameters; else SceneError."""
+        """Real and imaginary part of each weight, the parameter; SceneError without it."""
         return self._exposed(self._traced.weights)
 
-    def _exposed(self, values: Any) -> Drjit:
+    def _exposed(self, values: Drjit | None) -> Drjit:
         if values is None:
             reason = self._traced.why_not or "an array"
             raise SceneError(f"expected, for parameters with derivatives, {reason}")
@@ -144,29 +143,23 @@ class WignerEmitter(VariantPlugin):
         if "wavelength" in keys or "power" in keys:
             self._check_numbers()
         shape = self.get_shape() if self.spec.visible else None
-        if "vertices" in keys or "weights" in keys:
-            self._reshape(shape)
-        if "wavelength" in keys and (self._is_dispersive or self.estimator.is_constant):
+        wavelength, traced = single(self.wavelength, "wavelength"), self._traced
+        source = traced.changed() if "vertices" in keys or "weights" in keys else None
+        if source is not None:
+            self._set_source(self.spec.with_source(source, wavelength), wavelength)
+            # the user's arrays, and their derivatives
+            self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
+            if shape is not None:  # the mesh covers the region that radiates
+                cover(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
+        if "wavelength" in keys and self._is_constant:
             traced = self._traced
-            self._set_source(self.spec, single(self.wavelength, "wavelength"))
+            self._set_source(self.spec, wavelength)
             self._traced = traced
         self._update()
         if "to_world" in keys and shape is not None:
             move(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
         elif "parent" in keys and shape is not None:
-            check_place(shape, matrix_of(self.to_world), self.spec)
-
-    def _reshape(self, shape: Any) -> None:
-        """Use new vertices and weights, and give the mesh the region that radiates now."""
-        source = self._traced.changed()
-        if source is None:
-            return
-        traced, wavelength = self._traced, single(self.wavelength, "wavelength")
-        self._set_source(self.spec.with_source(source, wavelength), wavelength)
-        # the user's arrays, and their derivatives
-        self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
-        if shape is not None:
-            cover(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
+            check_place(shape, np.array(matrix_of(self.to_world)), self.spec)
 
     def _check_numbers(self) -> None:
         wavelength = single(self.wavelength, "wavelength")
@@ -178,135 +171,138 @@ class WignerEmitter(VariantPlugin):
         self.spec = replace(self.spec, norm=self.spec.norm_at(wavelength))
 
     def _update(self) -> None:
-        # Opaque: as literals, every new value would compile the render kernel again.
+        # each new value as a literal would compile the render kernel again
         if self.jit:
             dr.make_opaque(self.wavelength, self.power)
         self.frame = Frame(self.m, self.to_world, self.spec.centre)
         self.stand_at(float(np.abs(matrix_of(self.to_world)).max()))
-        self._norm = self._traced_norm() if self.is_followed() else opaque(self.m, self.spec.norm)
+        has_gradients = self.has_gradients()
+        self._norm = self._traced_norm() if has_gradients else opaque(self.m, self.spec.norm)
 
     def stand_at(self, reach: float) -> None:
         """Set the ``reach`` of the source in its scene; see module `surfaces`."""
         self._reach = opaque(self.m, reach)
 
-    def is_followed(self) -> bool:
-        """Whether the wavelength, vertices or weights have derivatives."""
-        return self.jit and (self._traced.is_followed() or dr.grad_enabled(self.wavelength))
+    def has_gradients(self) -> bool:
+        """Return whether derivatives in the wavelength, vertices or weights are enabled."""
+        return self.jit and (self._traced.has_gradients() or dr.grad_enabled(self.wavelength))
 
     def _traced_norm(self) -> Drjit:
-        """N with derivatives; its value is the host's."""
+        """Return N with derivatives; its value is the host's."""
         wavelength = single(self.wavelength, "wavelength")
         source = self.spec.at_origin
-        lag = largest_lag(source)
-        blocks = [np.column_stack(both) for both in directions_and_weights(lag, wavelength)]
-        nodes = np.concatenate(blocks)
+        blocks = directions_and_weights(largest_lag(source), wavelength)
+        nodes = np.concatenate([np.column_stack(block) for block in blocks])
         waves = self.spec.mixture.nodes(source, wavelength)
-        both = np.concatenate(
-            [np.repeat(nodes, len(waves), axis=0), np.tile(waves, (len(nodes), 1))], axis=1
-        )
-        x, y, z, solid_angle, shift, tilt_x, tilt_y, share = map(self.m.Float, both.T.tolist())
+        pairs = [np.repeat(nodes, len(waves), axis=0), np.tile(waves, (len(nodes), 1))]
+        columns = np.concatenate(pairs, axis=1).T.tolist()
+        x, y, z, solid_angle, shift, tilt_x, tilt_y, weight = map(self.m.Float, columns)
         inverse = 1.0 / self.wavelength + shift
         wave = Wave(inverse, self.m.Vector2f(tilt_x, tilt_y))
-        own = self._traced.intensity if self._follows() else None
-        intensity = self._radiance.integral(self.m.Vector3f(x, y, z), wave, own) * inverse * inverse
+        direction = self.m.Vector3f(x, y, z)
+        value = self._radiance.integral(direction, wave, self._traced_intensity())
         if self.spec.has_several:
-            intensity = intensity.x
-        total = dr.sum(intensity * z * solid_angle * share)
+            value = value.x
+        total = dr.sum(value * inverse * inverse * z * solid_angle * weight)
         return self.spec.norm * (total / dr.detach(total))
 
     # ---- the radiance --------------------------------------------------------------------
 
-    def wave(self, x: Any, place: Any) -> Wave:
-        """The wave of the sample at x (2D) for a receiver at a point, or into a direction."""
-        return self._radiance.waves.wave(1.0 / self._value(self.wavelength), x, place)
+    def wave(self, x: mi.Point2f, end: mi.Point3f) -> Wave:
+        """Return the wave of the sample at x for a receiver at a point, or into a direction."""
+        return self._radiance.waves.wave(1.0 / self._value(self.wavelength), x, end)
 
-    def _value(self, number: Any) -> Drjit:
+    def _value(self, number: Drjit) -> Drjit:
         return number if self.jit else number[0]
 
-    def radiance(self, x: Any, direction: Any, wave: Wave) -> Drjit:
-        """L at positions x (2D) and directions (3D unit vectors) of the aperture's frame."""
-        own = self._traced.wigner if self._follows() else None
-        return self._scale(wave.inverse) * self._radiance.at(x, direction, wave, own)
+    def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
+        """Return L at positions and unit vectors of the aperture's frame."""
+        traced = self._traced.wigner if self._is_traced() else None
+        return self._scale(wave.inverse) * self._radiance.at(x, direction, wave, traced)
 
     def watts_per_norm(self) -> Drjit:
-        """Radiated over the power of the field as it is."""
+        """Return the radiated power over the power of the unscaled field."""
         return self._value(self.power) / self._norm
 
-    def intensity(self, direction: Any, wave: Wave) -> Drjit:
-        """The integral of L over positions: radiance times area."""
-        own = self._traced.intensity if self._follows() else None
-        in_scene = self._scale(wave.inverse) / self.spec.scene_unit**2
-        return in_scene * self._radiance.integral(direction, wave, own)
+    def intensity(self, direction: mi.Vector3f, wave: Wave) -> Drjit:
+        """Return the integral of L over positions: radiance times area."""
+        scale = self._scale(wave.inverse) / self.spec.scene_unit**2
+        return scale * self._radiance.integral(direction, wave, self._traced_intensity())
 
-    def _follows(self) -> bool:
-        """Whether the radiance has derivatives in vertices or weights."""
-        return self.jit and self._traced.is_followed() and self._radiance.is_single
+    def _is_traced(self) -> bool:
+        """Return whether the radiance has derivatives in vertices or weights."""
+        return self.jit and self._traced.has_gradients() and len(self._radiance.terms) == 1
 
-    def _scale(self, inverse: Any) -> Drjit:
+    def _traced_intensity(self) -> Callable[..., Drjit] | None:
+        return self._traced.intensity if self._is_traced() else None
+
+    def _scale(self, inverse: Drjit) -> Drjit:
         return self._value(self.power) * (inverse * inverse / self._norm)
 
-    def eval(self, si: Any, active: Any = True) -> Drjit:
-        if not self.spec.visible:  # or unseen for a while, with a surface of its own
+    def eval(self, si: mi.SurfaceInteraction3f, active: Drjit = True) -> Drjit:
+        if not self.spec.visible:  # also while `unseen` hides a source that has a surface
             return spectrum(self.m, self._dark, active)
         along = si.to_world(si.wi)
         direction = self.frame.to_own(along)
-        found = self.radiance(si.uv, direction, self.wave(si.uv, direction))
-        return self.polariser.sent(found, direction, self.frame, active, along)
+        value = self.radiance(si.uv, direction, self.wave(si.uv, direction))
+        return self.polariser.sent(value, direction, self.frame, active, along)
 
     # ---- sampling for receivers ----------------------------------------------------------
 
     def sample_direction(
-        self, it: Any, sample: Any, active: Any = True
+        self, it: mi.Interaction3f, sample: mi.Point2f, active: Drjit = True
     ) -> tuple[mi.DirectionSample3f, Drjit]:
-        x, per_area = self.estimator.draw(sample)
+        x = self.estimator.draw(sample)
         direction, distance = self.seen_from(it, x)
         ds = self.m.DirectionSample3f()
-        self._place(ds, x, it.time)
+        self._fill(ds, x, it.time)
         ds.d = -self.frame.to_scene(direction)
         ds.dist = distance
-        ds.pdf = self._density(direction.z, distance, per_area)
-        if self.spec.diffraction:  # what is in the way is in the weight
+        ds.pdf = self._density(direction.z, distance)
+        if self.spec.diffraction:  # the weight contains the effect of obstacles
             away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * self.m.math.RayEpsilon)
             ds.p = it.p + ds.d * away
         else:
             ds.p = shadow_end(it, ds.p, self.frame.axes[2], self._reach)
         ds.emitter = self.m.EmitterPtr(self) if self.jit else self
-        found = self.estimator.lit(self, it, x, per_area)
-        return ds, self.polariser.sent(found, direction, self.frame, active)
+        value = self.estimator.lit(self, it, x)
+        return ds, self.polariser.sent(value, direction, self.frame, active)
 
-    def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Drjit:
-        cosine = -dr.dot(ds.d, self.frame.axes[2])
-        return self._density(cosine, ds.dist, self.estimator.density(ds.uv))
+    def pdf_direction(
+        self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: Drjit = True
+    ) -> Drjit:
+        return self._density(-dr.dot(ds.d, self.frame.axes[2]), ds.dist)
 
-    def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Drjit:
+    def eval_direction(
+        self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: Drjit = True
+    ) -> Drjit:
         direction, distance = self.seen_from(it, ds.uv)
-        per_area = self.estimator.density(ds.uv)
-        density = self._density(direction.z, distance, per_area)
-        found = self.estimator.lit(self, it, ds.uv, per_area) * density
-        return self.polariser.sent(found, direction, self.frame, active)
+        value = self.estimator.lit(self, it, ds.uv) * self._density(direction.z, distance)
+        return self.polariser.sent(value, direction, self.frame, active)
 
-    def _density(self, cosine: Any, distance: Any, per_area: Any) -> Drjit:
-        """Per solid angle; overwhelming where no light comes by rays that meet the source.
+    def _density(self, cosine: Drjit, distance: Drjit) -> Drjit:
+        """Return the density per solid angle; overwhelming if rays never meet the light.
 
-        Integrators weigh samples of a light against such rays by the squares of densities. A
-        light that has no surface is met by none. Exact light must not be counted twice; mirrors
-        take no samples of lights, and show the radiance. As a `delta` light, for which there is
-        no weighing, it would be too bright in ``direct`` with several samples of lights.
+        Integrators weight samples of a light against such rays by the squares of densities. No ray
+        meets a light without a surface. Exact light must not be counted twice; mirrors take no
+        samples of lights, and show the radiance. A `delta` light, which is not weighted, would be
+        too bright in ``direct`` with several samples of lights.
         """
         front = cosine > 0.0
         density = self.m.Float(_OVERWHELMING)
+        per_area = self.estimator.density
         if per_area is not None and self.spec.visible:
             density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)
         return dr.select(front, density, 0.0)
 
-    def seen_from(self, it: Any, x: Any) -> tuple[Drjit, Drjit]:
-        """Unit vector, in the frame, from x to the point ``it``; and the distance."""
+    def seen_from(self, it: mi.Interaction3f, x: mi.Point2f) -> tuple[mi.Vector3f, Drjit]:
+        """Return the unit vector, in the frame, from x to the point ``it``; and the distance."""
         r = self.frame.to_own(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
         distance = dr.norm(r)
         return r / distance, distance
 
-    def _place(self, sample: Any, x: Any, time: Any) -> None:
-        """Fill in the numbers that all samples of the position x share."""
+    def _fill(self, sample: mi.PositionSample3f, x: mi.Point2f, time: Drjit) -> None:
+        """Set the attributes that all samples of the position x share."""
         sample.p = self.frame.point(x)
         sample.n = self.m.Normal3f(self.frame.axes[2])
         sample.uv = x
@@ -316,39 +312,37 @@ class WignerEmitter(VariantPlugin):
     # ---- sampling of the emitted field ---------------------------------------------------
 
     def sample_position(
-        self, time: Any, sample: Any, active: Any = True
+        self, time: Drjit, sample: mi.Point2f, active: Drjit = True
     ) -> tuple[mi.PositionSample3f, Drjit]:
-        ps = self.m.PositionSample3f()
-        x, per_area = self._radiance.positions.sample(sample)
-        self._place(ps, x, time)
-        ps.pdf = self.m.Float(per_area)
-        return ps, dr.select(active, self.m.Float(1.0 / per_area), 0.0)
+        ps, density = self.m.PositionSample3f(), self._radiance.positions.density
+        self._fill(ps, self._radiance.positions.sample(sample), time)
+        ps.pdf = self.m.Float(density)
+        return ps, dr.select(active, self.m.Float(1.0 / density), 0.0)
 
-    def pdf_position(self, ps: Any, active: Any = True) -> Drjit:
-        return dr.select(active, self.m.Float(self._radiance.positions.density(ps.uv)), 0.0)
+    def pdf_position(self, ps: mi.PositionSample3f, active: Drjit = True) -> Drjit:
+        return dr.select(active, self.m.Float(self._radiance.positions.density), 0.0)
 
     def sample_ray(
-        self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.Ray3f, Drjit]:
-        """Position as for receivers, direction by cosine: the weight's mean is the power."""
-        ps, share = self.sample_position(time, sample2, active)
+        """Sample positions as for receivers and directions by cosine: the mean is the power."""
+        ps, inverse_density = self.sample_position(time, sample2, active)
         direction = self.m.warp.square_to_cosine_hemisphere(sample3)
-        wavelengths, density = _optical_wavelengths(self.m, sample1)
-        si = self.m.SurfaceInteraction3f(ps, wavelengths)
-        si.time = time
-        found = self.radiance(ps.uv, direction, self.wave(ps.uv, direction))
-        weight = self.polariser.sent(found * share * dr.pi, direction, self.frame, active)
+        wavelengths, factor = _optical_wavelengths(self.m, sample1)
+        value = self.radiance(ps.uv, direction, self.wave(ps.uv, direction))
+        value = value * inverse_density * dr.pi
+        weight = self.polariser.sent(value, direction, self.frame, active) * factor
         start = ps.p + self.frame.axes[2] * (ROUNDING * self._reach)
-        return self.m.Ray3f(start, self.frame.to_scene(direction), time, wavelengths), (
-            weight * density
-        )
+        return self.m.Ray3f(start, self.frame.to_scene(direction), time, wavelengths), weight
 
-    def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Drjit:
-        """For the particle tracer alone, which passes the direction in scene coordinates."""
-        wavelengths, density = _optical_wavelengths(self.m, sample)
+    def sample_wavelengths(
+        self, si: mi.SurfaceInteraction3f, sample: Drjit, active: Drjit = True
+    ) -> tuple[Drjit, Drjit]:
+        """Sample for the particle tracer, which passes the direction in scene coordinates."""
+        wavelengths, factor = _optical_wavelengths(self.m, sample)
         direction = self.frame.to_own(si.wi)
         radiance = self.radiance(si.uv, direction, self.wave(si.uv, direction))
-        return wavelengths, self.polariser.sent(radiance, direction, self.frame, active) * density
+        return wavelengths, self.polariser.sent(radiance, direction, self.frame, active) * factor
 
     def bbox(self) -> mi.BoundingBox3f:
         return self.get_shape().bbox()
@@ -360,11 +354,11 @@ class WignerEmitter(VariantPlugin):
         )
 
 
-def _optical_wavelengths(m: Any, sample: Any) -> tuple[Drjit, Drjit]:
-    """Wavelengths of the renderer's own colour spectrum and their inverse density.
+def _optical_wavelengths(m: Any, sample: Drjit) -> tuple[Drjit, Drjit]:
+    """Return wavelengths of the renderer's colour spectrum and their inverse density.
 
-    Only spectral variants have any. They stand for colours, not for the wave of the aperture,
-    whose radiance is the same at each.
+    Only spectral variants have any. They represent colours, not the wave of the aperture, whose
+    radiance is the same at each of them.
     """
     zero = dr.zeros(m.Ray3f).wavelengths
     if dr.size_v(type(zero)) == 0:
@@ -376,44 +370,37 @@ def _optical_wavelengths(m: Any, sample: Any) -> tuple[Drjit, Drjit]:
 # ---- the mesh -----------------------------------------------------------------------------------
 
 
-def move(shape: Any, pose: Floats, spec: SourceParameters) -> None:
+def move(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
     """Move the mesh to a pose; its texture coordinates are relative to the source's centre."""
-    params = mi.traverse(shape)
-    local = np.asarray(params["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
-    params["vertex_positions"] = _in_scene(local, pose, spec.centre).ravel().tolist()
-    params.update()
+    local = np.asarray(mi.traverse(shape)["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
+    set_mesh(shape, vertex_positions=_in_scene(local, pose, spec.centre))
 
 
-def cover(shape: Any, pose: Floats, spec: SourceParameters) -> None:
+def cover(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
     """Give the mesh the shape of the region that radiates."""
     points, triangles = triangulate(spec.region.support)
-    params = mi.traverse(shape)
-    # Lists in all variants: Dr.Jit does not copy the memory of NumPy arrays, whose alignment enters
-    # the kernels, and it ends the process if a scene is freed while a function is recorded.
-    params["vertex_texcoords"] = (points / spec.scene_unit).ravel().tolist()
-    params["faces"] = triangles.ravel().tolist()
-    params.update()
+    set_mesh(shape, vertex_texcoords=points / spec.scene_unit, faces=triangles)
     move(shape, pose, spec)
 
 
-def check_place(shape: Any, pose: Any, spec: SourceParameters) -> None:
+def check_place(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
     """Raise SceneError if a user has moved the mesh but not the emitter."""
     params = mi.traverse(shape)
     local, actual = (
         np.asarray(dr.detach(params[name]), dtype=np.float64).reshape(-1, count)
         for name, count in (("vertex_texcoords", 2), ("vertex_positions", 3))
     )
-    expected = _in_scene(local, np.asarray(pose), spec.centre)
+    expected = _in_scene(local, pose, spec.centre)
     allowed = PLACE_ERROR * max(np.abs(local).max(), np.abs(expected).max())
     if not np.abs(actual - expected).max() <= allowed:
         raise SceneError(
-            "expected the mesh of a wigner shape to stay where its to_world puts it, got other "
+            "expected the mesh of a wigner shape at the position of its to_world, got other "
             "vertex_positions; change emitter.to_world, which moves mesh and light"
         )
 
 
 def _in_scene(points: Floats, pose: Floats, centre: Floats) -> Floats:
-    """Points (n, 2) relative to the source's centre (2,) in the scene, (n, 3)."""
+    """Return points (n, 2) relative to the source's centre (2,) in the scene, (n, 3)."""
     result: Floats = (points + centre) @ pose[:3, :2].T + pose[:3, 3]
     return result
 
@@ -423,14 +410,14 @@ def checked_parameters(
 ) -> SourceParameters:
     """Return the checked parameters of a shape or sensor, from Mitsuba or from Python.
 
-    ``variant``: for which they get the default polarisation; None: for an entry of any.
+    ``variant`` : variant whose default polarisation they get; None for an entry of any variant.
     """
     spec = read_parameters(values, plugin)
     ESTIMATORS[spec.estimator].check(spec)
     return spec if variant is None else polarised_spec(variant, spec, plugin)
 
 
-def _build(variant: str, props: Any) -> mi.Mesh:
+def _build(variant: str, props: mi.Properties) -> mi.Mesh:
     """Return the mesh for the parameters of one ``wigner`` element."""
     spec = checked_parameters(values_of(props), EMITTER, variant)
     m = getattr(mi, variant)
@@ -444,16 +431,14 @@ def _build(variant: str, props: Any) -> mi.Mesh:
     mesh = m.Mesh(name, *sizes, props=inner, has_vertex_texcoords=True)
     cover(mesh, spec.pose, spec)
     if not spec.visible:  # triangles of a single corner, which no ray meets
-        params = mi.traverse(mesh)
-        params["faces"] = [0] * len(params["faces"])
-        params.update()
+        set_mesh(mesh, faces=np.zeros_like(triangles))
     return mesh
 
 
 add_plugin("shape", EMITTER, _build)
 
-# Flags of an entry are Python's own, also if NumPy's were passed.
-_FLAGS = ("diffraction", "antithetic", "control_variate", "visible", "sampling_weight")
+# Flags of an entry are Python's own types, also if NumPy's were passed.
+_FLAGS = ("diffraction", "control_variate", "visible", "sampling_weight")
 
 
 @takes_frequency
@@ -466,8 +451,6 @@ def aperture(
     bsdf: Mapping[str, Any] | None = None,
     scene_unit: float = 1.0,
     sampling_weight: float = 1.0,
-    antithetic: bool = False,
-    sampling: str = SAMPLINGS[0],
     control_variate: bool = False,
     visible: bool = True,
     estimator: str = "wigner",
@@ -476,54 +459,69 @@ def aperture(
     diffraction: bool = False,
     polarisation: Any = None,
 ) -> dict[str, Any]:
-    """A coherent aperture or array as an entry of a dictionary for ``mi.load_dict``.
+    """Return a coherent aperture or array as an entry of a dictionary for ``mi.load_dict``.
 
     Parameters
     ----------
-    source: an Aperture with its field, or what makes one; or an Array of apertures in the plane
+    source : Aperture, Array or array_like
+        Aperture with its field, or the argument of `Aperture`; or Array of apertures in the plane
         z = 0. Coordinates in metres.
-    wavelength: metres.
-    to_world: rigid pose, as a (4, 4) matrix or a Mitsuba transform; the aperture lies in the plane
-        z = 0 of its own frame and radiates to +z. Default: none.
-    obliquity: the diffraction integral whose |U|^2, times its own cosine, a surface receives:
-        a boundary condition of :func:`polywigner.amplitude`; or ``paper``, the paper's radiance
+    wavelength : float
+        Wavelength in metres.
+    to_world : (4, 4) array_like or Mitsuba transform, optional
+        Rigid pose. The aperture lies in the plane z = 0 of its frame and radiates to +z. Default:
+        the identity.
+    obliquity : str
+        Diffraction integral whose |U|^2, times its cosine, a surface receives: a boundary
+        condition of :func:`polywigner.amplitude`, or ``paper`` for the paper's radiance
         W/lambda^2.
-    power: watts or a text such as "10 dBm", radiated through the hemisphere in front, as
-        :func:`polywigner.radiated_power` counts it. Default: what the field radiates as it is,
-        with |u|^2 in W/m^2.
-    bsdf: entry of the surface that radiates. Default: ``null``, which light passes through, but
-        not with ``direct``, ``path`` and ``prb`` when they sample a light behind: docs/plugin.md.
-    scene_unit: metres in one unit of the scene and of ``to_world``'s translation. Use 1e-3 and
+    power : float or str, optional
+        Radiated power in watts or a text such as "10 dBm": the power through the hemisphere in
+        front, as of :func:`polywigner.radiated_power`. Default: the power of the unscaled field,
+        |u|^2 in W/m^2.
+    bsdf : mapping, optional
+        Entry of the BSDF of the surface. Default: ``null``, which transmits light, except with
+        ``direct``, ``path`` and ``prb`` when they sample a light behind: docs/plugin.md.
+    scene_unit : float
+        Metres in one unit of the scene and of the translation of ``to_world``. Use 1e-3 and
         millimetres when receivers stand within centimetres of the aperture.
-    sampling_weight: relative number of samples spent on this source.
-    antithetic: a sample of an array on a lattice stands for nine midpoints of elements, which
-        cancel off its beams; clears noise beside steered beams, docs/plugin.md.
-    sampling: density of samples in the region that radiates: ``uniform``; ``marginal``, in
-        proportion to the position marginal; or ``root-marginal``, to its root. Unbiased all.
-    control_variate: less noise on diffuse surfaces that see all of the source, bias where they see
-        a part of it or gloss: docs/plugin.md.
-    visible: False leaves the surface out: it lights the scene as before and stands in no other
-        light, but no camera, mirror or irradiance meter sees it.
-    aperture_power: in place of power, watts or a text: the integral of |u|^2 over the source, of
-        which small sources radiate little; the rest is evanescent.
-    estimator: ``wigner``: points are lit by signed radiance from a random place of the source.
-        ``exact``: by their exact irradiance |U|^2, to 1e-4 of its peak at any distance, with no
-        noise where all of the source is seen; docs/plugin.md.
-    bandwidth: of the light about its frequency, not of noise, in Hz or a text such as "4 GHz"; each
-        sample is of one frequency of the band, docs/coherence.md. Default: one wavelength.
-    diffraction: with the estimator ``exact``: shadows of the scene's opaque surfaces diffract, one
-        edge at a time, as of black bodies; docs/shadows.md.
-    polarisation: of the field, in Mitsuba's polarised variants: "x", "y", "right", "left", a slant
-        from x towards y such as "45 deg", or a Jones vector (2,) along the source's x and y; of an
-        array also one for each element, (n, 2) or a list; or "unpolarised". Default: "y";
+    sampling_weight : float
+        Relative number of samples spent on this source.
+    control_variate : bool
+        Reduce the noise on diffuse surfaces that see all of the source. Biased on glossy surfaces,
+        and on surfaces that see a part of the source: docs/plugin.md.
+    visible : bool
+        False removes the surface: it lights the scene as before and casts no shadow, but no
+        camera, mirror or irradiance meter sees it.
+    estimator : str
+        ``wigner``: points receive signed radiance from a random point of the source. ``exact``:
+        points receive the exact irradiance |U|^2, to 1e-4 of its peak at any distance, without
+        noise if they see all of the source; docs/plugin.md.
+    bandwidth : float or str, optional
+        Bandwidth of the light, not of noise, in Hz or a text such as "4 GHz". Each sample has one
+        frequency of the band, docs/coherence.md. Default: one wavelength.
+    aperture_power : float or str, optional
+        Integral of |u|^2 over the source in watts or a text, in place of ``power``. Small sources
+        radiate little of it; the rest is evanescent.
+    diffraction : bool
+        With the estimator ``exact``: shadows of the scene's opaque surfaces diffract, one edge at
+        a time, like shadows of black bodies; docs/shadows.md.
+    polarisation : str or array_like, optional
+        Polarisation of the field in Mitsuba's polarised variants: "x", "y", "right", "left", a
+        slant from x towards y such as "45 deg", a Jones vector (2,) along the source's x and y, or
+        "unpolarised". For an array also one for each element, (n, 2) or a list. Default: "y";
         docs/polarisation.md.
 
-    The entry holds a key, see :func:`register_source`: load it in the process that made it. With a
-    polarisation, loading it in a variant that is not polarised raises a SceneError.
+    Returns
+    -------
+    dict
+        The entry. It contains a key of :func:`register_source`: load it in the process that made
+        it. With a polarisation, loading it in an unpolarised variant raises a SceneError.
 
     Raises
     ------
-    ArgumentError, GeometryError, QuantityError, SceneError for an unusable argument.
+    ArgumentError, GeometryError, QuantityError, SceneError
+        For an unusable argument.
     """
     entry = scene_entry(
         EMITTER,
@@ -534,15 +532,13 @@ def aperture(
         scene_unit=scene_unit,
         obliquity=obliquity,
         estimator=estimator,
-        sampling=sampling,
         diffraction=diffraction,
-        antithetic=antithetic,
         control_variate=control_variate,
         visible=visible,
         sampling_weight=sampling_weight,
         power=power,
         aperture_power=aperture_power,
-        bandwidth=None if bandwidth is None else parse_frequency(bandwidth),
+        bandwidth=bandwidth,
         bsdf=None if bsdf is None else dict(bsdf),
     )
     spec = checked_parameters(entry, EMITTER)

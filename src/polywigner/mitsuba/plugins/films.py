@@ -1,4 +1,4 @@
-"""Films: images on disk and without noise in logs, and pictures cut into parts."""
+"""Films: log messages of renders, images on disk, pixels and strips of films, and samples."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from polywigner.execution import kernel_threads
 from polywigner.geometry.arguments import checked_count
 from polywigner.interruption import temporary_folder
 
-# A colour film in a variant of one channel: as intended, and so no news to anybody.
+# Message about a colour film in a variant of one channel, which is intended.
 _EXPECTED = ("Monochrome mode enabled",)
 _DATE = len("2000-01-01 00:00:00 ")
 
@@ -29,8 +29,8 @@ _DATE = len("2000-01-01 00:00:00 ")
 def to_list() -> Iterator[list[str]]:
     """Collect Mitsuba's messages of the block in a list."""
     messages: list[str] = []
-    # Through a file, which needs no Python: messages come from Mitsuba's threads. An appender
-    # with a file also leaves out the progress bars.
+    # Mitsuba's threads write messages, so they go to a file instead of Python. An appender with a
+    # file also omits progress bars.
     with temporary_folder() as folder:
         path = Path(folder) / "mitsuba.log"
         appender = mi.StreamAppender(str(path))
@@ -46,7 +46,7 @@ def to_list() -> Iterator[list[str]]:
 
 @contextmanager
 def silent(*appenders: mi.Appender) -> Iterator[None]:
-    """Within, nothing is logged but to these, and no progress bar drawn."""
+    """Log only to these appenders while the block runs, without progress bars."""
     logger = mi.logger()
     before = [logger.appender(index) for index in range(logger.appender_count())]
     logger.clear_appenders()
@@ -62,9 +62,9 @@ def silent(*appenders: mi.Appender) -> Iterator[None]:
 
 @contextmanager
 def threads_for_openexr() -> Iterator[None]:
-    """Within, Dr.Jit's pool has a thread beside the caller's, without which OpenEXR waits for ever.
+    """Give Dr.Jit's pool a thread in addition to the caller's; OpenEXR would wait without an end.
 
-    Mitsuba's OpenEXR, which reads textures too, hands work to the pool and does none itself.
+    Mitsuba's OpenEXR, which also reads textures, leaves all work to the pool.
     """
     before = dr.thread_count()
     if before < 2:
@@ -77,16 +77,16 @@ def threads_for_openexr() -> Iterator[None]:
 
 
 def mean_of_colours(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """(height, width) from a film of one channel, or of colours (their mean) and others."""
+    """Return (height, width): the only channel of a film, or the mean of its colours."""
     colours = 3 if image.shape[-1] >= 3 else 1
     return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
 
 
 def write_exr(path: Path, image: npt.ArrayLike) -> None:
     """Write an image as OpenEXR with 32-bit floats; negative values keep their sign."""
-    # Mitsuba's own default for an array of floats is to leave it linear, which radiance is.
+    # Mitsuba leaves an array of floats linear by default, as radiance is
     bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
-    # Through memory: writing to a file itself, Mitsuba does not notice that a disk is full.
+    # through memory: Mitsuba does not report a full disk when it writes the file
     stream = mi.MemoryStream()
     with kernel_threads(), threads_for_openexr():
         bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
@@ -94,7 +94,7 @@ def write_exr(path: Path, image: npt.ArrayLike) -> None:
         path.write_bytes(stream.raw_buffer())
     except OSError as error:
         raise ArgumentError(
-            f"expected to write {path}, got: {error.strerror}; choose another place"
+            f"expected to write {path}, got: {error.strerror}; choose another path"
         ) from error
 
 
@@ -102,10 +102,10 @@ def write_exr(path: Path, image: npt.ArrayLike) -> None:
 _IN_PIXEL = 1 << 12
 
 
-def fineness(camera: Any, samples: int) -> int:
-    """Return the number of pixels along each side into which a receiver's pixel is divided.
+def fineness(camera: mi.Sensor, samples: int) -> int:
+    """Return the number of film pixels along each side of a receiver's pixel.
 
-    Pixels of cameras stay, since their samples are stratified in each pixel.
+    The factor is 1 for cameras, whose samples are stratified in each pixel.
     """
     doublings = math.ceil(math.log2(samples / _IN_PIXEL) / 2)
     return 2 ** max(doublings, 0) if hasattr(camera, "fineness") else 1
@@ -113,42 +113,42 @@ def fineness(camera: Any, samples: int) -> int:
 
 @contextmanager
 def changed(changes: Sequence[tuple[Any, str, Any]]) -> Iterator[None]:
-    """Within, attributes of objects have other values."""
-    before = [getattr(thing, name) for thing, name, _ in changes]
+    """Set attributes (object, name, value) while the block runs."""
+    before = [getattr(target, name) for target, name, _ in changes]
     try:
-        for thing, name, value in changes:
-            setattr(thing, name, value)
+        for target, name, value in changes:
+            setattr(target, name, value)
         yield
     finally:
-        for (thing, name, _), value in zip(changes, before, strict=True):
-            setattr(thing, name, value)
+        for (target, name, _), value in zip(changes, before, strict=True):
+            setattr(target, name, value)
 
 
-def film_sizes(camera: Any, factor: int = 1) -> list[list[int]]:
-    """Return size, crop size and crop offset of a film of so many times the pixels."""
+def film_sizes(camera: mi.Sensor, factor: int = 1) -> list[list[int]]:
+    """Return size, crop size and crop offset of a film, times a factor."""
     film = camera.film()
     sizes = film.size(), film.crop_size(), film.crop_offset()
     return [[int(pair[0]) * factor, int(pair[1]) * factor] for pair in sizes]
 
 
 @contextmanager
-def refined(camera: Any, factor: int) -> Iterator[None]:
-    """A film of so many times the pixels along each side, which the receiver takes for the same."""
+def refined(camera: mi.Sensor, factor: int) -> Iterator[None]:
+    """Multiply the pixels along each side of a film; the receiver treats it as the same map."""
     finer_pixels = [(camera, "fineness", factor)] if factor > 1 else []
     with changed(finer_pixels), _film_of_size(camera, *film_sizes(camera, factor)):
         yield
 
 
 def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[np.float64]:
-    """The image of the film as it was: means over pixels."""
+    """Return the image of the original film: means over the pixels of a refined film."""
     rows, columns, channels = image.shape
     shape = (rows // factor, factor, columns // factor, factor, channels)
     return np.asarray(image.reshape(shape).mean(axis=(1, 3)))
 
 
 @contextmanager
-def cropped(camera: Any, top: int, rows: int, columns: int | None = None) -> Iterator[None]:
-    """A narrower crop window, put back afterwards."""
+def cropped(camera: mi.Sensor, top: int, rows: int, columns: int | None = None) -> Iterator[None]:
+    """Use a narrower crop window while the block runs."""
     film = camera.film()
     (width, _), (x, y) = film.crop_size(), film.crop_offset()
     window = [width if columns is None else columns, rows]
@@ -157,8 +157,8 @@ def cropped(camera: Any, top: int, rows: int, columns: int | None = None) -> Ite
 
 
 @contextmanager
-def _film_of_size(camera: Any, *sizes: Any) -> Iterator[None]:
-    """Within, the size of the film, and size and offset of its crop window, are these."""
+def _film_of_size(camera: mi.Sensor, *sizes: Any) -> Iterator[None]:
+    """Set the size of a film, and size and offset of its crop window, while the block runs."""
     before, after = film_sizes(camera), [[int(n) for n in pair] for pair in sizes]
     if before == after:
         yield
@@ -171,11 +171,11 @@ def _film_of_size(camera: Any, *sizes: Any) -> Iterator[None]:
         mi.traverse(camera).update(dict(zip(names, before, strict=True)))
 
 
-# Samples in flight at once in the compiled variants: Mitsuba keeps some 100 bytes of each.
+# Samples that compiled variants process at once: Mitsuba stores some 100 bytes for each.
 WAVEFRONT = 2**24
 
-# The scalar variants keep nothing; they are cut only so that progress can be told. Their threads
-# share out squares of 32 pixels.
+# Scalar variants store nothing; strips only serve to report progress. Their threads render squares
+# of 32 pixels.
 _SCALAR_STRIPS = 20
 _SCALAR_ROWS = 32
 
@@ -187,8 +187,8 @@ CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
 class Tiling:
     """Tiling of a film into strips of whole rows, and of their samples into passes.
 
-    It depends on scene, variant and samples alone, so that a picture is the same whoever renders
-    its parts.
+    It depends on scene, variant and samples alone, so the image does not depend on the process that
+    renders its parts.
     """
 
     width: int
@@ -206,12 +206,12 @@ class Tiling:
 
     @property
     def steps(self) -> int:
-        """Number of passes of all strips together, in which progress is told."""
+        """Number of passes of all strips, the steps of a progress bar."""
         return self.strips * self.passes
 
 
-def tiling_of(camera: Any, samples: int) -> Tiling:
-    """The parts of a sensor's film, from the top of its crop window."""
+def tiling_of(camera: mi.Sensor, samples: int) -> Tiling:
+    """Return the tiling of a sensor's film, from the top of its crop window."""
     width, height = camera.film().crop_size()
     is_compiled = dr.is_jit_v(mi.Float)
     if camera.class_name() not in CAMERAS:
@@ -225,31 +225,31 @@ def tiling_of(camera: Any, samples: int) -> Tiling:
     return Tiling(width, height, rows, samples, math.ceil(samples / longest))
 
 
-# Noise falls with the root of the number: nobody waits for more.
+# Largest number of samples: noise falls only with its root.
 _LARGEST_SPP = 2**30
 
 
 def check_spp(spp: int) -> int:
-    """The samples per pixel; ArgumentError unless a whole number from 1 to 2^30."""
+    """Return the samples per pixel; raise ArgumentError unless a whole number from 1 to 2^30."""
     return checked_count(spp, "spp", 1, _LARGEST_SPP)
 
 
 def check_seed(seed: int) -> int:
-    """The seed; ArgumentError unless a whole number of zero or more."""
+    """Return the seed; raise ArgumentError unless a whole number of zero or more."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ArgumentError(f"expected a seed as a whole number of zero or more, got {seed!r}")
     return int(seed)
 
 
 def seed_of(seed: int, *part: int) -> int:
-    """Seed of 32 bits for a part of a render with a seed of any size."""
+    """Return a seed of 32 bits for a part of a render with a seed of any size."""
     return int(np.random.SeedSequence(seed, spawn_key=part).generate_state(1)[0])
 
 
-def accepted_samples(sampler: Any, count: int) -> int:
-    """Return the number of samples per pixel that a sampler takes where ``count`` are requested.
+def accepted_samples(sampler: mi.Sampler, count: int) -> int:
+    """Return the number of samples per pixel to which a sampler rounds ``count`` up.
 
-    Samplers round up, and would log a warning in each render of a number that they round.
+    Samplers log a warning in each render with another number.
     """
     probe = sampler.fork()
     with silent():
@@ -259,7 +259,7 @@ def accepted_samples(sampler: Any, count: int) -> int:
 
 @contextmanager
 def rendering_errors(integrator: str) -> Iterator[None]:
-    """Turn errors of a render into a SceneError; Dr.Jit says why in the cause."""
+    """Turn errors of a render into a SceneError; Dr.Jit reports the reason in the cause."""
     try:
         yield
     except (RuntimeError, AssertionError) as error:
@@ -267,17 +267,17 @@ def rendering_errors(integrator: str) -> Iterator[None]:
         raise SceneError(f"expected a scene that {integrator} can render: {cause}") from error
 
 
-# What Mitsuba makes of -1, paths without end.
+# Value of -1, paths without end, in Mitsuba.
 _ENDLESS = 2**32 - 1
 
 
-def depths_of(integrator: Any) -> dict[str, int]:
-    """``max_depth``, -1 for paths without end, and ``rr_depth`` of an integrator."""
-    # Mitsuba's own tell them in their text alone
-    told = re.findall(r"(max_depth|rr_depth) = (-?\d+)", str(integrator))
-    found: dict[str, int] = {"max_depth": -1, "rr_depth": 0}
-    found.update((name, int(value)) for name, value in told)
-    found.update((name, int(getattr(integrator, name, value))) for name, value in found.items())
-    if found["max_depth"] == _ENDLESS:
-        found["max_depth"] = -1
-    return found
+def depths_of(integrator: mi.Integrator) -> dict[str, int]:
+    """Return ``max_depth``, -1 for paths without end, and ``rr_depth`` of an integrator."""
+    depths: dict[str, int] = {"max_depth": -1, "rr_depth": 0}
+    # integrators in C++ report them only in their text
+    values = re.findall(r"(max_depth|rr_depth) = (-?\d+)", str(integrator))
+    depths.update((name, int(value)) for name, value in values)
+    depths.update((name, int(getattr(integrator, name, value))) for name, value in depths.items())
+    if depths["max_depth"] == _ENDLESS:
+        depths["max_depth"] = -1
+    return depths

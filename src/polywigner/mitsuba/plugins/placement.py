@@ -4,27 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import mitsuba as mi
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
-from polywigner.geometry import Aperture, Wavefront
-from polywigner.mitsuba.plugins.emissions import SceneSource
-from polywigner.mitsuba.plugins.source_parameters import SourceParameters, pose_of
+from polywigner.geometry import Aperture
+from polywigner.mitsuba.plugins.source_parameters import SceneSource, SourceParameters, pose_of
 from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.source.array import Array, repeated_element
+from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT
 from polywigner.source.polarisation import Stokes, stokes_fields
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.wavefronts import flat_of
+
+if TYPE_CHECKING:
+    from polywigner.mitsuba.scenes.reflectors import Mirror
 
 Floats = NDArray[np.float64]
 
-# Rounding of parameters held in single precision.
+# Rounding of parameters in single precision.
 _ROUNDING = 1e-6
 # x changes its sign.
 _MIRROR = np.array([-1.0, 1.0])
@@ -32,102 +34,100 @@ _MIRROR = np.array([-1.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class PlacedSource(SourceParameters):
-    """A source or receiver with its pose in space; the translation of ``pose`` is in metres."""
+    """Source or receiver with its pose in space; the translation of ``pose`` is in metres."""
 
     name: str = ""
     medium: Any = None
-    """Fog that the receiver stands in, as its sensor specifies; None: none."""
+    """Fog around the receiver, as its sensor specifies; None without fog."""
     reach: float = 0.0
     """Largest coordinate of the flat surfaces that touch it, in m; see module `surfaces`."""
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
-        """Scalar sources, and the Stokes numbers by which their light adds up to the source's."""
+        """Scalar sources, and the Stokes vectors by which their irradiances add up."""
         if self.polarisation is None:
             return [(self.source, (1.0, 0.0, 0.0, 0.0))]
         return stokes_fields(self.source, self.polarisation)
 
     def mirrored(self, normal: Floats, offset: float) -> PlacedSource:
-        """Its image behind the plane of the points p with ``normal`` . p = ``offset``, in m."""
+        """Return its image behind the plane of points p with ``normal`` . p = ``offset``, in m."""
         reflection = np.eye(4)
         reflection[:3, :3] -= 2 * np.outer(normal, normal)
         reflection[:3, 3] = 2 * offset * normal
         pose = reflection @ self.pose @ np.diag([-1.0, 1.0, 1.0, 1.0])
-        flat = _mirrored(flat_of(self.source))
-        if not isinstance(self.source, Wavefront):
-            return replace(self, source=flat, pose=pose)
-        wave = self.source
-        mirrored = wave._with(
-            source=flat,
-            curvature=wave.curvature * np.outer(_MIRROR, _MIRROR),
-            centre=wave.centre * _MIRROR,
-        )
-        return replace(self, source=mirrored, pose=pose)
+        return replace(self, source=_mirrored(self.source), pose=pose)
 
-    def image(self, chain: Iterable[Any]) -> PlacedSource:
-        """Its image in mirrors, each with a ``normal`` and an ``offset``, in the light's order."""
+    def image(self, chain: Iterable[Mirror]) -> PlacedSource:
+        """Return its image in mirrors, in the order of the light's reflections."""
         image = self
         for mirror in chain:
             image = image.mirrored(mirror.normal, mirror.offset)
         return image
 
-    def points(self, places: Floats) -> Floats:
-        """Places (n, 2) of its plane in space, (n, 3) in m."""
-        result: Floats = places @ self.pose[:3, :2].T + self.pose[:3, 3]
+    def points(self, positions: Floats) -> Floats:
+        """Return positions (n, 2) of its plane as points in space, (n, 3) in m."""
+        result: Floats = positions @ self.pose[:3, :2].T + self.pose[:3, 3]
         return result
 
-    def touching(self, scene: Any) -> PlacedSource:
-        """Itself, with the ``reach`` of surfaces of a scene."""
+    def touching(self, scene: mi.Scene) -> PlacedSource:
+        """Return a copy with the ``reach`` of surfaces of a scene."""
         return replace(self, reach=self.reach_in(scene, self.pose) * self.scene_unit)
 
     @property
     def middle(self) -> Floats:
-        """(3,) in m, of the source's bounds."""
+        """Centre (3,) of the source's bounds, in m."""
         result: Floats = self.points(np.reshape(self.source.bounds, (2, 2)).mean(axis=0)[None])[0]
         return result
 
     @property
     def normal(self) -> Floats:
-        """(3,): where it radiates, or receives from."""
+        """Unit vector (3,) to the side to which it radiates, or from which it receives."""
         return self.pose[:3, 2]
 
     def cosines_to(self, point: Floats) -> tuple[float, float]:
-        """Direction cosines from the middle to a point (3,) in m, in the source's frame."""
+        """Return direction cosines from the centre to a point (3,) in m, in the source's frame."""
         away = self.pose[:3, :3].T @ (point - self.middle)
         alpha, beta, _ = (away / np.linalg.norm(away)).tolist()
         return alpha, beta
 
     def pose_of(self, other: PlacedSource) -> Floats:
-        """(4, 4), in m: of the other's frame in this one's."""
+        """Return the pose (4, 4) of the other's frame in this frame, in m."""
         result = np.eye(4)
         result[:3, :3] = self.pose[:3, :3].T @ other.pose[:3, :3]
         result[:3, 3] = self.pose[:3, :3].T @ (other.pose[:3, 3] - self.pose[:3, 3])
         return result
 
 
-def _mirrored(source: Any) -> Any:
-    """An aperture or an array, with its field, as a mirror shows it: u(-x, y)."""
-    if isinstance(source, Aperture):
-        copy = Aperture(shapely.transform(source.polygons, lambda points: points * _MIRROR))
-        field: Any = source.illumination
-        if field is None:
-            return copy
-        waves = field._from(field.amplitudes, field.frequencies * _MIRROR)
-        return copy.with_illumination(waves)
-    if source.repeated is not None:
-        element, positions = source.repeated
-        return repeated_element(_mirrored(element), positions * _MIRROR, source.weights)
-    return Array([_mirrored(element) for element in source.elements_in_plane], source.weights)
+def _mirrored(source: SceneSource) -> SceneSource:
+    """Return a source with the field u(-x, y), as in a mirror."""
+
+    def image(element: SourceElement) -> SourceElement:
+        outline: Any = element.outline
+        polygons = shapely.transform(outline.polygons, lambda points: points * _MIRROR)
+        frequencies = element.frequencies * _MIRROR
+        return replace(element, outline=Aperture(polygons), frequencies=frequencies)
+
+    form = normal_form(source).in_plane
+    changes: dict[str, Any] = {"paths": None, "centre": form.centre * _MIRROR}
+    changes["curvature"] = form.curvature * np.outer(_MIRROR, _MIRROR)
+    copies = form.repeated
+    if copies is None:
+        changes["elements"] = [image(element) for element in form.elements]
+    else:
+        positions = copies.positions * _MIRROR
+        changes["repeated"] = replace(copies, element=image(copies.element), positions=positions)
+    result: SceneSource = form._with(**changes).public
+    return result
 
 
 def placed_emitter(emitter: Any, number: int) -> PlacedSource:
-    """A wigner emitter; ``number`` names one without an id."""
+    """Return a wigner emitter with its pose; ``number`` names an emitter without an id."""
     name = emitter.get_shape().id() or f"emitter {number}"
     return replace(_placed(emitter, name), power=_single(emitter.power, emitter.spec.power))
 
 
 def placed_receiver(sensor: Any, number: int) -> PlacedSource:
-    """A wigner receiver; ``number`` names one without an id."""
+    """Return a wigner receiver with its pose; ``number`` names a receiver without an id."""
     placed = _placed(sensor, sensor.id() or f"receiver {number}")
     return replace(placed, medium=sensor.get_medium())
 
@@ -135,21 +135,21 @@ def placed_receiver(sensor: Any, number: int) -> PlacedSource:
 def check_match(
     emitter: PlacedSource, receiver: PlacedSource, bandwidth: float | None = None
 ) -> None:
-    """Raise SceneError for an emitter that the receiver cannot receive, or in other units."""
+    """Raise SceneError if the receiver's band or unit does not match the emitter's."""
     both = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
-    frequencies = [SPEED_OF_LIGHT / each.wavelength for each in (emitter, receiver)]
+    frequencies = [SPEED_OF_LIGHT / end.wavelength for end in (emitter, receiver)]
     apart = abs(frequencies[0] - frequencies[1])
     if apart > max((bandwidth or 0.0) / 2, _ROUNDING * frequencies[1]):
         band = "" if bandwidth is None else f", {bandwidth:.6g} Hz wide"
         raise SceneError(
             f"expected one wavelength {both}{band}, got {emitter.wavelength:.6g} m, {apart:.6g} Hz "
-            "off the receiver's; give both one frequency, or the receiver a bandwidth of twice that"
+            "off the receiver's; give both one frequency, or the receiver twice that bandwidth"
         )
     check_unit(emitter, receiver)
 
 
 def check_unit(emitter: PlacedSource, receiver: PlacedSource) -> None:
-    """Raise SceneError for two ends in other units."""
+    """Raise SceneError for an emitter and a receiver with different units."""
     if emitter.scene_unit != receiver.scene_unit:
         both = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
         raise SceneError(
@@ -167,21 +167,22 @@ def _placed(plugin: Any, name: str) -> PlacedSource:
 
 
 def _single(value: Any, known: float) -> float:
-    found = float(np.asarray(value, dtype=np.float64).ravel()[0])
-    return known if np.float32(found) == np.float32(known) else found
+    """Return a number of a plugin, in double precision unless a user has changed it."""
+    number = float(np.asarray(value, dtype=np.float64).ravel()[0])
+    return known if np.float32(number) == np.float32(known) else number
 
 
-def check_obliquity(link: str, one: str, other: str) -> None:
-    """Raise SceneError for a link without one boundary condition at both ends."""
-    if one != other:
+def check_obliquity(link: str, first: str, second: str) -> None:
+    """Raise SceneError for a link whose ends do not share one boundary condition."""
+    if first != second:
         raise SceneError(
-            f"{link}: expected one obliquity, got {one!r} and {other!r}; a link has one boundary "
-            "condition at both ends: give both the same"
+            f"{link}: expected one obliquity, got {first!r} and {second!r}; a link has one "
+            "boundary condition at both ends: give both the same"
         )
-    if one not in CONDITIONS:
+    if first not in CONDITIONS:
         raise SceneError(
-            f'{link}: expected a boundary condition as obliquity, got "paper", of which there are '
-            f"no links; use {DEFAULT!r}"
+            f'{link}: expected a boundary condition as obliquity, got "paper", which has no '
+            f"links; use {DEFAULT!r}"
         )
 
 
@@ -192,62 +193,53 @@ class FacingParts:
     emitter: PlacedSource
     receiver: PlacedSource
     share: float
-    """Product of the shares of int |u|^2 that face each other: 1 where all faces all."""
+    """Product of the fractions of int |u|^2 that face each other; 1 if nothing is cut off."""
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
-    """The parts that face each other; None where there are none, as in one plane."""
+    """Return the parts that face each other; None if there are none, as in a common plane."""
     sizes = [
-        max(float(np.abs(values).max()) for values in (placed.pose[:3, 3], placed.source.bounds))
-        for placed in (emitter, receiver)
+        max(float(np.abs(values).max()) for values in (end.pose[:3, 3], end.source.bounds))
+        for end in (emitter, receiver)
     ]
-    rounding = PLACE_ERROR * max(sizes)
     parts, share = [], 1.0
-    for one, other in ((emitter, receiver), (receiver, emitter)):
-        pose = one.pose_of(other)
-        part = _part_in_front(one.source, pose[:3, 2], pose[:3, 3], rounding)
+    for end, other in ((emitter, receiver), (receiver, emitter)):
+        pose = end.pose_of(other)
+        normal = pose[:3, 2]
+        least = float(normal @ pose[:3, 3]) + PLACE_ERROR * max(sizes)
+        part = _part_in_front(end.source, normal, least)
         if part is None:
             return None
-        if part is not one.source:
-            share *= energy_of(part) / energy_of(one.source)
-        parts.append(replace(one, source=part))
+        if part is not end.source:
+            share *= energy_of(part) / energy_of(end.source)
+        parts.append(replace(end, source=part))
     return FacingParts(parts[0], parts[1], share)
 
 
-def _part_in_front(
-    source: Any, normal: Floats, place: Floats, rounding: float
-) -> SceneSource | None:
-    """The part of a source in z = 0 before of the plane through ``place``."""
-    if isinstance(source, Wavefront):
-        flat = _part_in_front(source.source, normal, place, rounding)
-        if flat is None or flat is source.source:
-            return None if flat is None else source
-        return source.on(flat)
-    elements = source.elements_in_plane
-    parts = [_cut(element, normal, float(normal @ place) + rounding) for element in elements]
-    if all(part is element for part, element in zip(parts, elements, strict=True)):
+def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSource | None:
+    """Return the part of a source in z = 0 with ``normal`` . x > ``least``."""
+    form = normal_form(source).in_plane
+    parts = [_cut(element.outline, normal, least) for element in form.elements]
+    pairs = list(zip(form.elements, parts, strict=True))
+    if all(part is element.outline for element, part in pairs):
         return source
-    weights = source.weights if isinstance(source, Array) else np.ones(1)
-    kept = [(part, w) for part, w in zip(parts, weights, strict=True) if part is not None]
-    return Array([part for part, _ in kept], [w for _, w in kept]) if kept else None
+    lit = [replace(element, outline=part) for element, part in pairs if part is not None]
+    return form._with(elements=lit, paths=None).public if lit else None
 
 
-def _cut(element: Aperture, normal: Floats, least: float) -> Aperture | None:
-    """Where ``normal`` . x > ``least``; the very element where that is everywhere."""
-    corners = np.concatenate(element.rings)
-    heights = corners @ normal[:2] - least
+def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
+    """Return the part with ``normal`` . x > ``least``; the same object if nothing is cut off."""
+    heights = np.concatenate(outline.rings) @ normal[:2] - least
     if (heights > 0).all():
-        return element
+        return outline
     if not (heights > 0).any():
         return None
     slope = float(np.hypot(*normal[:2]))
     ahead = normal[:2] / slope
-    beside = np.array([-ahead[1], ahead[0]])
-    far = 2 * (element.diameter + float(np.abs(heights).max()) / slope)
-    foot = element.centre - ahead * (float(element.centre @ normal[:2]) - least) / slope
-    box = [foot + beside * far * s + ahead * far * a for s, a in ((1, 0), (-1, 0), (-1, 1), (1, 1))]
-    found = shapely.intersection(element.polygons, shapely.Polygon(box))
-    polygons = [part for part in shapely.get_parts(found) if part.area > 0]
-    if not polygons:
-        return None
-    return Aperture(shapely.MultiPolygon(polygons)).with_illumination(element.illumination)
+    aside = np.array([-ahead[1], ahead[0]])
+    far = 2 * (outline.diameter + float(np.abs(heights).max()) / slope)
+    foot = outline.centre - ahead * (float(outline.centre @ normal[:2]) - least) / slope
+    box = [foot + aside * far * s + ahead * far * a for s, a in ((1, 0), (-1, 0), (-1, 1), (1, 1))]
+    common = shapely.intersection(outline.polygons, shapely.Polygon(box))
+    polygons = [part for part in shapely.get_parts(common) if part.area > 0]
+    return Aperture(shapely.MultiPolygon(polygons)) if polygons else None

@@ -1,11 +1,12 @@
 """Polarised light of sources and receivers, as Mueller matrices of Mitsuba's polarised variants.
 
 Mitsuba's light carries four Stokes numbers along the axes b = stokes_basis(d) and d x b of its
-direction of travel d. A source sends the column of its own, a receiver weighs with a row. Both know
-them along the axes of Ludwig's third definition, which this module turns into Mitsuba's.
+direction of travel d. A source sends a column of Stokes numbers, a receiver has a row of weights.
+Their polarisations refer to the axes of Ludwig's third definition; this module converts them.
 
-An end without a polarisation has the default, along its y axis. Unpolarised sources send, and
-unpolarised receivers take, all polarisations alike: :func:`spectrum` of `samplers`.
+Sources and receivers without a polarisation have the default, along their y axis. Unpolarised
+sources send, and unpolarised receivers take, all polarisations alike: :func:`spectrum` of
+`samplers`.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry.arguments import checked_array
-from polywigner.mitsuba.plugins.emissions import UNPOLARISED
-from polywigner.mitsuba.plugins.samplers import opaque, spectrum
+from polywigner.mitsuba.plugins.samplers import Frame, opaque, spectrum
+from polywigner.mitsuba.plugins.source_parameters import UNPOLARISED, SourceParameters
 from polywigner.source.polarisation import (
     checked_polarisation,
     ludwig_axes,
@@ -33,25 +34,26 @@ from polywigner.source.polarisation import (
 )
 
 if TYPE_CHECKING:
-    from polywigner.mitsuba.plugins.source_parameters import SourceParameters
+    from polywigner.mitsuba.plugins.placement import PlacedSource
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
 _FULL = "_polarized"
 
 DEFAULT_POLARISATION = "y"
-"""Polarisation of ends without one: along their y axes."""
+"""Polarisation of sources and receivers without one: along their y axes."""
 
 
 def is_polarised(variant: str | None = None) -> bool:
-    """Whether a variant, or the one that is set, has light with a polarisation."""
+    """Return whether a variant, by default the current variant, has polarised light."""
     return (variant or mi.variant() or "").endswith(_FULL)
 
 
 def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceParameters:
-    """Return a specification with the default polarisation where the scene specifies none.
+    """Return parameters with the default polarisation if the scene specifies none.
 
-    Raises SceneError for a polarisation in a variant whose light has none.
+    Raises SceneError for a polarisation in an unpolarised variant.
     """
     if is_polarised(variant):
         if spec.states_polarisation:
@@ -66,12 +68,14 @@ def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceP
     return spec
 
 
-def polarisation_summary(ends: Sequence[Any], interferes: bool, requested: Any = None) -> str:
-    """Return the polarisations that a result counts, as text.
+def polarisation_summary(
+    ends: Sequence[PlacedSource], interferes: bool, requested: Complexes | None = None
+) -> str:
+    """Return the polarisations that a result includes, as text.
 
     Parameters
     ----------
-    ends : emitters and receivers, each with ``name``, ``polarisation``, ``states_polarisation``.
+    ends : emitters and receivers.
     interferes : whether amplitudes add.
     requested : Jones vector (2,) for ends without a polarisation; None: the default.
     """
@@ -91,30 +95,35 @@ def polarisation_summary(ends: Sequence[Any], interferes: bool, requested: Any =
     return "; ".join(f"{name}: {', '.join(names)}" for name, names in groups.items())
 
 
-# Of each of four numbers a colour: the last channels of an integrator without others of its own.
+# Four Stokes numbers of three colours: the last channels of an integrator without further channels.
 _CHANNELS = 12
 
 
 def stokes_of(image: npt.ArrayLike) -> Floats:
-    """Stokes numbers (4, height, width) of a picture rendered with the integrator ``stokes``.
+    """Return the Stokes numbers of an image rendered with the integrator ``stokes``.
 
     Parameters
     ----------
-    image: (height, width, channels) as :func:`polywigner.mitsuba.render` returns it.
+    image : (height, width, channels) array_like
+        Image of :func:`polywigner.mitsuba.render`.
 
-    S0 is the radiance; S1 horizontal less vertical, S2 less S0 at 45 and -45 degrees, S3 left less
-    right (IEEE), as the camera sees them: 45 degrees is from its right upwards. Where the radiance
-    is negative so may be S0.
+    Returns
+    -------
+    (4, height, width) array
+        S0 is the radiance, S1 horizontal less vertical, S2 the difference of 45 and -45 degrees, S3
+        left less right (IEEE), as the camera sees them: 45 degrees is from its right upwards. S0
+        may be negative if the radiance is.
 
     Raises
     ------
-    ArgumentError for a picture of other channels.
+    ArgumentError
+        For an image with other channels.
     """
     values = checked_array(image, "image", 3)
     count = values.shape[-1] - _CHANNELS
     if not 1 <= count <= 4:
         raise ArgumentError(
-            'expected a picture rendered with the integrator "stokes", got one of '
+            'expected an image rendered with the integrator "stokes", got one of '
             f"{values.shape[-1]} channels"
         )
     colours = values[..., count:].reshape(*values.shape[:2], 4, 3)
@@ -122,53 +131,58 @@ def stokes_of(image: npt.ArrayLike) -> Floats:
 
 
 class Polariser:
-    """Turns weights of one source, or of one receiver, into spectra of one variant."""
+    """Converts weights of one source, or of one receiver, to spectra of one variant."""
 
-    def __init__(self, m: Any, polarisation: NDArray[np.complex128] | None) -> None:
+    def __init__(self, m: Any, polarisation: Complexes | None) -> None:
         self._m, self._is_plain = m, polarisation is None
-        self._own: list[Any] | None = None
+        self._stokes_vector: list[Drjit] | None = None
         if polarisation is not None and polarisation.ndim == 1:
-            self._own = [opaque(m, number) for number in stokes_vector(polarisation)]
+            self._stokes_vector = [opaque(m, number) for number in stokes_vector(polarisation)]
 
-    def sent(self, value: Any, direction: Any, frame: Any, active: Any, along: Any = None) -> Drjit:
-        """Light that leaves a source in a direction of its frame: a column."""
+    def sent(
+        self, value: Drjit, direction: Drjit, frame: Frame, active: Drjit, along: Drjit = None
+    ) -> Drjit:
+        """Return light that leaves a source in a direction of its frame: a column."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = self._stokes(value, active)
-        c, s = turn(
-            self._m, direction, frame, frame.to_scene(direction) if along is None else along
-        )
-        turned = (s0, c * s1 + s * s2, c * s2 - s * s1, s3)
-        return mueller_matrix(self._m, {(k, 0): value for k, value in enumerate(turned)})
+        along = frame.to_scene(direction) if along is None else along
+        c, s = turn(self._m, direction, frame, along)
+        column = (s0, c * s1 + s * s2, c * s2 - s * s1, s3)
+        return mueller_matrix(self._m, {(k, 0): value for k, value in enumerate(column)})
 
-    def taken(self, value: Any, direction: Any, frame: Any, active: Any) -> Drjit:
-        """Weight of light that arrives from a direction of a receiver's frame: half a row."""
+    def taken(self, value: Drjit, direction: mi.Vector3f, frame: Frame, active: Drjit) -> Drjit:
+        """Return the weight of light from a direction of a receiver's frame: half a row."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = (0.5 * number for number in self._stokes(value, active))
         c, s = turn(self._m, direction, frame, -frame.to_scene(direction))
-        turned = (s0, c * s1 + s * s2, s * s1 - c * s2, s3)
-        return mueller_matrix(self._m, {(0, k): value for k, value in enumerate(turned)})
+        row = (s0, c * s1 + s * s2, s * s1 - c * s2, s3)
+        return mueller_matrix(self._m, {(0, k): value for k, value in enumerate(row)})
 
-    def _stokes(self, value: Any, active: Any) -> list[Drjit]:
-        if self._own is None:
-            return [dr.select(active, value[k], 0.0) for k in range(4)]
-        known = dr.select(active, value, 0.0)
-        return [known * number for number in self._own]
+    def _stokes(self, value: Drjit, active: Drjit) -> list[Drjit]:
+        value = dr.select(active, value, 0.0)
+        if self._stokes_vector is None:  # the value has four components
+            return [value[k] for k in range(4)]
+        return [value * number for number in self._stokes_vector]
 
 
-def mueller_matrix(m: Any, entries: dict[tuple[int, int], Any]) -> Drjit:
-    """Return a Mueller matrix of the variant ``m`` that is zero but for some entries."""
+def mueller_matrix(m: Any, entries: dict[tuple[int, int], Drjit]) -> Drjit:
+    """Return a Mueller matrix of the variant ``m`` from its nonzero entries."""
     matrix = dr.zeros(m.Spectrum)
-    for place, value in entries.items():
-        matrix[place] = m.UnpolarizedSpectrum(value)
+    for index, value in entries.items():
+        matrix[index] = m.UnpolarizedSpectrum(value)
     return matrix
 
 
-def turned(m: Any, share: Any, arrives: tuple[Any, Any], leaves: tuple[Any, Any] | None) -> Drjit:
-    """A Mueller matrix of Mitsuba's axes, between Ludwig's axes of a source and of a receiver.
+_End = tuple[Frame, Drjit]
+"""Frame of an antenna, and the direction of a path in the scene."""
 
-    ``leaves``: None for unpolarised light, whose axes do not matter.
+
+def turned(m: Any, share: Drjit, arrives: _End, leaves: _End | None) -> Drjit:
+    """Return a Mueller matrix of Mitsuba's axes as one between Ludwig's axes of two antennas.
+
+    ``leaves`` : None for unpolarised light, which does not depend on axes.
     """
     ends = []
     for end, sign in ((arrives, -1.0), (leaves, 1.0)):
@@ -182,8 +196,8 @@ def turned(m: Any, share: Any, arrives: tuple[Any, Any], leaves: tuple[Any, Any]
     return ends[0] * share * ends[1]
 
 
-def turn(m: Any, direction: Any, frame: Any, along: Any) -> tuple[Drjit, Drjit]:
-    """Cosine and sine of twice the angle from Ludwig's x to Mitsuba's axis, about a direction."""
+def turn(m: Any, direction: mi.Vector3f, frame: Frame, along: mi.Vector3f) -> tuple[Drjit, Drjit]:
+    """Return cosine and sine of twice the angle from Ludwig's x axis to Mitsuba's axis."""
     axes = ludwig_axes(direction.x, direction.y, dr.abs(direction.z))
     basis = m.mueller.stokes_basis(along)
     x, y = (dr.dot(basis, frame.to_scene(m.Vector3f(*axis))) for axis in axes)

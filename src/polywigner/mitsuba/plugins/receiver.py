@@ -1,18 +1,18 @@
-"""The ``wigner_receiver`` sensor: the power that a coherent aperture receives of a scene.
+"""The ``wigner_receiver`` sensor: the power that a coherent aperture receives in a scene.
 
-A radiance L that arrives at the receiver's plane adds, in the receiver's own frame and with
-N the power that the field u which it would send radiates, or int |u|^2,
+A radiance L that arrives at the receiver's plane adds, in the receiver's frame,
 
     P = (1/N) int int g W(x, s_par / lambda) L(x, s) dx ds                   (estimator ``wigner``)
 
-and, of the same power by reciprocity, from points y of surfaces at the distance r from x,
+with N the power that the field u of the receiver would radiate, or int |u|^2. By reciprocity the
+same power is an integral over points y of surfaces at the distance r from x,
 
     P = (lambda^2/N) int r^2 |U(y)|^2 L ds, the mean over x by |u|^2           (estimator ``exact``)
 
-with U the field that the receiver would send to y. Rays that meet nothing weigh by the far
-pattern: that of a point far out. docs/received_power.md has the limits.
+with U the field that the receiver would send to y. Rays that meet nothing have the weight of a
+point far away: the far pattern. docs/receivers.md has the limits.
 
-Rays start at positions relative to the middle of the source: see module `emitter`.
+Rays start at positions relative to the centre of the source: see module `emitter`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,6 @@ from polywigner.mitsuba.plugins.samplers import Frame, directions_of, opaque
 from polywigner.mitsuba.plugins.source_parameters import (
     RECEIVER,
     RECEIVER_ESTIMATOR,
-    SAMPLINGS,
     SourceParameters,
     rigid_pose,
     scene_entry,
@@ -56,15 +55,22 @@ from polywigner.source import Array
 from polywigner.source.obliquities import DEFAULT
 
 
-def distance_to_surface(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> Drjit:
-    """The distance along a ray to the first surface that is not ``null``; ``far`` if none."""
+def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, active: Drjit) -> Drjit:
+    """Return the distance along a ray to the first surface other than ``null``, or ``far``."""
     direction = m.Vector3f(ray.d)
     state = (m.Point3f(ray.o), m.Float(0.0), m.Bool(active))
 
-    def body(place: Any, distance: Any, going: Any) -> tuple[Drjit, Drjit, Drjit]:
-        found, is_null = _next(m, scene, m.Ray3f(place, direction), far, going)
-        found = dr.select(is_null, found + _step(m, place + direction * found), found)
-        return m.Point3f(place + direction * found), distance + found, going & is_null
+    def body(start: Drjit, distance: Drjit, going: Drjit) -> tuple[Drjit, Drjit, Drjit]:
+        surface = scene.ray_intersect_preliminary(m.Ray3f(start, direction), False, going)
+        is_hit = surface.is_valid()
+        length, is_null = dr.select(is_hit, surface.t, far), False
+        bsdf = surface.shape.bsdf() if dr.is_jit_v(m.Float) or is_hit else None
+        if bsdf is not None:
+            kind = bsdf.flags() & int(mi.BSDFFlags.All)  # a mask has further flags
+            is_null = is_hit & (kind == int(mi.BSDFFlags.Null))
+        step = length + _step(m, start + direction * length)
+        length = dr.select(is_null, step, length)
+        return m.Point3f(start + direction * length), distance + length, going & is_null
 
     if dr.is_jit_v(m.Float):
         return dr.while_loop(state, lambda *state: state[2], body, mode="symbolic")[1]
@@ -73,58 +79,47 @@ def distance_to_surface(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> 
     return state[1]
 
 
-def _step(m: Any, point: Any) -> Drjit:
-    """Distance behind a surface at which Mitsuba's own rays start again."""
+def _step(m: Any, point: mi.Point3f) -> Drjit:
+    """Return the distance behind a surface at which Mitsuba starts rays again."""
     return (1.0 + largest(point)) * float(m.math.RayEpsilon)
 
 
-def _next(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> tuple[Drjit, Drjit]:
-    """Distance to the next surface, and whether that is ``null``."""
-    surface = scene.ray_intersect_preliminary(ray, False, active)
-    is_hit = surface.is_valid()
-    found = dr.select(is_hit, surface.t, far)
-    bsdf = surface.shape.bsdf() if dr.is_jit_v(m.Float) or is_hit else None
-    if bsdf is None:
-        return found, False
-    kind = bsdf.flags() & int(mi.BSDFFlags.All)  # one with an opacity does not only let pass
-    return found, is_hit & (kind == int(mi.BSDFFlags.Null))
-
-
-def direction_of(m: Any, angles: Any) -> Drjit:
-    """The unit vector of (alpha, psi), in front of the receiver."""
+def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
+    """Return the unit vector of (alpha, psi), in front of the receiver."""
     rho = _root(1.0 - angles.x * angles.x)
     sine, cosine = dr.sincos(angles.y)
     return m.Vector3f(angles.x, rho * sine, dr.abs(rho * cosine) + _GRAZING)
 
 
-def in_pixel(m: Any, place: Any, size: tuple[int, int]) -> tuple[Drjit, Drjit]:
-    """(alpha, psi) uniform in the directions of a pixel, and their solid angle."""
+def in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point2f, Drjit]:
+    """Return (alpha, psi) uniform in the directions of a pixel, and their solid angle."""
     width, height = size
-    alpha = place.x * (2.0 / width) - 1.0
-    row = dr.floor(place.y)
+    alpha = point.x * (2.0 / width) - 1.0
+    row = dr.floor(point.y)
     rho = _root(1.0 - alpha * alpha)
     inverse = 1.0 / dr.select(rho > 0.0, rho, 1.0)
     low, high = (
         dr.asin(dr.clip(((row + k) * (2.0 / height) - 1.0) * inverse, -1.0, 1.0)) for k in (0, 1)
     )
-    psi = low + (high - low) * (place.y - row)
+    psi = low + (high - low) * (point.y - row)
     return m.Point2f(alpha, psi), (high - low) * (2.0 / width)
 
 
-def _root(value: Any) -> Drjit:
+def _root(value: Drjit) -> Drjit:
     return dr.sqrt(dr.select(value > 0.0, value, 0.0))
 
 
 # Cosine at the horizon, whose square is still a normal number of float32.
 _GRAZING = 1e-9
-# To a point that stands for a direction: reaches squared over wavelengths, or reaches.
+# Distance of the point that stands for a direction, in reaches squared over wavelengths, or in
+# reaches.
 _FAR = 1e4
-# Surfaces behind which rays of a receiver with diffraction look, at most: each halves the rays.
+# Most surfaces behind which rays of a receiver with diffraction start: each halves the rays.
 _MOST_PASSED = 4
 
 
 class WignerReceiver(VariantPlugin):
-    """Sensor whose film contains watts; docs/received_power.md."""
+    """Sensor whose film contains watts; docs/receivers.md."""
 
     film: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -132,7 +127,7 @@ class WignerReceiver(VariantPlugin):
     """Method of Mitsuba's base class."""
     is_wigner_receiver = True
 
-    def __init__(self, spec: SourceParameters, props: Any) -> None:
+    def __init__(self, spec: SourceParameters, props: mi.Properties) -> None:
         m = self.m
         self.base.__init__(self, props)
         self.m_needs_sample_3 = True
@@ -140,10 +135,10 @@ class WignerReceiver(VariantPlugin):
         self.scene: Any = None  # set while the scene is rendered, see `scene_known`
         self.fineness = 1  # pixels of the film along each side of a pixel of the map
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
-        self._place()
+        self._set_pose()
         source, wavelength = spec.at_origin, spec.wavelength
         radiance = WignerRadiance(m, spec, wavelength)
-        terms = [(field, forms) for field, forms, _ in radiance.fields]
+        terms = [(term.source, term.forms) for term in radiance.terms]
         bounds, width = spec.fields_of(source)[0][0].bounds, spec.mixture.coherence_width
         self.directions = directions_of(m, terms, bounds, wavelength, width)
         self.polariser = Polariser(m, spec.polarisation)
@@ -152,7 +147,7 @@ class WignerReceiver(VariantPlugin):
         far = _FAR * reach * max(reach / wavelength, 1.0)
         self._far = opaque(m, far / spec.scene_unit)
 
-    def _place(self) -> None:
+    def _set_pose(self) -> None:
         self._frame = Frame(self.m, self.to_world, self.spec.centre)
         self.stand_at(float(np.abs(self.spec.pose[:3]).max()))
 
@@ -163,10 +158,10 @@ class WignerReceiver(VariantPlugin):
         """
         self._lift = opaque(self.m, ROUNDING * reach)
 
-    # ---- what a user may change ----------------------------------------------------------
+    # ---- parameters ----------------------------------------------------------------------
 
-    def traverse(self, callback: Any) -> None:
-        """Film and sampler, as all sensors have them, and ``to_world`` (rigid)."""
+    def traverse(self, callback: mi.TraversalCallback) -> None:
+        """Film and sampler, as for all sensors, and ``to_world`` (rigid)."""
         self.base.traverse(self, callback)
         callback.put("to_world", self.to_world, mi.ParamFlags.NonDifferentiable)
 
@@ -175,32 +170,34 @@ class WignerReceiver(VariantPlugin):
         self.base.parameters_changed(self, keys)
         if "to_world" in keys:
             self.spec = replace(self.spec, pose=rigid_pose(matrix_of(self.to_world)))
-            self._place()
+            self._set_pose()
 
     # ---- rays ----------------------------------------------------------------------------
 
     def sample_ray_differential(
-        self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit]:
         angles, solid_angle = self._looks(sample2)
-        ray, weight, share = self.look_along(angles, time, sample1, sample3, active)
-        return ray, self.weigh(share, weight * solid_angle, angles, active)
+        ray, weight, colours = self.look_along(angles, time, sample1, sample3, active)
+        return ray, self.weigh(colours, weight * solid_angle, angles, active)
 
     def sample_ray(
-        self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.Ray3f, Drjit]:
         ray, weight = self.sample_ray_differential(time, sample1, sample2, sample3, active)
         return self.m.Ray3f(ray), weight
 
-    def weigh(self, colours: Any, weight: Any, angles: Any, active: Any = True) -> Drjit:
-        """The weight of a ray as a spectrum, in the receiver's polarisation if it has one."""
+    def weigh(
+        self, colours: Drjit, weight: Drjit, angles: mi.Point2f, active: Drjit = True
+    ) -> Drjit:
+        """Return the weight of a ray as a spectrum, with the polarisation of the receiver."""
         direction = direction_of(self.m, angles)
         return colours * self.polariser.taken(weight, direction, self._frame, active)
 
     def look_along(
-        self, angles: Any, time: Any, sample1: Any, sample3: Any, active: Any = True
+        self, angles: Drjit, time: Drjit, sample1: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit, Drjit]:
-        """A ray, its W per radiance and solid angle, and the same for colours."""
+        """Return a ray, its weight in W per radiance and solid angle, and its colour weight."""
         direction = direction_of(self.m, angles)
         ray = self.m.RayDifferential3f()
         ray.time = time
@@ -210,44 +207,43 @@ class WignerReceiver(VariantPlugin):
         if self.spec.diffraction:
             sample3, coins = self.m.Point2f(sample3), sample3.y * (1 << _MOST_PASSED)
             sample3.y = coins - dr.floor(coins)
-        x, per_area = self.estimator.draw(sample3)
+        x = self.estimator.draw(sample3)
         ray.o = self._frame.point(x) + self.lift
-        share: Any = 1.0
+        weight: Drjit = 1.0
         if self.spec.diffraction:
-            share = self._pass_surfaces(ray, self.m.UInt32(coins), active)
-        met = self._met(ray, x, direction, active) if self.estimator.needs_distance else ()
-        weight = share * self.estimator.received(x, direction, per_area, *met)
+            weight = self._pass_surfaces(ray, self.m.UInt32(coins), active)
+        end = self._end(ray, x, direction, active) if self.estimator.needs_distance else ()
+        weight = weight * self.estimator.received(x, direction, *end)
         zero = dr.zeros(self.m.SurfaceInteraction3f)
         ray.wavelengths, colours = self.sample_wavelengths(zero, sample1, active)
         return ray, weight, colours
 
-    def _looks(self, sample: Any) -> tuple[Drjit, Drjit]:
-        """Angles of a direction for a place on the film, and the solid angle it stands for."""
-        film = self.film()
-        fine = self.fineness
+    def _looks(self, sample: mi.Point2f) -> tuple[mi.Point2f, Drjit]:
+        """Return the angles for a point of the film, and the solid angle that they stand for."""
+        film, fine = self.film(), self.fineness
         width, height = (int(n) // fine for n in film.size())
         if width * height == 1:
             angles, density = self.directions.sample(sample)
             return angles, 1.0 / density
         corner, size = film.crop_offset(), film.crop_size()
-        place = self.m.Point2f(
+        point = self.m.Point2f(
             (sample.x * int(size[0]) + int(corner[0])) / fine,
             (sample.y * int(size[1]) + int(corner[1])) / fine,
         )
-        return in_pixel(self.m, place, (width, height))
+        return in_pixel(self.m, point, (width, height))
 
     @property
-    def lift(self) -> Drjit:
-        """From a place on the receiver to where its ray starts."""
+    def lift(self) -> mi.Vector3f:
+        """Vector from a point on the receiver to the start of its ray."""
         return self._frame.axes[2] * self._lift
 
-    def _pass_surfaces(self, ray: Any, coins: Any, active: Any) -> Drjit:
-        """Start a ray behind some of the surfaces on its way: their light comes over edges."""
+    def _pass_surfaces(self, ray: mi.RayDifferential3f, coins: Drjit, active: Drjit) -> Drjit:
+        """Start a ray behind some of the surfaces on its path: their light diffracts at edges."""
         scene, going, weight = self._known_scene(), self.m.Bool(active), self.m.Float(1.0)
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
             is_met = going & (distance < self._far)
-            if number:  # behind the last surface is no light that others do not see
+            if number:  # rays that start in front count the light behind the last surface
                 weight = dr.select(going & (is_met ^ self.m.Bool(True)), 0.0, weight)
             if number == _MOST_PASSED:
                 break
@@ -268,21 +264,20 @@ class WignerReceiver(VariantPlugin):
             )
         return self.scene
 
-    def _met(self, ray: Any, x: Any, direction: Any, active: Any) -> tuple[Drjit, Drjit]:
-        """The place of the surface that a ray meets, or one far out, and its distance."""
-        scene = self._known_scene()
-        distance = distance_to_surface(self.m, scene, ray, self._far, active)
+    def _end(
+        self, ray: mi.RayDifferential3f, x: mi.Point2f, direction: mi.Vector3f, active: Drjit
+    ) -> tuple[mi.Point3f, Drjit]:
+        """Return the point of the surface that a ray meets, or a far point, and its distance."""
+        distance = distance_to_surface(self.m, self._known_scene(), ray, self._far, active)
         if self.spec.diffraction:  # rays may start behind surfaces
-            place = self.m.Point3f(
-                self._frame.to_own(ray.o + ray.d * distance - self._frame.origin)
-            )
-            return place, dr.norm(place - self.m.Point3f(x.x, x.y, 0.0))
+            end = self._frame.to_own(ray.o + ray.d * distance - self._frame.origin)
+            point = self.m.Point3f(end)
+            return point, dr.norm(point - self.m.Point3f(x.x, x.y, 0.0))
         along = direction * distance
-        point = self.m.Point3f(x.x + along.x, x.y + along.y, self._lift + along.z)
-        return point, distance
+        return self.m.Point3f(x.x + along.x, x.y + along.y, self._lift + along.z), distance
 
     def bbox(self) -> mi.BoundingBox3f:
-        # scalar variants have one kind
+        # scalar variants have no separate type for scalars
         box = getattr(self.m, "ScalarBoundingBox3f", self.m.BoundingBox3f)
         return box(self.spec.pose[:3, 3].tolist())
 
@@ -296,9 +291,11 @@ class WignerReceiver(VariantPlugin):
 
 
 def _check_film(values: dict[str, Any]) -> None:
-    """SceneError without a film, in whose place Mitsuba takes one of 768 x 576 pixels."""
+    """Raise SceneError without a film: Mitsuba's default has 768 x 576 pixels."""
     objects = (value for value in values.values() if isinstance(value, mi.Object))
-    films = [each for each in objects if hasattr(each, "rfilter") and hasattr(each, "crop_size")]
+    films = [
+        value for value in objects if hasattr(value, "rfilter") and hasattr(value, "crop_size")
+    ]
     if not films:
         raise SceneError(
             "expected a film in the wigner_receiver sensor, got none; give it one of 1 x 1 pixel: "
@@ -312,7 +309,7 @@ def _check_film(values: dict[str, Any]) -> None:
         )
 
 
-def _build(variant: str, props: Any) -> mi.Sensor:
+def _build(variant: str, props: mi.Properties) -> mi.Sensor:
     """Return the sensor for the parameters of one ``wigner_receiver`` element."""
     values = values_of(props)
     spec = checked_parameters(values, RECEIVER, variant)
@@ -340,46 +337,59 @@ def receiver(
     temperature: float | None = None,
     noise_figure: float | None = None,
     scene_unit: float = 1.0,
-    sampling: str = SAMPLINGS[0],
     normalise: str = NORMALISATIONS[0],
     diffraction: bool = False,
     polarisation: Any = None,
 ) -> dict[str, Any]:
-    """A coherent aperture or array that receives, as an entry of a dictionary for ``mi.load_dict``.
+    """Return a coherent aperture or array that receives, as an entry for ``mi.load_dict``.
 
     Parameters
     ----------
-    source: what it would radiate with, see :func:`polywigner.mitsuba.aperture`.
-    wavelength: metres.
-    to_world: rigid pose, as a (4, 4) matrix or a Mitsuba transform; the receiver lies in the plane
-        z = 0 of its own frame and looks to +z. Default: none.
-    obliquity: the diffraction integral that it would send by, and so receives by.
-    estimator: ``exact``: rays weigh by the exact irradiance that the receiver would give to the
-        surface they meet, never negative. ``wigner``: by its signed radiance; docs/received_power.md.
-    film: None: one pixel, which reads the received power in W. (n, m): a map of n x m pixels over
-        the direction cosines along the receiver's x and y, from -1 to 1, that adds up to the power.
+    source : Aperture, Array or array_like
+        Source whose field the receiver would send, see :func:`polywigner.mitsuba.aperture`.
+    wavelength : float
+        Wavelength in metres.
+    to_world : (4, 4) array_like or Mitsuba transform, optional
+        Rigid pose. The receiver lies in the plane z = 0 of its frame and looks to +z. Default: the
+        identity.
+    obliquity : str
+        Diffraction integral with which it would send, and so receives.
+    estimator : str
+        ``exact``: the weight of a ray is the exact irradiance that the receiver would give to the
+        surface that the ray meets; never negative. ``wigner``: the weight is the signed radiance
+        of the receiver; docs/receivers.md.
+    film : (int, int) or mapping, optional
+        None: one pixel, which reads the received power in W. (n, m): a map of n x m pixels over
+        the direction cosines along the receiver's x and y, from -1 to 1, whose sum is the power.
         Or the entry of a film, with a box filter. The entry's ``sampler`` is ``multijitter``.
-    bandwidth, temperature, noise_figure: of the noise of the receiver: Hz, K and dB, or texts such
-        as "1 GHz", "290 K" and "3 dB". What is received is that of the one wavelength.
-    scene_unit: metres in one unit of the scene, which is that of ``to_world``'s translation.
-    sampling: density of positions with the estimator ``wigner``, see
-        :func:`polywigner.mitsuba.aperture`.
-    normalise: ``radiated``: its gain is the directivity, so that a sky of the radiance L gives
-        lambda^2 L to any receiver. ``aperture``: received power counts as int |u|^2 does, less by
-        the share of it that is evanescent; docs/received_power.md.
-    diffraction: with the estimator ``exact``: light comes around the edges of the scene's opaque
-        surfaces as well, by reciprocity; docs/shadows.md.
-    polarisation: of the wave that it would send, as of :func:`polywigner.mitsuba.aperture`: it
-        takes all of a matched wave, nothing of the crossed one, half of unpolarised light.
-        "unpolarised": all waves alike. Default: "y"; docs/polarisation.md.
+    bandwidth, temperature, noise_figure : float or str, optional
+        Noise of the receiver in Hz, K and dB, or texts such as "1 GHz", "290 K" and "3 dB". The
+        received power is the power at the one wavelength.
+    scene_unit : float
+        Metres in one unit of the scene and of the translation of ``to_world``.
+    normalise : str
+        ``radiated``: the gain is the directivity, so a sky of the radiance L gives lambda^2 L to
+        any receiver. ``aperture``: the received power counts as int |u|^2 does, and is lower by
+        the evanescent fraction; docs/receivers.md.
+    diffraction : bool
+        With the estimator ``exact``: light also diffracts at the edges of the scene's opaque
+        surfaces, by reciprocity; docs/shadows.md.
+    polarisation : str or array_like, optional
+        Polarisation of the wave that it would send, see :func:`polywigner.mitsuba.aperture`. The
+        receiver takes all of a matched wave, nothing of the crossed wave, half of unpolarised
+        light. "unpolarised": all waves alike. Default: "y"; docs/polarisation.md.
 
-    The entry holds a key, see :func:`register_source`: load it in the process that made it. Render
-    it with :func:`polywigner.mitsuba.render`, which hands the scene over to the estimator
-    ``exact``.
+    Returns
+    -------
+    dict
+        The entry. It contains a key of :func:`register_source`: load it in the process that made
+        it. Render it with :func:`polywigner.mitsuba.render`, which passes the scene to the
+        estimator ``exact``.
 
     Raises
     ------
-    ArgumentError, GeometryError, QuantityError, SceneError for an unusable argument.
+    ArgumentError, GeometryError, QuantityError, SceneError
+        For an unusable argument.
     """
     entry = scene_entry(
         RECEIVER,
@@ -390,7 +400,6 @@ def receiver(
         scene_unit=scene_unit,
         obliquity=obliquity,
         estimator=estimator,
-        sampling=sampling,
         diffraction=diffraction,
         normalise=normalise,
         film=_film(film),
@@ -402,7 +411,7 @@ def receiver(
 
 
 def film_of(width: int, height: int) -> dict[str, Any]:
-    """The entry of a film that a receiver can have."""
+    """Return the entry of a film that a receiver can have."""
     return {
         "type": "hdrfilm",
         "width": width,
@@ -413,8 +422,8 @@ def film_of(width: int, height: int) -> dict[str, Any]:
     }
 
 
-def _film(film: Any) -> dict[str, Any]:
-    """The entry of a film: as it is, or of so many pixels."""
+def _film(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the entry of a film from an entry or from numbers of pixels."""
     if isinstance(film, Mapping):
         return dict(film)
     pixels = np.array((1, 1) if film is None else film)

@@ -1,4 +1,4 @@
-"""Plugins made known to every variant of Mitsuba, and their errors while a scene is loaded.
+"""Registration of plugins for every variant of Mitsuba, of their errors, and of sources in memory.
 
 A plugin is a class with its methods at module level, such as ``WignerEmitter``. Mitsuba's base
 class exists once per variant: `variant_class` makes the subclass that binds both.
@@ -6,8 +6,9 @@ class exists once per variant: `variant_class` makes the subclass that binds bot
 
 from __future__ import annotations
 
+import hashlib
 import threading
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, partial
@@ -19,17 +20,21 @@ import numpy as np
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.execution import uncompiled
+from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
 from polywigner.geometry.io.readers import read_triangles
+from polywigner.source import Array
+from polywigner.source.source_files import source_json
 
 Logic = TypeVar("Logic")
+_Build = Callable[[str, mi.Properties], mi.Object]
 
 # Mitsuba wraps an exception of a plugin into a RuntimeError with a traceback in its text. The
-# exceptions are kept here for the scene's loader. Loaders may run in parallel.
+# exceptions are cached here for the scene's loader. Loaders may run in parallel.
 _recent_errors: deque[PolywignerError] = deque(maxlen=8)
-# Each kernel is traced through all living emitters and shapes, those that another thread is just
-# making included: values would be wrong without an error.
+# Each kernel is traced through all living emitters and shapes, including the unfinished ones of
+# another thread: values would be wrong without an error.
 _alone = threading.RLock()
-_plugins: dict[tuple[str, str], Callable[[str, Any], Any]] = {}
+_plugins: dict[tuple[str, str], _Build] = {}
 
 
 class VariantPlugin:
@@ -64,18 +69,20 @@ def variant_class(logic: type[Logic], base: str | type, variant: str) -> type[Lo
         if name not in ("__dict__", "__weakref__")
     }
     bound = {"m": m, "jit": dr.is_jit_v(m.Float), "variant": variant, "base": parent}
-    found: type[Logic] = type(parent)(logic.__name__, (parent,), members | bound)
-    return found
+    plugin: type[Logic] = type(parent)(logic.__name__, (parent,), members | bound)
+    return plugin
 
 
 @contextmanager
 def exclusive() -> Iterator[None]:
-    """Let no other thread load or render scenes by this package until the block ends.
+    """Block other threads from loading or rendering scenes with this package.
 
-    Mitsuba is not made for scenes that are loaded in one thread while another one renders. The
-    functions of this package wait for each other; whoever calls Mitsuba itself in several threads
-    (``mi.load_dict``, ``mi.render``) does so within this.
+    Mitsuba does not support loading a scene in one thread while another thread renders. The
+    functions of this package wait for each other. Use this context around calls of Mitsuba itself
+    (``mi.load_dict``, ``mi.render``) in several threads.
 
+    Examples
+    --------
     >>> import polywigner.mitsuba as pm
     >>> with pm.exclusive():
     ...     pass  # scene = mi.load_dict(...)
@@ -85,16 +92,16 @@ def exclusive() -> Iterator[None]:
 
 
 one_at_a_time = exclusive()
-"""Decorator of functions that wait until no other thread is at work on a scene."""
+"""Decorator of functions that wait until no other thread uses a scene."""
 
 
-def add_plugin(kind: str, name: str, build: Callable[[str, Any], Any]) -> None:
+def add_plugin(kind: str, name: str, build: _Build) -> None:
     """Add a plugin for :func:`register`, which ``build(variant, properties)`` makes."""
     _plugins[kind, name] = build
 
 
 def register() -> None:
-    """Make the plugins known to every Mitsuba variant, those chosen later included."""
+    """Register the plugins for every Mitsuba variant, including variants that are set later."""
     mi.detail.add_variant_callback(_on_variant_change)
     if mi.variant() is not None:
         _on_variant_change(None, mi.variant())
@@ -107,26 +114,26 @@ def original_error(error: BaseException) -> PolywignerError | None:
 
 
 def _on_variant_change(_old: str | None, new: str) -> None:
-    # Mitsuba looks a plugin's kind up under scalar_rgb whatever the variant. Unknown there, two
-    # equal shapes would count as one shared object and fail to load.
+    # Mitsuba looks up the kind of a plugin under scalar_rgb in every variant. Without this entry
+    # two equal shapes would count as one shared object and fail to load.
     for variant in ("scalar_rgb", new):
         for (kind, name), build in _plugins.items():
             register_one = getattr(getattr(mi, variant), f"register_{kind}")
             register_one(name, partial(_built, build, variant))
 
 
-def _built(build: Callable[[str, Any], Any], variant: str, props: Any) -> mi.Object:
+def _built(build: _Build, variant: str, props: mi.Properties) -> mi.Object:
     try:
         with uncompiled():
             return build(variant, props)
     except PolywignerError as error:
         _recent_errors.append(error)
-        # Mitsuba puts the traceback before the message, where frames of this package are no help.
+        # Mitsuba puts the traceback before the message, where frames of this package do not help.
         raise error.with_traceback(None) from None
 
 
-def nested_properties(name: str, props: Any) -> mi.Properties:
-    """Return properties of a plugin with the id and the nested objects of others."""
+def nested_properties(name: str, props: mi.Properties) -> mi.Properties:
+    """Return properties of a plugin with the id and the nested objects of other properties."""
     inner = mi.Properties(name)
     inner.set_id(props.id())
     for key, value in dict(props.objects()).items():
@@ -134,11 +141,21 @@ def nested_properties(name: str, props: Any) -> mi.Properties:
     return inner
 
 
+def set_mesh(mesh: mi.Mesh, **values: Any) -> None:
+    """Set parameters of a mesh, such as ``faces`` and ``vertex_positions``, from NumPy arrays."""
+    params = mi.traverse(mesh)
+    for name, value in values.items():
+        # Lists in all variants: Dr.Jit does not copy the memory of NumPy arrays, whose alignment
+        # enters the kernels, and it ends the process if a scene is freed during a recording.
+        params[name] = value.ravel().tolist()
+    params.update()
+
+
 STL = "stl"
 
 
-def _build_stl(variant: str, props: Any) -> mi.Mesh:
-    """Return the mesh of an STL file with flat faces; its numbers are units of the scene."""
+def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
+    """Return the mesh of an STL file with flat faces, its coordinates in units of the scene."""
     path = str(mi.file_resolver().resolve(props["filename"]))
     vertices, triangles = read_triangles(path, "m")
     matrix = np.eye(4)
@@ -151,11 +168,77 @@ def _build_stl(variant: str, props: Any) -> mi.Mesh:
         triangles = triangles[:, ::-1]
     name, sizes = props.id() or STL, (len(vertices), len(triangles))
     mesh = getattr(mi, variant).Mesh(name, *sizes, props=nested_properties(STL, props))
-    params = mi.traverse(mesh)
-    params["vertex_positions"] = vertices.ravel().tolist()
-    params["faces"] = triangles.ravel().tolist()
-    params.update()
+    set_mesh(mesh, vertex_positions=vertices, faces=triangles)
     return mesh
 
 
 add_plugin("shape", STL, _build_stl)
+
+
+# ---- sources in memory --------------------------------------------------------------------------
+
+KEY_PREFIX = "memory:"
+
+# Bounds the memory of a process that makes a scene for each of many apertures, such as an
+# optimiser. A scene needs its key only while it is being loaded.
+_CAPACITY = 1024
+
+_sources: OrderedDict[str, Aperture | Array | Wavefront] = OrderedDict()
+_lock = threading.Lock()
+
+
+def register_source(source: Aperture | Array | Wavefront) -> str:
+    """Register an aperture or an array with its wave, and return its key for scenes.
+
+    Parameters
+    ----------
+    source : Aperture, Array or Wavefront
+        The source. Equal sources share one key. The last 1024 sources are cached.
+
+    Returns
+    -------
+    str
+        The value of the parameter ``source`` (or ``aperture``) of a ``wigner`` shape, in a
+        dictionary or in XML.
+
+    Raises
+    ------
+    SceneError
+        For any other object.
+    """
+    if not isinstance(source, Aperture | Array | Wavefront):
+        raise unsuitable_source(source)
+    key = KEY_PREFIX + hashlib.sha256(source_json(source).encode()).hexdigest()[:24]
+    with _lock:
+        _sources[key] = source
+        _sources.move_to_end(key)
+        while len(_sources) > _CAPACITY:
+            _sources.popitem(last=False)
+    return key
+
+
+def is_key(name: str) -> bool:
+    """Return whether a value of ``aperture`` or ``source`` is a key instead of a file name."""
+    return name.startswith(KEY_PREFIX)
+
+
+def registered_source(key: str) -> Aperture | Array | Wavefront:
+    """Return the source of a key; raise SceneError if there is none."""
+    with _lock:
+        source = _sources.get(key)
+    if source is None:
+        raise SceneError(
+            f"expected the key of a source in this process, got {key!r}; make the scene entry "
+            "with polywigner.mitsuba.aperture(...) shortly before loading the scene"
+        )
+    return source
+
+
+def unsuitable_source(source: object) -> SceneError:
+    """Return the error for a source that cannot radiate in a scene."""
+    advice = "make one with polywigner.Aperture(vertices)"
+    if isinstance(source, PlacedAperture):
+        advice = "leave its pose out, and give it as the to_world of the shape"
+    elif isinstance(source, Slits):
+        advice = "use rectangles instead of slits"
+    return SceneError(f"expected an Aperture or an Array, got {type(source).__name__}; {advice}")

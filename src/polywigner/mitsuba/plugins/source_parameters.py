@@ -1,27 +1,26 @@
 """Parameters of a source or a receiver in a scene, read from XML and from Python by one reader.
 
-A `SourceParameters` contains the checked numbers of a ``wigner`` shape or of a ``wigner_receiver``
-sensor, in SI units. `read_parameters` makes one from Mitsuba's properties or from a dictionary
-entry; `scene_entry` makes the entry from the arguments of a Python call.
+A `SourceParameters` contains the checked parameters of a ``wigner`` shape or of a
+``wigner_receiver`` sensor, in SI units. `read_parameters` makes one from Mitsuba's properties or
+from a dictionary entry; `scene_entry` makes the entry from the arguments of a Python call.
 """
 
 from __future__ import annotations
 
-import hashlib
 import math
-import threading
-from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
 from polywigner import geometry
-from polywigner.errors import ArgumentError, GeometryError, SceneError
+from polywigner.errors import ArgumentError, GeometryError, PolywignerError, SceneError
 from polywigner.geometry import (
     Aperture,
     PlacedAperture,
@@ -30,19 +29,15 @@ from polywigner.geometry import (
     Wavefront,
     read_aperture,
 )
-from polywigner.mitsuba.plugins.emissions import (
-    PLAIN,
-    UNPOLARISED,
-    Mixture,
-    Region,
-    SceneSource,
-    checked_name,
-    mixture_of,
-    norm_of,
-    region_of,
-    unfit_source,
+from polywigner.mitsuba.plugins.registration import (
+    is_key,
+    register_source,
+    registered_source,
+    unsuitable_source,
 )
 from polywigner.mitsuba.scenes.surfaces import matrix_of, reach_at
+from polywigner.propagation.far_fields import check_slopes, powers_of
+from polywigner.propagation.irradiances import parts_of
 from polywigner.quantities import (
     NOISE_PARSERS,
     parse_frequency,
@@ -50,10 +45,18 @@ from polywigner.quantities import (
     parse_power,
     wavelength_of,
 )
+from polywigner.radiometry.directions import (
+    checked_bandwidth,
+    checked_radiator,
+    directions_and_weights,
+    largest_lag,
+    longest_path,
+    wavelengths_of_band,
+)
 from polywigner.reception.norms import NORMALISATIONS, checked_normalise
 from polywigner.source import Array, read_source
 from polywigner.source.normal_form import PublicSource, normal_form
-from polywigner.source.obliquities import DEFAULT, OBLIQUITIES
+from polywigner.source.obliquities import DEFAULT, OBLIQUITIES, Forms, grazing_error
 from polywigner.source.polarisation import (
     Stokes,
     checked_polarisation,
@@ -61,17 +64,221 @@ from polywigner.source.polarisation import (
     polarisation_text,
     stokes_fields,
 )
-from polywigner.source.source_files import source_json
 from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
+from polywigner.source.support import mutual_support
+from polywigner.transforms import fourier
+from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.wavefronts import flat_of, tilts_of
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
+SceneSource = Aperture | Array | Wavefront
+"""A source that can radiate in a scene."""
 
 EMITTER, RECEIVER = "wigner", "wigner_receiver"
 """Names of the shape and of the sensor."""
-SAMPLINGS = ("uniform", "marginal", "root-marginal")
 ESTIMATORS = ("wigner", "exact")
 RECEIVER_ESTIMATOR = "exact"
+UNPOLARISED = "unpolarised"
+"""Value of ``polarisation`` for unpolarised light, and for receivers of all polarisations."""
+
+
+# ---- radiance terms, mixtures and powers of a source --------------------------------------------
+
+
+def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
+    """Return whether the terms of `emissions` change with the wavelength."""
+    waves = normal_form(flat_of(source)).frequencies
+    return OBLIQUITIES[obliquity].needs_normal_derivative and bool(waves.any())
+
+
+def emissions(
+    source: SceneSource, wavelength: float, obliquity: str
+) -> list[tuple[SceneSource, Forms]]:
+    """Return terms (source, h) such that the sum of h W is the radiance times wavelength^2."""
+    check_slopes(source, obliquity)
+    terms = OBLIQUITIES[obliquity].terms(flat_of(source), wavelength)
+    if not any(any(forms) for _, forms in terms):
+        raise grazing_error(wavelength)
+    if isinstance(source, Wavefront):
+        return [(source.on(flat), forms) for flat, forms in terms]
+    return terms
+
+
+# Error of means over tilts and wavelengths, relative to the largest value.
+_MEAN_ERROR = 1e-7
+# Relative error of the mean power, and the largest lag in wavelengths: the power is an integral of
+# the correlation times an oscillating, decaying transform of g. Measured error for two slits and
+# squares of 0.5 to 100 wavelengths, coherence widths of 0.3 to 30: at most 2e-5 of the power.
+_POWER_ERROR, _LONGEST_LAG = 1e-5, 4.0
+# Values of F in a block: 16 MB.
+_BLOCK = 1 << 20
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Coherence width and bandwidth of a source."""
+
+    coherence_width: float = math.inf
+    """Coherence width in m; infinite for coherent light."""
+    bandwidth: float | None = None
+    """Bandwidth of the light in Hz; None for one wavelength."""
+
+    def __str__(self) -> str:
+        parts = []
+        if self.coherence_width < math.inf:
+            parts.append(f"a coherence width of {self.coherence_width:g} m")
+        if self.bandwidth is not None:
+            parts.append(f"a bandwidth of {self.bandwidth:g} Hz")
+        return " and ".join(parts) or "coherent light of one wavelength"
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the light is coherent and has one wavelength."""
+        return self == Mixture()
+
+    def parts(
+        self, source: SceneSource, wavelength: float, error: float = _MEAN_ERROR
+    ) -> Iterator[tuple[SceneSource, float, float]]:
+        """Yield coherent sources, wavelengths in m and weights whose mean is the mixture."""
+        return parts_of(self._applied_to(source), wavelength, self.bandwidth, error)
+
+    def nodes(self, source: SceneSource, wavelength: float) -> Floats:
+        """Return waves (n, 4) whose mean power is the power of the mixture.
+
+        The columns are the shift of the inverse wavelength and the tilts along x and y, all in 1/m,
+        and the weight.
+        """
+        tilts, weights = np.zeros((1, 2)), np.ones(1)
+        wave = self._applied_to(source)
+        if isinstance(wave, Wavefront) and not wave.is_coherent:
+            tilts, weights = tilts_of(wave, _POWER_ERROR, _LONGEST_LAG * wavelength)
+        return np.array(
+            [
+                (1 / length - 1 / wavelength, *tilt, tilt_weight * weight)
+                for tilt, tilt_weight in zip(tilts.tolist(), weights.tolist(), strict=True)
+                for length, weight in self._band(source, wavelength)
+            ]
+        )
+
+    def power(self, source: SceneSource, wavelength: float, obliquity: str) -> float:
+        """Return the radiated power in W of a coherent source in light of this mixture."""
+        if self.is_plain:
+            return powers_of(source, wavelength, obliquity)[0]
+        waves = self.nodes(source, wavelength)
+        return sum(
+            self._power_at(source, wavelength, obliquity, waves[waves[:, 0] == shift])
+            for shift in np.unique(waves[:, 0])
+        )
+
+    def _power_at(self, source: Any, wavelength: float, obliquity: str, waves: Floats) -> float:
+        """Return the part of the power of `nodes` (n, 4) of one wavelength."""
+        inverse = 1 / wavelength + float(waves[0, 0])
+        terms = OBLIQUITIES[obliquity].terms(source.at_wavelength(1 / inverse), wavelength)
+        total = 0.0
+        for s, solid_angles in directions_and_weights(largest_lag(source), 1 / inverse):
+            step = max(1, _BLOCK // len(s))
+            for some in (waves[first : first + step] for first in range(0, len(waves), step)):
+                nu = s[:, :2] * inverse - some[:, None, 1:3]
+                weights = some[:, 3] * inverse**2
+                for term, forms in terms:
+                    far = np.square(np.abs(fourier(term, nu)))
+                    total += float(weights @ far @ (forms.irradiance(s[:, 2]) * solid_angles))
+        return total
+
+    def _applied_to(self, source: SceneSource) -> SceneSource:
+        if self.coherence_width == math.inf:
+            return source
+        return source.partially_coherent(self.coherence_width)
+
+    def _band(self, source: SceneSource, wavelength: float) -> list[tuple[float, float]]:
+        if self.bandwidth is None:
+            return [(wavelength, 1.0)]
+        return wavelengths_of_band(wavelength, self.bandwidth, longest_path(source), _POWER_ERROR)
+
+
+def _mixture_of(
+    source: Any, wavelength: float, bandwidth: float | None
+) -> tuple[SceneSource, Mixture]:
+    """Return the source in coherent light, and the mixture that describes its light."""
+    if bandwidth is not None:
+        bandwidth = checked_bandwidth(bandwidth, wavelength)
+        if getattr(flat_of(source), "paths", None) is not None:
+            raise SceneError(
+                "pistons and tilts of segments are not supported with a bandwidth in scenes; "
+                "compute wavelengths one by one, or use polywigner.irradiance(bandwidth=)"
+            )
+    if not isinstance(source, Wavefront) or source.is_coherent:
+        return source, Mixture(bandwidth=bandwidth)
+    return source.coherent, Mixture(source.coherence_width, bandwidth)
+
+
+# Computed when an entry is made, when its scene is loaded, and whenever a parameter changes.
+@lru_cache(maxsize=64)
+def norm_of(
+    source: SceneSource,
+    wavelength: float,
+    obliquity: str,
+    mixture: Mixture = Mixture(),
+    normalise: str = NORMALISATIONS[0],
+) -> float:
+    """Return the power of a source's unscaled field in W, |u|^2 in W/m^2.
+
+    ``normalise``: "radiated" is the power through the hemisphere in front, with the obliquity and
+    the mean over the waves of the mixture; "aperture" is int |u|^2.
+
+    Raises SceneError for a source that radiates nothing.
+    """
+    if normalise == "aperture":
+        return _energy(flat_of(source))
+    try:
+        return mixture.power(checked_radiator(source), wavelength, obliquity)
+    except PolywignerError as error:
+        raise SceneError(str(error)) from None
+
+
+def _energy(source: Aperture | Array) -> float:
+    """Return int |u|^2 dx in m^2 for |u|^2 = 1."""
+    energy = energy_of(source)
+    if not energy > 0:
+        raise SceneError(
+            "expected a source with a field, got elements that cancel each other everywhere"
+        )
+    return energy
+
+
+class Region(NamedTuple):
+    """Region of the plane where W of a source is not zero."""
+
+    centre: Floats
+    """(2,) in m, read-only."""
+    support: Aperture
+    """Outline relative to the centre."""
+
+
+def region_of(source: Any, obliquity: str) -> Region:
+    """Return the region of an aperture, or of an array of apertures in the plane z = 0.
+
+    Raises SceneError for a source that cannot radiate in a scene.
+    """
+    if not isinstance(flat_of(source), Aperture | Array):
+        raise unsuitable_source(source)
+    try:
+        check_slopes(source, obliquity)
+        return _region(flat_of(source))
+    except PolywignerError as error:
+        raise SceneError(str(error)) from None
+
+
+# A scene entry is checked when it is made, and read when the scene is loaded.
+@lru_cache(maxsize=16)
+def _region(source: Aperture | Array) -> Region:
+    _energy(source)  # raises if it is zero
+    support = mutual_support(source)
+    return Region(support.centre, support.moved(-support.centre))
+
+
+# ---- the parameters -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,19 +286,18 @@ class SourceParameters:
     """Checked parameters of a ``wigner`` shape or a ``wigner_receiver`` sensor, in SI units."""
 
     source: Any
-    """An Aperture, an Array, or one with a curved wave, in coherent light."""
+    """Aperture, Array, or one of these with a curved wave, in coherent light."""
     wavelength: float
     norm: float
     """Power in W of the unscaled field: radiated, or int |u|^2."""
     pose: Floats
-    """(4, 4), read-only; the translation in scene units."""
+    """(4, 4), read-only; the translation is in scene units."""
     obliquity: str
     estimator: str
-    sampling: str
     scene_unit: float
     """Metres."""
     region: Region
-    mixture: Mixture = PLAIN
+    mixture: Mixture = Mixture()
     """Mixture of the light that the source sends, or would send."""
     normalise: str = NORMALISATIONS[0]
     """Power that ``norm`` stands for: one of `NORMALISATIONS`."""
@@ -99,7 +305,6 @@ class SourceParameters:
     """Radiated power in W; 1 for a receiver, whose power comes from the scene."""
     diffraction: bool = False
     """Whether shadows of the scene's surfaces diffract."""
-    antithetic: bool = False
     control_variate: bool = False
     sampling_weight: float = 1.0
     visible: bool = True
@@ -114,11 +319,12 @@ class SourceParameters:
     @property
     def at_origin(self) -> SceneSource:
         """The source relative to its centre: single precision resolves 6e-8 of a position."""
-        return normal_form(self.source).moved(-self.region.centre).public
+        moved: SceneSource = normal_form(self.source).moved(-self.region.centre).public
+        return moved
 
     @property
     def centre(self) -> Floats:
-        """(2,): centre of the region that radiates, in units of the scene."""
+        """Centre (2,) of the region that radiates, in units of the scene."""
         return self.region.centre / self.scene_unit
 
     @property
@@ -126,34 +332,33 @@ class SourceParameters:
         """Whether elements have different polarisations."""
         return self.polarisation is not None and self.polarisation.ndim == 2
 
-    def fields_of(self, source: Any) -> list[tuple[SceneSource, Stokes | None]]:
-        """Return scalar sources, and the Stokes numbers by which their light adds up."""
-        if self.polarisation is None or self.polarisation.ndim == 1:
+    def fields_of(self, source: SceneSource) -> list[tuple[SceneSource, Stokes | None]]:
+        """Return scalar sources, and the Stokes vectors by which their irradiances add up."""
+        if self.polarisation is None or not self.has_several:
             return [(source, None)]
         return list(stokes_fields(source, self.polarisation))
 
     def norm_at(self, wavelength: float, normalise: str | None = None) -> float:
-        """Return the power in W of the source's field at a wavelength, as ``normalise`` counts."""
+        """Return the power in W of the unscaled field at a wavelength; see `norm_of`."""
         return math.fsum(
             norm_of(part, wavelength, self.obliquity, self.mixture, normalise or self.normalise)
             for part, stokes in self.fields_of(self.source)
             if stokes is None or stokes[0] > 0
         )
 
-    def reach_in(self, scene: Any, pose: Floats) -> float:
+    def reach_in(self, scene: mi.Scene, pose: Floats) -> float:
         """Return the largest coordinate of the source and of the flat surfaces that touch it.
 
-        In units of the scene; the translation of ``pose`` is in metres.
+        The result is in units of the scene; the translation of ``pose`` is in metres.
         """
         low, high = np.reshape(self.source.bounds, (2, 2))
         corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
         return reach_at(scene, (corners @ pose[:3, :2].T + pose[:3, 3]) / self.scene_unit)
 
-    def with_source(self, source: Any, wavelength: float) -> SourceParameters:
+    def with_source(self, source: SceneSource, wavelength: float) -> SourceParameters:
         """Return the parameters with another source."""
-        region = region_of(source, self.obliquity, self.antithetic)
-        norm = norm_of(source, wavelength, self.obliquity, self.mixture)
-        return replace(self, source=source, region=region, norm=norm)
+        spec = replace(self, source=source, region=region_of(source, self.obliquity))
+        return replace(spec, norm=spec.norm_at(wavelength))
 
 
 _COMMON = (
@@ -163,13 +368,13 @@ _COMMON = (
 )
 PARAMETERS = (
     *_COMMON,
-    *("power", "aperture_power", "obliquity", "estimator", "diffraction", "antithetic"),
-    *("sampling", "control_variate", "scene_unit", "sampling_weight", "visible", "bandwidth"),
+    *("power", "aperture_power", "obliquity", "estimator", "diffraction"),
+    *("control_variate", "scene_unit", "sampling_weight", "visible", "bandwidth"),
 )
 """Names of the ``wigner`` shape's parameters; ``docs/plugin.md`` explains them."""
 RECEIVER_PARAMETERS = (
     *_COMMON,
-    *("obliquity", "estimator", "diffraction", "sampling", "scene_unit", "normalise"),
+    *("obliquity", "estimator", "diffraction", "scene_unit", "normalise"),
     *NOISE_PARSERS,
 )
 """Names of the ``wigner_receiver`` sensor's parameters; ``docs/received_power.md`` explains them."""
@@ -188,23 +393,23 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
     SceneError for unknown names and unusable values; errors of the readers of source files.
     """
     sends = plugin == EMITTER
-    given = SceneValues(values, f"{plugin} {'shape' if sends else 'sensor'}")
+    given = _SceneValues(values, f"{plugin} {'shape' if sends else 'sensor'}")
     given.check_names(PARAMETERS if sends else RECEIVER_PARAMETERS)
     estimator = given.choice("an estimator", ESTIMATORS, None if sends else RECEIVER_ESTIMATOR)
     diffraction = given.flag("diffraction", False)
     if diffraction and estimator != "exact":
         raise SceneError(
-            f'expected the estimator "exact" with diffraction, got {estimator!r}; W knows nothing '
-            "of edges in the way"
+            f'expected the estimator "exact" with diffraction, got {estimator!r}; the Wigner '
+            "function of the source contains no edges of obstacles"
         )
     obliquity = given.choice("an obliquity", OBLIQUITIES, DEFAULT)
-    antithetic, wavelength = given.flag("antithetic", False), given.wavelength()
-    source, mixture = mixture_of(
-        given.source(wavelength),
-        wavelength,
-        given.optional("bandwidth", parse_frequency) if sends else None,
-    )
-    parsers: Mapping[str, Any] = {} if sends else NOISE_PARSERS
+    wavelength, weight = given.wavelength(), given.number("sampling_weight")
+    try:
+        source, mixture = _mixture_of(
+            given.source(wavelength), wavelength, given.number("bandwidth") if sends else None
+        )
+    except ArgumentError as error:
+        raise SceneError(str(error)) from None
     spec = SourceParameters(
         source=source,
         wavelength=wavelength,
@@ -212,17 +417,15 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
         pose=given.pose(),
         obliquity=obliquity,
         estimator=estimator,
-        sampling=given.choice("a sampling", SAMPLINGS),
-        scene_unit=given.scene_unit(),
-        region=region_of(source, obliquity, antithetic),
+        scene_unit=given.number("scene_unit") or 1.0,
+        region=region_of(source, obliquity),
         mixture=mixture,
         normalise=checked_normalise(given.text("normalise", NORMALISATIONS[0]), SceneError),
         diffraction=diffraction,
-        antithetic=antithetic,
         control_variate=given.flag("control_variate", False),
-        sampling_weight=given.number("sampling_weight", float, 1.0),
+        sampling_weight=1.0 if weight is None else weight,
         visible=given.flag("visible", True),
-        noise={name: given.optional(name, parse) for name, parse in parsers.items()},
+        noise={} if sends else {name: given.number(name) for name in NOISE_PARSERS},
         polarisation=given.polarisation(source),
         states_polarisation="polarisation" in given.values,
     )
@@ -230,9 +433,9 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
     return replace(spec, power=_power(given, spec)) if sends else spec
 
 
-def _power(given: SceneValues, spec: SourceParameters) -> float:
-    """Return the radiated power in W of the parameters of a shape."""
-    power, inside = (given.optional(name, parse_power) for name in ("power", "aperture_power"))
+def _power(given: _SceneValues, spec: SourceParameters) -> float:
+    """Return the radiated power in W of a shape."""
+    power, inside = given.number("power"), given.number("aperture_power")
     if power is not None and inside is not None:
         raise SceneError(
             "expected power or aperture_power, got both; power leaves through the hemisphere in "
@@ -243,13 +446,33 @@ def _power(given: SceneValues, spec: SourceParameters) -> float:
     return spec.norm if power is None else power
 
 
-# Numbers of an entry, and how their texts are read.
+def _parse_unit(value: str | float) -> float:
+    """Return a unit such as "mm", "0.1 m" or 1e-3 in metres."""
+    is_name = isinstance(value, str) and value.strip()[:1].isalpha()
+    return parse_length(f"1 {value}" if is_name else value)
+
+
 _PARSERS: dict[str, Callable[[Any], float]] = {
+    "frequency": parse_frequency,
     "wavelength": parse_length,
-    "scene_unit": parse_length,
+    "tolerance": parse_length,
+    "scene_unit": _parse_unit,
     "power": parse_power,
     "aperture_power": parse_power,
+    "sampling_weight": float,
+    **NOISE_PARSERS,
 }
+"""Readers of the numbers of an entry, by name."""
+
+
+def _number(name: str, value: Any, element: str) -> float:
+    """Return the number of a parameter in SI units; raise SceneError for other values."""
+    if not isinstance(value, str | Real) or isinstance(value, bool):
+        raise SceneError(f"expected a number or a text as {name}, got {type(value).__name__}")
+    try:
+        return float(_PARSERS[name](value))
+    except ValueError as error:
+        raise SceneError(f"{name} of the {element}: {error}") from None
 
 
 def scene_entry(
@@ -263,7 +486,7 @@ def scene_entry(
     source = source if isinstance(source, kinds) else Aperture(source)
     entry: dict[str, Any] = {"type": plugin, "source": register_source(source)}
     entry |= {
-        name: _PARSERS[name](value) if name in _PARSERS else value
+        name: _number(name, value, plugin) if name in _PARSERS else value
         for name, value in values.items()
         if value is not None
     }
@@ -277,64 +500,16 @@ def scene_entry(
     return entry
 
 
-# ---- sources in memory --------------------------------------------------------------------------
-
-KEY_PREFIX = "memory:"
-
-# Bounds the memory of a process that makes a scene for each of many apertures, such as an
-# optimiser. A scene needs its key only while it is being loaded.
-CAPACITY = 1024
-
-_sources: OrderedDict[str, Aperture | Array | Wavefront] = OrderedDict()
-_lock = threading.Lock()
+# ---- values of one element ----------------------------------------------------------------------
 
 
-def register_source(source: Aperture | Array | Wavefront) -> str:
-    """The key under which scenes find this aperture or array, with its wave; equal ones share one.
-
-    The last 1024 sources are kept. Use the key as the parameter ``source`` (or ``aperture``) of a
-    ``wigner`` shape, in a dictionary or in XML.
-
-    Raises
-    ------
-    SceneError for anything but an Aperture or an Array.
-    """
-    if not isinstance(source, Aperture | Array | Wavefront):
-        raise unfit_source(source)
-    content = source_json(source)  # all that makes it up, to the last digit
-    key = KEY_PREFIX + hashlib.sha256(content.encode()).hexdigest()[:24]
-    with _lock:
-        _sources[key] = source
-        _sources.move_to_end(key)
-        while len(_sources) > CAPACITY:
-            _sources.popitem(last=False)
-    return key
-
-
-def is_key(name: str) -> bool:
-    """Whether the parameter ``aperture`` or ``source`` is a key rather than a file."""
-    return name.startswith(KEY_PREFIX)
-
-
-def registered_source(key: str) -> Aperture | Array | Wavefront:
-    """The source of a key, or a SceneError."""
-    with _lock:
-        source = _sources.get(key)
-    if source is None:
-        raise SceneError(
-            f"expected the key of a source in this process, got {key!r}; make the scene entry "
-            "with polywigner.mitsuba.aperture(...) shortly before loading the scene"
-        )
-    return source
-
-
-def values_of(props: Any) -> dict[str, Any]:
+def values_of(props: mi.Properties) -> dict[str, Any]:
     """Return the parameters of Mitsuba's ``Properties``."""
-    return {name: props[name] for name in props.keys()}  # noqa: SIM118 (no dict)
+    return {name: props[name] for name in props.keys()}  # noqa: SIM118 (not a dict)
 
 
 @dataclass(frozen=True)
-class SceneValues:
+class _SceneValues:
     """The parameters of one element of a scene."""
 
     values: Mapping[str, Any]
@@ -342,7 +517,7 @@ class SceneValues:
     """Such as "wigner shape", for messages."""
 
     def check_names(self, known: tuple[str, ...]) -> None:
-        """Raise SceneError for a parameter of another name; nested objects have any."""
+        """Raise SceneError for an unknown parameter; nested objects may have any name."""
         for name, value in self.values.items():
             is_nested = isinstance(value, mi.Object | Mapping) or name == "type"
             if not is_nested and name not in known:
@@ -351,20 +526,20 @@ class SceneValues:
                 )
 
     def choice(self, kind: str, known: Iterable[str], default: str | None = None) -> str:
-        """Return one of the known names; ``kind`` is "a sampling" for the parameter ``sampling``.
-
-        The default is the first of the known names.
-        """
+        """Return one of the known names, the first by default; ``kind``: "an estimator"."""
         known = tuple(known)
-        return checked_name(kind, self.text(kind.split()[1], default or known[0]), known)
+        name = self.text(kind.split()[1], default or known[0])
+        if name not in known:
+            raise SceneError(f"expected {kind}, got {name!r}; use one of {', '.join(known)}")
+        return name
 
     def source(self, wavelength: float) -> PublicSource | Polyhedron:
-        """The source with its taper and copies, steered."""
+        """Return the steered source with its taper and copies."""
         texts = {name: self.text(name, None) for name in SOURCE_TEXTS if name in self.values}
         return apply_texts(self._outline(), texts, wavelength)
 
     def _outline(self) -> PublicSource | Polyhedron:
-        """The source from its file, or from memory, before its taper and copies."""
+        """Return the source from its file, or from memory, without its taper and copies."""
         given = [name for name in ("aperture", "source") if name in self.values]
         if len(given) == 2:
             raise SceneError(
@@ -385,26 +560,25 @@ class SceneValues:
         path = Path(str(mi.file_resolver().resolve(name)))
         if not in_file:
             return read_source(path)
-        tolerance = self.optional("tolerance", parse_length)
         layers = [name.strip() for name in self.text("layer", "").split(";") if name.strip()]
         joins = self.flag("union", False)
-        return read_aperture(path, self.text("unit", "mm"), tolerance, layers, joins)
+        return read_aperture(path, self.text("unit", "mm"), self.number("tolerance"), layers, joins)
 
     def wavelength(self) -> float:
-        """In metres, from either parameter."""
-        given = [name for name in ("frequency", "wavelength") if name in self.values]
-        if len(given) != 1:
-            got = "both" if given else "neither"
-            raise SceneError(
-                f"expected a frequency or a wavelength of the {self.element}, got {got}; give one, "
-                'such as frequency "94 GHz"'
-            )
-        if given == ["frequency"]:
-            return wavelength_of(self.number("frequency", parse_frequency))
-        return self.number("wavelength", parse_length)
+        """Return the wavelength in metres from ``frequency`` or ``wavelength``."""
+        frequency, wavelength = self.number("frequency"), self.number("wavelength")
+        if frequency is not None and wavelength is None:
+            return wavelength_of(frequency)
+        if frequency is None and wavelength is not None:
+            return wavelength
+        got = "both" if frequency else "neither"
+        raise SceneError(
+            f"expected a frequency or a wavelength of the {self.element}, got {got}; give one, "
+            'such as frequency "94 GHz"'
+        )
 
-    def polarisation(self, source: Any) -> Complexes | None:
-        """Return a unit Jones vector (2,), or (n, 2) of an array; None if there is none."""
+    def polarisation(self, source: SceneSource) -> Complexes | None:
+        """Return a unit Jones vector (2,), or (n, 2) of an array; None for unpolarised light."""
         text = self.text("polarisation", UNPOLARISED)
         if text.strip().lower() == UNPOLARISED:
             return None
@@ -413,44 +587,25 @@ class SceneValues:
         except ArgumentError as error:
             raise SceneError(str(error)) from None
 
-    def scene_unit(self) -> float:
-        """In metres."""
-        value = self.values.get("scene_unit", 1.0)
-        if isinstance(value, str) and value.strip()[:1].isalpha():
-            value = f"1 {value}"
-        return replace(self, values={"scene_unit": value}).number("scene_unit", parse_length)
-
-    def pose(self) -> npt.NDArray[np.float64]:
-        """A read-only (4, 4) matrix."""
+    def pose(self) -> Floats:
+        """Return the pose as a read-only (4, 4) matrix."""
         given = self.values.get("to_world")
         return rigid_pose(np.eye(4) if given is None else given.matrix)
 
-    def optional(self, name: str, parse: Callable[[Any], float]) -> float | None:
-        """A number, or None where there is none."""
-        return self.number(name, parse) if name in self.values else None
-
-    def number(self, name: str, parse: Callable[[Any], float], default: float = math.nan) -> float:
-        """A number, or the text of one."""
-        value = self.values.get(name, default)
-        if not isinstance(value, (str, int, float)) or isinstance(value, bool):
-            raise SceneError(f"expected a number or a text as {name}, got {type(value).__name__}")
-        try:
-            return float(parse(value))
-        except ValueError as error:
-            raise SceneError(f"{name} of the {self.element}: {error}") from None
+    def number(self, name: str) -> float | None:
+        """Return a parameter of `_PARSERS` in SI units; None without a value."""
+        if name not in self.values:
+            return None
+        return _number(name, self.values[name], self.element)
 
     def flag(self, name: str, default: bool) -> bool:
-        """True or false."""
         value = self.values.get(name, default)
         if not isinstance(value, bool | np.bool_):
-            raise SceneError(
-                f'expected {name} as True or False, <boolean name="{name}" .../> in a scene file, '
-                f"got {value!r} of type {type(value).__name__}"
-            )
+            raise self._wrong_type(name, "True or False", "boolean")
         return bool(value)
 
     def text(self, name: str, default: str | None) -> str:
-        """A text; without a default it must be there."""
+        """Return a text; raise SceneError if it is missing and has no default."""
         value = self.values.get(name, default)
         if value is None and name not in self.values:
             raise SceneError(
@@ -458,15 +613,19 @@ class SceneValues:
                 "an aperture, such as GeoJSON or DXF, or a source file (TOML or JSON) as source"
             )
         if not isinstance(value, str):
-            raise SceneError(
-                f'expected {name} as a text, <string name="{name}" .../> in a scene file, got '
-                f"{value!r} of type {type(value).__name__}"
-            )
+            raise self._wrong_type(name, "a text", "string")
         return value
 
+    def _wrong_type(self, name: str, expected: str, tag: str) -> SceneError:
+        value = self.values[name]
+        return SceneError(
+            f'expected {name} as {expected}, <{tag} name="{name}" .../> in a scene file, got '
+            f"{value!r} of type {type(value).__name__}"
+        )
 
-def rigid_pose(matrix: Any) -> npt.NDArray[np.float64]:
-    """A read-only (4, 4) pose from a matrix or from one of Mitsuba's, of any variant."""
+
+def rigid_pose(matrix: Any) -> Floats:
+    """Return a read-only (4, 4) pose from a matrix of NumPy or of any variant of Mitsuba."""
     try:
         given = np.array(matrix)
         # compiled variants have a last axis of 1
@@ -486,6 +645,6 @@ def pose_of(plugin: Any) -> Floats:
     return pose
 
 
-def reach_of(scene: Any, plugin: Any) -> float:
+def reach_of(scene: mi.Scene, plugin: Any) -> float:
     """Return the ``reach`` of a source or receiver in its scene; see module `surfaces`."""
     return float(plugin.spec.reach_in(scene, pose_of(plugin)))

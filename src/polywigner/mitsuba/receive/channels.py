@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.execution.progress import told
 from polywigner.geometry.arguments import checked_callable, checked_row
-from polywigner.mitsuba.plugins.emissions import norm_of
 from polywigner.mitsuba.plugins.placement import (
     FacingParts,
     PlacedSource,
@@ -34,6 +33,7 @@ from polywigner.mitsuba.plugins.placement import (
 )
 from polywigner.mitsuba.plugins.polariser import DEFAULT_POLARISATION, polarisation_summary
 from polywigner.mitsuba.plugins.registration import one_at_a_time
+from polywigner.mitsuba.plugins.source_parameters import norm_of
 from polywigner.mitsuba.receive.passing import (
     CentralPath,
     Mesh,

@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.execution import Drjit
-from polywigner.mitsuba.plugins.emissions import norm_of
 from polywigner.mitsuba.plugins.placement import (
     FacingParts,
     PlacedSource,
     check_obliquity,
     facing_parts,
 )
+from polywigner.mitsuba.plugins.source_parameters import norm_of
 from polywigner.mitsuba.receive.passing import (
     BLOCKED,
     diffracted_ratio,

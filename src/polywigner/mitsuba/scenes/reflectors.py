@@ -1,9 +1,9 @@
-"""Flat mirrors of a scene, conducting bodies beside it, and images of sources in mirrors."""
+"""Flat mirrors of a scene, conducting bodies next to it, and reflected paths."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# A body of more faces than this is taken for a curved one.
+# A body with more planes than this counts as curved.
 MOST_FACES = 32
-# Chains of mirrors that are tried: some milliseconds each.
+# Most chains of mirrors, which take some milliseconds each.
 _MOST_CHAINS = 5000
 # Departure from a plane, relative to the coordinates: rounding of single precision.
 _FLAT = 1e-5
-# Rounding of cosines in a normal: that of a wall along an axis is one. A hundred metres away the
-# image in a wall that leans by it would be 10 um off, a radian of phase in the terahertz.
+# Rounding of cosines in a normal, which is removed from walls along an axis. A hundred metres away
+# the image in a wall that leans by it would be 10 um off, a radian of phase in the terahertz.
 _AXIS = 2e-7
 _SMOOTH = int(mi.BSDFFlags.DeltaReflection) | int(mi.BSDFFlags.DeltaTransmission)
 
@@ -43,79 +43,97 @@ class Mirror:
     """A plane of the points p with ``normal`` . p = ``offset``, in m."""
 
     name: str
-    shape: Any
+    shape: mi.Shape
     normal: Floats
     offset: float
 
     def image_of(self, points: Floats) -> Floats:
-        """Images (..., 3) of points behind the plane, in m."""
+        """Return images (..., 3) of points behind the plane, in m."""
         height = points @ self.normal - self.offset
         result: Floats = points - 2 * height[..., None] * self.normal
         return result
 
 
-@dataclass
-class SmoothShapes:
-    """Flat mirrors of a scene, and names of shapes whose smooth lobes are ignored."""
-
-    mirrors: list[Mirror] = field(default_factory=list)
-    curved: list[str] = field(default_factory=list)
-    """Shapes that reflect but are curved, or have too many planes."""
-    refracting: list[str] = field(default_factory=list)
-    """Shapes that transmit and bend rays, flat ones included."""
-    unnamed: list[str] = field(default_factory=list)
-    """Stand-ins for the ids of mirrors without one."""
+Chain = tuple[Mirror, ...]
+"""Mirrors of a path, in the order of the light's reflections."""
 
 
-def smooth_shapes(scene: Any, unit: float) -> SmoothShapes:
-    """Return the flat mirrors of a scene in units of ``unit`` metres, and other smooth shapes."""
-    result = SmoothShapes()
+def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
+    """Return the flat mirrors of a scene in units of ``unit`` metres, and notes on other shapes.
+
+    The notes list smooth shapes and paths that up to ``reflections`` mirrors do not include.
+    """
+    mirrors: list[Mirror] = []
+    curved, refracting, unnamed = [], [], []
     for number, shape in enumerate(sorted_shapes(scene)):
         flags = shape.bsdf().flags() if shape.bsdf() is not None else 0
         if not flags & _SMOOTH:
             continue
         name = shape.id() or f"shape {number}"
         if mi.has_flag(flags, mi.BSDFFlags.DeltaTransmission):
-            result.refracting.append(name)
+            refracting.append(name)
         if not mi.has_flag(flags, mi.BSDFFlags.DeltaReflection):
             continue
         planes = _planes(shape)
         if not planes:
-            result.curved.append(name)
+            curved.append(name)
         elif not shape.id():
-            result.unnamed.append(name)
+            unnamed.append(name)
         for face, (normal, offset) in enumerate(planes):
-            own = f"{name}[{face}]" if len(planes) > 1 else name
-            result.mirrors.append(Mirror(own, shape, normal, offset * unit))
-    return result
+            full_name = f"{name}[{face}]" if len(planes) > 1 else name
+            mirrors.append(Mirror(full_name, shape, normal, offset * unit))
+    notes = []
+    if curved:
+        notes.append(
+            f"not included: reflection from {_listed(curved)}, curved or of more than {MOST_FACES} "
+            "planes"
+        )
+    if refracting:
+        notes.append(f"not included: refracted transmission through {_listed(refracting)}")
+    if mirrors:
+        limit = f"paths with more than {reflections} reflection{'' if reflections == 1 else 's'}"
+        notes.append(
+            f"not included: {limit if reflections else 'reflections from flat mirrors'}, light "
+            "from mirrors to rough surfaces, and diffraction at the edges of mirrors"
+        )
+    if unnamed:
+        notes.append(
+            f"{_listed(unnamed)} has no id, as after Mitsuba merges shapes with equal BSDFs; load "
+            "the scene with polywigner.mitsuba.load_scene to keep ids"
+        )
+    return mirrors, notes
 
 
-def chains_of(mirrors: list[Mirror], most: int) -> Iterator[tuple[Mirror, ...]]:
-    """All sequences of one to ``most`` mirrors, none twice in succession, in the light's order."""
+def _listed(names: list[str]) -> str:
+    return ", ".join(map(repr, names))
+
+
+def chains_of(mirrors: list[Mirror], most: int) -> Iterator[Chain]:
+    """Yield all sequences of one to ``most`` mirrors, in which no mirror follows itself."""
     count = len(mirrors)
     total = sum(count * (count - 1) ** k for k in range(most)) if count else 0
     if total > _MOST_CHAINS:
         raise SceneError(
             f"expected at most {_MOST_CHAINS} chains of flat mirrors, got {total} of {count} "
-            f"mirrors with up to {most} reflections; ask for fewer reflections, or make small "
+            f"mirrors with up to {most} reflections; reduce the reflections, or make small "
             "mirrors rough"
         )
-    chains: list[tuple[Mirror, ...]] = [()]
+    chains: list[Chain] = [()]
     for _ in range(most):
         chains = [(*chain, m) for chain in chains for m in mirrors if chain[-1:] != (m,)]
         yield from chains
 
 
-def _planes(shape: Any) -> list[tuple[Floats, float]]:
-    """The planes of all faces of a shape; none if it is curved."""
+def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
+    """Return the planes of all faces of a shape; none if it is curved."""
     params = mi.traverse(shape)
     has_faces = "vertex_positions" in params and "faces" in params
     points, normals = _faces(shape) if has_faces else _centre(shape)
     size = max(float(np.abs(points).max(initial=0.0)), 1e-30)
     planes: list[tuple[Floats, float]] = []
-    for own, place in zip(normals, points, strict=True):
-        normal = np.where(np.abs(own) < _AXIS, 0.0, own)
-        normal, offset = normal / np.linalg.norm(normal), float(place @ normal)
+    for face_normal, point in zip(normals, points, strict=True):
+        normal = np.where(np.abs(face_normal) < _AXIS, 0.0, face_normal)
+        normal, offset = normal / np.linalg.norm(normal), float(point @ normal)
         if not any(_is_same(plane, normal, offset, size) for plane in planes):
             planes.append((normal, offset))
         if len(planes) > MOST_FACES:
@@ -124,23 +142,23 @@ def _planes(shape: Any) -> list[tuple[Floats, float]]:
 
 
 def _is_same(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
-    """Whether a face lies in a plane, whichever side it turns to."""
+    """Return whether a face lies in a plane, with its front on either side."""
     sign = np.sign(normal @ plane[0])
     apart = np.abs(normal - sign * plane[0]).max()
     return bool(apart <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)
 
 
-def _faces(shape: Any) -> tuple[Floats, Floats]:
-    """A corner and the unit normal of each triangle."""
+def _faces(shape: mi.Mesh) -> tuple[Floats, Floats]:
+    """Return a corner and the unit normal of each triangle."""
     a, b, c = np.moveaxis(vertices_of(shape)[faces_of(shape)], 1, 0)
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1)
-    there = lengths > 0
-    return a[there], normals[there] / lengths[there, None]
+    has_area = lengths > 0
+    return a[has_area], normals[has_area] / lengths[has_area, None]
 
 
-def _centre(shape: Any) -> tuple[Floats, Floats]:
-    """The centre of a rectangle or disk with its normal; nothing for other shapes."""
+def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
+    """Return the centre and normal of a rectangle or disk; nothing for other shapes."""
     if shape.class_name() not in ("Rectangle", "Disk"):
         return np.empty((0, 3)), np.empty((0, 3))
     sample = shape.sample_position(0.0, mi.Point2f(0.5, 0.5))
@@ -148,28 +166,28 @@ def _centre(shape: Any) -> tuple[Floats, Floats]:
     return point, normal
 
 
-# ---- waves, with their phase and their polarisation ---------------------------------------------
+# ---- reflection, with phase and polarisation ----------------------------------------------------
 
 MASK, THIN = "MaskBSDF", "ThinDielectric"
 _TWO_SIDED, _CONDUCTOR = "TwoSidedBRDF", "SmoothConductor"
 _SURFACES = (_CONDUCTOR, THIN, "SmoothDielectric", "SmoothPlastic")
-# |n x k| of a wave along the normal: any vector across it serves.
+# |n x k| of a wave along the normal, for which any vector in the surface serves.
 _ALONG = 1e-9
 
 
-def bsdfs_in(bsdf: Any) -> list[mi.BSDF]:
+def bsdfs_in(bsdf: mi.BSDF) -> list[mi.BSDF]:
     """Return a BSDF and the BSDFs nested in it, the outermost first."""
     return [node for node in mi.traverse(bsdf).hierarchy if isinstance(node, mi.BSDF)]
 
 
 @dataclass(frozen=True)
 class Surface:
-    """The smooth surface of a mirror, as a wave on one of its sides meets it."""
+    """Smooth surface of a mirror for waves from one of its sides."""
 
     index: complex | None
-    """Refractive index n + ik behind it over that before it; None: a perfect conductor."""
+    """Refractive index n + ik behind it over the index in front; None: a perfect conductor."""
     is_thin: bool = False
-    """A sheet, whose inner reflections add up in power."""
+    """Whether it is a sheet, whose inner reflections add up in power."""
 
     def coefficients(self, cosine: Any) -> tuple[Complexes, Complexes]:
         """Return the reflection coefficients of E across the plane of incidence and of E in it.
@@ -180,21 +198,21 @@ class Surface:
         """
         if self.index is None:
             return -np.ones_like(cosine, complex), np.ones_like(cosine, complex)
-        found = self._of_one_face(cosine)
+        faces = self._of_one_face(cosine)
         if not self.is_thin:
-            return found
-        powers = [_of_sheet(np.square(np.abs(r))) for r in found]
-        across, along = (np.sign(r.real) * np.sqrt(p) for r, p in zip(found, powers, strict=True))
+            return faces
+        powers = [_of_sheet(np.square(np.abs(r))) for r in faces]
+        across, along = (np.sign(r.real) * np.sqrt(p) for r, p in zip(faces, powers, strict=True))
         return across, along
 
     def reflectance_in_mitsuba(self, cosine: Any) -> Floats:
         """Return the reflectance of Mitsuba's BSDF, which has no polarisation in a sheet."""
-        found = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
-        mean = np.mean([np.square(np.abs(r)) for r in found], axis=0)
+        faces = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
+        mean = np.mean([np.square(np.abs(r)) for r in faces], axis=0)
         return _of_sheet(mean) if self.is_thin else mean
 
     def _of_one_face(self, cosine: Any) -> tuple[Complexes, Complexes]:
-        """Fresnel's coefficients."""
+        """Return Fresnel's coefficients."""
         assert self.index is not None
         square = self.index**2
         behind = np.sqrt(square - 1 + np.square(cosine) + 0j)  # n cos, decays for Im > 0
@@ -205,12 +223,12 @@ class Surface:
 
 
 def _of_sheet(power: Any) -> Floats:
-    """Reflectance of two faces of reflectance ``power``, all internal reflections added."""
+    """Return the reflectance of two faces of reflectance ``power``, with internal reflections."""
     return 2 * power / (1 + power)
 
 
 def surface_of(mirror: Mirror, is_before: bool) -> Surface:
-    """The surface that a wave meets from where the normal points, or from behind."""
+    """Return the surface for waves from the side of the normal, or from behind."""
     nodes = bsdfs_in(mirror.shape.bsdf())
     smooth = [node for node in nodes if node.class_name() in _SURFACES]
     kinds = {node.class_name() for node in nodes}
@@ -220,14 +238,14 @@ def surface_of(mirror: Mirror, is_before: bool) -> Surface:
             f"plastic, whose reflection has a phase, got {mirror.shape.bsdf().class_name()}; give "
             "it one of these, or make it rough"
         )
-    own = smooth[0 if is_before else -1]
-    params = mi.traverse(own)
-    if own.class_name() == _CONDUCTOR:
+    bsdf = smooth[0 if is_before else -1]
+    params = mi.traverse(bsdf)
+    if bsdf.class_name() == _CONDUCTOR:
         index = complex(*(_single(t.mean()) for t in list(params.hierarchy)[1:3]))
         return Surface(None if index == 1j else index)  # Mitsuba's "none" is 0 + 1i
     ratio = _single(params["eta"])
-    is_inside = not (is_before or _TWO_SIDED in kinds or own.class_name() == THIN)
-    return Surface(complex(1 / ratio if is_inside else ratio), own.class_name() == THIN)
+    is_inside = not (is_before or _TWO_SIDED in kinds or bsdf.class_name() == THIN)
+    return Surface(complex(1 / ratio if is_inside else ratio), bsdf.class_name() == THIN)
 
 
 def _single(value: Any) -> float:
@@ -235,7 +253,7 @@ def _single(value: Any) -> float:
 
 
 def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complexes:
-    """E (3,) complex of a plane wave along the unit vector ``direction`` after its reflection."""
+    """Return E (3,) of a plane wave along the unit vector ``direction`` after its reflection."""
     across = np.cross(normal, direction)
     if np.linalg.norm(across) < _ALONG:
         across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
@@ -248,10 +266,11 @@ def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -
 
 # ---- conducting bodies --------------------------------------------------------------------------
 
-# Error of an echo relative to that of all lit parts in phase, far below physical optics' own.
+# Error of an echo relative to the sum of all illuminated parts in phase, far below the error of
+# physical optics.
 OF_ECHO = 1e-3
-# Ways that are tried: some milliseconds each.
-_MOST_WAYS = 5000
+# Most paths, which take some milliseconds each.
+_MOST_PATHS = 5000
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,10 +280,10 @@ class Body:
     name: str
     facets: Facets
     bounces: int
-    """Reflections on it that count."""
+    """Number of reflections on it that are included."""
 
     def standing_in(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
-        """A square in the middle that looks at the image of a source, for rays between both."""
+        """Return a square at its centre that faces the image of a source, for rays between both."""
         z = image.middle - self.facets.middle
         z /= np.linalg.norm(z)
         x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
@@ -274,7 +293,7 @@ class Body:
         return replace(like, source=square(self.facets.size / 2), pose=pose)
 
     def antenna(self, image: PlacedSource, wavelength: float) -> Antenna:
-        """The image of a source beside the body."""
+        """Return the image of a source in the frame of the body's facets."""
         pose: Floats = np.asarray(np.linalg.inv(image.pose), np.float64)
         pose[:3, 3] += pose[:3, :3] @ self.facets.middle
         condition: Any = image.obliquity
@@ -283,13 +302,13 @@ class Body:
         )
 
     def is_in_front(self, image: PlacedSource) -> bool:
-        """Whether all of it is in front of the plane of the image of a source."""
+        """Return whether all of it is in front of the plane of the image of a source."""
         corners = self.facets.corners + self.facets.middle
         return bool(((corners - image.pose[:3, 3]) @ image.normal > 0.0).all())
 
-    def doubts(self, wavelength: float, ways: list[Floats]) -> list[str]:
-        """Notes on the ways (n, 3) of light from both ends to the body."""
-        last = [way[-1] - way[-2] for way in ways]
+    def doubts(self, wavelength: float, paths: list[Floats]) -> list[str]:
+        """Return notes on the accuracy of the paths (n, 3) from both ends to the body."""
+        last = [path[-1] - path[-2] for path in paths]
         near, far = min(map(np.linalg.norm, last)), 2 * self.facets.size**2 / wavelength
         notes = []
         if self.facets.least_face < wavelength:
@@ -302,37 +321,42 @@ class Body:
         if self.bounces > 1 and near < far:
             notes.append(
                 f"{self.name!r} is nearer than 2 D^2/lambda, {far:.3g} m: its second and third "
-                "reflections count as those of plane waves"
+                "reflections are computed for plane waves"
             )
         return notes
 
 
 @dataclass(frozen=True)
 class Echo:
-    """A way by a body, with mirrors in the order of light before it and after it."""
+    """A path by a body, with mirrors before it and after it in the order of the light."""
 
-    before: tuple[Mirror, ...]
+    before: Chain
     body: Body
-    after: tuple[Mirror, ...]
+    after: Chain
 
     @property
     def names(self) -> tuple[str, ...]:
-        before, after = (
-            tuple(mirror.name for mirror in part) for part in (self.before, self.after)
-        )
-        return (*before, self.body.name, *after)
+        return (*names_of(self.before), self.body.name, *names_of(self.after))
 
     @property
     def place(self) -> Floats:
-        """The body's middle as the receiver sees it, (3,)."""
-        place = self.body.facets.middle
+        """Centre (3,) of the body as the receiver sees it."""
+        point = self.body.facets.middle
         for mirror in self.after:
-            place = mirror.image_of(place)
-        return place
+            point = mirror.image_of(point)
+        return point
+
+
+Way = Chain | Echo
+
+
+def names_of(path: Way) -> tuple[str, ...]:
+    """Return the names of mirrors and bodies in the order of the light."""
+    return path.names if isinstance(path, Echo) else tuple(mirror.name for mirror in path)
 
 
 def checked_bodies(bodies: Any) -> tuple[Body, ...]:
-    """Bodies by their names, each alone or with the number of its reflections."""
+    """Return bodies by their names, each alone or in a pair with its number of reflections."""
     if bodies is None:
         return ()
     if not isinstance(bodies, Mapping) or not all(isinstance(name, str) for name in bodies):
@@ -340,107 +364,69 @@ def checked_bodies(bodies: Any) -> tuple[Body, ...]:
             "expected bodies as a dict of bodies by their names, each one of pw.rcs or a pair of "
             f"it and a number of reflections, got {bodies!r:.100}"
         )
-    return tuple(_body(name, given) for name, given in bodies.items())
+    return tuple(_body(name, value) for name, value in bodies.items())
 
 
-def _body(name: str, given: Any) -> Body:
+def _body(name: str, value: Any) -> Body:
     if not name.strip():
         raise ArgumentError("expected names of bodies with letters, got an empty one; name it")
     bounces = 1
-    if isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], int | np.integer):
-        given, bounces = given
+    if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int | np.integer):
+        value, bounces = value
     try:
-        found = facets_of(given)
-        return Body(name, found, checked_count(bounces, "reflections", 1, MOST_BOUNCES))
+        return Body(name, facets_of(value), checked_count(bounces, "reflections", 1, MOST_BOUNCES))
     except PolywignerError as error:
         raise ArgumentError(f"the body {name!r}: {error}") from None
 
 
-def echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: int) -> list[Echo]:
-    """Ways by one body, with at most one of the mirrors before it and one after it."""
+def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: int) -> list[Echo]:
+    """Return paths by one body, with at most one of the mirrors before it and one after it."""
     for name in {body.name for body in bodies} & {mirror.name for mirror in mirrors}:
         raise SceneError(
             f"expected bodies with other names than mirrors, got {name!r} for both; rename the body"
         )
-    single = [(), *((mirror,) for mirror in mirrors[: len(mirrors) if reflections else 0])]
+    single: list[Chain] = [(), *((mirror,) for mirror in mirrors if reflections)]
     pairs = [pair for pair in product(single, single) if sum(map(len, pair)) <= reflections]
-    if len(bodies) * len(pairs) > _MOST_WAYS:
+    if len(bodies) * len(pairs) > _MOST_PATHS:
         raise SceneError(
-            f"expected at most {_MOST_WAYS} ways by bodies and flat mirrors, got "
-            f"{len(bodies) * len(pairs)}; ask for fewer reflections, or make small mirrors rough"
+            f"expected at most {_MOST_PATHS} paths by bodies and flat mirrors, got "
+            f"{len(bodies) * len(pairs)}; reduce the reflections, or make small mirrors rough"
         )
     return [Echo(before, body, after) for body in bodies for before, after in pairs]
 
 
-Chain = tuple[Mirror, ...]
-Way = Chain | Echo
-
-
 def ways_in(
-    scene: Any, unit: float, reflections: int, bodies: Sequence[Body] = ()
+    scene: mi.Scene, unit: float, reflections: int, bodies: Sequence[Body] = ()
 ) -> tuple[list[Chain], list[Echo], list[str]]:
     """Return paths by up to ``reflections`` mirrors, paths by bodies, and notes on other paths.
 
     Raises SceneError for too many paths.
     """
-    mirrors, notes = _mirrors_in(scene, unit, reflections)
+    mirrors, notes = mirrors_in(scene, unit, reflections)
     chains: list[Chain] = [(), *chains_of(mirrors, reflections)]
-    return chains, echoes_of(bodies, mirrors, reflections), notes
+    return chains, _echoes_of(bodies, mirrors, reflections), notes
 
 
-def _mirrors_in(scene: Any, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
-    """Return the flat mirrors of a scene, and notes on the paths that are not included."""
-    smooth = smooth_shapes(scene, unit)
-    curved, refracting, unnamed = (
-        ", ".join(map(repr, names)) for names in (smooth.curved, smooth.refracting, smooth.unnamed)
-    )
-    notes = []
-    if curved:
-        notes.append(
-            f"not included: reflection from {curved}, curved or of more than {MOST_FACES} planes"
-        )
-    if refracting:
-        notes.append(f"not included: refracted transmission through {refracting}")
-    if smooth.mirrors:
-        plural = "" if reflections == 1 else "s"
-        limit = f"paths with more than {reflections} reflection{plural}"
-        notes.append(
-            f"not included: {limit if reflections else 'reflections from flat mirrors'}, light "
-            "from mirrors to rough surfaces, and diffraction at the edges of mirrors"
-        )
-    if unnamed:
-        notes.append(
-            f"{unnamed} has no id, as after Mitsuba merges shapes with equal BSDFs; load the scene "
-            "with polywigner.mitsuba.load_scene to keep ids"
-        )
-    return smooth.mirrors, notes
-
-
-def names_of(way: Way) -> tuple[str, ...]:
-    """Return the names of mirrors and bodies in the order of light."""
-    return way.names if isinstance(way, Echo) else tuple(mirror.name for mirror in way)
-
-
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
 
 def paths_by(
-    ways: Iterable[Way], link: str, find: Callable[[Any], tuple[Found, list[str]] | str]
-) -> tuple[list[Found], list[str]]:
-    """Collect the paths that ``find`` returns for ways between two ends, and notes on the link.
+    ways: Iterable[Way], link: str, find: Callable[[Any], tuple[Result, list[str]] | str]
+) -> tuple[list[Result], list[str]]:
+    """Collect the results of ``find`` for paths between two ends, and notes on the link.
 
-    ``find`` returns a path with its notes, or the reason why nothing arrives. The reason is noted
+    ``find`` returns a result with its notes, or the reason why nothing arrives. The reason is noted
     for the line of sight and for echoes without mirrors: most chains of mirrors lead nowhere.
     """
-    paths, notes = [], []
+    results, notes = [], []
     for way in ways:
-        found = find(way)
-        if isinstance(found, str):
-            reasons = [found] if len(names_of(way)) == isinstance(way, Echo) else []
+        result = find(way)
+        if isinstance(result, str):
+            reasons = [result] if len(names_of(way)) == isinstance(way, Echo) else []
         else:
-            paths.append(found[0])
-            reasons = found[1]
+            results.append(result[0])
+            reasons = result[1]
         if reasons:
             by = link + "".join(f" by {name!r}" for name in names_of(way))
             notes.append(f"{by}: {' and '.join(reasons)}")
-    return paths, notes
+    return results, notes

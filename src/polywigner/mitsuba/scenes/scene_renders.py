@@ -24,17 +24,20 @@ from polywigner.geometry.arguments import checked_callable, checked_count, check
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import Tiling, depths_of
 from polywigner.mitsuba.plugins.placement import placed_receiver
-from polywigner.mitsuba.plugins.registration import one_at_a_time
-from polywigner.mitsuba.plugins.source_parameters import is_key, register_source, registered_source
+from polywigner.mitsuba.plugins.registration import (
+    is_key,
+    one_at_a_time,
+    register_source,
+    registered_source,
+)
 from polywigner.mitsuba.radar.range_profile import checked_ranges, received_by_range
 from polywigner.mitsuba.receive.direct_light import delta_lights, delta_paths
 from polywigner.mitsuba.receive.received import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.receive.received_power import received, scattered_here
 from polywigner.mitsuba.receive.scattered import BATCHES, Scattering, aimed, batches_of, lights_of
-from polywigner.mitsuba.scenes.reflectors import chains_of, smooth_shapes
+from polywigner.mitsuba.scenes.reflectors import chains_of, mirrors_in
 from polywigner.mitsuba.scenes.rendering import Exposure, check_is_whole, exposed, unseen
-from polywigner.mitsuba.scenes.scene_files import digests_of
-from polywigner.mitsuba.scenes.scenes import SceneFile, choose_variant
+from polywigner.mitsuba.scenes.scenes import SceneFile, choose_variant, digests_of
 from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of
 from polywigner.propagation.stores import Index, Scheduler, lazy_array, require_stores, write_store
 from polywigner.transforms.xarray_arguments import labelled_arrays
@@ -136,7 +139,7 @@ def with_delta_lights(
         return image
     receiver = placed_receiver(camera, 0).touching(scene)
     most = _MOST_MIRRORS if depth < 0 else min(_MOST_MIRRORS, depth - 1)
-    mirrors = smooth_shapes(scene, receiver.scene_unit).mirrors
+    mirrors, _ = mirrors_in(scene, receiver.scene_unit, most)
     result = image.astype(np.float64)
     rows, columns, channels = image.shape
     for path in delta_paths(scene, receiver, [(), *chains_of(mirrors, most)]):

@@ -1,73 +1,107 @@
-"""Loading scenes: dictionary entries, variants, overrides, and errors in one line."""
+"""Load scenes from dictionaries and checked files: variants, options, and errors in one line.
+
+A scene file may come from an untrusted source, so it may use only known plugin types and only files
+below its folder: docs/safety.md. The XML is checked before Mitsuba loads it. Mitsuba itself reads
+meshes and images, and reports damaged ones.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, ParseError
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import fromstring
 
-from polywigner.errors import ArgumentError, EngineError, PolywignerError, SceneError, value_text
+from polywigner.errors import (
+    ArgumentError,
+    EngineError,
+    FileFormatError,
+    PolywignerError,
+    SceneError,
+    value_text,
+)
 from polywigner.geometry.arguments import checked_flag, checked_path
+from polywigner.geometry.io.limits import (
+    LARGEST_SCENE,
+    bytes_of,
+    check_bytes,
+    check_regular,
+    text_of,
+)
 from polywigner.mitsuba.plugins.films import threads_for_openexr
 from polywigner.mitsuba.plugins.polariser import is_polarised
 from polywigner.mitsuba.plugins.registration import one_at_a_time, original_error, register
-from polywigner.mitsuba.scenes.scene_files import parse_scene_file, resolving
 from polywigner.mitsuba.scenes.surfaces import is_source
 from polywigner.toolchain import llvm
 
-# Of unpolarised light, and of polarised: compiled, on a GPU, and without a compiler.
+# Variants for unpolarised and for polarised light: compiled, on a GPU, and without a compiler.
 _VARIANTS = {
     False: ("llvm_ad_mono", "cuda_ad_mono", "scalar_rgb"),
     True: ("llvm_ad_mono_polarized", "cuda_ad_mono_polarized", "scalar_spectral_polarized"),
 }
 _COHERENT = ("wigner", "wigner_receiver")
 _FRACTIONS = ("reflectance", "transmittance", "albedo")
-# A sampler of Mitsuba divides by none, and rounds larger numbers up without an end.
+# Samplers of Mitsuba divide by the number of samples, and rounding up a larger one never ends.
 _MOST_SAMPLES = 1 << 24
 _LONGEST_MESSAGE = 600
 
 
 def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
-    """The Mitsuba variant to render with; it is not set.
+    """Return the Mitsuba variant to render with; it is not set.
 
-    ``prefer`` if given; else ``llvm_ad_mono`` (one channel, compiled) where a usable LLVM library
-    exists, else ``cuda_ad_mono`` where there is a GPU, else ``scalar_rgb`` with one warning.
-    ``polarised``: one of polarised light, ``llvm_ad_mono_polarized`` first.
+    Parameters
+    ----------
+    prefer : str, optional
+        Name of a variant, which is checked. Default: ``llvm_ad_mono`` (one channel, compiled) if
+        a usable LLVM library exists, else ``cuda_ad_mono`` if there is a GPU, else ``scalar_rgb``
+        with one warning.
+    polarised : bool
+        True: a variant with polarised light, ``llvm_ad_mono_polarized`` first.
+
+    Returns
+    -------
+    str
+        The name of the variant.
 
     Raises
     ------
-    EngineError when the preferred variant is unknown to this Mitsuba or cannot run here, or is not
-    polarised where it must be.
+    EngineError
+        If the preferred variant is unknown to this Mitsuba, cannot run here, or is unpolarised
+        with ``polarised=True``.
     """
     status = llvm.prepare()
     fast, on_gpu, plain = _VARIANTS[checked_flag(polarised, "polarised")]
+    has_gpu = dr.has_backend(dr.JitBackend.CUDA)
     if prefer is None:
-        if status.usable:
-            return fast
-        if dr.has_backend(dr.JitBackend.CUDA):
-            return on_gpu
-        warnings.warn(
-            f"{status.problem} Rendering with {plain}, hundreds of times slower. {status.remedy}",
-            RuntimeWarning,
-            stacklevel=2,
-        )
-        return plain
+        if not status.usable and not has_gpu:
+            warnings.warn(
+                f"{status.problem} Rendering with {plain}, hundreds of times slower. "
+                f"{status.remedy}",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+            return plain
+        return fast if status.usable else on_gpu
     if not isinstance(prefer, str) or prefer not in mi.variants():
         raise EngineError(
             f"expected a variant of the installed Mitsuba, got {prefer!r}; use one of "
             f"{', '.join(mi.variants())}"
         )
-    if prefer.startswith("cuda_") and not dr.has_backend(dr.JitBackend.CUDA):
+    if prefer.startswith("cuda_") and not has_gpu:
         raise EngineError(
-            f"{prefer} needs an NVIDIA GPU and its driver, and Dr.Jit finds none; use "
+            f"{prefer} needs an NVIDIA GPU and its driver, and Dr.Jit detects none; use "
             f"{fast if status.usable else plain}"
         )
     if prefer.startswith("llvm_") and not status.usable:
@@ -92,14 +126,19 @@ def load_scene(
 
     Parameters
     ----------
-    scene : path of a Mitsuba XML file, or a dictionary as for ``mi.load_dict``.
-    variant : Mitsuba variant to set first. Default: the variant that is set, else
-        :func:`choose_variant`.
-    sampler : plugin such as ``multijitter`` that replaces the sampler of every sensor.
-    merge : True: merge meshes with equal BSDFs into one mesh without an id, as Mitsuba does.
-    diffraction : True: all sources and receivers get the estimator ``exact`` and shadows that
-        diffract (docs/shadows.md). False: as the scene specifies.
-    parameters : values of the file's ``$parameters``; a dictionary takes none.
+    scene : str, path or mapping
+        Path of a Mitsuba XML file, or a dictionary as for ``mi.load_dict``.
+    variant : str, optional
+        Mitsuba variant to set first. Default: the current variant, else :func:`choose_variant`.
+    sampler : str, optional
+        Plugin such as ``multijitter`` that replaces the sampler of every sensor.
+    merge : bool
+        True: merge meshes with equal BSDFs into one mesh without an id, as Mitsuba does.
+    diffraction : bool
+        True: all sources and receivers get the estimator ``exact`` and shadows that diffract
+        (docs/shadows.md). False: as the scene specifies.
+    parameters : str or float
+        Values of the file's ``$parameters``; not for a dictionary.
 
     Returns
     -------
@@ -108,8 +147,12 @@ def load_scene(
 
     Raises
     ------
-    EngineError for a variant that cannot run; SceneError, or the package's error behind it, for a
-    scene that does not load; ArgumentError for other arguments.
+    EngineError
+        For a variant that cannot run.
+    SceneError
+        For a scene that does not load; or the package's error that caused it.
+    ArgumentError
+        For other unusable arguments.
     """
     if not isinstance(scene, Mapping):
         path = checked_path(scene)
@@ -124,7 +167,7 @@ def load_scene(
 
 @dataclass(frozen=True)
 class SceneFile:
-    """A scene file and how it is loaded, by this process or by a worker."""
+    """A scene file and the options for loading it, in this process or in a worker."""
 
     path: Path | None
     """None for a scene that is a dictionary."""
@@ -134,7 +177,8 @@ class SceneFile:
     """Values of the file's ``$parameters``, with any names."""
     diffraction: bool = False
     polarisation: str | None = None
-    """Polarisation of ends for which the file specifies none; None: the default."""
+    """Polarisation of sources and receivers for which the file specifies none; None: the default.
+    """
     merge: bool = False
 
     def __post_init__(self) -> None:
@@ -158,7 +202,7 @@ class SceneFile:
 
 @one_at_a_time
 def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
-    """Load the scene of a file, or of the entries of a dictionary if there is no file."""
+    """Load the scene of a file, or the entries of a dictionary if there is no file."""
     if how.variant is not None or mi.variant() is None:
         mi.set_variant(choose_variant(how.variant))
     register()
@@ -170,81 +214,102 @@ def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
                 state = mi.parser.parse_dict(config, entries)
                 scene = _instantiate(config, state, how)
             else:
-                with resolving(how.path):
-                    state, _ = parse_scene_file(config, how.path, how.parameters)
+                with _resolving(how.path):
+                    state, _ = _parsed(config, how.path, how.parameters)
                     scene = _instantiate(config, state, how)
     except (RuntimeError, ValueError, TypeError) as error:
         raise _translated(error, state) from None
     if not isinstance(scene, mi.Scene):
         advice = 'add "type": "scene"' if how.path is None else "wrap it in <scene>"
         where = how.path or "the dictionary"
-        raise SceneError(f"expected a <scene> in {where}, got something else; {advice}")
+        raise SceneError(f"expected a <scene> in {where}, got another element; {advice}")
     return scene
 
 
-def checked_scene(scene: Any) -> mi.Scene:
-    """A scene of the variant that is set, or SceneError."""
+def checked_scene(scene: mi.Scene) -> mi.Scene:
+    """Return a scene of the current variant; raise SceneError for anything else."""
     if not isinstance(scene, mi.Scene):
         raise SceneError(
-            f"expected a scene of the variant that is set, {mi.variant()}, got one of another or "
-            f"no scene ({type(scene).__name__}); set that one, or load the scene anew"
+            f"expected a scene of the current variant, {mi.variant()}, got a scene of another "
+            f"variant or another object ({type(scene).__name__}); set that variant, or load the "
+            "scene anew"
         )
     return scene
 
 
 def has_wigner_emitter(scene: Any) -> bool:
-    """Whether a ``wigner`` shape lights this scene."""
+    """Return whether a scene contains a ``wigner`` shape.
+
+    Parameters
+    ----------
+    scene : mi.Scene
+        A scene of the current variant; other objects raise a SceneError.
+
+    Returns
+    -------
+    bool
+    """
     return any(map(is_source, checked_scene(scene).emitters()))
 
 
 def translate_error(error: Exception) -> PolywignerError:
     """Return an error that Mitsuba raised while loading as an error of one line.
 
-    If an error of this package caused it: that error, after its location in the scene. Otherwise: a
-    SceneError with Mitsuba's message.
+    Parameters
+    ----------
+    error : Exception
+        The error of ``mi.load_dict`` or ``mi.load_file``.
+
+    Returns
+    -------
+    PolywignerError
+        The package's error that caused it, after its location in the scene; else a SceneError with
+        Mitsuba's message.
     """
     return _translated(error, None)
 
 
-def _translated(error: Exception, state: Any) -> PolywignerError:
-    """Return the error of :func:`translate_error`, with the file that the object reads.
-
-    ``state``: ``mi.parser.ParserState`` of the scene, or None.
-    """
+def _translated(error: Exception, state: mi.parser.ParserState | None) -> PolywignerError:
+    """Return the error of `translate_error`, with the file that the object reads."""
     if isinstance(error, PolywignerError):
         return error
     text = str(error)
     if isinstance(error, UnicodeDecodeError):  # Mitsuba's message quotes a binary file
         text = error.object.decode(errors="replace")
     text = re.sub(r"^\[\w+\.cpp:\d+\] ", "", text)
-    place = re.match(r"(?:At|While loading) (.*?(?:\(line \d+, col \d+\)|node \"[^\"]*\")):", text)
-    own = original_error(error)
-    if own is not None:
-        return type(own)(_printable(f"{place[1]}: {own}" if place else str(own)))
+    at = re.match(r"(?:At|While loading) (.*?(?:\(line \d+, col \d+\)|node \"[^\"]*\")):", text)
+    cause = original_error(error)
+    if cause is not None:
+        return type(cause)(_printable(f"{at[1]}: {cause}" if at else str(cause)))
     head, _, traceback = text.partition("Traceback (most recent call last)")
-    cause = traceback.strip().splitlines()[-1:]  # what a plugin written in Python has raised
-    names = [] if state is None or place is None else _file_names_at(state, place[1])
-    line = _printable(" ".join(" ".join([head, *cause]).split()))
+    last = traceback.strip().splitlines()[-1:]  # the error of a plugin in Python
+    line = _printable(" ".join(" ".join([head, *last]).split()))
+    names = [] if state is None or at is None else _file_names_at(state, at[1])
     unnamed = [name for name in names if name not in line]
     about = f" (file {_printable(unnamed[0])})" if unnamed else ""
     return SceneError(f"expected a scene that Mitsuba can load: {line}{about}")
 
 
-def _file_names_at(state: Any, place: str) -> list[str]:
+def _file_names_at(state: mi.parser.ParserState, location: str) -> list[str]:
     """Return the file names of the objects at a location of a scene, as in Mitsuba's messages."""
-    nodes = [node for node in state.nodes if mi.parser.file_location(state, node) == place]
+    nodes = [node for node in state.nodes if mi.parser.file_location(state, node) == location]
     copies = [mi.Properties(node.props) for node in nodes]
     return [str(props["filename"]) for props in copies if "filename" in props]
 
 
 def _printable(text: str) -> str:
-    """A text of some lines at most, without characters that a terminal would obey."""
+    """Return a short text without characters that control a terminal."""
     short = text[:_LONGEST_MESSAGE] + ("..." if text[_LONGEST_MESSAGE:] else "")
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
 
 
-def _instantiate(config: Any, state: Any, how: SceneFile) -> mi.Object:
-    """Check a parsed scene, change it as requested and build it."""
+# ---- parsed scenes ------------------------------------------------------------------------------
+
+
+def _instantiate(
+    config: mi.parser.ParserConfig, state: mi.parser.ParserState, how: SceneFile
+) -> mi.Object:
+    """Check a parsed scene, apply the options and build it."""
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
     _check_numbers(state)
@@ -264,22 +329,26 @@ def _instantiate(config: Any, state: Any, how: SceneFile) -> mi.Object:
     return mi.parser.instantiate(config, state)
 
 
-def _check_numbers(state: Any) -> None:
+def _values_in(props: mi.Properties) -> dict[str, Any]:
+    copy = mi.Properties(props)  # Mitsuba reports unread properties
+    return {name: copy[name] for name in copy.keys()}  # noqa: SIM118 (not a dict)
+
+
+def _check_numbers(state: mi.parser.ParserState) -> None:
     """Raise SceneError for NaN, fractions of light outside 0 to 1, and numbers of samples."""
     for node in state.nodes:
-        props = mi.Properties(node.props)  # a copy: Mitsuba reports properties that nobody reads
-        for name in props.keys():  # noqa: SIM118 (not a dict)
-            values = _numbers_in(props[name])
+        for name, value in _values_in(node.props).items():
             lowest, highest = -math.inf, math.inf
             if node.type == mi.ObjectType.BSDF and name.endswith(_FRACTIONS):
                 lowest, highest = 0.0, 1.0
             elif node.type == mi.ObjectType.Sampler and name == "sample_count":
                 lowest, highest = 1, _MOST_SAMPLES
-            if not all(lowest <= value <= highest for value in values):
+            values = _numbers_in(value)
+            if not all(lowest <= number <= highest for number in values):
                 limits = "" if highest == math.inf else f" from {lowest:g} to {highest}"
                 raise SceneError(
-                    f"expected the {name} of a {props.plugin_name()} in numbers{limits}, got "
-                    f"{', '.join(f'{value:g}' for value in values[:3])}"
+                    f"expected the {name} of a {node.props.plugin_name()} in numbers{limits}, got "
+                    f"{', '.join(f'{number:g}' for number in values[:3])}"
                 )
 
 
@@ -295,23 +364,194 @@ def _numbers_in(value: Any) -> list[float]:
         return []
 
 
-def _replace_samplers(state: Any, name: str) -> None:
+def _replace_samplers(state: mi.parser.ParserState, name: str) -> None:
+    kinds = [node.type for node in state.nodes]
     for node in state.nodes:
         if node.type == mi.ObjectType.Sampler:
             props = mi.Properties(name)
             props.set_id(node.props.id())
-            for kept in ("sample_count", "seed"):
-                if kept in node.props:
-                    props[kept] = node.props[kept]
+            for key in ("sample_count", "seed"):
+                if key in node.props:
+                    props[key] = node.props[key]
             node.props = props
-    for node in state.nodes:
-        if node.type == mi.ObjectType.Sensor and not _has_sampler(state, node):
-            props = mi.Properties(node.props)
-            props["sampler"] = mi.load_dict({"type": name})
-            node.props = props
+        elif node.type == mi.ObjectType.Sensor:
+            values = _values_in(node.props).values()
+            nested = [v for v in values if isinstance(v, mi.Properties.ResolvedReference)]
+            if not any(kinds[value.index()] == mi.ObjectType.Sampler for value in nested):
+                props = mi.Properties(node.props)
+                props["sampler"] = mi.load_dict({"type": name})
+                node.props = props
 
 
-def _has_sampler(state: Any, sensor: Any) -> bool:
-    values = (sensor.props[name] for name in sensor.props.keys())  # noqa: SIM118 (not a dict)
-    references = [value for value in values if isinstance(value, mi.Properties.ResolvedReference)]
-    return any(state.nodes[r.index()].type == mi.ObjectType.Sampler for r in references)
+# ---- scene files --------------------------------------------------------------------------------
+
+_MITSUBA = Path(mi.__file__).parent
+# The plugin "blender" reads memory at addresses that the scene contains.
+_REFUSED = frozenset({"blender"})
+# Integrators in Python, whose types Mitsuba's plugin manager does not report.
+_INTEGRATORS = frozenset(
+    {
+        *("direct_projective", "prb", "prb_basic", "prb_projective", "prbvolpath"),
+        *("volprim_rf_basic", "transient_path", "transient_prbvolpath", "transient_nlos_path"),
+    }
+)
+# Bytes of a mesh or image that a scene names.
+_LARGEST_NAMED = 1 << 30
+_DEEPEST_INCLUDE = 15
+
+
+@contextmanager
+def _resolver(resolver: mi.FileResolver) -> Iterator[None]:
+    """Use another file resolver while the block runs."""
+    outer = mi.file_resolver()
+    mi.set_file_resolver(resolver)
+    try:
+        yield
+    finally:
+        mi.set_file_resolver(outer)
+
+
+@contextmanager
+def _resolving(file: Path) -> Iterator[None]:
+    """Resolve relative file names from the folder of `file` while the block runs.
+
+    Mitsuba loads libraries from a subfolder "plugins" of any of these folders, also libraries that
+    a scene uses by default. Its own folder comes first, so no library next to a scene is loaded.
+    """
+    resolver = mi.FileResolver(mi.file_resolver())
+    resolver.prepend(str(file.resolve().parent))
+    resolver.prepend(str(_MITSUBA))
+    with _resolver(resolver):
+        yield
+
+
+def digests_of(file: Path, parameters: Mapping[str, Any]) -> dict[str, str]:
+    """Return SHA-256 digests, by absolute path, of a scene file and all files that it uses.
+
+    Raises SceneError for a scene that is not permitted.
+    """
+    with _resolving(file):
+        _, paths = _parsed(mi.parser.ParserConfig(mi.variant()), file, parameters)
+    digests = {}
+    for path in sorted(paths):
+        with path.open("rb") as content:
+            digests[str(path)] = hashlib.file_digest(content, "sha256").hexdigest()
+    return digests
+
+
+def _parsed(
+    config: mi.parser.ParserConfig, file: Path, parameters: Mapping[str, Any]
+) -> tuple[mi.parser.ParserState, set[Path]]:
+    """Parse a scene file that contains only permitted plugin types and files.
+
+    Call it within `_resolving`. Files and folders that the values of the file's ``$parameters``
+    name are permitted. The second result contains the absolute paths of the scene file, its
+    includes and the files that they name.
+    """
+    texts = {name: str(value) for name, value in parameters.items()}
+    checked = _CheckedFiles(file, texts)
+    try:
+        checked.add_xml(file)
+        state = mi.parser.parse_file(config, str(file), **texts)
+        for name in sorted({node.props.plugin_name() for node in state.nodes}):
+            _check_type(name)
+        values = [value for node in state.nodes for value in _values_in(node.props).values()]
+        for text in sorted({value for value in values if isinstance(value, str)}):
+            checked.add(text)
+    except FileFormatError as error:
+        raise SceneError(f"{file}: {error}") from None
+    return state, checked.paths
+
+
+def _check_type(name: str) -> None:
+    """Raise FileFormatError unless Mitsuba contains the plugin or Python code has registered it."""
+    is_known = name in _INTEGRATORS
+    if not is_known and re.fullmatch(r"\w+", name):
+        resolver = mi.FileResolver()
+        resolver.clear()
+        resolver.append(str(_MITSUBA))
+        with _resolver(resolver):  # the plugin manager may load the library of the plugin
+            kind = mi.PluginManager.instance().plugin_type(name)
+        is_known = kind != mi.ObjectType.Unknown
+    if name in _REFUSED or not is_known:
+        raise FileFormatError(
+            f"expected plugin types of Mitsuba or polywigner, got {name[:60]!r}; correct the type"
+        )
+
+
+class _CheckedFiles:
+    """The files of a scene; each lies in a permitted folder."""
+
+    def __init__(self, file: Path, parameters: Mapping[str, str]) -> None:
+        self.values = dict(parameters)
+        self.paths: set[Path] = set()
+        self.size = 0
+        folders = [file.resolve().parent, *map(_resolved, parameters.values())]
+        self.folders = [folder for folder in folders if folder is not None]
+
+    def add(self, text: str) -> None:
+        """Add the file with this name if it exists; raise FileFormatError unless permitted."""
+        path = _resolved(text)
+        if path is None or path.is_dir():
+            return
+        if not any(path.is_relative_to(folder) for folder in self.folders):
+            raise FileFormatError(
+                f"expected files in the folder of the scene or below, got {text[:200]!r}; copy the "
+                "file there, or pass its path as a parameter of the scene"
+            )
+        check_regular(path)
+        check_bytes(path.stat().st_size, _LARGEST_NAMED, path.name)
+        self.paths.add(path)
+
+    def add_xml(self, file: Path, level: int = 0) -> None:
+        """Add a scene file, its includes, and the spectra that Mitsuba's parser reads."""
+        if level > _DEEPEST_INCLUDE:
+            raise FileFormatError("expected scenes that do not include each other in a circle")
+        content = bytes_of(file, LARGEST_SCENE)
+        self.size += len(content)  # each time that it is included
+        check_bytes(self.size, LARGEST_SCENE, "scenes, includes counted")
+        self.paths.add(file.resolve())
+        for element in _root_of(text_of(content)).iter():
+            attributes = {name: self._filled(text) for name, text in element.items()}
+            name = attributes.get("filename")
+            if element.tag == "path":
+                raise FileFormatError(
+                    "expected file names relative to the folder of the scene, got a <path>; leave "
+                    "it out"
+                )
+            if element.tag == "default":
+                self.values.setdefault(attributes.get("name", ""), attributes.get("value", ""))
+            if name is not None:
+                self.add(name)
+                path = _resolved(name)
+                if element.tag == "include" and path is not None:
+                    self.add_xml(path, level + 1)
+
+    def _filled(self, text: str) -> str:
+        """Return the text with the values of its ``$parameters``, as Mitsuba inserts them."""
+        for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
+            text = text.replace(f"${name}", self.values[name])
+            check_bytes(len(text), LARGEST_SCENE, "text, $parameters filled in")
+        return text
+
+
+def _resolved(name: str) -> Path | None:
+    """Return the absolute path of an existing file or folder, links followed; else None."""
+    with suppress(OSError, ValueError, RuntimeError):  # a text that cannot be a file name
+        path = Path(str(mi.file_resolver().resolve(name)))
+        return path.resolve() if name and path.exists() else None
+    return None
+
+
+def _root_of(text: str) -> Element:
+    """Return the root element of XML without a DOCTYPE."""
+    try:
+        return fromstring(text, forbid_dtd=True)
+    except DefusedXmlException:
+        raise FileFormatError("expected a scene without DOCTYPE, got one; leave it out") from None
+    except ParseError as error:
+        line, column = error.position
+        raise FileFormatError(
+            f"expected a Mitsuba scene, got text that is not XML in line {line}, column {column}; "
+            "correct it there"
+        ) from None

@@ -4,8 +4,8 @@ Mitsuba's order changes from one load to the next when it merges meshes. Results
 names follow the sorted order. Objects with equal or empty ids are sorted by their position.
 
 Mitsuba starts a ray 9e-5 (1 + |p|) off a surface and ends a shadow ray 9e-4 of its length before
-the light: 9 cm on a path of 100 m, in which it meets no wall. Here a ray ends at a height above
-the plane of a source or of a receiver that covers the rounding of single precision alone.
+the light: it misses walls on the last 9 cm of a path of 100 m. Here a ray ends above the plane of a
+source or of a receiver, at a height that only covers the rounding of single precision.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-def sorted_emitters(scene: Any) -> list[mi.Emitter]:
+def sorted_emitters(scene: mi.Scene) -> list[mi.Emitter]:
     """Return the emitters of a scene, sorted by the ids of their shapes or their own."""
     return sorted(scene.emitters(), key=_emitter_key)
 
 
-def sorted_sensors(scene: Any) -> list[tuple[int, mi.Sensor]]:
+def sorted_sensors(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
     """Return the sensors of a scene with their Mitsuba indices, sorted by id."""
     return sorted(enumerate(scene.sensors()), key=lambda item: (item[1].id(), item[0]))
 
 
-def sorted_shapes(scene: Any) -> list[mi.Shape]:
+def sorted_shapes(scene: mi.Scene) -> list[mi.Shape]:
     """Return the shapes of a scene, sorted by id."""
     return sorted(scene.shapes(), key=_shape_key)
 
@@ -49,14 +49,14 @@ def sorted_shapes(scene: Any) -> list[mi.Shape]:
 _Key = tuple[str, list[float], str]
 
 
-def _emitter_key(emitter: Any) -> _Key:
+def _emitter_key(emitter: mi.Emitter) -> _Key:
     shape = emitter.get_shape()
     if shape is None:
         return emitter.id(), [], str(emitter)
     return _shape_key(shape)
 
 
-def _shape_key(shape: Any) -> _Key:
+def _shape_key(shape: mi.Shape) -> _Key:
     emitter = shape.emitter()
     # `unseen` shrinks the meshes of sources, so their poses serve instead of their bounding boxes
     if hasattr(emitter, "spec"):
@@ -64,23 +64,23 @@ def _shape_key(shape: Any) -> _Key:
     return shape.id(), bounds_of(shape).ravel().tolist(), ""
 
 
-def is_source(emitter: Any) -> bool:
-    """Whether an emitter is one of a ``wigner`` shape."""
+def is_source(emitter: mi.Emitter) -> bool:
+    """Return whether an emitter belongs to a ``wigner`` shape."""
     return getattr(type(emitter), "is_wigner", False)
 
 
-def wigner_emitters(scene: Any) -> list[mi.Emitter]:
+def wigner_emitters(scene: mi.Scene) -> list[mi.Emitter]:
     """Return the coherent sources of a scene, sorted by the ids of their shapes."""
     return list(filter(is_source, sorted_emitters(scene)))
 
 
-def is_receiver(sensor: Any) -> bool:
-    """Whether a sensor is a ``wigner_receiver``."""
+def is_receiver(sensor: mi.Sensor) -> bool:
+    """Return whether a sensor is a ``wigner_receiver``."""
     return getattr(type(sensor), "is_wigner_receiver", False)
 
 
 def sensors_of(scene: Any) -> list[mi.Sensor]:
-    """The sensors of a scene; ArgumentError for anything else."""
+    """Return the sensors of a scene; raise ArgumentError for any other object."""
     if not hasattr(scene, "sensors"):
         raise ArgumentError(
             f"expected a mi.Scene, got {type(scene).__name__}; make one with "
@@ -89,38 +89,39 @@ def sensors_of(scene: Any) -> list[mi.Sensor]:
     return list(scene.sensors())
 
 
-def receivers_of(scene: Any) -> list[tuple[int, mi.Sensor]]:
+def receivers_of(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
     """Return the receivers of a scene, sorted by id, with their Mitsuba indices among its sensors.
 
     Raises SceneError for a scene without a receiver.
     """
     sensors_of(scene)
-    found = [(k, sensor) for k, sensor in sorted_sensors(scene) if is_receiver(sensor)]
-    if not found:
+    receivers = [(k, sensor) for k, sensor in sorted_sensors(scene) if is_receiver(sensor)]
+    if not receivers:
         raise SceneError(
             "expected a scene with a receiver, got one without; add a <sensor "
             'type="wigner_receiver">, or polywigner.mitsuba.receiver(...)'
         )
-    return found
+    return receivers
 
 
 # ---- parts of objects ---------------------------------------------------------------------------
 
 
-def children_of(node: Any) -> list[mi.Object]:
+def children_of(node: mi.Object) -> list[mi.Object]:
     """Return the objects directly nested in an object of Mitsuba."""
-    found: list[Any] = []
+    children: list[mi.Object] = []
 
-    class Callback(mi.TraversalCallback):  # each variant has its own
+    class Callback(mi.TraversalCallback):  # a class of the variant
         def put(self, name: str, value: Any, *_: Any) -> None:
             if isinstance(value, mi.Object):
-                found.append(value)
+                children.append(value)
 
     node.traverse(Callback())
-    return found
+    return children
 
 
-def matrix_of(transform: Any) -> list[list[float]]:
+def matrix_of(transform: mi.Transform4f) -> list[list[float]]:
+    """Return the (4, 4) matrix of a transform of any variant."""
     matrix = transform.matrix
     return [
         [float(np.asarray(dr.detach(matrix[row, column])).ravel()[0]) for column in range(4)]
@@ -128,13 +129,13 @@ def matrix_of(transform: Any) -> list[list[float]]:
     ]
 
 
-def vertices_of(mesh: Any) -> Floats:
+def vertices_of(mesh: mi.Mesh) -> Floats:
     """Return the corners (n, 3) of a mesh."""
     points = dr.detach(mi.traverse(mesh)["vertex_positions"])
     return np.array(points, np.float64).reshape(-1, 3)
 
 
-def faces_of(mesh: Any) -> Indices:
+def faces_of(mesh: mi.Mesh) -> Indices:
     """Return the triangles (t, 3) of a mesh, as numbers of corners."""
     return np.array(mi.traverse(mesh)["faces"], np.intp).reshape(-1, 3)
 
@@ -145,16 +146,16 @@ ROUNDING = 2.0**-20
 """Height within which a ray may meet the surface at its end, relative to the coordinates: eight
 times the last digit of single precision."""
 
-# Error of positions held in single precision, relative to the largest coordinate: rotation and
+# Error of positions in single precision, relative to the largest coordinate: rotation and
 # translation round by 6e-8 each, the positions once more.
 PLACE_ERROR = 5e-7
 
 
-# Shapes whose bounds stand for their faces; a curved one touches a plane in a point.
+# Shapes whose bounds represent their faces; a curved shape touches a plane in one point.
 _FLAT = ("Rectangle", "Disk", "Instance")
 
 
-def reach_at(scene: Any, corners: Floats) -> float:
+def reach_at(scene: mi.Scene, corners: Floats) -> float:
     """Return the largest coordinate of an end of a path and of the flat surfaces that touch it.
 
     Parameters
@@ -177,36 +178,35 @@ def reach_at(scene: Any, corners: Floats) -> float:
     return result
 
 
-def _reach_of_triangles(mesh: Any, low: Floats, high: Floats) -> float:
-    """Largest coordinate of the triangles whose bounds meet a box; a large triangle rounds more."""
+def _reach_of_triangles(mesh: mi.Mesh, low: Floats, high: Floats) -> float:
+    """Return the largest coordinate of the triangles whose bounds meet a box."""
     corners = vertices_of(mesh)[faces_of(mesh)]
     meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
     return float(np.abs(corners[meets.all(axis=1)]).max(initial=0.0))
 
 
-def bounds_of(shape: Any) -> Floats:
-    """Return the bounds (2, 3) of a shape; Mitsuba has none for meshes that it has merged."""
+def bounds_of(shape: mi.Shape) -> Floats:
+    """Return the bounds (2, 3) of a shape, also of a mesh that Mitsuba has merged."""
     box = shape.bbox()
     if not box.valid() and shape.is_mesh():
         points = vertices_of(shape)
         return np.array([points.min(axis=0), points.max(axis=0)])
-    found = np.array([box.min, box.max], np.float64)
-    return found if box.valid() else np.zeros((2, 3))
+    return np.array([box.min, box.max], np.float64) if box.valid() else np.zeros((2, 3))
 
 
-def largest(point: Any) -> Drjit:
-    """Largest coordinate of a point of Mitsuba."""
+def largest(point: Drjit) -> Drjit:
+    """Return the largest coordinate of a point of Mitsuba."""
     return dr.max(dr.abs(point))
 
 
-def shadow_end(it: Any, end: Any, normal: Any, reach: Any) -> Drjit:
-    """Return the point to which Mitsuba's ``spawn_ray_to`` sends a ray that ends at a source.
+def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) -> Drjit:
+    """Return the argument of Mitsuba's ``spawn_ray_to`` for a ray that ends at a source.
 
-    ``spawn_ray_to`` shortens the ray by a fraction of its length, by which this point is farther.
+    ``spawn_ray_to`` shortens the ray by a fraction of its length; this point compensates for it.
 
     Parameters
     ----------
-    it : interaction from which the source is looked for.
+    it : interaction at the start of the ray.
     end, normal : point of the source, and the unit vector on its front.
     reach : largest coordinate of the source, as of :func:`reach_at`.
     """
@@ -214,14 +214,14 @@ def shadow_end(it: Any, end: Any, normal: Any, reach: Any) -> Drjit:
     short = end + normal * (ROUNDING * (largest(p) + reach))
     start = it.spawn_ray_to(short).o if dr.width(it.n) else p  # a point without a surface
     longer = 1.0 / (1.0 - float(mi.math.ShadowEpsilon))
-    # a shift without derivatives: those of the direction are those of the point itself
+    # a shift without derivatives: the derivatives of the direction come from the point
     return end + dr.detach(start + (short - start) * longer - end)
 
 
 class Reaches:
     """Largest coordinates of the shapes of a scene, for the rounding of points on them."""
 
-    def __init__(self, scene: Any) -> None:
+    def __init__(self, scene: mi.Scene) -> None:
         self._table: Any = None
         self._sizes: dict[int, float] = {}
         shapes = scene.shapes()
@@ -232,43 +232,45 @@ class Reaches:
             sizes[numbers] = [np.abs(bounds_of(shape)).max() for shape in shapes]
             self._table = mi.Float(sizes.tolist())
 
-    def at(self, si: Any) -> Drjit:
-        """Return the largest coordinate of the shape that a ray has met and of the point."""
+    def at(self, si: mi.SurfaceInteraction3f) -> Drjit:
+        """Return the largest coordinate of the shape at an intersection and of the point."""
         result = largest(si.p)
         if not dr.is_jit_v(mi.Float):
-            known = id(si.shape)
-            if known not in self._sizes:
-                self._sizes[known] = float(np.abs(bounds_of(si.shape)).max())
-            return max(result, self._sizes[known])
+            key = id(si.shape)
+            if key not in self._sizes:
+                self._sizes[key] = float(np.abs(bounds_of(si.shape)).max())
+            return max(result, self._sizes[key])
         if self._table is None:
             return result
         number = _number(si.shape)
-        size = dr.gather(mi.Float, self._table, number, number <= self._last)  # else an instance's
+        size = dr.gather(
+            mi.Float, self._table, number, number <= self._last
+        )  # other numbers are instances
         return dr.select(size > result, size, result)
 
-    def leave(self, si: Any, direction: Any) -> mi.Ray3f:
-        """Return a ray from a surface, from the side that the direction points to."""
+    def leave(self, si: mi.SurfaceInteraction3f, direction: Drjit) -> mi.Ray3f:
+        """Return a ray from a surface, from the side of its direction."""
         height = ROUNDING * self.at(si)
         side = dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, direction))
         return mi.Ray3f(si.p + side * height, direction, si.time, si.wavelengths)
 
 
-def _number(pointer: Any) -> Drjit:
+def _number(pointer: Drjit) -> Drjit:
     return dr.reinterpret_array(mi.UInt32, pointer)
 
 
-# ---- opaque bodies, whose shadows diffract ------------------------------------------------------
+# ---- opaque bodies ------------------------------------------------------
 
 # In wavelengths: largest distance of a chord from a curved shape, and largest radius of a sphere
-# that chords resolve. Most chords around a rim.
+# that chords resolve. Largest number of chords around a rim.
 _SAGITTA, _LARGEST_SPHERE, _MOST_CHORDS = 0.01, 170.0, 1024
-# Faces in the way of light: they take a gigabyte.
+# Most faces of obstacles: they take a gigabyte.
 _MOST_FACES = 1 << 21
 _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 
 
-def meshes_in(scene: Any, wavelength: float) -> Iterator[tuple[Floats, Indices]]:
-    """Corners and triangles of all opaque shapes of a scene, in its units; ``wavelength`` too."""
+def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indices]]:
+    """Yield corners and triangles of all opaque shapes of a scene; lengths in its units."""
     groups = {
         shape.id(): children_of(shape)
         for shape in children_of(scene)
@@ -280,22 +282,22 @@ def meshes_in(scene: Any, wavelength: float) -> Iterator[tuple[Floats, Indices]]
             count += len(faces)
             if count > _MOST_FACES:
                 raise SceneError(
-                    f"expected at most {_MOST_FACES} faces in a scene with diffraction, those of "
-                    "instances and spheres included, got more; simplify the meshes"
+                    f"expected at most {_MOST_FACES} faces in a scene with diffraction, including "
+                    "instances and spheres, got more; simplify the meshes"
                 )
             yield points, faces
 
 
 def _triangles(
-    shape: Any, groups: dict[str, list[Any]], wavelength: float
+    shape: mi.Shape, groups: dict[str, list[Any]], wavelength: float
 ) -> Iterator[tuple[Floats, Indices]]:
-    """Corners and triangles of an opaque shape; of each shape in the group of an instance."""
+    """Yield corners and triangles of an opaque shape, or of all shapes of an instance."""
     params = mi.traverse(shape)
     if shape.class_name() == "Instance":
         name = str(shape).split('name = "', 1)[1].rsplit('",\n    prim_count', 1)[0]
         pose = np.array(matrix_of(params["to_world"]))
-        for own in groups[name]:
-            for points, faces in _triangles(own, groups, wavelength):
+        for member in groups[name]:
+            for points, faces in _triangles(member, groups, wavelength):
                 yield points @ pose[:3, :3].T + pose[:3, 3], faces
         return
     bsdf = shape.bsdf()
@@ -322,12 +324,12 @@ def _rectangle(_: float) -> tuple[Floats, Indices]:
 
 
 def _chords(radius: float) -> int:
-    """Number of chords around a circle."""
+    """Return the number of chords around a circle."""
     return int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
 
 
 def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
-    """The surface of a profile (n, 2) of radii and heights about the z axis."""
+    """Return the surface of revolution of a profile (n, 2) of radii and heights about z."""
     count = _chords(radius)
     angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
     rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(count)])
@@ -339,7 +341,7 @@ def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
 
 
 def _sphere(radius: float) -> tuple[Floats, Indices]:
-    """Circles of latitude, at most 83,000 triangles."""
+    """Return a sphere of circles of latitude, at most 83,000 triangles."""
     radius = min(radius, _LARGEST_SPHERE)
     latitudes = np.linspace(-math.pi / 2, math.pi / 2, _chords(radius) // 2 + 1)
     sizes = np.cos(latitudes)
@@ -356,25 +358,25 @@ _SHAPES: dict[str, Callable[[float], tuple[Floats, Indices]]] = {
 
 
 def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
-    """The connected parts of a mesh, corners at one place taken as one."""
+    """Return the connected parts of a mesh; corners at the same point count as one."""
     points, number = np.unique(points, axis=0, return_inverse=True)
     faces = number.reshape(-1)[faces]
     a, b, c = np.moveaxis(points[faces], 1, 0)
     normals = np.cross(b - a, c - a)
-    kept = np.linalg.norm(normals, axis=1) > 0.0
-    faces, normals = faces[kept], normals[kept]
+    has_area = np.linalg.norm(normals, axis=1) > 0.0
+    faces, normals = faces[has_area], normals[has_area]
     a, b, c = faces.T
     part = connected(len(points), np.append(a, a), np.append(b, c))[a]
-    found = []
+    bodies = []
     order = np.argsort(part, kind="stable")
-    for some in np.split(order, np.flatnonzero(np.diff(part[order])) + 1) if len(part) else ():
-        used, corners = np.unique(faces[some], return_inverse=True)
-        found.append(_body(points[used], corners.reshape(-1, 3), normals[some]))
-    return found
+    for rows in np.split(order, np.flatnonzero(np.diff(part[order])) + 1) if len(part) else ():
+        used, corners = np.unique(faces[rows], return_inverse=True)
+        bodies.append(_body(points[used], corners.reshape(-1, 3), normals[rows]))
+    return bodies
 
 
 def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
-    """Bodies and sheets of meshes, given by corners and triangles."""
+    """Return the bodies and sheets of meshes, each of corners and triangles."""
     return [body for mesh in meshes for body in _bodies(*mesh)]
 
 
@@ -396,33 +398,33 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     inner = points - points.mean(axis=0)
     if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:  # inside out
         return _body(points, faces[:, ::-1], -normals)
-    # convex where no corner opposite to an edge is in front of the face at its other side
+    # convex if no corner opposite to an edge is in front of the face at its other side
     order, other = np.argsort(forth), np.argsort(back)
     face = np.tile(np.arange(len(faces)), 3)
     opposite = np.concatenate([faces[:, (k + 2) % 3] for k in range(3)])
-    mine, across = face[order], opposite[other]
-    height = np.einsum("ek,ek->e", points[across] - points[faces[mine, 0]], units[mine])
+    near, across = face[order], opposite[other]
+    height = np.einsum("ek,ek->e", points[across] - points[faces[near, 0]], units[near])
     convex = bool((height <= 1e-6 * size).all())
     return Obstacle(points, faces, owner, normals[first], True, convex)
 
 
-# Nearer to the plane of a source than this, in wavelengths, edges are no obstacles to its light.
+# Height above the plane of a source in wavelengths below which edges are no obstacles.
 BEHIND = 1e-3
 
 
 def in_frame(body: Obstacle, pose: Floats, scale: float) -> Obstacle:
-    """A body in the frame of a pose, then scaled."""
+    """Return a body in the frame of a pose, then scaled."""
     vertices = (body.vertices - pose[:3, 3]) @ pose[:3, :3] * scale
     return replace(body, vertices=vertices, normals=body.normals @ pose[:3, :3])
 
 
-def before_plane(seen: Silhouette) -> Silhouette:
-    """The parts of edges before the plane of the source."""
-    start, end = np.moveaxis(seen.edges, 1, 0)
+def before_plane(silhouette: Silhouette) -> Silhouette:
+    """Return the parts of edges in front of the plane of the source."""
+    start, end = np.moveaxis(silhouette.edges, 1, 0)
     low, high = start[:, 2] - BEHIND, end[:, 2] - BEHIND
     with np.errstate(divide="ignore", invalid="ignore"):
         cut = start + np.where(low == high, 0.0, low / (low - high))[:, None] * (end - start)
     first = np.where(low[:, None] < 0.0, cut, start)
     last = np.where(high[:, None] < 0.0, cut, end)
-    kept = (np.maximum(low, high) > 0.0) & (np.linalg.norm(last - first, axis=1) > 0.0)
-    return seen.taken(kept, np.stack([first, last], axis=1))
+    rows = (np.maximum(low, high) > 0.0) & (np.linalg.norm(last - first, axis=1) > 0.0)
+    return silhouette.taken(rows, np.stack([first, last], axis=1))
