@@ -10,7 +10,7 @@ same power is an integral over points y of surfaces at the distance r from x,
     P = (lambda^2/N) int r^2 |U(y)|^2 L ds, the mean over x by |u|^2           (estimator ``exact``)
 
 with U the field that the receiver would send to y. Rays that meet nothing have the weight of a
-point far away: the far pattern. docs/receivers.md has the limits.
+point far away: the far pattern. docs/received_power.md has the limits.
 
 Rays start at positions relative to the centre of the source: see module `emitter`.
 """
@@ -119,7 +119,7 @@ _MOST_PASSED = 4
 
 
 class WignerReceiver(VariantPlugin):
-    """Sensor whose film contains watts; docs/receivers.md."""
+    """Sensor whose film contains watts; docs/received_power.md."""
 
     film: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -357,7 +357,7 @@ def receiver(
     estimator : str
         ``exact``: the weight of a ray is the exact irradiance that the receiver would give to the
         surface that the ray meets; never negative. ``wigner``: the weight is the signed radiance
-        of the receiver; docs/receivers.md.
+        of the receiver; docs/received_power.md.
     film : (int, int) or mapping, optional
         None: one pixel, which reads the received power in W. (n, m): a map of n x m pixels over
         the direction cosines along the receiver's x and y, from -1 to 1, whose sum is the power.
@@ -370,7 +370,7 @@ def receiver(
     normalise : str
         ``radiated``: the gain is the directivity, so a sky of the radiance L gives lambda^2 L to
         any receiver. ``aperture``: the received power counts as int |u|^2 does, and is lower by
-        the evanescent fraction; docs/receivers.md.
+        the evanescent fraction; docs/received_power.md.
     diffraction : bool
         With the estimator ``exact``: light also diffracts at the edges of the scene's opaque
         surfaces, by reciprocity; docs/shadows.md.

@@ -377,7 +377,7 @@ RECEIVER_PARAMETERS = (
     *("obliquity", "estimator", "diffraction", "scene_unit", "normalise"),
     *NOISE_PARSERS,
 )
-"""Names of the ``wigner_receiver`` sensor's parameters; ``docs/received_power.md`` explains them."""
+"""Names of the parameters of ``wigner_receiver`` (docs/received_power.md)."""
 
 
 def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
