@@ -84,8 +84,7 @@ BAD: dict[str, str] = {
         cut.toml => cut.toml | TOML
         slits.toml => an aperture | slits
         square.toml --unit mm => no --unit with a source file
-        layered.svg => --layer feed --layer pad
-        layered.svg --layer pad --layer feed => (--union)
+        layered.svg => (--layer) | (--union)
         "" => file
         {long} => file
     """,

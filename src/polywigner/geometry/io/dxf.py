@@ -9,6 +9,7 @@ import importlib
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,6 @@ from polywigner.geometry.io.outlines import (
     depths,
     filled,
     nested,
-    overlap_remedy,
     without_duplicates,
 )
 from polywigner.geometry.parts import polygons_in, union_on_grid
@@ -76,7 +76,6 @@ class _Shape:
     """An outline or a part of one, or the boundaries of an area that is painted."""
 
     boundaries: list[list[Path]]
-    layer: str
     style: int | None = None
     """Style of a hatch; None for outlines, which have one path."""
 
@@ -193,19 +192,19 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
     """Return the path or the painted area of one entity."""
     kind = entity.dxftype()
     if kind in ("LINE", "ELLIPSE", "SPLINE"):
-        return _Shape([[_curves(kind, entity)]], layer)
+        return _Shape([[_curves(kind, entity)]])
     if kind in ("SOLID", "TRACE"):
-        return _Shape([[[_array(entity.wcs_vertices(close=True))]]], layer, 0)
+        return _Shape([[[_array(entity.wcs_vertices(close=True))]]], 0)
     if kind == "POLYLINE" and entity.is_3d_polyline:
         points = _array(v.dxf.location for v in entity.vertices)
-        return _Shape([[[np.concatenate([points, points[: int(entity.is_closed)]])]]], layer)
+        return _Shape([[[np.concatenate([points, points[: int(entity.is_closed)]])]]])
     offset = np.zeros(3)
     if kind in ("ARC", "CIRCLE"):
-        shape = _Shape([[_curves(kind, entity)]], layer)
+        shape = _Shape([[_curves(kind, entity)]])
     elif kind == "LWPOLYLINE" or (kind == "POLYLINE" and entity.is_2d_polyline):
-        shape = _Shape([[_polyline(entity, layer)]], layer)
+        shape = _Shape([[_polyline(entity, layer)]])
     elif kind == "HATCH":
-        shape = _Shape(_hatch(entity), layer, int(entity.dxf.get("hatch_style", 0)))
+        shape = _Shape(_hatch(entity), int(entity.dxf.get("hatch_style", 0)))
         offset[2] = entity.dxf.elevation.z
     else:
         raise FileFormatError(
@@ -305,20 +304,16 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
     shapes = [shape.transformed(np.eye(3)[:, :2], np.zeros(2)) for shape in shapes]
     hatches = [shape for shape in shapes if shape.style is not None]
     painted = [
-        [ring for paths in hatch.boundaries for ring, _ in
-         _rings([(path, hatch.layer) for path in paths], gap, tolerance)]
+        [ring for paths in hatch.boundaries for ring in _rings(paths, gap, tolerance)]
         for hatch in hatches
-    ]  # fmt: skip
+    ]
     borders = [ring for rings in painted for ring in rings]
-    single = [(shape.boundaries[0][0], shape.layer) for shape in shapes if shape.style is None]
-    closed = _rings(_without_borders(single, borders, gap, tolerance), gap, tolerance)
-    rings, layers = [ring for ring, _ in closed], [layer for _, layer in closed]
+    single = [shape.boundaries[0][0] for shape in shapes if shape.style is None]
+    rings = _rings(_without_borders(single, borders, gap, tolerance), gap, tolerance)
     if not rings + borders:
         raise FileFormatError("expected outlines that enclose an area, got none that do")
-    layers += [hatch.layer for hatch, some in zip(hatches, painted, strict=True) for _ in some]
-    remedy = overlap_remedy(rings + borders, layers)
-    polygons = nested(without_duplicates(rings, gap), file.union, remedy) if rings else []
-    return Drawing(polygons + _painted(hatches, painted), metres, remedy)
+    polygons = nested(without_duplicates(rings, gap), file.union) if rings else []
+    return Drawing(polygons + _painted(hatches, painted), metres)
 
 
 def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[list[Ring]]:
@@ -334,23 +329,20 @@ def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[l
     return [rings_of_polygon(polygon) for polygon in polygons_in(union)]
 
 
-def _rings(
-    paths: Sequence[tuple[Path, str]], gap: float, tolerance: float | None
-) -> list[tuple[Ring, str]]:
-    """Return rings (n, 2) of closed paths, and of paths whose ends meet, with their layers."""
-    paths = [pair for pair in paths if _size(_rough(pair[0])) > gap]  # anything shorter is a point
-    open_ends = [_size(_ends(path)) > gap for path, _ in paths]
-    loose = [pair for pair, is_open in zip(paths, open_ends, strict=True) if is_open]
-    runs = [[(*pair, False)] for pair, is_open in zip(paths, open_ends, strict=True) if not is_open]
-    for chain in _chains([_ends(path) for path, _ in loose], gap):
-        runs.append([(*loose[k], back) for k, back in chain])
-    pairs = []
+def _rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
+    """Return rings (n, 2) of closed paths, and of paths whose ends meet."""
+    paths = [path for path in paths if _size(_rough(path)) > gap]  # anything shorter is a point
+    is_open = [_size(_ends(path)) > gap for path in paths]
+    runs = [[(path, False)] for path in compress(paths, np.logical_not(is_open))]
+    loose = list(compress(paths, is_open))
+    for chain in _chains([_ends(path) for path in loose], gap):
+        runs.append([(loose[k], is_reversed) for k, is_reversed in chain])
+    rings = []
     for run in runs:
-        reach = reach_of([curve for path, _, _ in run for curve in path], tolerance)
-        pieces = [_chords(path, reach)[:: -1 if back else 1] for path, _, back in run]
-        ring = np.concatenate([piece[:-1] for piece in pieces])
-        pairs += [(ring, run[0][1])] if len(ring) > 2 else []
-    return pairs
+        reach = reach_of([curve for path, _ in run for curve in path], tolerance)
+        pieces = [_chords(path, reach)[:: -1 if back else 1] for path, back in run]
+        rings.append(np.concatenate([piece[:-1] for piece in pieces]))
+    return [ring for ring in rings if len(ring) > 2]
 
 
 def _chords(path: Path, reach: float) -> Points:
@@ -392,8 +384,8 @@ def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
 
 
 def _without_borders(
-    paths: list[tuple[Path, str]], borders: Sequence[Ring], gap: float, tolerance: float | None
-) -> list[tuple[Path, str]]:
+    paths: list[Path], borders: Sequence[Ring], gap: float, tolerance: float | None
+) -> list[Path]:
     """Return the paths that do not run along boundaries of hatches, up to the chords of both."""
     if not borders:
         return paths
@@ -402,5 +394,5 @@ def _without_borders(
     lines = shapely.MultiLineString([np.append(ring, ring[:1], axis=0) for ring in borders])
     near = shapely.buffer(lines, slack)
     shapely.prepare(near)
-    chorded = [shapely.LineString(_chords(p, reach_of(p, tolerance))) for p, _ in paths]
+    chorded = [shapely.LineString(_chords(p, reach_of(p, tolerance))) for p in paths]
     return [path for path, line in zip(paths, chorded, strict=True) if not near.covers(line)]

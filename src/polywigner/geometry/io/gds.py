@@ -14,7 +14,7 @@ import numpy as np
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.io.curves import DEFAULT_TOLERANCE
 from polywigner.geometry.io.limits import check_coordinates
-from polywigner.geometry.io.outlines import Drawing, File, filled, overlap_remedy
+from polywigner.geometry.io.outlines import Drawing, File, filled
 from polywigner.geometry.rings import Ring
 
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
@@ -122,7 +122,7 @@ def load_gds(file: File) -> Drawing:
         listed = ", ".join(sorted({kind for _, kind, _ in shapes})[:12])
         raise FileFormatError(f"expected a layer of the cell, got {min(missing)}; it has {listed}")
     shapes = [s for s in shapes if not requested or not requested.isdisjoint(s[:2])]
-    rings, layers = [ring for _, _, ring in shapes], [kind for _, kind, _ in shapes]
+    rings = [ring for _, _, ring in shapes]
     if not rings:
         raise FileFormatError("expected polygons or paths in the cell, got none")
     check_coordinates(np.concatenate(rings))
@@ -130,4 +130,4 @@ def load_gds(file: File) -> Drawing:
     polygons = [polygon for ring in rings for polygon in filled([ring], "nonzero")]
     if not polygons:
         raise FileFormatError("expected polygons that enclose an area, got none that do")
-    return Drawing(polygons, metres, overlap_remedy(rings, layers))
+    return Drawing(polygons, metres)

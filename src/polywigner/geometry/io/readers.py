@@ -32,7 +32,7 @@ from polywigner.geometry.io.gds import load_gds
 from polywigner.geometry.io.gerber import load_gerber
 from polywigner.geometry.io.limits import MOST_RINGS, MOST_VERTICES, bytes_of, check_most
 from polywigner.geometry.io.meshes import MESH_SUFFIXES, read_mesh
-from polywigner.geometry.io.outlines import Drawing, File
+from polywigner.geometry.io.outlines import OVERLAP_REMEDY, Drawing, File
 from polywigner.geometry.io.svg import PIXEL, load_svg
 from polywigner.geometry.io.text import load_csv, load_geojson, load_wkt
 from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
@@ -119,7 +119,7 @@ def _loaded(loader: Callable[[File], Drawing], file: File) -> Drawing:
 
 
 def _scaled(points: Any, metres: float) -> Ring:
-    """Coordinates in metres. Dividing by 1000 rather than multiplying by 0.001 rounds correctly."""
+    """Return coordinates in metres. Dividing by 1000 is more exact than multiplying by 0.001."""
     array = np.asarray(points, dtype=np.float64)
     per_metre = round(1 / metres) if 1e-15 < metres < 1 else 0
     return array / per_metre if per_metre and 1 / per_metre == metres else array * metres
@@ -133,18 +133,18 @@ def _aperture(drawing: Drawing, union: bool) -> Aperture:
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 
-    advice = {} if drawing.remedy is None else {"remedy": drawing.remedy}
-
     def build(scale: float) -> Aperture:
         scaled = [[_scaled(ring, scale) for ring in rings] for rings in polygons]
         named = zip(scaled, names, strict=True)
-        parts = [part_of_rings(rings, name, **advice) for rings, name in named]
-        return Aperture._of_parts(union_parts(parts) if union else merge_parts(parts, **advice))
+        parts = [part_of_rings(rings, name, OVERLAP_REMEDY) for rings, name in named]
+        return Aperture._of_parts(
+            union_parts(parts) if union else merge_parts(parts, OVERLAP_REMEDY)
+        )
 
     try:
         return build(drawing.metres)
     except GeometryError:
-        build(1.0)  # raises the same with places in the file's own unit
+        build(1.0)  # raises the same error with positions in the unit of the file
         raise
 
 
@@ -153,16 +153,16 @@ def _metres(unit: str | float) -> float:
 
 
 def _checked_tolerance(tolerance: Any) -> float | None:
-    """A length in metres above zero, or None; ArgumentError for any other."""
+    """Return a length in metres above zero, or None."""
     if tolerance is None:
         return None
     return checked_length(tolerance, "tolerance", meaning="metres above zero, such as 1e-5")
 
 
 def _checked_layers(layer: Any) -> tuple[str, ...]:
-    """The names that a caller gives: one, several, or None for all layers."""
-    given = () if layer is None else (layer,) if isinstance(layer, str) else layer
-    names = tuple(given) if isinstance(given, Iterable) else (given,)
+    """Return the names of layers: one, several, or none for all layers."""
+    layers = () if layer is None else (layer,) if isinstance(layer, str) else layer
+    names = tuple(layers) if isinstance(layers, Iterable) else (layers,)
     if not all(isinstance(name, str) and name for name in names):
         raise ArgumentError(
             f"expected a layer by its name, or several names, got {layer!r}; give for example "
@@ -277,7 +277,7 @@ def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[
     ----------
     path, unit : as for :func:`read_polyhedron`.
 
-    Raises errors as :func:`read_polyhedron`; GeometryError where no triangle has an area.
+    Raises errors as :func:`read_polyhedron`; GeometryError if no triangle has an area.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -315,7 +315,7 @@ def _body(path: Any, unit: str | float, build: Callable[..., Any]) -> Any:
 # Grid of normals and of heights over the size of a mesh: triangles on one point of it are one
 # plate.
 _ONE_PLANE = 1e-12
-# Share of the area that rounding may take from a union.
+# Fraction of the area that rounding may take from a union.
 _LOST = 1e-9
 
 
@@ -341,7 +341,7 @@ def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[P
 
 
 def _plates(corners: NDArray[np.float64]) -> list[PlacedAperture]:
-    """One plate of triangles (n, 3, 3) of a plane; or one of each, where GEOS loses some."""
+    """Return one plate for triangles (n, 3, 3) of a plane, or each one if GEOS loses some."""
     origin, sides = corners[0, 0], corners[0, 1:] - corners[0, 0]
     x = sides[0] / np.linalg.norm(sides[0])
     z = np.cross(*sides)
@@ -349,7 +349,7 @@ def _plates(corners: NDArray[np.float64]) -> list[PlacedAperture]:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = np.stack([x, np.cross(z, x), z], axis=1), origin
     triangles = shapely.polygons((corners - origin) @ pose[:3, :2])
-    whole = shapely.union_all(triangles)
-    lost = shapely.area(triangles).sum() - whole.area > _LOST * whole.area
-    outlines = triangles if lost and len(corners) > 1 else [whole]
+    union = shapely.union_all(triangles)
+    is_lossy = shapely.area(triangles).sum() - union.area > _LOST * union.area
+    outlines = triangles if is_lossy and len(corners) > 1 else [union]
     return [Aperture(outline).placed(pose) for outline in outlines]

@@ -34,7 +34,6 @@ from polywigner.geometry.io.outlines import (
     Polygon,
     check_known,
     filled,
-    overlap_remedy,
 )
 from polywigner.geometry.parts import combined_on_grid, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
@@ -168,14 +167,12 @@ def _points(segment: Any, names: Sequence[str]) -> Points:
 
 
 def _outlines_of(
-    tag: str, attributes: Mapping[str, str], viewport: Sequence[float | None]
+    tag: str, attributes: Mapping[str, str], viewport: Mapping[str, float]
 ) -> list[list[Curve]]:
-    """Return the closed outlines of a shape; percentages are of the viewport."""
+    """Return the closed outlines of a shape. ``viewport``: 100 % of x, y, width and height."""
 
     def value(name: str) -> float:
-        axis = 0 if name in ("x", "cx", "width", "rx") else 1
-        reference = None if name == "r" else viewport[axis]
-        return _length(attributes.get(name, "0"), name, reference)[0]
+        return _length(attributes.get(name, "0"), name, viewport.get(name))[0]
 
     library = import_module("svgelements")
     if tag == "path":
@@ -234,7 +231,7 @@ def _tag(element: Any) -> str:
 
 
 def _names(element: Any) -> list[str]:
-    """Return the names of a group or shape in drawing programs, the displayed one first."""
+    """Return the names of a group or shape in drawing programs."""
     return [element.get(key) for key in _NAMES if element.get(key)]
 
 
@@ -274,7 +271,6 @@ class _Place:
     style: Mapping[str, str]
     """Properties that elements inherit."""
     opacity: float = 1.0
-    layer: str = ""
     effect: str = ""
     """Property of the element, or of one around it, that changes the picture and is not read."""
 
@@ -282,9 +278,8 @@ class _Place:
 class _Shape(NamedTuple):
     subpaths: list[list[Curve]]
     rule: str
-    layer: str
-    colour: str
-    """As "#ffffff", which hides what lies below, and with the opacity below 1."""
+    is_white: bool
+    """Whether the shape is opaque and white, so that it hides shapes below it."""
 
 
 class _Document:
@@ -292,7 +287,8 @@ class _Document:
 
     def __init__(self, root: Any, layers: Sequence[str]) -> None:
         self.root, self.layers = root, frozenset(layers)
-        self.viewport = (_view_box(root) or (None,) * 4)[2:]
+        sizes = (_view_box(root) or ())[2:]
+        self.viewport = dict(zip(("width", "height", "x", "y"), 2 * sizes, strict=False))
         elements = list(root.iter())
         known = {name: _tag(e) == "g" for e in elements for name in _names(e)}
         if not self.layers <= known.keys():
@@ -341,7 +337,6 @@ class _Document:
             properties,
             {**place.style, **given},
             place.opacity * _opacity(properties.get("opacity")),
-            names[0] if tag == "g" and names else place.layer,
             place.effect or (f"{effects[0]}, got a {tag} element with one" if effects else ""),
         )
 
@@ -351,10 +346,7 @@ class _Document:
         target = self.named.get(link[1:]) if link.startswith("#") else None
         if target is None or _tag(target) in ("svg", "symbol"):
             raise _refusal("a use of a group or shape in the same file", link)
-        x, y = (
-            _length(place.properties.get(name, "0"), name, size)[0]
-            for name, size in zip("xy", self.viewport, strict=True)
-        )
+        x, y = (_length(place.properties.get(name, "0"), name)[0] for name in "xy")
         matrix = _affine_of(f"translate({x!r} {y!r})") @ place.matrix
         return replace(place, matrix=matrix), target
 
@@ -383,8 +375,7 @@ class _Document:
             [transformed(curve, matrix, offset) for curve in subpath]
             for subpath in _outlines_of(tag, place.properties, self.viewport)
         ]
-        shown = colour.hex if opacity >= 1 else f"{colour.hex} of opacity {opacity}"
-        yield _Shape(subpaths, rule, place.layer, str(shown))
+        yield _Shape(subpaths, rule, colour.hex == "#ffffff" and opacity >= 1)
 
     def _colour(self, style: Mapping[str, str]) -> Any:
         """The colour of a fill. Gradients and patterns count as black."""
@@ -417,21 +408,14 @@ def load_svg(file: File) -> Drawing:
             "expected filled shapes, got none; give the outlines a fill (strokes have no inside)"
         )
     subpaths = [subpath for shape in shapes for subpath in shape.subpaths]
-    outlines = flattened(subpaths, file.tolerance and file.tolerance / metres)
-    rings = iter(outlines)
+    rings = iter(flattened(subpaths, file.tolerance and file.tolerance / metres))
     painted = [filled([next(rings) for _ in shape.subpaths], shape.rule) for shape in shapes]
-    polygons = _visible(painted, [shape.colour == "#ffffff" for shape in shapes])
+    polygons = _visible(painted, [shape.is_white for shape in shapes])
     if not polygons:
         raise FileFormatError(
             "expected shapes that enclose an area, got none that do and that no white shape covers"
         )
-    remedy = overlap_remedy(outlines, [shape.layer for shape in shapes for _ in shape.subpaths])
-    if len({shape.colour for shape in shapes}) > 1 and "lies around" not in remedy:
-        remedy = (
-            "their colours differ: paint white what is to be closed, cut one out of the other, or "
-            "give union=True (--union), which joins them whatever their colour"
-        )
-    return Drawing(polygons, metres, remedy)
+    return Drawing(polygons, metres)
 
 
 def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list[Polygon]:
