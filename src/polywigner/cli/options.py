@@ -56,7 +56,7 @@ Scheduler = Annotated[
 ]
 
 
-# ---- values ----------------------------------------------------------------------------------------
+# ---- values --------------------------------------------------------------------------------------
 
 
 def parse_step(text: str, largest: float, most: int) -> float:
@@ -83,7 +83,7 @@ def parse_numbers(option: str, text: str, example: str) -> tuple[float, ...]:
     raise QuantityError(f"{option}: expected numbers such as {example!r}, got {value_text(text)}")
 
 
-# ---- commands --------------------------------------------------------------------------------------
+# ---- commands ------------------------------------------------------------------------------------
 
 
 def with_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -129,7 +129,7 @@ def _option(name: str, default: Any, kind: Any) -> Parameter:
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
 
 
-# ---- output files ----------------------------------------------------------------------------------
+# ---- output files --------------------------------------------------------------------------------
 
 _KNOWN_SUFFIXES = (
     ".png", ".exr", ".json", ".npz", ".nc", ".vti", ".vtp", ".zarr",
@@ -239,7 +239,7 @@ def _write_one(path: Path, content: Any) -> None:
         path.write_text(text, encoding="utf-8")
 
 
-# ---- scenes ----------------------------------------------------------------------------------------
+# ---- scenes --------------------------------------------------------------------------------------
 
 _NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".toml")
 

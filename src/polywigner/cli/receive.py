@@ -146,7 +146,6 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         contents: list[Any] = [record, _figure(received, maps, names, titles, floor)]
         if profile is not None:
             by_receiver = profile if "receiver" in profile.dims else profile.expand_dims("receiver")
-            record["ranges"] = _ranges_record(by_receiver)
             contents += [profile, _draw_ranges(profile, titles, floor)]
             summary += f"\n{_ranges_text(by_receiver, received)}"
         if response is not None:
@@ -244,30 +243,6 @@ def _figure(
     for axes in panels[len(received) :]:
         axes.set_visible(False)
     return figure
-
-
-def _ranges_record(profile: xarray.Dataset) -> dict[str, Any]:
-    """Return a profile without its powers by emitter, for JSON."""
-    import numpy as np
-
-    paths = [
-        {
-            "receiver": receiver,
-            "emitter": str(profile["emitter"].values[emitter]),
-            "mirrors": str(profile["mirrors"].values.ravel()[path]),
-            "range_m": float(profile["path_range"].values[receiver, emitter, path]),
-            "power_w": float(profile["path_power"].values[receiver, emitter, path]),
-        }
-        for receiver, emitter, path in np.argwhere(np.isfinite(profile["path_range"].values))
-    ]
-    names = ("power", "standard_error", "before", "after", "direct_power", "scattered_power")
-    receivers = [
-        {f"{name}_w": profile[name].values[k].tolist() for name in names}
-        for k in range(profile.sizes["receiver"])
-    ]
-    return {
-        "paths": paths, "edges_m": profile["range_edge"].values.tolist(), "receivers": receivers,
-    }  # fmt: skip
 
 
 def _ranges_text(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> str:

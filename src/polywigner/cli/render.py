@@ -94,6 +94,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         )
         scene = file.load()
         specs = _checked_specs(scene, settings.scene)
+        default = default_spp(scene)  # raises for a scene without a sensor
         receives = is_receiver(scene.sensors()[0])
         if settings.polarised and receives:
             raise SceneError(
@@ -101,7 +102,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
                 "which has a polarisation of its own"
             )
         sampler = settings.sampler or _plugin(scene.sensors()[0].sampler(), "Sampler")
-        samples = settings.spp or default_spp(scene)
+        samples = settings.spp or default
         if settings.error_db is not None:
             samples = _samples_for(specs, settings.error_db, sampler) or samples
         if edges is not None:  # a scene that cannot be sorted by range fails before the rendering
