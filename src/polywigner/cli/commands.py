@@ -11,6 +11,7 @@ import typer
 from polywigner.cli import options
 from polywigner.cli.doctor import doctor
 from polywigner.cli.lens_commands import mtf, psf
+from polywigner.cli.options import Text
 from polywigner.cli.pattern import pattern
 from polywigner.cli.propagate import propagate, volume
 from polywigner.cli.rcs import rcs
@@ -47,12 +48,7 @@ def _polywigner(
 
 
 def explore(
-    aperture: Annotated[
-        str | None,
-        typer.Argument(
-            help="Aperture file to begin with: GeoJSON, WKT, CSV, SVG, DXF (default: a chevron)."
-        ),
-    ] = None,
+    aperture: Annotated[Text, typer.Argument(help="Aperture file (default: a chevron).")] = None,
     *,
     reading: Reading,
     wave: WaveOptions,

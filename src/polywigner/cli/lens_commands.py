@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from polywigner.cli.options import DbFloor, Out, files_to_write, parse_numbers, write
+from polywigner.cli.options import DbFloor, Out, Text, files_to_write, parse_numbers, write
 from polywigner.cli.sources import SourceOptions, short_name
 from polywigner.errors import ArgumentError, QuantityError
 from polywigner.quantities import parse_length
@@ -28,15 +28,9 @@ class LensOptions(SourceOptions):
     """Options of a lens and of the source in its pupil."""
 
     focal_length: Annotated[str, "Focal length, or image distance, such as '100 mm'."]
-    wavelengths: Annotated[
-        str | None, "Several wavelengths of equal weight: '450 nm, 550 nm, 650 nm'."
-    ] = None
-    defocus: Annotated[
-        str, "Defocus W20 in waves at the edge of the pupil; one or several: '-1, -0.5, 0, 0.5, 1'."
-    ] = "0"
-    pupil_radius: Annotated[
-        str | None, "Radius of the edge of the pupil (default: of the farthest vertex)."
-    ] = None
+    wavelengths: Annotated[Text, "Several wavelengths: '450 nm, 550 nm, 650 nm'."] = None
+    defocus: Annotated[str, "Defocus W20 in waves at the pupil's edge: '-1, 0, 1'."] = "0"
+    pupil_radius: Annotated[Text, "Radius of the pupil's edge (default: farthest vertex)."] = None
 
     def series(self) -> list[float]:
         """Return the defocus values in waves."""
@@ -78,9 +72,7 @@ class LensOptions(SourceOptions):
 def psf(
     *,
     options: LensOptions,
-    width: Annotated[
-        str | None, "Side of the image, such as '50 um' (default: about 12 spots)."
-    ] = None,
+    width: Annotated[Text, "Side of the image: '50 um' (default: about 12 spots)."] = None,
     samples: Samples = 201,
     floor_db: DbFloor = -40.0,
     out: Out = None,

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
     Content: TypeAlias = Figure | xarray.Dataset | Mapping[str, Any] | Callable[[Path], object]
 
+Text: TypeAlias = str | None
+"""A text such as "94 GHz", or the default."""
+Texts: TypeAlias = list[str] | None
 CONDITIONS = "rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff"
 METHODS = f"wigner, {CONDITIONS}, fresnel or fraunhofer"
 OBLIQUITIES = f"{CONDITIONS} or paper"
@@ -41,19 +44,15 @@ DbFloor = Annotated[
     float,
     typer.Option("--db-floor", help="Lowest level of the figure in dB below its peak.", **FLOOR),
 ]
-Out = Annotated[str | None, "Folder, or path without suffix, of the output files (default: here)."]
+Out = Annotated[Text, "Folder, or path without suffix, of the output files (default: here)."]
 Threads = Annotated[
-    int | None,
-    typer.Option(min=1, help="Threads of this machine (default: all) or of each worker."),
+    int | None, typer.Option(min=1, help="Threads of this machine or each worker (default: all).")
 ]
-Resumable = Annotated[
-    bool,
-    "Store finished parts in NAME.parts.zarr; the same command continues an interrupted run "
-    "(extra: datasets).",
+Bins = Annotated[
+    int | None, typer.Option(min=1, max=2**16, help="Bins of --range (render: 64, receive: 256).")
 ]
-Scheduler = Annotated[
-    str | None, "Address of a trusted dask.distributed scheduler, such as tcp://host:8786."
-]
+Resumable = Annotated[bool, "Continue an interrupted run from NAME.parts.zarr (extra: datasets)."]
+Scheduler = Annotated[Text, "Address of a trusted dask scheduler, such as tcp://host:8786."]
 
 
 # ---- values --------------------------------------------------------------------------------------
@@ -250,19 +249,10 @@ class SceneOptions:
 
     scene: Annotated[str, typer.Argument(help="Mitsuba XML file of a scene with a Wigner source.")]
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0
-    variant: Annotated[
-        str | None, "Mitsuba variant (default: the fastest monochromatic variant that works)."
-    ] = None
-    diffraction: Annotated[
-        bool, "Diffraction at opaque surfaces, by the estimator 'exact' (docs/shadows.md)."
-    ] = False
-    range_text: Annotated[
-        str | None, "Also sort the power by range, such as '0 m to 60 m' (docs/range.md)."
-    ] = None
-    bins: Annotated[
-        int | None,
-        typer.Option(min=1, max=2**16, help="Bins of --range (render: 64, receive: 256)."),
-    ] = None
+    variant: Annotated[Text, "Mitsuba variant (default: the fastest that works)."] = None
+    diffraction: Annotated[bool, "Diffraction at opaque surfaces (docs/shadows.md)."] = False
+    range_text: Annotated[Text, "Range bins, such as '0 m to 60 m' (docs/range.md)."] = None
+    bins: Bins = None
     resumable: Resumable = False
     threads: Threads = None
     scheduler: Scheduler = None

@@ -11,7 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from polywigner.cli import options
-from polywigner.cli.options import DbFloor, Out, files_to_write, parse_step, suffixes_of, write
+from polywigner.cli.options import (
+    DbFloor,
+    Out,
+    Text,
+    files_to_write,
+    parse_step,
+    suffixes_of,
+    write,
+)
 from polywigner.cli.sources import SourceOptions, field_title
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_power
@@ -21,6 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _Format = StrEnum("_Format", "csv txt ffd cut msi pln")
+_Cuts = Literal["beam", "principal"]
 # Steps of the map per lobe, lambda/D wide for a source D across.
 _STEPS_PER_LOBE = 8
 # Steps of the principal cuts per lobe. Between nulls, samples fall to -30 dB of a lobe.
@@ -34,42 +43,19 @@ _MOST = 4_000_000
 def pattern(
     *,
     obliquity: Annotated[
-        str | None,
-        f"Boundary condition of a scalar field: {options.OBLIQUITIES} (default: the first).",
+        Text, f"Obliquity of a scalar field: {options.OBLIQUITIES} (default: first)."
     ] = None,
-    power: Annotated[
-        str | None, "Accepted power, such as '10 dBm' or '10 mW' (default: none, and no EIRP)."
-    ] = None,
+    power: Annotated[Text, "Accepted power, such as '10 dBm' (default: none, no EIRP)."] = None,
     efficiency: Annotated[float, "Radiated over accepted power, up to 1."] = 1.0,
-    polarisation: Annotated[
-        str | None,
-        "Polarisation of the aperture field: x, y, right, left or '45 deg'; with --obliquity x or "
-        "y, for the files (default: the source file's, or a scalar field).",
-    ] = None,
-    method: Annotated[
-        str | None,
-        "Currents of a polarised field: huygens, magnetic (an opening in a metal screen) or "
-        "electric (default: huygens).",
-    ] = None,
-    step: Annotated[
-        str | None, "Step of the angles, such as '0.5 deg' (default: fine enough for the lobes)."
-    ] = None,
-    element: Annotated[
-        str | None,
-        "Far field of each array element instead of its aperture: .csv, .txt (CST), .ffd (HFSS), "
-        ".ffe (FEKO) or .cut (GRASP).",
-    ] = None,
-    cuts: Annotated[
-        Literal["beam", "principal"],
-        "Cuts of figure and table: beam (great circles through the beam) or principal (phi = 0 and "
-        "90 deg).",
-    ] = "beam",
+    polarisation: Annotated[Text, "x, y, right, left or '45 deg' (default: the file's)."] = None,
+    method: Annotated[Text, "Currents: huygens (default), magnetic or electric."] = None,
+    step: Annotated[Text, "Step of the angles: '0.5 deg' (default: by the lobes)."] = None,
+    element: Annotated[Text, "Far-field file of each element (.csv .txt .ffd .ffe .cut)."] = None,
+    cuts: Annotated[_Cuts, "beam (great circles) or principal (phi = 0 and 90 deg)."] = "beam",
     source: SourceOptions,
     floor_db: DbFloor = -40.0,
     formats: Annotated[
-        list[_Format] | None,
-        "Format of the values: csv, txt (CST), ffd (HFSS), cut (GRASP), msi or pln (repeatable; "
-        "default: csv).",
+        list[_Format] | None, "csv, txt, ffd, cut, msi or pln (repeatable; default: csv)."
     ] = None,
     out: Out = None,
 ) -> None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 import typer
 
 from polywigner.cli import options
+from polywigner.cli.options import Text, Texts
 from polywigner.cli.sources import FieldSourceOptions, field_title
 from polywigner.errors import ArgumentError, QuantityError, at_key, value_text
 from polywigner.quantities import parse_angle, parse_coordinate, parse_frequency, parse_length
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float, float]
 _Format = StrEnum("_Format", "nc zarr vti")
+_Projection = Literal["maximum", "mean"]
 
 _WIDEST = math.radians(80.0)  # largest angle from the axis, default of an arc
 _GRAZING = math.radians(89.5)  # largest angle of a hemisphere, as of suggested samples
@@ -55,28 +57,17 @@ class FieldOptions(FieldSourceOptions):
     """Options of a field: source, obstacles, methods, precision and files."""
 
     method: Annotated[
-        list[str] | None,
-        f"{options.METHODS}; 'wigner paper' has its own obliquity (repeatable; default: wigner, of "
-        f"propagate also {options.EXACT}, behind obstacles {options.EXACT}).",
+        Texts,
+        f"{options.METHODS}; 'wigner paper' has its own obliquity (repeatable; default: wigner, "
+        f"of propagate also {options.EXACT}, behind obstacles the latter).",
     ] = None
-    obliquity: Annotated[
-        str | None,
-        f"Boundary condition of wigner rays: {options.OBLIQUITIES} (default: the first).",
-    ] = None
-    against: Annotated[
-        str | None, "Method that the others are compared with (default: the last exact method)."
-    ] = None
-    accuracy: Annotated[
-        float | None, "Relative error allowed, such as 1e-3 (default: each method's)."
-    ] = None
-    bandwidth: Annotated[
-        str | None, "Width of a flat frequency band to average over, such as '4 GHz'."
-    ] = None
+    obliquity: Annotated[Text, f"Obliquity of rays: {options.OBLIQUITIES} (default: first)."] = None
+    against: Annotated[Text, "Reference method (default: the last exact method)."] = None
+    accuracy: Annotated[float | None, "Relative error, such as 1e-3 (default: by method)."] = None
+    bandwidth: Annotated[Text, "Flat frequency band to average over, such as '4 GHz'."] = None
     engine: Annotated[str, "auto, numpy, llvm or cuda."] = "auto"
-    precision: Annotated[str | None, "double or single (default: double)."] = None
-    formats: Annotated[
-        list[_Format] | None, "Format of the values: nc, zarr or vti (repeatable)."
-    ] = None
+    precision: Annotated[Text, "double or single (default: double)."] = None
+    formats: Annotated[list[_Format] | None, "nc, zarr or vti (repeatable)."] = None
     out: options.Out = None
 
     def methods(self, *default: str) -> tuple[list[MethodText], str]:
@@ -115,27 +106,18 @@ class FieldOptions(FieldSourceOptions):
 
 def propagate(
     *,
-    line: Annotated[str | None, "Two points: '0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm'."] = None,
-    arc: Annotated[
-        str | None,
-        "Distance, azimuth (default: 0 deg) and largest angle from the axis (default: 80 deg): "
-        "'50 mm, 45 deg, 60 deg'.",
-    ] = None,
-    plane: Annotated[
-        str | None, "Ranges of two coordinates: '-30 mm to 30 mm, -30 mm to 30 mm, 90 mm'."
-    ] = None,
-    hemisphere: Annotated[str | None, "Radius of a hemisphere, such as '50 mm'."] = None,
-    samples: Annotated[
-        str | None, "'201' on lines and arcs, '101 x 81' elsewhere (default: enough)."
-    ] = None,
+    line: Annotated[Text, "Two points: '0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm'."] = None,
+    arc: Annotated[Text, "Distance, azimuth and largest angle: '50 mm, 45 deg, 80 deg'."] = None,
+    plane: Annotated[Text, "Two ranges, one value: '-3 mm to 3 mm, -3 mm to 3 mm, 9 mm'."] = None,
+    hemisphere: Annotated[Text, "Radius of a hemisphere, such as '50 mm'."] = None,
+    samples: Annotated[Text, "'201' on lines and arcs, else '101 x 81' (default: enough)."] = None,
     field: FieldOptions,
     amplitude: Annotated[bool, "Complex fields, with phases; not by wigner."] = False,
     floor_db: Annotated[
         float | None,
         typer.Option(
             "--db-floor",
-            help="Lowest level of the figure in dB below its peak (default: -40; on planes the "
-            "level of 99 % of the power).",
+            help="Lowest level in dB below the peak (default: -40; planes: 99 % of the power).",
             **options.FLOOR,
         ),
     ] = None,
@@ -218,20 +200,13 @@ def _values(
 def volume(
     *,
     box: Annotated[str, "Three ranges: '-30 mm to 30 mm, -30 mm to 30 mm, 2 mm to 120 mm'."],
-    shape: Annotated[
-        str | None,
-        "Samples along x, y and z, such as '64 x 64 x 96' (default: enough, 64 to 101 each).",
-    ] = None,
+    shape: Annotated[Text, "Samples, such as '64 x 64 x 96' (default: 64 to 101 each)."] = None,
     field: FieldOptions,
-    chunks: Annotated[str | None, "Samples of a chunk, such as '32 x 32 x 32'."] = None,
+    chunks: Annotated[Text, "Samples of a chunk, such as '32 x 32 x 32'."] = None,
     threads: options.Threads = None,
     scheduler: options.Scheduler = None,
-    surfaces: Annotated[
-        str | None, "Levels of the isosurfaces in dB, such as '-6, -12, -18' (default: four)."
-    ] = None,
-    projection: Annotated[
-        Literal["maximum", "mean"], "Projection on the walls: maximum or mean."
-    ] = "maximum",
+    surfaces: Annotated[Text, "Isosurfaces in dB, such as '-6, -12, -18' (default: four)."] = None,
+    projection: Annotated[_Projection, "Projection on the walls: maximum or mean."] = "maximum",
     floor_db: options.DbFloor = -40.0,
 ) -> None:
     """Compute the irradiance of a source in a box, chunk by chunk, and draw it.

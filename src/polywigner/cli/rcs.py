@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from polywigner.cli import options
+from polywigner.cli.options import Text
 from polywigner.cli.sources import Reading, WaveOptions, field_title, required_wavelength
 from polywigner.quantities import parse_angle
 
@@ -38,37 +39,22 @@ _FINEST, _MOST_OF_CUTS = 1e-3, 33_000_000_000
 
 def rcs(
     *,
-    body: Annotated[
-        str,
-        typer.Argument(
-            help="Mesh of a body (STL, PLY, OBJ), or aperture file of a plate in the plane z = 0."
-        ),
-    ],
+    body: Annotated[str, typer.Argument(help="Mesh of a body, or aperture file of a plate.")],
     wave: WaveOptions,
-    polarisation: Annotated[
-        str | None, "vv, hh, vh or hv, receiver first (default: sum over both at the receiver)."
-    ] = None,
-    step: Annotated[
-        str | None, "Step of the map, such as '2 deg' (default: 1 to 10 deg, for about a minute)."
-    ] = None,
+    polarisation: Annotated[Text, "vv, hh, vh or hv, receiver first (default: total)."] = None,
+    step: Annotated[Text, "Step of the map: '2 deg' (default: 1 to 10 deg by time)."] = None,
     bounces: Annotated[
         int, typer.Option(min=1, max=3, help="Number of reflections (corner reflectors: 3).")
     ] = 1,
-    cut_step: Annotated[
-        str | None, "Step of both cuts, such as '0.05 deg' (default: a quarter of a lobe)."
-    ] = None,
+    cut_step: Annotated[Text, "Step of the cuts: '0.05 deg' (default: a quarter lobe)."] = None,
     cut_elevation: Annotated[str, "Elevation of the cut over azimuth, such as '35 deg'."] = "0 deg",
     cut_azimuth: Annotated[str, "Azimuth of the cut over elevation, such as '45 deg'."] = "0 deg",
-    smooth: Annotated[
-        str | None, "Width of a running median over the cuts, such as '2 deg'."
-    ] = None,
+    smooth: Annotated[Text, "Width of a running median over the cuts, such as '2 deg'."] = None,
     open_mesh: Annotated[bool, "Read the faces of a mesh as thin plates with two sides."] = False,
     reading: Reading,
     resumable: options.Resumable = False,
     floor_db: options.DbFloor = -60.0,
-    formats: Annotated[
-        list[_Format] | None, "Format of the values: csv, json or nc (repeatable; default: csv)."
-    ] = None,
+    formats: Annotated[list[_Format] | None, "csv, json or nc (repeatable; default: csv)."] = None,
     out: options.Out = None,
 ) -> None:
     """Compute the radar cross section of a metal body or plate by physical optics.

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from polywigner.cli import options
+from polywigner.cli.options import Text, Texts
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency, parse_noise
@@ -39,36 +40,17 @@ class ReceiveSettings(options.SceneOptions):
 
     spp: Annotated[
         int | None,
-        typer.Option(
-            min=1, help="Samples of the scattered power of each emitter (default: the scene's)."
-        ),
+        typer.Option(min=1, help="Samples per emitter of scattered power (default: the scene's)."),
     ] = None
     reflections: Annotated[int, "Maximum number of specular reflections per path, 0 to 3."] = 2
     accuracy: Annotated[float, "Relative error of the fields on line-of-sight paths."] = 1e-6
-    bandwidth: Annotated[
-        str | None, "Noise bandwidth, such as '1 GHz' (default: the receiver's)."
-    ] = None
-    temperature: Annotated[
-        str | None, "Noise temperature, such as '290 K' (default: the receiver's)."
-    ] = None
-    noise_figure: Annotated[
-        str | None, "Noise figure, such as '3 dB' (default: the receiver's, or 0 dB)."
-    ] = None
-    coherent: Annotated[bool, "Add direct paths as amplitudes, with fringes (docs/channel.md)."] = (
-        False
-    )
-    frequencies: Annotated[
-        str | None,
-        "Also write the complex channel, at '76 GHz to 78 GHz, 201' or '76 GHz, 77 GHz'.",
-    ] = None
-    polarisation: Annotated[
-        str | None,
-        "Polarisation of sources and receivers without one: x, y, right, left, unpolarised or "
-        "'45 deg' (default: x).",
-    ] = None
-    defined: Annotated[
-        list[str] | None, "NAME=VALUE of a $parameter of the scene (repeatable)."
-    ] = None
+    bandwidth: Annotated[Text, "Noise bandwidth: '1 GHz' (default: the receiver's)."] = None
+    temperature: Annotated[Text, "Noise temperature: '290 K' (default: the receiver's)."] = None
+    noise_figure: Annotated[Text, "Noise figure: '3 dB' (default: the receiver's or 0 dB)."] = None
+    coherent: Annotated[bool, "Add direct paths as amplitudes (docs/channel.md)."] = False
+    frequencies: Annotated[Text, "Channel at '76 GHz to 78 GHz, 201' or '76 GHz, 77 GHz'."] = None
+    polarisation: Annotated[Text, "x (default), y, right, left, unpolarised or '45 deg'."] = None
+    defined: Annotated[Texts, "NAME=VALUE of a $parameter of the scene (repeatable)."] = None
 
 
 def receive(settings: ReceiveSettings, out: options.Out = None) -> None:

@@ -46,12 +46,8 @@ class RenderSettings(options.SceneOptions):
             help="Rms error in dB at 20 dB below the peak, instead of --spp (docs/sampling.md).",
         ),
     ] = None
-    integrator: Annotated[
-        _Integrator | None, "path, direct, volpath, ... (default: the scene's)."
-    ] = None
-    sampler: Annotated[_Sampler | None, "multijitter, independent, ... (default: the scene's)."] = (
-        None
-    )
+    integrator: Annotated[_Integrator | None, "path, volpath, ... (default: the scene's)."] = None
+    sampler: Annotated[_Sampler | None, "multijitter, ... (default: the scene's)."] = None
     polarised: Annotated[bool, "Also write the Stokes parameters (docs/polarised.md)."] = False
 
 

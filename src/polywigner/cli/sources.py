@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from polywigner.cli.options import Text, Texts
 from polywigner.errors import ArgumentError, FileFormatError, at_key, value_text
 from polywigner.quantities import (
     SPEED_OF_LIGHT,
@@ -44,10 +45,8 @@ _LARGEST_RATIO = 1e12
 class WaveOptions:
     """A frequency or a wavelength."""
 
-    frequency: Annotated[str | None, "Frequency, such as '94 GHz'."] = None
-    wavelength: Annotated[str | None, "Wavelength, such as '3.19 mm', instead of --frequency."] = (
-        None
-    )
+    frequency: Annotated[Text, "Frequency, such as '94 GHz'."] = None
+    wavelength: Annotated[Text, "Wavelength, such as '3.19 mm'."] = None
 
     def length(self) -> float | None:
         """Return the wavelength in metres, or None without both options."""
@@ -72,15 +71,9 @@ def required_wavelength(wavelength: float | None) -> float:
 class Reading:
     """Options for reading an aperture file."""
 
-    unit: Annotated[
-        str | None, "Unit of an aperture file that does not state its unit (default: mm)."
-    ] = None
-    tolerance: Annotated[
-        str | None, "Largest distance of chords from curves, such as '1 um' (default: by size)."
-    ] = None
-    layer: Annotated[
-        list[str] | None, "Layer or group of a drawing to read (repeatable; default: all)."
-    ] = None
+    unit: Annotated[Text, "Unit of files that state none (default: mm)."] = None
+    tolerance: Annotated[Text, "Distance of chords from curves: '1 um' (default: by size)."] = None
+    layer: Annotated[Texts, "Layer of a drawing to read (repeatable; default: all)."] = None
     union: Annotated[bool, "Join shapes of an aperture file that overlap."] = False
 
     def check_file(self, path: str) -> None:
@@ -130,26 +123,14 @@ class Reading:
 class SourceOptions(Reading, WaveOptions):
     """Options of the source of a command: file, taper, copies, steering and wavelength."""
 
-    source: Annotated[
-        str,
-        typer.Argument(
-            help="Aperture file (GeoJSON, WKT, CSV, SVG, DXF, GDSII, Gerber) or source file "
-            "(TOML, JSON)."
-        ),
-    ]
+    source: Annotated[str, typer.Argument(help="Aperture file, or source file (TOML, JSON).")]
     allow_outside: Annotated[bool, "Read files outside of the folder of a source file."] = False
-    taper: Annotated[
-        str | None, "Taper of the aperture: 'cosine', 'cosine 2 x', 'te10', 'taylor 30 dB 4'."
-    ] = None
-    array: Annotated[str | None, "Copies of the aperture, such as '12 x 16, 2 mm'."] = None
-    window: Annotated[
-        str | None, "Window of the array: 'taylor 25 dB', 'chebyshev 30 dB', 'hamming'."
-    ] = None
-    steering: Annotated[str | None, "Beam direction theta, phi, such as '20 deg, 90 deg'."] = None
-    focus: Annotated[str | None, "Focal point of the array, such as '0 mm, 0 mm, 80 mm'."] = None
-    curved: Annotated[
-        str | None, "Radius of a curved wave, or along x and y: '60 mm', '60 mm, inf'."
-    ] = None
+    taper: Annotated[Text, "Taper: 'cosine', 'cosine 2 x', 'te10', 'taylor 30 dB 4'."] = None
+    array: Annotated[Text, "Copies of the aperture, such as '12 x 16, 2 mm'."] = None
+    window: Annotated[Text, "Window: 'taylor 25 dB', 'chebyshev 30 dB', 'hamming'."] = None
+    steering: Annotated[Text, "Beam direction theta, phi, such as '20 deg, 90 deg'."] = None
+    focus: Annotated[Text, "Focal point of the array, such as '0 mm, 0 mm, 80 mm'."] = None
+    curved: Annotated[Text, "Radii of a curved wave: '60 mm', or '60 mm, inf' (x, y)."] = None
 
     def check(self) -> None:
         """Raise the errors that need no heavy imports."""
@@ -258,16 +239,13 @@ def _is_source_file(path: str) -> bool:
 class FieldSourceOptions(SourceOptions):
     """Options of a source that may be partially coherent, and of obstacles."""
 
-    coherence: Annotated[str | None, "Coherence width of the source, such as '0.5 mm'."] = None
+    coherence: Annotated[Text, "Coherence width of the source, such as '0.5 mm'."] = None
     obstacle: Annotated[
-        list[str] | None,
-        "Body (STL, PLY, OBJ) or plate (aperture file) with its position and, as theta, phi, the "
-        "direction of its z axis: 'plate.svg at 0 mm, 0 mm, 150 mm towards 30 deg, 90 deg' "
-        "(repeatable).",
+        Texts,
+        "Body or plate (repeatable), its position and direction theta, phi: 'box.stl', "
+        "'plate.svg at 0 mm, 0 mm, 150 mm towards 30 deg, 90 deg'.",
     ] = None
-    obstacle_unit: Annotated[
-        str | None, "Unit of obstacle files that do not state their unit (default: mm)."
-    ] = None
+    obstacle_unit: Annotated[Text, "Unit of obstacle files that state none (default: mm)."] = None
 
     def check(self) -> None:
         """Raise the errors that need no heavy imports."""

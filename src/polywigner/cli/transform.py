@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from polywigner.cli.options import DbFloor, Out, files_to_write, parse_numbers, write
+from polywigner.cli.options import DbFloor, Out, Text, files_to_write, parse_numbers, write
 from polywigner.cli.sources import SourceOptions, frequency_text, short_name
 from polywigner.errors import QuantityError
 from polywigner.quantities import parse_angle, parse_coordinate, parse_point
@@ -75,22 +75,12 @@ def _part(text: str) -> FirstOrder:
 
 def transform(
     source: SourceOptions,
-    x: Annotated[
-        str | None, "Position of the Wigner slice, such as '0 mm,2 mm' (default: centre)."
-    ] = None,
-    xi: Annotated[
-        str | None, "Lag of the ambiguity slice, such as '2 mm,0 mm' (default: a large overlap)."
-    ] = None,
-    through: Annotated[
-        str | None, f"Lenses behind the source in the order of the light: '{_EXAMPLE}'."
-    ] = None,
+    x: Annotated[Text, "Position of the Wigner slice: '0 mm,2 mm' (default: centre)."] = None,
+    xi: Annotated[Text, "Lag of the ambiguity slice: '2 mm,0 mm' (default: by size)."] = None,
+    through: Annotated[Text, f"Lenses behind the source, in order: '{_EXAMPLE}'."] = None,
     samples: Annotated[
         int | None,
-        typer.Option(
-            min=2,
-            max=4096,
-            help="Samples along each frequency axis (default: 257 to 513).",
-        ),
+        typer.Option(min=2, max=4096, help="Samples along an axis (default: 257 to 513)."),
     ] = None,
     floor_db: DbFloor = -40.0,
     out: Out = None,

@@ -10,8 +10,8 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from bokeh import models
-from bokeh.events import DoubleTap, Tap
-from bokeh.plotting import figure
+from bokeh.events import DoubleTap, PointEvent, Tap
+from bokeh.plotting import figure as Figure
 
 from polywigner.explorer.state import Point, Rings, State, rings_of_rows, with_vertex
 from polywigner.explorer.views import Name, Picture, Polygon
@@ -46,7 +46,7 @@ def rows(polygons: Sequence[Polygon]) -> dict[str, list[Any]]:
 
 
 class Editor:
-    """The aperture; ``on_rings(rings, is_final)`` receives edits, ``on_position(point)`` clicks."""
+    """Outline editor; ``on_rings(rings, is_final)`` receives edits, ``on_position`` clicks."""
 
     def __init__(
         self, on_rings: Callable[[Rings, bool], None], on_position: Callable[[Point], None]
@@ -60,7 +60,7 @@ class Editor:
         self._position = models.ColumnDataSource({"x": [0.0], "y": [0.0]})
         self._sketch = models.ColumnDataSource({"x": [], "y": []})
         self._relay = models.ColumnDataSource({"x": [], "y": [], "ring": []}, tags=[0])
-        plot = figure(
+        plot = Figure(
             name="editor", tools="pan,wheel_zoom,reset", active_drag=None, active_scroll=None,
             x_range=models.Range1d(-1, 1), y_range=models.Range1d(-1, 1), sizing_mode="scale_width",
             aspect_ratio=1, min_border_left=58, min_border_right=22, min_border_top=34,
@@ -114,13 +114,13 @@ class Editor:
 
     def delete_selected(self) -> None:
         """Delete the selected vertices, and outlines with less than three vertices left."""
-        chosen = set(self.vertices.selected.indices)
+        selected = set(self.vertices.selected.indices)
         self.vertices.selected.indices = []
-        kept = [row for k, row in enumerate(self._rows(self.vertices)) if k not in chosen]
-        self._on_rings(rings_of_rows(kept), True)
+        rows = [row for k, row in enumerate(self._rows(self.vertices)) if k not in selected]
+        self._on_rings(rings_of_rows(rows), True)
 
     def start_sketch(self) -> None:
-        """Start an outline, whose corners are clicked."""
+        """Start an outline; clicks add its corners."""
         self.sketch = []
         self._show_sketch()
 
@@ -149,7 +149,7 @@ class Editor:
         if not is_final or rings != self._rings:
             self._on_rings(rings, is_final)
 
-    def _tapped(self, event: Any) -> None:
+    def _tapped(self, event: PointEvent) -> None:
         if event.x is None:
             return
         point = rounded(self.plot, event.x, event.y)
@@ -188,7 +188,7 @@ class Plot:
     """The figure of one view; ``on_tap(point)`` receives a clicked point."""
 
     def __init__(self, name: Name, on_tap: Callable[[Point], None] | None = None) -> None:
-        plot = figure(
+        plot = Figure(
             name=name, title=" ", tools="", toolbar_location="above", sizing_mode="scale_width",
             aspect_ratio=1, x_range=models.Range1d(-1, 1), y_range=models.Range1d(-1, 1),
             # left + right = top + bottom, so that a square figure has a square frame
@@ -237,7 +237,7 @@ class Plot:
             plot.on_event(Tap, self._tapped)
 
     def show(self, picture: Picture) -> None:
-        """Draw a picture."""
+        """Draw a view."""
         plot = self.plot
         plot.title.text = picture.title
         self._quantity.text = picture.quantity or " "
@@ -276,18 +276,18 @@ class Plot:
         self._source.data = {key: [] for key in self._source.data}
         self.plot.title.text, self._quantity.text = text, " "
 
-    def _tapped(self, event: Any) -> None:
+    def _tapped(self, event: PointEvent) -> None:
         if self._on_tap and event.x is not None:
             self._on_tap(rounded(self.plot, event.x, event.y))
 
 
-def rounded(plot: Any, x: float, y: float) -> Point:
+def rounded(plot: Figure, x: float, y: float) -> Point:
     """Round to a thousandth of a figure, less than a pixel."""
     digits = max(0, 3 - math.floor(math.log10(plot.x_range.end - plot.x_range.start)))
     return round(x, digits) + 0.0, round(y, digits) + 0.0
 
 
-def _style_axes(plot: Any) -> None:
+def _style_axes(plot: Figure) -> None:
     for axis in plot.axis:
         axis.update(
             axis_label_text_font_style="normal", minor_tick_line_color=None, axis_label_standoff=2,
