@@ -297,7 +297,7 @@ BAD = {
     "selector": ("<style>g rect {fill: none}</style>", FileFormatError, "style rules"),
     "media": ("<style>@media print { rect {fill: none} }</style>", FileFormatError, "style rules"),
     "white page": (HOLE.format("") + PLATE.format('fill="white"'), FileFormatError,
-                   "no white shape covers"),
+                   "white shapes cover"),
     "white on an overlap": (OVERLAP + '<rect x="1" width="1" height="1" fill="white"/>',
                             GeometryError, "an overlap"),
     "overlap": ('<rect width="5" height="5"/><circle r="2"/>', GeometryError, "an overlap"),

@@ -1,6 +1,6 @@
-"""Outlines and hatches of a DXF drawing, which ezdxf parses.
+"""Outlines and hatches of a DXF drawing, parsed by ezdxf.
 
-An area inside an odd number of outlines is open. Hatches are painted: one on the other is a union.
+An area inside an odd number of outlines is open. Hatches are joined.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _IGNORED = frozenset({
     "LEADER", "MULTILEADER", "MLEADER", "TOLERANCE", "POINT", "RAY", "XLINE", "VIEWPORT", "IMAGE",
     "WIPEOUT", "OLE2FRAME", "ACAD_TABLE", "LIGHT", "SUN",
 })  # fmt: skip
-"""Annotation: nothing that could be an outline."""
+"""Annotation, which cannot be an outline."""
 
 _JOINT = 1e-6
 """Largest gap between ends that belong together, in diagonals of the drawing's bounds.
@@ -57,8 +57,8 @@ CAD programs write six decimals or more; ends of a drawing of 100 units meet wit
 _FLAT = 1e-9
 # Relative difference of angles and points that are the same up to rounding.
 _SAME = 1e-9
-# Nesting depths of the boundaries that a hatch fills between, by its style: all, outermost two
-# (the islands are open, and what lies in them), outermost only.
+# Largest nesting depth of the boundaries of a hatch, by its style: normal (all), outer (the
+# outermost two, so that islands are open with their content), ignore (the outermost).
 _DEEPEST = {0: 1_000_000, 1: 1, 2: 0}
 
 # Metres of $INSUNITS; units without an exact length (light years, survey units) are refused.
@@ -68,12 +68,12 @@ _UNITS = {
 }  # fmt: skip
 
 Path = list[Curve]
-"""Curves of which each starts where the one before it ends."""
+"""Curves; each one starts at the end of the previous one."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """An outline or a part of one, or the boundaries of an area that is painted."""
+    """An outline, a part of an outline, or the boundaries of a painted area."""
 
     boundaries: list[list[Path]]
     style: int | None = None
@@ -112,7 +112,7 @@ def _array(points: Iterable[Any]) -> Points:
 
 
 def _elliptic(centre: Points, u: Points, v: Points, start: float, end: float) -> Arc:
-    """Return the arc from one angle to another (radians); equal ones are a full turn apart."""
+    """Return the arc from one angle to another (radians); equal angles make a full ellipse."""
     sweep = (end - start) % math.tau
     is_full = abs(math.remainder(sweep, math.tau)) <= _SAME * math.tau
     return Arc(centre, u, v, start, math.tau if is_full else sweep)
@@ -132,7 +132,7 @@ def _curves(kind: str, item: Any) -> Path:
         centre, x, y = _array([tool.center, tool.major_axis, tool.minor_axis])
         return [_elliptic(centre, x, y, tool.start_param, tool.end_param)]
     control = _array(tool.control_points)
-    # ezdxf's own flattening leaves the range of the knots of a spline that is not clamped.
+    # The flattening of ezdxf exceeds the range of the knots of a spline that is not clamped.
     breaks = np.unique(list(tool.knots())[tool.degree : len(control) + 1])
     return [Spline(control, lambda t: _array(tool.points(t.tolist())), breaks)]
 
@@ -211,7 +211,7 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
             f"expected lines, plane polylines, curves, hatches and blocks, got a {kind[:40]}; "
             "convert it to polylines, or move it to a layer that is off"
         )
-    # These entities have a coordinate system of their own.
+    # These entities have an object coordinate system.
     axes = _array(map(entity.ocs().to_wcs, np.eye(3).tolist()))
     return shape.transformed(axes, offset @ axes)
 
@@ -222,7 +222,7 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
 def load_dxf(file: File) -> Drawing:
     """Load the outlines and hatches in the model space of a DXF file, on layers that are on."""
     document = importlib.import_module("ezdxf").readfile(file.path)
-    # ezdxf gives metres to a drawing without units of its own.
+    # ezdxf assigns metres to a drawing without units.
     code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.content else 0
     if code not in (0, *_UNITS):
         raise FileFormatError(
@@ -238,7 +238,7 @@ def _layer_of(entity: Any) -> str:
 
 
 class _Space:
-    """The visible entities of a drawing, or those on the requested layers."""
+    """The visible entities of a drawing, or the entities on the requested layers."""
 
     def __init__(self, document: Any, layers: Sequence[str]) -> None:
         self.requested = {name.lower() for name in layers}
@@ -261,7 +261,7 @@ class _Space:
             if kind in _IGNORED or entity.dxf.get("invisible", 0):
                 continue
             if kind == "INSERT":
-                # A layer that is off hides no more than its own entities; a frozen one hides all.
+                # A layer that is off hides its entities only; a frozen layer also hides blocks.
                 if layer.lower() not in self.frozen:
                     yield from self._inserted(entity, layer)
             elif layer.lower() not in self.hidden and (
@@ -285,7 +285,7 @@ class _Space:
 
 
 def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
-    """Return polygons of hatches, and of outlines that are no border of a hatch."""
+    """Return polygons of hatches, and of outlines that do not border a hatch."""
     paths = [path for shape in shapes for boundary in shape.boundaries for path in boundary]
     if not paths:
         raise FileFormatError(
@@ -321,8 +321,8 @@ def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[l
     polygons = []
     for hatch, rings in zip(hatches, painted, strict=True):
         deepest = _DEEPEST.get(hatch.style or 0, 0)
-        kept = [ring for ring, d in zip(rings, depths(rings), strict=True) if d <= deepest]
-        polygons += filled(kept, "evenodd")
+        outer = [ring for ring, d in zip(rings, depths(rings), strict=True) if d <= deepest]
+        polygons += filled(outer, "evenodd")
     if len(hatches) < 2:
         return polygons
     union = union_on_grid([shapely.Polygon(outer, holes) for outer, *holes in polygons])
