@@ -185,7 +185,7 @@ BAD_FILES = {
     "endless.gbr": (GERBER.removesuffix("M02*"), FileFormatError, "mandatory M02"),
     "cut.gbr": (GERBER[:-14], FileFormatError, "end with an asterisk"),
     "bare.gbr": (GERBER[GERBER.index("%MO") :], FileFormatError, "%FS and %MO before coordinates"),
-    "words.gbr": ("words", FileFormatError, "none of Gerber"),
+    "words.gbr": ("words", FileFormatError, "is not Gerber"),
     "drawing.pdf": (b"%PDF-1.7", FileFormatError, ".pdf, which is not read"),
 }
 
