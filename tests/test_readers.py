@@ -136,7 +136,7 @@ NO_ENTITY = "without entities"
 BAD_FILES = {
     "cut.geojson": (json.dumps(POLYGON)[:-9], FileFormatError, "not JSON"),
     "untyped.geojson": ("{}", FileFormatError, "without a type"),
-    "point.geojson": ('{"type":"Point","coordinates":[0,0]}', FileFormatError, "'Point'"),
+    "point.geojson": ('{"type":"Point","coordinates":[0,0]}', FileFormatError, "got another type"),
     "no_coordinates.geojson": ('{"type":"Polygon"}', FileFormatError, "coordinates of a Polygon"),
     "no_vertices.geojson": ('{"type":"Polygon","coordinates":[[]]}', FileFormatError, "a ring"),
     "only_null.geojson": (json.dumps(EMPTY_FEATURE), FileFormatError, "at least one polygon"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 import time
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 
     from polywigner.scattering.cross_sections import Pattern
 
-_Format = StrEnum("_Format", "csv json nc")
+_Format = StrEnum("_Format", "csv nc")
 # Default steps of the map in degrees, and the time that it may take [s].
 _STEPS, _MAP_SECONDS = (1.0, 2.0, 5.0, 10.0), 60.0
 # Directions whose time is measured.
@@ -54,7 +53,7 @@ def rcs(
     reading: Reading,
     resumable: options.Resumable = False,
     floor_db: options.DbFloor = -60.0,
-    formats: Annotated[list[_Format] | None, "csv, json or nc (repeatable; default: csv)."] = None,
+    formats: Annotated[list[_Format] | None, "csv or nc (repeatable; default: csv)."] = None,
     out: options.Out = None,
 ) -> None:
     """Compute the radar cross section of a metal body or plate by physical optics.
@@ -106,8 +105,8 @@ def rcs(
     *cuts, pattern = _computed(patterns, store, settings)
     title = field_title(body, length)
     figure = draw_rcs(pattern, cuts=cuts, smooth=width, floor_db=floor_db, title=title)
-    values = [pattern if name == ".nc" else partial(write_values, pattern) for name in suffixes]
-    contents = [figure, partial(_write_rows, cuts), *values]
+    values = [pattern if name == ".nc" else partial(write_rows, [pattern]) for name in suffixes]
+    contents = [figure, partial(write_rows, cuts), *values]
     options.write(files, contents, _summary([pattern, *cuts], floor_db))
     if store is not None:
         shutil.rmtree(store, ignore_errors=True)
@@ -138,7 +137,7 @@ def _steps(
 def _computed(
     patterns: Sequence[Pattern], store: Path | None, settings: dict[str, Any]
 ) -> list[xarray.Dataset]:
-    """Compute the datasets of patterns, with a store of complete parts if there is one."""
+    """Compute the datasets of patterns, in a store of complete parts unless it is None."""
     if store is None:
         from polywigner.execution.progress import progress_bar
 
@@ -158,8 +157,8 @@ def _computed(
         return [one.dataset(stored[f"rcs_{k}"].values) for k, one in enumerate(patterns)]
 
 
-def _write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
-    """Write all values of patterns as CSV, with a row for each value."""
+def write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
+    """Write all values of patterns as CSV, with a row for each value; nan if it failed."""
     import numpy as np
 
     for number, pattern in enumerate(patterns):
@@ -168,23 +167,6 @@ def _write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
         table.iloc[:, :2] = np.degrees(table.iloc[:, :2])
         settings: dict[str, Any] = {"mode": "a", "header": False} if number else {}
         table.to_csv(path, index=False, float_format="%.12g", na_rep="nan", **settings)
-
-
-def write_values(pattern: xarray.Dataset, path: Path) -> None:
-    """Write the values of a pattern as CSV or JSON, with nan or null for failed directions."""
-    import numpy as np
-
-    if path.suffix != ".json":
-        _write_rows([pattern], path)
-        return
-    azimuth, elevation, values = (pattern[n].values for n in ("azimuth", "elevation", "rcs"))
-    content = {
-        **pattern.attrs,
-        "azimuth_deg": np.degrees(azimuth).tolist(),
-        "elevation_deg": np.degrees(elevation).tolist(),
-        "rcs_m2": [[None if math.isnan(v) else v for v in row] for row in values.tolist()],
-    }
-    path.write_text(json.dumps(content) + "\n", encoding="utf-8")
 
 
 def _summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:

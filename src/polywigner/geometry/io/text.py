@@ -17,7 +17,6 @@ from polywigner.geometry.parts import polygons_in
 from polywigner.geometry.rings import Ring, rings_of_polygon
 
 _TYPES = "Polygon, MultiPolygon, Feature, FeatureCollection or GeometryCollection"
-_OTHER_TYPES = ("Point", "MultiPoint", "LineString", "MultiLineString", "Topology")
 _MEMBERS = {"FeatureCollection": "features", "GeometryCollection": "geometries"}
 
 
@@ -48,8 +47,7 @@ def _polygons(item: Any) -> Iterator[list[Ring]]:
         for rings in [coordinates] if kind == "Polygon" else coordinates:
             yield [_ring(ring) for ring in _listed(rings, "the coordinates of a Polygon")]
     else:
-        got = f"type {kind!r}" if kind in _OTHER_TYPES else "another type"
-        got = "a value without a type" if kind is None else got
+        got = "another type" if kind else "a value without a type"
         raise FileFormatError(f"expected GeoJSON of type {_TYPES}, got {got}")
 
 
@@ -84,7 +82,11 @@ def load_wkt(file: File) -> Drawing:
     except (shapely.errors.GEOSException, NotImplementedError) as error:
         raise FileFormatError(
             "expected WKT such as POLYGON ((0 0, 1 0, 1 1, 0 0)), got text that does not parse"
-            + ("; write the first point of each closed ring again at its end" if "closed" in str(error) else "")
+            + (
+                "; write the first point of each closed ring again at its end"
+                if "closed" in str(error)
+                else ""
+            )
         ) from None
     if geometry.geom_type not in ("Polygon", "MultiPolygon") or geometry.is_empty:
         got = "EMPTY" if geometry.is_empty else f"a {geometry.geom_type}"
