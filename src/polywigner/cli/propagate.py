@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import typer
 
@@ -40,16 +40,8 @@ _MOST = {"line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (12
 _FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
 
 
-class MethodText(NamedTuple):
-    """A method with its settings; ``name`` distinguishes it from the others of a run."""
-
-    name: str
-    arguments: dict[str, str | None]
-
-    @property
-    def method(self) -> str:
-        """Name of its variable in a dataset."""
-        return str(self.arguments["method"])
+Methods: TypeAlias = dict[str, dict[str, str | None]]
+"""Arguments of the methods of a run by their names, such as "wigner-paper"."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,28 +62,30 @@ class FieldOptions(FieldSourceOptions):
     formats: Annotated[list[_Format] | None, "nc, zarr or vti (repeatable)."] = None
     out: options.Out = None
 
-    def methods(self, *default: str) -> tuple[list[MethodText], str]:
+    def methods(self, *default: str) -> tuple[Methods, str]:
         """Return the methods, and the name of the method that the others are compared with."""
         from polywigner.geometry.arguments import checked_choice
 
-        texts = self.method or ([options.EXACT] if self.obstacle else list(default))
-        repeated = [text for text in texts if texts.count(text) > 1]
-        if repeated:
-            raise ArgumentError(f"--method: expected different methods, got {repeated[0]!r} twice")
-        methods = [self._method(text) for text in texts]
-        names = [method.name for method in methods]
+        texts = self.method or ([options.EXACT] if self.obstacle else default)
+        methods: Methods = {}
+        for text in texts:
+            method, _, obliquity = text.partition(" ")
+            name = text.replace(" ", "-")
+            if obliquity and method != "wigner":
+                raise ArgumentError(
+                    f"--method: expected an obliquity after wigner only, got {text!r}"
+                )
+            if name in methods:
+                raise ArgumentError(f"--method: expected different methods, got {text!r} twice")
+            methods[name] = {"method": method}
+            if method == "wigner":
+                methods[name]["obliquity"] = obliquity or self.obliquity
         if self.against is not None:
-            return methods, checked_choice(self.against.replace(" ", "-"), "--against", names)
-        exact = [m.name for m in methods if m.method not in ("wigner", "fresnel", "fraunhofer")]
-        return methods, (exact or names)[-1]
-
-    def _method(self, text: str) -> MethodText:
-        """Parse a method; "wigner" may have its own obliquity, as in ``"wigner paper"``."""
-        method, _, obliquity = text.partition(" ")
-        if obliquity and method != "wigner":
-            raise ArgumentError(f"--method: expected an obliquity after wigner only, got {text!r}")
-        settings = {"obliquity": obliquity or self.obliquity} if method == "wigner" else {}
-        return MethodText(text.replace(" ", "-"), {"method": method, **settings})
+            against = self.against.replace(" ", "-")
+            return methods, checked_choice(against, "--against", list(methods))
+        rough = "wigner", "fresnel", "fraunhofer"
+        exact = [name for name, one in methods.items() if one["method"] not in rough]
+        return methods, (exact or list(methods))[-1]
 
     def arguments(self, obstacles: Sequence[Polyhedron | PlacedAperture]) -> dict[str, Any]:
         """Return the arguments of :func:`polywigner.irradiance` for all methods."""
@@ -153,15 +147,12 @@ def propagate(
     place = place._replace(shape=samples_of_place(source, place, wavelength, amplitude))
     quantity = "amplitude" if amplitude else "irradiance"
     settings = {"quantity": quantity, **field.arguments(obstacles)}
-    datasets = [
-        _values(source, place, wavelength, settings | method.arguments).rename(
-            {method.method: method.name}
-        )
-        for method in methods
-    ]
-    values = datasets[0]
-    for method, dataset in zip(methods[1:], datasets[1:], strict=True):
-        values = values.assign({method.name: dataset[method.name]})
+    values = None
+    for name, arguments in methods.items():
+        dataset = _values(source, place, wavelength, settings | arguments)
+        dataset = dataset.rename({arguments["method"]: name})
+        values = dataset if values is None else values.assign({name: dataset[name]})
+    assert values is not None
     title = f"{field_title(field.source, wavelength)}\n{place.kind}: {regions[place.kind]}"
     drawn: dict[str, Any] = {"against": reference, "title": title}
     if floor_db is not None:
@@ -251,13 +242,13 @@ def volume(
     computed |= field.arguments(obstacles)
     nx, ny, nz = count or samples_of_box(source, corners, wavelength)
     by_method = {}
-    for method in methods:
-        name = stem if len(methods) == 1 else stem.with_name(f"{stem.name}-{method.name}")
-        store, *files = options.targets(name, (".zarr", ".png", *suffixes))
-        settings = computed | method.arguments
+    for name, arguments in methods.items():
+        path = stem if len(methods) == 1 else stem.with_name(f"{stem.name}-{name}")
+        store, *files = options.targets(path, (".zarr", ".png", *suffixes))
+        settings = computed | arguments
         values = pw.volume(source, corners, (nx, ny, nz), wavelength, out=store, **settings)
-        by_method[method.name] = values[method.method]
-        label = label_of(values[method.method], method.method)
+        by_method[name] = values[arguments["method"]]
+        label = label_of(by_method[name], arguments["method"])
         title = f"{label}: {field_title(field.source, wavelength)}"
         print(store)
         figure = draw_volume(values, source, title=title, obstacles=obstacles, **drawn)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import csv
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -104,16 +103,14 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
             settings.spp, settings.seed, None, settings.reflections, settings.accuracy,
             coherent=settings.coherent, polarisation=by_argument, **noise,
         )  # fmt: skip
-        with _progress("receiving") as progress:
-            received, profile = scene_renders.receive_parts(
-                file, scene, requested, edges, store=store, progress=progress, **settings.cluster
-            )
+        received, profile = scene_renders.receive_parts(
+            file, scene, requested, edges, store=store, **settings.cluster
+        )
         if band:
-            with _progress("channels") as progress:
-                response = channel(
-                    scene, band, settings.reflections, polarisation=by_argument,
-                    tolerance=settings.accuracy, progress=progress,
-                )  # fmt: skip
+            response = channel(
+                scene, band, settings.reflections, polarisation=by_argument,
+                tolerance=settings.accuracy,
+            )  # fmt: skip
         maps = [arrival_map(scene, number, settings.seed) for number in range(len(received))]
         names = [shapes_in(scene, number, power) for number, power in enumerate(maps)]
         titles = [
@@ -145,16 +142,6 @@ def parse_definition(text: str) -> tuple[str, str]:
             f"expected --define as NAME=VALUE of a $parameter of the scene, got {text!r}"
         )
     return name, value
-
-
-@contextmanager
-def _progress(title: str) -> Iterator[Callable[[int, int], None]]:
-    """Give a function of the numbers of completed and of all parts, called after each part."""
-    from polywigner.execution.progress import progress_bar
-
-    with ExitStack() as stack:
-        started = cache(lambda total: stack.enter_context(progress_bar(title, total)))
-        yield lambda done, total: started(total)()
 
 
 def parse_band(text: str | None) -> list[float]:

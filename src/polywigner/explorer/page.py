@@ -63,6 +63,7 @@ _PAIR = ":host { display: grid !important; grid-template-columns: 1fr 1fr; gap: 
 _QUICK_SAMPLES = 49  # along an axis while the state changes
 _SECONDS = 1.0  # time of one view afterwards, which limits its samples
 _WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
+_FIELD: dict[str, Any] = {"margin": (4, 8), **_WIDE}
 # ranges of logarithmic sliders, in units
 _LOG = {"wavelength": (0.05, 50), "width": (0.5, 100), "distance": (1, 1000)}
 
@@ -222,14 +223,13 @@ class Explorer:
             if not (is_shown or name in self._errors):
                 self._compute_view(state, name, _QUICK_SAMPLES)
         for name in VIEWS if self._document is not None else ():
-            is_finer = True
-            while is_finer and state is self.state and name not in self._errors:
-                _, seconds, picture = self._pictures[name]
-                possible = int(len(picture.x) * math.sqrt(_SECONDS / seconds))
-                samples = min(views.SAMPLES, possible | 1)
-                is_finer = picture.image is not None and len(picture.x) < samples
-                if is_finer:
-                    self._compute_view(state, name, samples)
+            if state is not self.state or name in self._errors:
+                continue
+            _, seconds, picture = self._pictures[name]
+            possible = int(len(picture.x) * math.sqrt(_SECONDS / seconds))
+            samples = min(views.SAMPLES, possible | 1)
+            if picture.image is not None and len(picture.x) < samples:
+                self._compute_view(state, name, samples)
         self._post(self._finish, state)
 
     def _compute_view(self, state: State, name: Name, samples: int) -> None:
@@ -293,7 +293,7 @@ class Explorer:
         self._npz.filename = f"{self._saved.value}.npz"
 
     def _control(self, name: str, control: Widget) -> Widget:
-        control.param.update(sizing_mode="stretch_width", margin=(4, 8))
+        control.param.update(**_FIELD)
         control.param.watch(partial(self._control_changed, name), "value")
         if isinstance(control, pn.widgets.FloatSlider):
             control.param.watch(lambda _: self.history.move(0), "value_throttled")
@@ -331,14 +331,14 @@ class Explorer:
         return _box(_GRID, head, editor, self._views, self._new_controls())
 
     def _new_outline_buttons(self) -> ListPanel:
-        self._draw_toggle = pn.widgets.Toggle(label="Draw outline", margin=(4, 8), **_WIDE)
+        self._draw_toggle = pn.widgets.Toggle(label="Draw outline", **_FIELD)
         self._draw_toggle.param.watch(self._draw_toggled, "value")
-        delete = pn.widgets.Button(label="Delete vertex", margin=(4, 8), **_WIDE)
+        delete = pn.widgets.Button(label="Delete vertex", **_FIELD)
         delete.on_click(lambda _: self._editor.delete_selected())
         shapes = ["choose a shape …", "blank sheet", *CATALOGUE]
-        self._shapes = pn.widgets.Select(label="Start from", options=shapes, margin=(4, 8), **_WIDE)
+        self._shapes = pn.widgets.Select(label="Start from", options=shapes, **_FIELD)
         self._shapes.param.watch(self._shape_chosen, "value")
-        self._file = pn.widgets.FileInput(margin=(4, 8), **_WIDE)
+        self._file = pn.widgets.FileInput(**_FIELD)
         self._file.param.watch(self._file_chosen, "value")
         unit = self._select("unit", "Unit of length", states.UNITS)
         return _box("", _box(_PAIR, self._draw_toggle, delete, self._shapes, unit), self._file)
@@ -366,13 +366,11 @@ class Explorer:
             self._log_slider("distance", "Near field at z"),
         ]
         labels = {label: name for name, label in VIEWS.items()}
-        self._saved = pn.widgets.Select(label="View", options=labels, margin=(4, 8), **_WIDE)
+        self._saved = pn.widgets.Select(label="View", options=labels, **_FIELD)
         self._saved.param.watch(self._show_code, "value")
         self._npz = _download("npz of the view", lambda: views.npz(self._picture()))
-        outline = _download(
-            "GeoJSON of the aperture", lambda: states.geojson(self.state).encode(),
-            "aperture.geojson",
-        )  # fmt: skip
+        geojson = lambda: states.geojson(self.state).encode()  # noqa: E731
+        outline = _download("GeoJSON of the aperture", geojson, "aperture.geojson")
         style = "pre { overflow: auto; font-size: 11px; max-height: 260px; user-select: all; }"
         self._code = pn.pane.HTML("", stylesheets=[style], **_WIDE)
         groups = {
@@ -393,13 +391,8 @@ def _box(css: str, *parts: Viewable, area: str = "auto", kind: Any = pn.Column) 
 
 
 def _download(label: str, content: Callable[[], bytes], filename: str = "view") -> Widget:
-    return pn.widgets.FileDownload(
-        label=label,
-        callback=lambda: io.BytesIO(content()),
-        filename=filename,
-        margin=(4, 8),
-        **_WIDE,
-    )
+    read = lambda: io.BytesIO(content())  # noqa: E731
+    return pn.widgets.FileDownload(label=label, callback=read, filename=filename, **_FIELD)
 
 
 def _figure(plot: figure) -> Viewable:
