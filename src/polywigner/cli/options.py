@@ -117,7 +117,7 @@ _FLAGS = {"formats": "--format", "range_text": "--range", "defined": "--define"}
 
 
 def _option(name: str, default: Any, kind: Any) -> Parameter:
-    """Return an option: a text beside its type is its help, and False by default makes a flag."""
+    """Return an option. An annotated text is its help; an option with default False is a flag."""
     match get_args(kind):
         case (plain, str(text)):
             flag = [f"--{name.replace('_', '-')}"] if default is False else []

@@ -434,7 +434,7 @@ _EXPECTED_RANGES = (
 
 
 def _ranges(text: str, count: int) -> tuple[Point, Point]:
-    """Return both ends along x, y and z, of which ``count`` are ranges."""
+    """Return both ends along x, y and z. ``count`` axes are ranges, the others single values."""
     parts = _split(text, ",")
     if len(parts) != 3 and count:
         raise QuantityError(f"expected x, y and z, separated by commas, got {value_text(text)}")

@@ -95,7 +95,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         if settings.polarised and receives:
             raise SceneError(
                 f"expected a camera in {settings.scene} with --polarised, got a wigner_receiver, "
-                "which has a polarisation of its own"
+                "which defines its polarisation itself"
             )
         sampler = settings.sampler or _plugin(scene.sensors()[0].sampler(), "Sampler")
         samples = settings.spp or default

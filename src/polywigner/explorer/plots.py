@@ -1,4 +1,4 @@
-"""Bokeh figures of the page: the outline editor, and one figure for each view."""
+"""Bokeh figures of the page: the outline editor, and a figure for each view."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class Editor:
         self.plot = plot
 
     def show(self, state: State, keep_handles: bool = False) -> None:
-        """Draw the outlines and the position of a state; a drag keeps its handles."""
+        """Draw the outlines and the position of a state; during a drag the handles stay."""
         if not keep_handles:
             self._rings = state.rings
             points = [(x, y, k) for k, ring in enumerate(state.rings) for x, y in ring]
@@ -165,7 +165,7 @@ class Editor:
             self._show_sketch()
 
     def _nearest(self, points: Sequence[Point], point: Point) -> float:
-        """Return the distance to the nearest of some points, relative to the figure."""
+        """Return the distance to the nearest point, relative to the width of the figure."""
         return min((math.dist(p, point) / self._span() for p in points), default=math.inf)
 
     def _fit(self, state: State) -> None:
@@ -267,12 +267,12 @@ class Plot:
             axis.update(start=start, end=end)
 
     def show_mark(self, point: Point, horizon: float = 0.0) -> None:
-        """Draw the chosen point, and the circle |nu| = 1/wavelength of a radius."""
+        """Draw the chosen point, and the circle |nu| = 1/wavelength with radius ``horizon``."""
         self._mark.data = {"x": [point[0]], "y": [point[1]]}
         self._horizon.data = {"d": [2 * horizon]}
 
     def show_error(self, text: str) -> None:
-        """Empty the figure and write why."""
+        """Clear the figure and show a reason."""
         self._source.data = {key: [] for key in self._source.data}
         self.plot.title.text, self._quantity.text = text, " "
 
