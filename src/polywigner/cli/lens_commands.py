@@ -110,16 +110,12 @@ def mtf(
     *,
     options: LensOptions,
     pixel: Annotated[str, "Side of the detector's square pixels, such as '4 um'."] = "0 m",
-    highest: Annotated[
-        float | None,
-        typer.Option(min=0, help="Highest frequency in cycles/mm (default: the cutoff)."),
-    ] = None,
     samples: Samples = 201,
     out: Out = None,
 ) -> None:
     """Compute the modulation transfer function of a lens with a pupil, along x and y.
 
-    Writes a figure NAME_mtf.png and a table NAME_mtf.csv, frequencies in cycles/mm.
+    Writes a figure NAME_mtf.png and a table NAME_mtf.csv up to the cutoff, in cycles/mm.
     """
     options.check()
     series = options.series()
@@ -135,8 +131,8 @@ def mtf(
 
     pupil, lengths, distance, radius = options.read_lens()
     west, south, east, north = outline_of(pupil).bounds
-    end = highest or max(east - west, north - south) / (min(lengths) * distance) * 1e-3
-    frequency = np.linspace(0.0, end, samples)
+    cutoff = max(east - west, north - south) / (min(lengths) * distance) * 1e-3
+    frequency = np.linspace(0.0, cutoff, samples)
     lines = 1e3 * frequency[:, None] * np.eye(2)[:, None]
     curves = [
         pw.mtf(pupil, lines, lengths, distance, waves, radius, pixel=side) for waves in series

@@ -248,7 +248,7 @@ def volume(
         settings = computed | arguments
         values = pw.volume(source, corners, (nx, ny, nz), wavelength, out=store, **settings)
         by_method[name] = values[arguments["method"]]
-        label = label_of(by_method[name], arguments["method"])
+        label = label_of(by_method[name], str(arguments["method"]))
         title = f"{label}: {field_title(field.source, wavelength)}"
         print(store)
         figure = draw_volume(values, source, title=title, obstacles=obstacles, **drawn)

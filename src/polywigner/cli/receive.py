@@ -223,13 +223,11 @@ def _ranges_text(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> 
     for number, each in enumerate(received):
         values = {name: profile[name].values[number] for name in profile.data_vars}
         k = int(values["power"].argmax())
-        power, error, direct = (
-            values[name][k] for name in ("power", "standard_error", "direct_power")
-        )
+        power, error = values["power"][k], values["standard_error"][k]
         lines.append(
             f"receiver {each.receiver}: maximum from {edges[k]:.6g} m to {edges[k + 1]:.6g} m, "
-            f"{power:.4g} W +- {error:.4g} W ({dbm_text(power)}), of which direct {direct:.4g} W; "
-            f"nearer than all bins {values['before']:.4g} W, farther {values['after']:.4g} W"
+            f"{power:.4g} W +- {error:.4g} W ({dbm_text(power)}); nearer than all bins "
+            f"{values['before']:.4g} W, farther {values['after']:.4g} W"
         )
     return "\n".join(lines)
 

@@ -128,7 +128,7 @@ def _samples(
     aperture = outline_of(source)
     needed = samples_needed(aperture, wavelength)
     is_too_large = needed > LARGEST_SAMPLES
-    if requested is None and is_too_large and _radiates_ahead(source, aperture):
+    if requested is None and is_too_large and _radiates_ahead(source, aperture.area):
         typer.echo(
             "polywigner: the plot is cropped to the centre; all directions would take "
             f"{needed} samples along an axis",
@@ -147,30 +147,28 @@ def _samples(
     return samples, False
 
 
-def _radiates_ahead(source: Aperture | ApertureArray, aperture: Aperture) -> bool:
+def _radiates_ahead(source: Aperture | ApertureArray, area: float) -> bool:
     """Return whether |F(0)|^2 is near its maximum for the power and area of the source."""
-    import numpy as np
-
     import polywigner as pw
 
-    zero = np.zeros(2)
-    ahead = abs(complex(pw.fourier(source, zero))) ** 2
-    power = float(np.real(pw.lag_marginal(source, zero)))
-    return ahead > _STRAIGHT_AHEAD * aperture.area * power
+    ahead = abs(complex(pw.fourier(source, (0.0, 0.0)))) ** 2
+    power = complex(pw.lag_marginal(source, (0.0, 0.0))).real
+    return ahead > _STRAIGHT_AHEAD * area * power
 
 
 def _write_values(slices: TransformSlices | SystemSlices, path: Path) -> None:
     """Write arrays as .npz under their names, and a JSON text ``metadata`` with axes and units."""
     import numpy as np
+    from shapely import to_geojson  # all digits; GEOS writes WKT with 16 decimals only
 
     import polywigner as pw
     from polywigner.figures import TransformSlices
 
-    arrays: dict[str, Any] = {"aperture_geojson": _geojson(slices.aperture)}
+    arrays: dict[str, Any] = {"aperture_geojson": to_geojson(slices.aperture.polygons)}
     if isinstance(slices, TransformSlices):
         units = {"x": "m", "xi": "m", "frequency": "1/m"}
         units |= dict.fromkeys(("fourier", "wigner", "ambiguity"), "m^2")
-        arrays["automean_geojson"] = _geojson(slices.support)
+        arrays["automean_geojson"] = to_geojson(slices.support.polygons)
         about = {
             "axes": "fourier[j, i] and wigner[j, i] at nu = (frequency[i], frequency[j]); "
             "ambiguity[j, i] at upsilon = (frequency[i], frequency[j])",
@@ -191,9 +189,3 @@ def _write_values(slices: TransformSlices | SystemSlices, path: Path) -> None:
     arrays["wavelength"] = np.nan if slices.wavelength is None else slices.wavelength
     metadata = json.dumps({**about, "units": units, "polywigner": pw.__version__})
     np.savez_compressed(path, metadata=metadata, **arrays)
-
-
-def _geojson(aperture: Aperture) -> str:
-    import shapely
-
-    return shapely.to_geojson(aperture.polygons)  # GEOS writes WKT with 16 decimals only

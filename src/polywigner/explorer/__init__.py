@@ -18,6 +18,7 @@ from polywigner.explorer.state import UNITS, State, rings_of
 
 if TYPE_CHECKING:
     from bokeh.server.server import Server
+    from tornado.httputil import HTTPMessageDelegate, HTTPServerRequest
     from tornado.web import Application
 
 __all__ = ["State", "serve", "start_state"]
@@ -84,7 +85,7 @@ def _refuse_foreign_hosts(application: Application, port: int) -> None:
 
     find, hosts = application.find_handler, {f"{name}:{port}" for name in _NAMES}
 
-    def find_local(request: Any, **options: Any) -> Any:
+    def find_local(request: HTTPServerRequest, **options: Any) -> HTTPMessageDelegate:
         if request.host.lower() in hosts:
             return find(request, **options)
         return application.get_handler_delegate(request, ErrorHandler, {"status_code": 403})

@@ -153,10 +153,10 @@ def picture(state: State, name: Name, samples: int = SAMPLES) -> Picture:
         "near": (f"Near field at z = {state.distance:.3g} {unit}", "x", "y"),
     }[name]
     axes = [result["x"], result["y"]]
-    labels = [f"{s} (1/{unit})" if s[0] in "νυ" else f"{s} ({unit})" for s in symbols]
-    shown = [a / scale if s[0] in "νυ" else a * scale for s, a in zip(symbols, axes, strict=True)]
+    x_label, y_label = (f"{s} ({'1/' if s[0] in 'νυ' else ''}{unit})" for s in symbols)
+    x, y = (a / scale if s[0] in "νυ" else a * scale for s, a in zip(symbols, axes, strict=True))
     arrays = {"values": values, "x": axes[0], "y": axes[1]}
-    return Picture(title, *labels, arrays, *shown, *_image(state, name, values))
+    return Picture(title, x_label, y_label, arrays, x, y, *_image(state, name, values))
 
 
 def _image(

@@ -120,8 +120,8 @@ def prepare(*, afresh: bool = False) -> LLVMStatus:
     The candidates are the library in ``DRJIT_LIBLLVM_PATH``, then the libraries of the Python
     environment and of the system, newest first. ``DRJIT_LIBLLVM_PATH`` is set to the first library
     whose test kernels run in a child process. Without a usable library, and with
-    ``POLYWIGNER_NO_LLVM=1``, the variable is set to a path that does not exist, so that Dr.Jit opens
-    no library.
+    ``POLYWIGNER_NO_LLVM=1``, the variable is set to a path that does not exist, and Dr.Jit opens no
+    library.
 
     Parameters
     ----------

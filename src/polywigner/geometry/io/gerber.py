@@ -169,7 +169,7 @@ def _between(start: Any, end: Any, clockwise: bool, about: Any) -> Arc:
     return _circle(centre, radius, begin, -sweep if clockwise else sweep)
 
 
-def _corners(rectangle: Any) -> Any:
+def _corners(rectangle: Any) -> Points:
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (rectangle.w / 2, rectangle.h / 2)
     return turned_points(corners, rectangle.rotation) + np.array([rectangle.x, rectangle.y])
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib import import_module
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -37,6 +37,9 @@ from polywigner.geometry.io.outlines import (
 )
 from polywigner.geometry.parts import combined_on_grid, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
 
 # svgelements skips text that does not follow this grammar. Possessive quantifiers bound the time.
 _NUMBER = r"[+-]?(?>[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+"
@@ -123,13 +126,15 @@ def _affine_of(text: str) -> Points:
     return np.column_stack([rows, [0, 0, 1]])
 
 
-def _view_box(element: Any) -> tuple[float, ...] | None:
+def _view_box(element: Element) -> tuple[float, ...] | None:
     """Return x, y, width and height of the viewBox of an element, or None."""
     text = element.get("viewBox")
-    values = [] if text is None else _numbers_of(text, "the viewBox")
-    if values and (len(values) != 4 or min(values[2:]) <= 0):
+    if text is None:
+        return None
+    values = _numbers_of(text, "the viewBox")
+    if len(values) != 4 or min(values[2:]) <= 0:
         raise _refusal("a viewBox of four numbers, the last two above zero", text)
-    return tuple(values) or None
+    return tuple(values)
 
 
 def _closed(subpath: list[Curve]) -> list[Curve]:
@@ -208,10 +213,10 @@ def _opacity(text: str | None) -> float:
 # ---- elements ------------------------------------------------------------------------------------
 
 
-def _parsed(content: bytes) -> Any:
+def _parsed(content: bytes) -> Element:
     """Return the root element. A plain DOCTYPE is accepted; entities are refused."""
     try:
-        root = import_module("defusedxml.ElementTree").fromstring(content)
+        root: Element = import_module("defusedxml.ElementTree").fromstring(content)
     except (SyntaxError, LookupError) as error:  # ParseError is a SyntaxError
         line = getattr(error, "position", (1, 0))[0]
         raise FileFormatError(f"expected SVG, got text that is not XML in line {line}") from None
@@ -224,7 +229,7 @@ def _parsed(content: bytes) -> Any:
     return root
 
 
-def _tag(element: Any) -> str:
+def _tag(element: Element) -> str:
     """Return the name of an SVG element; empty for comments and other namespaces."""
     tag = element.tag if isinstance(element.tag, str) else "{"
     return tag.removeprefix(_NAMESPACE) if not tag.startswith("{") or _NAMESPACE in tag else ""
@@ -355,10 +360,10 @@ class _Document:
         rule = context.style.get("fill-rule", "nonzero")
         if rule not in ("nonzero", "evenodd"):
             raise _refusal("the fill-rule nonzero or evenodd", rule)
-        colour = self._colour(context.style)
-        opacity = context.opacity * _opacity(context.style.get("fill-opacity"))
+        colour, alpha = self._colour(context.style)
+        opacity = alpha * context.opacity * _opacity(context.style.get("fill-opacity"))
         is_hidden = context.style.get("visibility") in ("hidden", "collapse")
-        is_painted = not is_hidden and opacity > 0 and colour.value is not None and colour.alpha > 0
+        is_painted = not is_hidden and opacity > 0
         if not context.is_requested or not (is_painted or tag in _OPAQUE - {"text"}):
             return
         if context.effect:
@@ -375,15 +380,18 @@ class _Document:
             [transformed(curve, matrix, offset) for curve in subpath]
             for subpath in _outlines_of(tag, context.properties, self.viewport)
         ]
-        yield _Shape(subpaths, rule, colour.hex == "#ffffff" and opacity >= 1)
+        yield _Shape(subpaths, rule, colour == "#ffffff" and opacity >= 1)
 
-    def _colour(self, style: Mapping[str, str]) -> Any:
-        """Return the colour of a fill. Gradients and patterns count as black."""
+    def _colour(self, style: Mapping[str, str]) -> tuple[str, float]:
+        """Return the colour of a fill, such as "#ffffff", and its opacity from 0 to 1.
+
+        Gradients and patterns count as black.
+        """
         text, color = style.get("fill", "black").strip(), import_module("svgelements").Color
         if match := _SERVER.fullmatch(text):
             server = self.named.get(match[1].strip())
             if server is not None and _tag(server) in _SERVERS:
-                return color("black")
+                return "#000000", 1.0
             text = match[2].strip() or "none"
         text = style.get("color", "black") if text.lower() == "currentcolor" else text
         colour = color(text.lower())
@@ -391,7 +399,7 @@ class _Document:
         is_valid = colour.value is not None and ("(" not in text or "," in text)
         if not is_valid and text.lower() != "none":
             raise _refusal("a fill such as red, #f00, rgb(255, 0, 0) or none", text)
-        return colour
+        return ("", 0.0) if colour.value is None else (str(colour.hex), colour.alpha / 255)
 
 
 # ---- drawings ------------------------------------------------------------------------------------
