@@ -171,7 +171,7 @@ def write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
 
 def _summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:
     pattern = max(patterns, key=lambda each: float(each.attrs["largest_rcs"]))
-    largest = pattern["rcs"].where(pattern["rcs"] == pattern["rcs"].max(), drop=True)[0, 0]
+    largest = pattern["rcs"].isel(pattern["rcs"].argmax(["azimuth", "elevation"]))
     peak = 10 * math.log10(float(largest))
     azimuth, elevation = (math.degrees(largest[name]) for name in ("azimuth", "elevation"))
     return (
