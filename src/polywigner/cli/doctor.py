@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from polywigner.errors import EngineError, install_command
+from polywigner.errors import install_command
 from polywigner.toolchain import install
 from polywigner.toolchain.llvm import LLVMStatus, prepare, run_in_child
 
@@ -37,28 +37,18 @@ class Row(NamedTuple):
 
 def doctor(
     install_llvm: Annotated[bool, "Install an LLVM library with apt-get, as root."] = False,
-    yes: Annotated[bool, "Install without asking."] = False,
 ) -> None:
     """Report which parts work on this machine, and how to install the others.
 
     Tests the engines, the LLVM library, the GPU and the extras.
     """
     if install_llvm:
-        install.install_llvm(None if yes else _confirm)
+        install.install_llvm()
     transforms, llvm, gpu = _transforms(), prepare(), _gpu()
     python = Row("python", _GOOD, f"{platform.python_version()} at {sys.executable}")
     rows = [transforms, _llvm(llvm), gpu, python, *map(_library, _CORE), _rendering(llvm, gpu)]
     _print(rows + _extras())
     raise typer.Exit(0 if transforms.works == _GOOD else 1)
-
-
-def _confirm(packages: str) -> None:
-    question = f"polywigner: install {packages} for all users of this system?"
-    if not (sys.stdin.isatty() and typer.confirm(question, err=True)):
-        raise EngineError(
-            f"Nothing was installed: {packages} would be installed for all users of this system; "
-            "add --yes to agree."
-        )
 
 
 def _transforms() -> Row:

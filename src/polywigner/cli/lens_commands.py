@@ -11,14 +11,12 @@ import typer
 
 from polywigner.cli.options import DbFloor, Out, Text, files_to_write, parse_numbers, write
 from polywigner.cli.sources import SourceOptions, short_name
-from polywigner.errors import ArgumentError, QuantityError
+from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_length
 
 if TYPE_CHECKING:
     from polywigner import Aperture
     from polywigner import Array as ApertureArray
-
-_MOST_DEFOCUS = 12
 
 Samples = Annotated[int, typer.Option(min=2, max=2001, help="Samples along each axis.")]
 
@@ -34,10 +32,7 @@ class LensOptions(SourceOptions):
 
     def series(self) -> list[float]:
         """Return the defocus values in waves."""
-        series = parse_numbers("--defocus", self.defocus, "-1, 0, 1")
-        if len(series) > _MOST_DEFOCUS:
-            raise QuantityError(f"--defocus: expected up to {_MOST_DEFOCUS} numbers of waves")
-        return list(series)
+        return list(parse_numbers("--defocus", self.defocus, "-1, 0, 1"))
 
     def read_lens(self) -> tuple[Aperture | ApertureArray, list[float], float, float | None]:
         """Return the pupil; wavelengths, focal length and the radius of the pupil's edge in m."""

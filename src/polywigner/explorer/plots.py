@@ -60,14 +60,11 @@ class Editor:
         self._position = models.ColumnDataSource({"x": [0.0], "y": [0.0]})
         self._sketch = models.ColumnDataSource({"x": [], "y": []})
         self._relay = models.ColumnDataSource({"x": [], "y": [], "ring": []}, tags=[0])
-        plot = Figure(
-            name="editor", tools="pan,wheel_zoom,reset", active_drag=None, active_scroll=None,
-            x_range=models.Range1d(-1, 1), y_range=models.Range1d(-1, 1), sizing_mode="scale_width",
-            aspect_ratio=1, min_border_left=58, min_border_right=22, min_border_top=34,
-            min_border_bottom=46, toolbar_location="above", output_backend="canvas",
+        plot = _new_figure(
+            "editor", tools="pan,wheel_zoom,reset", active_drag=None, active_scroll=None,
+            min_border_left=58, min_border_right=22, min_border_top=34, min_border_bottom=46,
+            output_backend="canvas",
         )  # fmt: skip
-        plot.toolbar.logo = None
-        _style_axes(plot)
         # add_glyph: the functions of a figure make four glyphs each
         plot.add_glyph(self._support, models.MultiPolygons(fill_color=PALE, line_color=None))
         plot.add_glyph(
@@ -188,16 +185,13 @@ class Plot:
     """The figure of one view; ``on_tap(point)`` receives a clicked point."""
 
     def __init__(self, name: Name, on_tap: Callable[[Point], None] | None = None) -> None:
-        plot = Figure(
-            name=name, title=" ", tools="", toolbar_location="above", sizing_mode="scale_width",
-            aspect_ratio=1, x_range=models.Range1d(-1, 1), y_range=models.Range1d(-1, 1),
+        plot = _new_figure(
+            name, title=" ", tools="",
             # left + right = top + bottom, so that a square figure has a square frame
             min_border_left=52, min_border_right=50, min_border_top=54, min_border_bottom=48,
         )  # fmt: skip
-        plot.toolbar.logo = None
         plot.add_tools(models.SaveTool(filename=name))
         plot.title.text_font_size = "13px"
-        _style_axes(plot)
         self._quantity = models.Title(text=" ", text_font_size="11px", text_font_style="normal",
                                text_color="#55606b")  # fmt: skip
         plot.add_layout(self._quantity, "above")
@@ -287,13 +281,20 @@ def rounded(plot: Figure, x: float, y: float) -> Point:
     return round(x, digits) + 0.0, round(y, digits) + 0.0
 
 
-def _style_axes(plot: Figure) -> None:
+def _new_figure(name: str, **settings: Any) -> Figure:
+    """Return a square figure with thin axes."""
+    plot = Figure(
+        name=name, toolbar_location="above", sizing_mode="scale_width", aspect_ratio=1,
+        x_range=models.Range1d(-1, 1), y_range=models.Range1d(-1, 1), **settings,
+    )  # fmt: skip
+    plot.toolbar.logo = None
     for axis in plot.axis:
         axis.update(
             axis_label_text_font_style="normal", minor_tick_line_color=None, axis_label_standoff=2,
             axis_label_text_font_size="12px",
         )  # fmt: skip
         axis.ticker.desired_num_ticks = 5
+    return plot
 
 
 @lru_cache(maxsize=8)

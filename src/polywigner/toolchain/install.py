@@ -11,7 +11,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from polywigner.errors import EngineError
 from polywigner.toolchain.llvm import LLVMStatus, is_switched_off, prepare
@@ -21,14 +21,8 @@ _LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suf
 _LIBATOMIC = ["libatomic1"]
 
 
-def install_llvm(confirm: Callable[[str], None] | None = None) -> LLVMStatus:
+def install_llvm() -> LLVMStatus:
     """Install the packages that Dr.Jit needs to compile kernels with LLVM, if they are missing.
-
-    Parameters
-    ----------
-    confirm : callable or None
-        Called with the names of the packages before the installation; raises an EngineError to
-        prevent it. None: no confirmation.
 
     Returns
     -------
@@ -46,7 +40,7 @@ def install_llvm(confirm: Callable[[str], None] | None = None) -> LLVMStatus:
         packages.append(_LLVM)
     if packages:
         try:
-            install_packages(packages, confirm)
+            install_packages(packages)
         except EngineError as error:
             raise EngineError(f"{status.problem} {error}") from error
         status = prepare(afresh=True)
@@ -55,17 +49,13 @@ def install_llvm(confirm: Callable[[str], None] | None = None) -> LLVMStatus:
     return status
 
 
-def install_packages(
-    packages: Sequence[Sequence[str]], confirm: Callable[[str], None] | None = None
-) -> None:
+def install_packages(packages: Sequence[Sequence[str]]) -> None:
     """Install Debian packages with apt-get, as root.
 
     Parameters
     ----------
     packages : sequence of sequences of str
         Alternatives for each package, best first. The first one that apt offers is installed.
-    confirm : callable or None
-        As for :func:`install_llvm`.
 
     Raises
     ------
@@ -78,8 +68,6 @@ def install_packages(
     names = " ".join(map(_offered, packages))
     if os.geteuid() != 0:
         raise EngineError(f"Run `apt-get install {names}` as root.")
-    if confirm is not None:
-        confirm(names)
     for alternatives in packages:
         problem = _install(alternatives)
         if problem:  # the package lists may be missing or old

@@ -85,20 +85,14 @@ def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
     return LOADERS.get(suffix) or next(by_start, load_csv)
 
 
-def _read(file: File) -> Aperture:
+def _loaded(file: File) -> Drawing:
+    """Return the drawing; a missing or failing library raises a package error."""
     loader = _loader_of(file.path, file.content)
     if file.layers and loader not in _WITH_LAYERS:
         raise ArgumentError(
             "expected a layer of a drawing (SVG, DXF, GDSII), got a file without layers; leave it "
             "out"
         )
-    # Numbers beyond the range of float64 are reported by the checks.
-    with np.errstate(all="ignore"):
-        return _aperture(_loaded(loader, file), file.union)
-
-
-def _loaded(loader: Callable[[File], Drawing], file: File) -> Drawing:
-    """Return the drawing; a missing or failing library raises a package error."""
     try:
         with warnings.catch_warnings():  # of libraries
             warnings.simplefilter("ignore")
@@ -232,8 +226,9 @@ def read_aperture(
         tolerance = checked_length(tolerance, "tolerance", meaning=expected)
     layers, joins = _checked_layers(layer), checked_flag(union, "union")
     try:
-        content = bytes_of(source)
-        return _read(File(source, content, metres, tolerance, layers, joins))
+        file = File(source, bytes_of(source), metres, tolerance, layers, joins)
+        with np.errstate(all="ignore"):  # the checks report numbers beyond the range of float64
+            return _aperture(_loaded(file), joins)
     except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
         raise type(error)(f"{source}: {error}") from None
 
