@@ -82,13 +82,12 @@ def rcs(
     channel = None if polarisation is None else checked_channel(polarisation)
     metal = reading.read_body(body, open_mesh)
     pattern_of = partial(Pattern, metal, length, polarisation=channel, bounces=bounces)
-    timed = pattern_of(0.0, 0.0)
     store = files[0].with_suffix(".parts.zarr") if resumable else None
     if store is not None:
         require_stores()
     lobe = math.degrees(length / (2 * facets_of(metal).size))
     steps = open_store(store).attrs.get("steps") if store and store.exists() else None
-    degrees, fine = steps or _steps(timed, map_step, fine_step, lobe)
+    degrees, fine = steps or _steps(pattern_of(0.0, 0.0), map_step, fine_step, lobe)
     count = round(90.0 / degrees)
     _warn_of_lobes("the map", 90.0 / count, lobe, "--step")
     _warn_of_lobes("the cuts", fine, lobe, "--cut-step")

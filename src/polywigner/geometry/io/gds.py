@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator
 from graphlib import CycleError, TopologicalSorter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,12 +17,15 @@ from polywigner.geometry.io.limits import check_coordinates
 from polywigner.geometry.io.outlines import Drawing, File, filled
 from polywigner.geometry.rings import Ring
 
+if TYPE_CHECKING:
+    import gdstk
+
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
 # Record STRANS, and its bits of absolute magnification and absolute angle.
 _TRANSFORMATION, _ABSOLUTE = 0x1A, 0x0006
 
 
-def _chosen(library: Any, name: str | None) -> Any:
+def _chosen(library: Any, name: str | None) -> gdstk.Cell:
     """Return the cell of a name, or the only cell that no other one contains."""
     cells = {cell.name: cell for cell in library.cells if hasattr(cell, "get_polygons")}
     top = [cell.name for cell in library.top_level() if cell.name in cells]
@@ -97,12 +100,11 @@ def load_gds(file: File) -> Drawing:
     cells = [name for name in file.layers if not _LAYER.fullmatch(name)]
     if len(cells) > 1:
         raise ArgumentError(f"expected one cell, got {', '.join(cells)}; read them one by one")
-    gdstk: Any = importlib.import_module("gdstk")
-    library = gdstk.read_gds(str(file.path))
+    library: Any = importlib.import_module("gdstk").read_gds(str(file.path))
     metres = float(library.unit)
     if not 0 < metres < math.inf:
         raise FileFormatError(f"expected a unit above zero, got {metres:g} m; export it anew")
-    cell = _chosen(library, cells[0] if cells else None)
+    cell: Any = _chosen(library, cells[0] if cells else None)
     _check_cycles(library.cells)
     members = [cell, *cell.dependencies(True)]
     _check_references(members)
