@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 import warnings
 from pathlib import Path
@@ -16,7 +15,7 @@ import polywigner as pw
 from oracles.meshes import extruded
 from polywigner import figures
 from polywigner.cli import main
-from polywigner.cli.rcs import write_values
+from polywigner.cli.rcs import write_rows
 from polywigner.errors import ArgumentError
 from polywigner.scattering.cross_sections import Pattern
 
@@ -37,14 +36,13 @@ def square(tmp_path: Path) -> Path:
 
 def test_a_plate_comes_out_as_a_table_and_a_picture(square: Path, capsys: Captured) -> None:
     stem = square.parent / "out" / "plate"
-    options = ("--step", "30 deg", "--format", "csv", "--format", "json", "--out", str(stem))
+    options = ("--step", "30 deg", "--out", str(stem))
     assert main(["rcs", str(square), *FREQUENCY, *options]) == 0
     printed = capsys.readouterr()
     peak = 10 * math.log10(4 * math.pi / WAVELENGTH**2)
     assert f"largest RCS   {peak:.2f} dBsm" in printed.out
     assert f"down to {peak - 60:.2f} dBsm" in printed.out
     assert "30 degrees miss lobes" in printed.err
-    assert printed.err.startswith("polywigner: takes ")
     cuts = np.loadtxt(stem.with_name("plate_cuts.csv"), delimiter=",", skiprows=1)
     lobe = math.degrees(WAVELENGTH / (2 * math.sqrt(2)))
     around = cuts[: len(cuts) // 2]
@@ -58,9 +56,6 @@ def test_a_plate_comes_out_as_a_table_and_a_picture(square: Path, capsys: Captur
         a, e = (math.radians(float(row[name])) for name in ("azimuth_deg", "elevation_deg"))
         found = pw.rcs_pattern(pw.shapes.square(1.0), WAVELENGTH, a, e)["rcs"].values.item()
         assert float(row["rcs_m2"]) == pytest.approx(found, rel=WRITTEN, abs=1e-20)
-    content = json.loads(stem.with_suffix(".json").read_text())
-    assert np.shape(content["rcs_m2"]) == (13, 7)
-    assert content["wavelength"] == pytest.approx(WAVELENGTH)
 
 
 def test_a_mesh_is_a_body_whose_concave_edges_are_warned_of(
@@ -142,9 +137,9 @@ def test_directions_that_failed_are_left_out_of_pictures_and_files(tmp_path: Pat
     pattern = pw.rcs_pattern(pw.shapes.square(1.0), 0.1, *angles)
     pattern["rcs"].values[3] = np.nan
     figures.draw_rcs(pattern, smooth=0.5)
-    write_values(pattern, tmp_path / "a.json")
-    values = json.loads((tmp_path / "a.json").read_text())["rcs_m2"]
-    assert values[3] == [None] * 7 and values[4][0] is not None
+    write_rows([pattern], tmp_path / "a.csv")
+    values = np.loadtxt(tmp_path / "a.csv", delimiter=",", skiprows=1)[:, 2].reshape(13, 7)
+    assert np.isnan(values[3]).all() and np.isfinite(values[4]).all()
 
 
 def test_finer_cuts_are_drawn_with_their_medians() -> None:

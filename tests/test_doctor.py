@@ -1,7 +1,6 @@
 """``polywigner doctor`` reports what works, and for each missing part the command to install it."""
 
 import importlib.metadata
-import io
 import os
 import re
 import subprocess
@@ -53,7 +52,7 @@ def test_without_llvm_all_is_well_but_slow():
 
 
 def test_a_library_that_cannot_be_installed_is_bad_input(monkeypatch, capsys):
-    def refuse(confirm):
+    def refuse():
         raise EngineError("no package")
 
     monkeypatch.setattr(doctor.install, "install_llvm", refuse)
@@ -75,16 +74,3 @@ def test_transforms_that_do_not_work_are_a_failure(monkeypatch, capsys):
     monkeypatch.setattr(doctor, "run_in_child", lambda script: child)
     assert main(["doctor"]) == 1
     assert "a square of area 4 transforms to 3.9" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("is_terminal", [True, False])
-@pytest.mark.parametrize("line", ["n\n", "\n", "y\n", "yes\n"])
-def test_only_a_yes_on_a_terminal_is_consent(line, is_terminal, monkeypatch):
-    stdin = io.StringIO(line)
-    monkeypatch.setattr(stdin, "isatty", lambda: is_terminal)
-    monkeypatch.setattr("sys.stdin", stdin)
-    if is_terminal and line.startswith("y"):
-        doctor._confirm("libllvm19")
-        return
-    with pytest.raises(EngineError, match=r"Nothing was installed.*--yes"):
-        doctor._confirm("libllvm19")

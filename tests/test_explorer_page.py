@@ -311,7 +311,7 @@ def test_the_page_fits_into_the_window_and_figures_values_and_code_are_saved(wid
 
 
 def test_panel_serve_shows_the_page_too(browser):
-    app = Path(polywigner.explorer.__file__).with_name("app.py")
+    app = Path(polywigner.explorer.__file__).with_name("page.py")
     with serving("panel", "serve", str(app), "--address", "127.0.0.1", "--port", "0") as address:
         page = Page(browser, address)
         page.choose("Start from", "hexagon")

@@ -157,7 +157,6 @@ def test_commands_write_spots_and_transfer_functions(tmp_path: Any, pupil_file: 
     ("command", "options"),
     [
         ("psf", ["--defocus", "much"]),
-        ("mtf", ["--defocus", ",".join(13 * "0")]),
         ("psf", ["--wavelengths", "500 nm", "--wavelength", "500 nm"]),
         ("mtf", ["--wavelengths", "blue"]),
         ("mtf", ["--pupil-radius", "0 m"]),

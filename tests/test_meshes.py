@@ -420,7 +420,7 @@ BAD = {
         "vertex numbers up to 3",
     ),
     "points.obj": (b"v 0 0 0\nv 1 0 0\n", FileFormatError, "none"),
-    "zeros.obj": (b"v 0 0 0\0\n", FileFormatError, "OBJ as text, got zeros"),
+    "zeros.obj": (b"v 0 0 0\0\n", FileFormatError, "do not follow the format"),
     "many.obj": (b"v 0 0 0\n" + b"f 1 1 1\n" * 200_001, FileFormatError, "200000 triangles"),
     "huge.obj": ((TETRAHEDRON + "f 1 4 3\n").replace("v 1 0", "v 1e200 0").encode(),
                  FileFormatError, "below 1e\\+100"),

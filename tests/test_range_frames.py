@@ -89,7 +89,6 @@ class TestCameras:
             np.testing.assert_allclose(profile["range_edge"].values, np.linspace(9, 15, 61))
             assert profile["power"].attrs["units"] == "W"
             total = float(power.sum() + profile["before"] + profile["after"])
-        np.testing.assert_allclose(record["ranges"]["receivers"][0]["power_w"], power)
         np.testing.assert_allclose(total, record["receivers"][0]["scattered_w"], rtol=1e-12)
         assert power[:10].max() == 0 < power[10]
         assert main(["render", *words, str(out), "--bins", "3", "--spp", "4"]) == 0

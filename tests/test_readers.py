@@ -136,7 +136,7 @@ NO_ENTITY = "without entities"
 BAD_FILES = {
     "cut.geojson": (json.dumps(POLYGON)[:-9], FileFormatError, "not JSON"),
     "untyped.geojson": ("{}", FileFormatError, "without a type"),
-    "point.geojson": ('{"type":"Point","coordinates":[0,0]}', FileFormatError, "'Point'"),
+    "point.geojson": ('{"type":"Point","coordinates":[0,0]}', FileFormatError, "got another type"),
     "no_coordinates.geojson": ('{"type":"Polygon"}', FileFormatError, "coordinates of a Polygon"),
     "no_vertices.geojson": ('{"type":"Polygon","coordinates":[[]]}', FileFormatError, "a ring"),
     "only_null.geojson": (json.dumps(EMPTY_FEATURE), FileFormatError, "at least one polygon"),
@@ -185,7 +185,7 @@ BAD_FILES = {
     "endless.gbr": (GERBER.removesuffix("M02*"), FileFormatError, "mandatory M02"),
     "cut.gbr": (GERBER[:-14], FileFormatError, "end with an asterisk"),
     "bare.gbr": (GERBER[GERBER.index("%MO") :], FileFormatError, "%FS and %MO before coordinates"),
-    "words.gbr": ("words", FileFormatError, "none of Gerber"),
+    "words.gbr": ("words", FileFormatError, "is not Gerber"),
     "drawing.pdf": (b"%PDF-1.7", FileFormatError, ".pdf, which is not read"),
 }
 

@@ -247,7 +247,7 @@ def test_white_shapes_hide_what_lies_below_and_are_open_alone(
 )  # fmt: skip
 def test_other_colours_on_each_other_are_refused_with_advice(read: Read, fill: str) -> None:
     body = PLATE.format("") + HOLE.format(fill)
-    with pytest.raises(GeometryError, match=r"colours differ: paint white .* union=True"):
+    with pytest.raises(GeometryError, match=r"union=True \(--union\)"):
         read(body)
 
 
@@ -290,13 +290,14 @@ BAD = {
     "missing number": ('<path d="M0 0L1 1 2z"/>', FileFormatError, "path data"),
     "dotted number": ('<path d="M0. 0H1V1z"/>', FileFormatError, "path data"),
     "unknown transform": ('<g transform="turn(3)"><rect/></g>', FileFormatError, "a transform"),
+    "percent": ('<circle cx="10%" r="1"/>', FileFormatError, "the cx in units"),
     "em": ('<rect width="1em" height="1"/>', FileFormatError, "in px, mm"),
     "foreign use": ('<use href="other.svg#a"/>', FileFormatError, "in the same file"),
     "use of itself": ('<g id="a"><use href="#a"/></g>', FileFormatError, "contains itself"),
     "selector": ("<style>g rect {fill: none}</style>", FileFormatError, "style rules"),
     "media": ("<style>@media print { rect {fill: none} }</style>", FileFormatError, "style rules"),
     "white page": (HOLE.format("") + PLATE.format('fill="white"'), FileFormatError,
-                   "no white shape covers"),
+                   "white shapes cover"),
     "white on an overlap": (OVERLAP + '<rect x="1" width="1" height="1" fill="white"/>',
                             GeometryError, "an overlap"),
     "overlap": ('<rect width="5" height="5"/><circle r="2"/>', GeometryError, "an overlap"),
@@ -395,12 +396,8 @@ def test_an_effect_around_a_layer_is_refused_with_it(read: Read) -> None:
 
 def test_overlapping_shapes_are_refused_with_advice_for_a_drawing(read: Read) -> None:
     body = BOARD.format(effect="none", text="", style="")
-    with pytest.raises(GeometryError) as error:
+    with pytest.raises(GeometryError, match=r"\(--layer\), or give union=True \(--union\)"):
         read(body, INKSCAPE)
-    assert "layer 'Board' lies around all others" in str(error.value)
-    assert "layer='Pads' (--layer Pads)" in str(error.value)
-    with pytest.raises(GeometryError, match=r"or give union=True \(--union\)"):
-        read(body, INKSCAPE, layer="Pads")
     assert read(body, INKSCAPE, union=True) == rectangle(0, 0, 20, 10)
 
 

@@ -1,4 +1,4 @@
-"""Citations for work made with polywigner, from the bibliography that the docs show too."""
+"""Citations for work made with polywigner, from the bibliography of the documentation."""
 
 from __future__ import annotations
 
@@ -23,26 +23,32 @@ METHODS: dict[str, tuple[str, ...]] = {
     "tapers": ("taylor1955line",),
     "arrays": ("skolnik1964statistically", "barnett2019nufft"),
 }
-"""From methods to keys of the bibliography: works whose formulas or software they rest on."""
+"""Keys of the bibliography for each method: the works with its formulas or software."""
 
 
 def cite(*methods: str) -> str:
-    """BibTeX entries for work made with some methods: the paper first, then this software.
+    """Return BibTeX entries for work made with some methods.
 
     Parameters
     ----------
-    methods : "fourier", "wigner", "ambiguity", "otf", "radiometry", "propagation", "rendering",
-        "range" (profiles and pictures), "llvm" (the compiled engine), "tapers" (Taylor), "arrays"
-        (thinned ones; the interpolation of weights); none: the paper and polywigner alone.
+    *methods : str
+        "fourier", "wigner", "ambiguity", "otf", "radiometry", "propagation", "rendering", "range"
+        (profiles and frames), "llvm" (the compiled engine), "tapers" (Taylor), "arrays" (thinned
+        arrays; interpolation of weights). Without methods: the paper and polywigner only.
 
     Returns
     -------
-    str, the entries with an empty line between them, each once; ``print(pw.cite("rendering"))``.
+    str
+        The entries of the paper, of this software and of the methods, without repetitions,
+        separated by empty lines.
 
     Raises
     ------
-    ArgumentError for a method that is none of these.
+    ArgumentError
+        A method is unknown.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> "2202.02676" in pw.cite("rendering")
     True
@@ -58,7 +64,7 @@ def cite(*methods: str) -> str:
 
 @lru_cache(maxsize=1)
 def _entries() -> dict[str, str]:
-    """The text of each entry of the bibliography by its key."""
+    """Return the text of each entry of the bibliography by its key."""
     text = files("polywigner").joinpath("references.bib").read_text(encoding="utf-8")
-    found = re.finditer(r"^@\w+\{([\w-]+),\n.*?^\}", text, flags=re.MULTILINE | re.DOTALL)
-    return {entry[1]: entry[0] for entry in found}
+    entries = re.finditer(r"^@\w+\{([\w-]+),\n.*?^\}", text, flags=re.MULTILINE | re.DOTALL)
+    return {entry[1]: entry[0] for entry in entries}

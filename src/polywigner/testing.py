@@ -1,4 +1,4 @@
-"""A check for users: do the transforms of a source obey the laws of phase space?"""
+"""A check that the transforms of a source obey the laws of phase space."""
 
 from __future__ import annotations
 
@@ -39,15 +39,22 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
 
     Parameters
     ----------
-    source : Aperture, Slits or Array of either in the plane z = 0, uniform or with illuminations.
-    points : number of random arguments of each law.
-    seed : seed of these arguments.
+    source : Aperture, Slits or Array
+        Source in the plane z = 0, uniform or with illuminations.
+    points : int
+        Number of random arguments of each law, default 100.
+    seed : int
+        Seed of the random arguments, default 0.
 
     Raises
     ------
-    AssertionError : the first law that does not hold, with arguments and both values.
-    ArgumentError : another kind of source.
+    AssertionError
+        A law does not hold; the message contains the arguments and both values.
+    ArgumentError
+        The source is of another kind.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pw.testing.check(pw.shapes.u_shape(20e-3, 12e-3, 3e-3))
     """
@@ -60,17 +67,17 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
         off = np.abs(np.asarray(left) - np.asarray(right))
         if not np.all(off <= allowed):
             at = np.unravel_index(np.argmax(np.where(np.isnan(off), np.inf, off)), off.shape)
-            where = ", ".join(
+            point = ", ".join(
                 f"{name} = {values[at].tolist()}" for name, values in arguments.items()
             )
             left, right = (np.broadcast_to(side, off.shape)[at] for side in (left, right))
             raise AssertionError(
-                f"{law} does not hold at {where or 'all points'}: {left} against {right}, allowed "
+                f"{law} does not hold at {point or 'all points'}: {left} against {right}, allowed "
                 f"difference {allowed:.3g}"
             )
 
 
-def _laws(source: Any, points: int, seed: int) -> Iterator[Law]:
+def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[Law]:
     """Yield both sides of each law at random arguments within the source and its spectrum."""
     form = normal_form(source)
     low, high = np.reshape(form.bounds, (2, -1))
@@ -122,8 +129,6 @@ def _laws(source: Any, points: int, seed: int) -> Iterator[Law]:
 
     if isinstance(source, Array):
         weighted = Array(source.elements, 2j * np.asarray(source.weights))
-        twice = transforms.fourier(weighted, nu)
-        yield "F of the array with weights 2i", twice, 2j * f, 4 * strength, {"nu": nu}
         twice = transforms.wigner(weighted, x, nu)
         yield "W of the array with weights 2i", twice, 4 * w, 16 * 2**d * allowed, at_x
         terms = [transforms.fourier(element, nu) for element in source.elements]

@@ -1,7 +1,7 @@
-"""The command line ``polywigner``, whose commands are listed in ``commands``.
+"""The command line ``polywigner``; ``commands`` lists its commands.
 
-``main`` turns every outcome into an exit code and, for a failure, one line on stderr. The heavy
-libraries are imported by the command that needs them, so that ``--help`` answers at once.
+``main`` returns an exit code and, after a failure, prints one line on stderr. Each command imports
+the large libraries that it needs, so that ``--help`` is quick.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ __all__ = ["main"]
 
 _FAILED = 1
 _BAD_INPUT = 2
-_INTERRUPTED = 130  # as shells report a program that SIGINT has ended
+_INTERRUPTED = 130  # the exit code of shells for a program that SIGINT interrupted
 _DEBUG = "POLYWIGNER_DEBUG"
 
 
@@ -26,35 +26,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Parameters
     ----------
-    arguments : the words after ``polywigner``; those of the process when None.
+    arguments : sequence of str or None
+        The words after ``polywigner``; None: the words of the process.
 
     Returns
     -------
-    0 when the work was done, 2 for input that cannot be used (a :class:`PolywignerError` or a
-    wrong option), 130 after Ctrl-C, 1 for anything unforeseen.
+    int
+        0 after success, 2 for invalid input (a :class:`PolywignerError` or a wrong option), 130
+        after Ctrl-C, 1 for any other error.
     """
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning
-        return _run(arguments)
+        try:
+            from polywigner.cli.commands import app
 
-
-def _run(arguments: Sequence[str] | None) -> int:
-    try:
-        from polywigner.cli.commands import app
-
-        returned = app(args=arguments, prog_name="polywigner", standalone_mode=False)
-    except (KeyboardInterrupt, Exception) as error:
-        if not _is_interruption(error):
-            return _from_exception(error)
-        returned = _INTERRUPTED
+            code = app(args=arguments, prog_name="polywigner", standalone_mode=False)
+        except (KeyboardInterrupt, Exception) as error:
+            if not _is_interruption(error):
+                return _from_exception(error)
+            code = _INTERRUPTED
     # Typer returns the code of an `Exit` raised inside a command, of --help, and of Ctrl-C.
-    if returned == _INTERRUPTED:
+    if code == _INTERRUPTED:
         return _say("interrupted", _INTERRUPTED)
-    return returned if isinstance(returned, int) else 0
+    return code if isinstance(code, int) else 0
 
 
 def _is_interruption(error: BaseException | None) -> bool:
-    """Return whether Ctrl-C caused an error: Mitsuba and Dr.Jit replace KeyboardInterrupt."""
+    """Return whether Ctrl-C caused an error; Mitsuba and Dr.Jit replace KeyboardInterrupt."""
     while error is not None:
         if isinstance(error, KeyboardInterrupt) or "KeyboardInterrupt" in str(error):
             return True
@@ -66,12 +64,12 @@ def _from_exception(error: BaseException) -> int:
     if isinstance(error, PolywignerError):
         return _say(f"error: {error}", _BAD_INPUT)
     if isinstance(error, MemoryError):
-        return _say(f"error: out of memory ({error}); ask for fewer samples or pixels", _FAILED)
-    if isinstance(error, BrokenPipeError):  # `polywigner ... | head`: the reader has gone
-        # The rest in stdout's buffer must not be flushed again at exit.
+        return _say(f"error: out of memory ({error}); use fewer samples or pixels", _FAILED)
+    if isinstance(error, BrokenPipeError):  # `polywigner ... | head`
+        # The buffer of stdout must not be flushed again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _FAILED
-    # The module of typer's copy of click is private, so its usage errors are recognised by name.
+    # The click module inside typer is private, so its usage errors are recognised by name.
     if hasattr(error, "format_message"):
         if type(error).__name__ == "NoArgsIsHelpError":  # `polywigner` alone shows the help
             print(error.format_message().rstrip())

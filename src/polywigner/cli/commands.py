@@ -1,4 +1,4 @@
-"""Commands of ``polywigner``: each makes its cheap checks before it imports the heavy libraries."""
+"""Commands of ``polywigner``. Each checks its options before it imports the large libraries."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import typer
 from polywigner.cli import options
 from polywigner.cli.doctor import doctor
 from polywigner.cli.lens_commands import mtf, psf
+from polywigner.cli.options import Text
 from polywigner.cli.pattern import pattern
 from polywigner.cli.propagate import propagate, volume
 from polywigner.cli.rcs import rcs
@@ -23,13 +24,13 @@ app = typer.Typer(
     add_completion=True,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    # Plain help text: half the start-up time of the boxed one, and it pipes into other tools.
+    # Plain help takes half the start-up time of help in boxes, and other tools can read it.
     rich_markup_mode=None,
 )
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(is_requested: bool) -> None:
+    if is_requested:
         from polywigner import __version__
 
         typer.echo(f"polywigner {__version__}")
@@ -47,30 +48,25 @@ def _polywigner(
 
 
 def explore(
-    aperture: Annotated[
-        str | None,
-        typer.Argument(
-            help="Aperture file to begin with: GeoJSON, WKT, CSV, SVG, DXF (default: a chevron)."
-        ),
-    ] = None,
+    aperture: Annotated[Text, typer.Argument(help="Aperture file (default: a chevron).")] = None,
     *,
     reading: Reading,
     wave: WaveOptions,
-    port: Annotated[int, "Port to serve at; 0: any that is free."] = 5006,
-    browser: Annotated[bool, "Whether to open a browser."] = True,
+    port: Annotated[int, "Port of the server; 0: any free port."] = 5006,
+    browser: Annotated[bool, "Open the page in a browser."] = True,
 ) -> None:
-    """Open a page to draw an aperture in, and see its transforms and fields (extra: explorer).
+    """Serve a page to draw an aperture and see its transforms and fields (extra: explorer).
 
-    Prints the address of the page and serves it until Ctrl-C.
+    Prints the address of the page, and serves it until Ctrl-C.
     """
     if aperture is not None:
         reading.check_file(aperture)
-    wave.length()  # its error
+    wave.length()  # raises for a wrong option
     from polywigner.explorer import serve, start_state
 
     state = start_state(aperture, wave.frequency or wave.wavelength, **reading.reading_arguments())
     serve(state, port=port, browser=browser, say=partial(print, flush=True))
-    os._exit(0)  # a computation in progress is not worth waiting for
+    os._exit(0)  # does not wait for a computation in progress
 
 
 _COMMANDS = (render, receive, transform, pattern, rcs, propagate, volume, psf, mtf, explore, doctor)

@@ -1,4 +1,4 @@
-"""``polywigner doctor``: which parts work on this machine, and commands that install the others."""
+"""``polywigner doctor``: parts that work on this machine, and commands that install the others."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from polywigner.errors import EngineError, install_command
+from polywigner.errors import install_command
 from polywigner.toolchain import install
 from polywigner.toolchain.llvm import LLVMStatus, prepare, run_in_child
 
@@ -36,29 +36,19 @@ class Row(NamedTuple):
 
 
 def doctor(
-    install_llvm: Annotated[bool, "Install a usable LLVM library with apt-get, as root."] = False,
-    yes: Annotated[bool, "With --install-llvm, as root: do not ask."] = False,
+    install_llvm: Annotated[bool, "Install an LLVM library with apt-get, as root."] = False,
 ) -> None:
-    """Say which parts work here, and how to get the others.
+    """Report which parts work on this machine, and how to install the others.
 
-    Engines, LLVM library, GPU and extras; for each thing missing the command that brings it.
+    Tests the engines, the LLVM library, the GPU and the extras.
     """
     if install_llvm:
-        install.install_llvm(None if yes else _confirm)
+        install.install_llvm()
     transforms, llvm, gpu = _transforms(), prepare(), _gpu()
     python = Row("python", _GOOD, f"{platform.python_version()} at {sys.executable}")
     rows = [transforms, _llvm(llvm), gpu, python, *map(_library, _CORE), _rendering(llvm, gpu)]
     _print(rows + _extras())
     raise typer.Exit(0 if transforms.works == _GOOD else 1)
-
-
-def _confirm(packages: str) -> None:
-    question = f"polywigner: install {packages} for all users of this system?"
-    if not (sys.stdin.isatty() and typer.confirm(question, err=True)):
-        raise EngineError(
-            f"Nothing was installed: {packages} would be installed for all users of this system; "
-            "add --yes to agree."
-        )
 
 
 def _transforms() -> Row:
@@ -78,15 +68,14 @@ def _transforms() -> Row:
 
 def _llvm(status: LLVMStatus) -> Row:
     refused = [f"refused {path}: {reason}" for path, reason in status.refused]
-    if status.usable:
-        lines = [f"LLVM {status.version} at {status.path}", *refused]
-        return Row("engine llvm", _GOOD, "\n".join(lines))
-    lines = ["no usable library", *refused] if refused else [status.problem or ""]
-    return Row("engine llvm", _BAD, "\n".join(lines), status.remedy or "")
+    head = f"LLVM {status.version} at {status.path}" if status.usable else "no usable library"
+    lines = [head, *refused] if status.usable or refused else [status.problem or ""]
+    works = _GOOD if status.usable else _BAD
+    return Row("engine llvm", works, "\n".join(lines), status.remedy or "")
 
 
 def _gpu() -> Row:
-    """Run a kernel on the GPU in a child process: a bad driver can end the process."""
+    """Run a kernel on the GPU in a child process, because a bad driver can end the process."""
     child = run_in_child(_GPU_KERNEL)
     if child.returncode == 0:
         return Row("engine cuda", _GOOD, "an NVIDIA GPU")
@@ -108,9 +97,9 @@ def _rendering(llvm: LLVMStatus, gpu: Row) -> Row:
         return Row("rendering", _BAD, _last_line(child.stderr), remedy)
     works = {"scalar": True, "llvm": llvm.usable, "cuda": gpu.works == _GOOD}
     variants = ", ".join(name for name in child.stdout.split() if works.get(name.split("_")[0]))
-    if llvm.usable or gpu.works == _GOOD:
-        return Row("rendering", _GOOD, variants)
-    return Row("rendering", _GOOD, f"{variants}; hundreds of times slower", llvm.remedy or "")
+    if not (works["llvm"] or works["cuda"]):
+        return Row("rendering", _GOOD, f"{variants}; hundreds of times slower", llvm.remedy or "")
+    return Row("rendering", _GOOD, variants)
 
 
 def _last_line(text: str) -> str:
@@ -131,15 +120,15 @@ def _extras() -> list[Row]:
         match = re.fullmatch(r"([\w.-]+).*;.*extra == ['\"](\w+)['\"].*", line)
         if match and match.group(1) != "polywigner":
             members.setdefault(match.group(2), []).append(match.group(1))
-    return [_extra(name, libraries) for name, libraries in sorted(members.items())]
-
-
-def _extra(name: str, libraries: list[str]) -> Row:
-    missing = [library for library in libraries if _version(library) is None]
-    if not missing:
-        return Row(f"extra {name}", _GOOD, ", ".join(libraries))
-    remedy = f"Run {install_command(name)}."
-    return Row(f"extra {name}", _OPTIONAL, f"missing: {', '.join(missing)}", remedy)
+    rows = []
+    for name, libraries in sorted(members.items()):
+        missing = ", ".join(library for library in libraries if _version(library) is None)
+        row = Row(f"extra {name}", _GOOD, ", ".join(libraries))
+        if missing:
+            remedy = f"Run {install_command(name)}."
+            row = row._replace(works=_OPTIONAL, text=f"missing: {missing}", remedy=remedy)
+        rows.append(row)
+    return rows
 
 
 def _requirement(name: str) -> str:
@@ -160,7 +149,7 @@ def _print(rows: list[Row]) -> None:
     from rich.text import Text
 
     table = Table(title="polywigner doctor", title_justify="left")
-    for heading in ("", "works", "found"):
+    for heading in ("", "works", "version or problem"):
         table.add_column(heading, overflow="fold")
     for row in rows:
         text = Text(row.text)
@@ -168,5 +157,5 @@ def _print(rows: list[Row]) -> None:
             text.append(f"\n{row.remedy}", style="bold")
         table.add_row(row.subject, Text(row.works, style=_COLOURS[row.works]), text)
     console = Console()
-    # A pipe or a file has no width: paths and commands should not be broken there.
+    # A pipe or a file has no width, and paths and commands should not be broken there.
     Console(width=None if console.is_terminal else 160).print(table)

@@ -5,16 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from polywigner.cli.options import DbFloor, Out, files_to_write, parse_numbers, write
+from polywigner.cli.options import DbFloor, Out, Text, files_to_write, parse_numbers, write
 from polywigner.cli.sources import SourceOptions, short_name
-from polywigner.errors import ArgumentError, QuantityError
+from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_length
 
-_MOST_DEFOCUS = 12
+if TYPE_CHECKING:
+    from polywigner import Aperture
+    from polywigner import Array as ApertureArray
 
 Samples = Annotated[int, typer.Option(min=2, max=2001, help="Samples along each axis.")]
 
@@ -23,29 +25,17 @@ Samples = Annotated[int, typer.Option(min=2, max=2001, help="Samples along each 
 class LensOptions(SourceOptions):
     """Options of a lens and of the source in its pupil."""
 
-    focal_length: Annotated[str, "Focal length, or distance of the image, such as '100 mm'."]
-    wavelengths: Annotated[
-        str | None,
-        "Several wavelengths instead of one, all the same, such as '450 nm, 550 nm, 650 nm'.",
-    ] = None
-    defocus: Annotated[
-        str,
-        "Defocus W20 in waves at the edge of the pupil, one or a series through focus: "
-        "'-1, -0.5, 0, 0.5, 1'.",
-    ] = "0"
-    pupil_radius: Annotated[
-        str | None, "Radius of the edge of the pupil (default: that of its farthest vertex)."
-    ] = None
+    focal_length: Annotated[str, "Focal length, or image distance, such as '100 mm'."]
+    wavelengths: Annotated[Text, "Several wavelengths: '450 nm, 550 nm, 650 nm'."] = None
+    defocus: Annotated[str, "Defocus W20 in waves at the pupil's edge: '-1, 0, 1'."] = "0"
+    pupil_radius: Annotated[Text, "Radius of the pupil's edge (default: farthest vertex)."] = None
 
     def series(self) -> list[float]:
-        """Return the waves of defocus."""
-        series = parse_numbers("--defocus", self.defocus, "-1, 0, 1")
-        if len(series) > _MOST_DEFOCUS:
-            raise QuantityError(f"--defocus: expected up to {_MOST_DEFOCUS} numbers of waves")
-        return list(series)
+        """Return the defocus values in waves."""
+        return list(parse_numbers("--defocus", self.defocus, "-1, 0, 1"))
 
-    def read_lens(self) -> tuple[Any, list[float], float, float | None]:
-        """The pupil; wavelengths, focal length and the radius of the pupil's edge in m."""
+    def read_lens(self) -> tuple[Aperture | ApertureArray, list[float], float, float | None]:
+        """Return the pupil; wavelengths, focal length and the radius of the pupil's edge in m."""
         if self.wavelengths is None:
             pupil, length = self.read_with_wavelength()
             lengths = [length]
@@ -60,10 +50,12 @@ class LensOptions(SourceOptions):
         return pupil, lengths, parse_length(self.focal_length), radius
 
     def settings(self, lengths: list[float], distance: float) -> dict[str, Any]:
+        """Return the attributes of a dataset."""
         name = Path(self.source).name
         return {"source": name, "wavelengths": lengths, "focal_length": distance}
 
     def title(self, lengths: list[float], distance: float) -> str:
+        """Return the title of a figure."""
         from polywigner.geometry.display import length_text, length_unit
 
         unit = length_unit(max(lengths))
@@ -75,16 +67,14 @@ class LensOptions(SourceOptions):
 def psf(
     *,
     options: LensOptions,
-    width: Annotated[
-        str | None, "Side of the picture, such as '50 um' (default: some 12 spots)."
-    ] = None,
+    width: Annotated[Text, "Side of the image: '50 um' (default: about 12 spots)."] = None,
     samples: Samples = 201,
     floor_db: DbFloor = -40.0,
     out: Out = None,
 ) -> None:
-    """Compute the spot that a lens with a pupil makes of a star, through focus.
+    """Compute the point spread function of a lens with a pupil, through focus.
 
-    Writes a figure NAME_psf.png and the values NAME_psf.nc, in 1/m^2 of an integral of one.
+    Writes a figure NAME_psf.png and the values NAME_psf.nc in 1/m^2, normalised to unit integral.
     """
     options.check()
     series = options.series()
@@ -103,28 +93,24 @@ def psf(
     x = np.linspace(-side / 2, side / 2, samples)
     points = np.stack(np.meshgrid(x, x), axis=-1)
     spots = [pw.psf(pupil, points, lengths, distance, waves, radius) for waves in series]
-    found = xr.Dataset(
+    values = xr.Dataset(
         {"psf": (("defocus", "y", "x"), np.array(spots), {"units": "m-2"})},
         {"defocus": series, "y": ("y", x, {"units": "m"}), "x": ("x", x, {"units": "m"})},
         options.settings(lengths, distance),
     )
-    write(files, [draw_psf(found, floor_db, options.title(lengths, distance)), found])
+    write(files, [draw_psf(values, floor_db, options.title(lengths, distance)), values])
 
 
 def mtf(
     *,
     options: LensOptions,
     pixel: Annotated[str, "Side of the detector's square pixels, such as '4 um'."] = "0 m",
-    highest: Annotated[
-        float | None,
-        typer.Option(min=0, help="Highest frequency in cycles/mm (default: the cutoff)."),
-    ] = None,
     samples: Samples = 201,
     out: Out = None,
 ) -> None:
     """Compute the modulation transfer function of a lens with a pupil, along x and y.
 
-    Writes a figure NAME_mtf.png and a table NAME_mtf.csv, frequencies in cycles/mm.
+    Writes a figure NAME_mtf.png and a table NAME_mtf.csv up to the cutoff, in cycles/mm.
     """
     options.check()
     series = options.series()
@@ -140,13 +126,13 @@ def mtf(
 
     pupil, lengths, distance, radius = options.read_lens()
     west, south, east, north = outline_of(pupil).bounds
-    end = highest or max(east - west, north - south) / (min(lengths) * distance) * 1e-3
-    frequency = np.linspace(0.0, end, samples)
-    lines = frequency[:, None] * np.eye(2)[:, None]
+    cutoff = max(east - west, north - south) / (min(lengths) * distance) * 1e-3
+    frequency = np.linspace(0.0, cutoff, samples)
+    lines = 1e3 * frequency[:, None] * np.eye(2)[:, None]
     curves = [
-        pw.mtf(pupil, 1e3 * lines, lengths, distance, waves, radius, pixel=side) for waves in series
+        pw.mtf(pupil, lines, lengths, distance, waves, radius, pixel=side) for waves in series
     ]
-    found = xr.Dataset(
+    values = xr.Dataset(
         {"mtf": (("defocus", "direction", "frequency"), np.array(curves))},
         {"defocus": series, "direction": ["x", "y"], "frequency": frequency},
         {**options.settings(lengths, distance), "pixel": side},
@@ -156,4 +142,4 @@ def mtf(
     columns = np.column_stack([frequency, np.reshape(curves, (-1, samples)).T])
     header = ",".join(["frequency_per_mm", *names])
     table = partial(np.savetxt, X=columns, fmt="%.15g", delimiter=",", header=header, comments="")
-    write(files, [draw_mtf(found, options.title(lengths, distance) + detector), table])
+    write(files, [draw_mtf(values, options.title(lengths, distance) + detector), table])

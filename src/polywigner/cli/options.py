@@ -1,24 +1,39 @@
-"""Options that several commands have, and the files that they write: all of them or none."""
+"""Options that several commands share, and their output files: all of them or none."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+import platform
+import shlex
+import shutil
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_args, get_type_hints
 
 import typer
 
-from polywigner.errors import ArgumentError, QuantityError, value_text
+from polywigner.errors import ArgumentError, QuantityError, SceneError, value_text
 from polywigner.interruption import atomic_path, scratch_of
-from polywigner.quantities import parse_angle
+from polywigner.quantities import parse_angle, parse_coordinate
 
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    Content: TypeAlias = Figure | xarray.Dataset | Mapping[str, Any] | Callable[[Path], object]
+
+Text: TypeAlias = str | None
+"""A text such as "94 GHz", or the default."""
+Texts: TypeAlias = list[str] | None
 CONDITIONS = "rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff"
 METHODS = f"wigner, {CONDITIONS}, fresnel or fraunhofer"
 OBLIQUITIES = f"{CONDITIONS} or paper"
@@ -27,25 +42,24 @@ EXACT = "rayleigh-sommerfeld-1"
 FLOOR: dict[str, Any] = {"min": -300.0, "max": -1.0}
 DbFloor = Annotated[
     float,
-    typer.Option("--db-floor", help="Lowest level of the figure, dB below its peak.", **FLOOR),
+    typer.Option("--db-floor", help="Lowest level of the figure in dB below its peak.", **FLOOR),
 ]
-Out = Annotated[str | None, "Folder, or path without suffix, of the files written (default: here)."]
+Out = Annotated[Text, "Folder, or path without suffix, of the output files (default: here)."]
 Threads = Annotated[
-    int | None,
-    typer.Option(min=1, help="Threads of this machine (default: all), or of each worker."),
+    int | None, typer.Option(min=1, help="Threads of this machine or each worker (default: all).")
 ]
-Resumable = Annotated[
-    bool,
-    "Write finished parts to NAME.parts.zarr until the result is complete, so that the same "
-    "command continues an interrupted run (extra: datasets).",
+Bins = Annotated[
+    int | None, typer.Option(min=1, max=2**16, help="Bins of --range (render: 64, receive: 256).")
 ]
-Scheduler = Annotated[
-    str | None, "Address of a dask.distributed scheduler that you trust, such as tcp://host:8786."
-]
+Resumable = Annotated[bool, "Continue an interrupted run from NAME.parts.zarr (extra: datasets)."]
+Scheduler = Annotated[Text, "Address of a trusted dask scheduler, such as tcp://host:8786."]
+
+
+# ---- values --------------------------------------------------------------------------------------
 
 
 def parse_step(text: str, largest: float, most: int) -> float:
-    """Degrees of a step of angles, from a text: up to ``largest``, and not too fine."""
+    """Return a step of angles in degrees, up to ``largest``, for at most ``most`` directions."""
     step = math.degrees(parse_angle(text))
     if not 0 < step <= largest:
         raise ArgumentError(
@@ -58,7 +72,7 @@ def parse_step(text: str, largest: float, most: int) -> float:
 
 
 def parse_numbers(option: str, text: str, example: str) -> tuple[float, ...]:
-    """Parse finite numbers, separated by commas, with or without "dB"."""
+    """Return finite numbers separated by commas, with or without "dB"."""
     try:
         numbers = tuple(float(part.strip().removesuffix("dB")) for part in text.split(","))
         if all(map(math.isfinite, numbers)):
@@ -68,41 +82,42 @@ def parse_numbers(option: str, text: str, example: str) -> tuple[float, ...]:
     raise QuantityError(f"{option}: expected numbers such as {example!r}, got {value_text(text)}")
 
 
-def with_options(function: Callable[..., Any]) -> Callable[..., None]:
-    """Return a command whose options are the function's own and the fields of its dataclasses.
+# ---- commands ------------------------------------------------------------------------------------
 
-    A parameter that is annotated by a dataclass stands for an option for each of its fields, as
-    they are annotated and with their defaults; the function gets the dataclass made of them.
+
+def with_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a command with an option for each parameter of a function.
+
+    A parameter annotated with a dataclass stands for one option for each field. The function
+    receives an instance of the dataclass.
     """
     hints = get_type_hints(function, include_extras=True)
     groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
     options: list[Parameter] = []
-    for name, own in signature(function).parameters.items():
+    for name, parameter in signature(function).parameters.items():
         if name in groups:
             kinds = get_type_hints(groups[name], include_extras=True)
             options += [_option(f.name, f.default, kinds[f.name]) for f in fields(groups[name])]
         else:
-            options.append(_option(name, own.default, hints[name]))
+            options.append(_option(name, parameter.default, hints[name]))
 
     @wraps(function)
-    def command(**given: Any) -> None:
-        made = {
-            name: kind(**{part.name: given.pop(part.name) for part in fields(kind)})
-            for name, kind in groups.items()
-        }
-        function(**made, **given)
+    def command(**values: Any) -> None:
+        for name, kind in groups.items():
+            values[name] = kind(**{part.name: values.pop(part.name) for part in fields(kind)})
+        function(**values)
 
     command.__signature__ = Signature(options)  # type: ignore[attr-defined]
     command.__annotations__ = {option.name: option.annotation for option in options}
     return command
 
 
-# options whose parameters have other names
+# Options whose parameters have other names.
 _FLAGS = {"formats": "--format", "range_text": "--range", "defined": "--define"}
 
 
 def _option(name: str, default: Any, kind: Any) -> Parameter:
-    """Return an option: a text beside its type is its help, and False by default makes a flag."""
+    """Return an option. An annotated text is its help; an option with default False is a flag."""
     match get_args(kind):
         case (plain, str(text)):
             flag = [f"--{name.replace('_', '-')}"] if default is False else []
@@ -113,6 +128,8 @@ def _option(name: str, default: Any, kind: Any) -> Parameter:
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
 
 
+# ---- output files --------------------------------------------------------------------------------
+
 _KNOWN_SUFFIXES = (
     ".png", ".exr", ".json", ".npz", ".nc", ".vti", ".vtp", ".zarr",
     ".csv", ".txt", ".ffd", ".cut", ".msi", ".pln", ".dat",
@@ -120,7 +137,7 @@ _KNOWN_SUFFIXES = (
 
 
 def output_stem(out: str | None, name: str) -> Path:
-    """Return the path, without suffix, of the files a command writes."""
+    """Return the path, without suffix, of the output files of a command."""
     if out is None:
         return Path(name)
     path = Path(out)
@@ -135,17 +152,17 @@ def output_stem(out: str | None, name: str) -> Path:
 
 
 def targets(stem: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
-    """``stem`` with each of the suffixes (dots in the stem's own name are kept)."""
+    """Return ``stem`` with each of the suffixes; dots in the name of the stem are kept."""
     return tuple(stem.with_name(stem.name + suffix) for suffix in suffixes)
 
 
 def suffixes_of(formats: Sequence[str]) -> tuple[str, ...]:
-    """Return the suffixes of the files of values, each once."""
+    """Return the suffix of each format, without repetitions."""
     return tuple(f".{name}" for name in dict.fromkeys(formats))
 
 
 def files_to_write(out: str | None, name: str, suffixes: Sequence[str]) -> tuple[Path, ...]:
-    """Return the files of :func:`output_stem` with each suffix, which can be written."""
+    """Return the output files with these suffixes, after a test that they can be written."""
     files = targets(output_stem(out, name), suffixes)
     check_writable(files)
     return files
@@ -172,11 +189,10 @@ def check_writable(paths: Sequence[Path]) -> None:
 
 @contextmanager
 def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
-    """Give a scratch path beside each target; rename all of them once the block has ended.
+    """Give a scratch path for each target, and rename all of them at the end of the block.
 
-    Missing folders are created. A target may be a folder, as a store is. If the block raises an
-    exception, there are no new files, and targets of an earlier run stay unchanged. At the end the
-    targets are printed.
+    Missing folders are created. A target may be a folder, such as a zarr store. If the block raises
+    an exception, no target is created or changed. At the end the targets are printed.
     """
     try:
         for path in paths:
@@ -190,29 +206,130 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
     except OSError as error:
         raise ArgumentError(
             f"expected to write {', '.join(map(str, paths))}, got {error}; "
-            "choose another place with --out"
+            "choose another folder with --out"
         ) from error
 
 
-def write(paths: Sequence[Path], contents: Sequence[Any], said: str = "") -> None:
-    """Write all of the files, or none, and print ``said`` before their names.
+def write(paths: Sequence[Path], contents: Sequence[Content], summary: str = "") -> None:
+    """Write all of the files, or none, and print ``summary`` before their names.
 
-    A content is a figure, a dataset (in memory or on disk), a record for JSON, or a function that
-    takes the path.
+    A content is a figure, a dataset (in memory or on disk), a record for JSON, or a function of the
+    path.
     """
     with writing(paths) as partials:
         for partial, content in zip(partials, contents, strict=True):
-            if callable(content):
-                content(partial)
-            elif hasattr(content, "savefig"):
-                content.savefig(partial, format="png")
-            elif hasattr(content, "data_vars"):
-                from polywigner.propagation import stores
+            _write_one(partial, content)
+        if summary:
+            print(summary)
 
-                writers = {".nc": stores.write_netcdf, ".vti": stores.write_vti}
-                writers.get(partial.suffix, stores.write_zarr)(content, partial)
-            else:
-                text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-                partial.write_text(text, encoding="utf-8")
-        if said:
-            print(said)
+
+def _write_one(path: Path, content: Any) -> None:
+    if callable(content):
+        content(path)
+    elif hasattr(content, "savefig"):
+        content.savefig(path, format="png")
+    elif hasattr(content, "data_vars"):
+        from polywigner.propagation import stores
+
+        writers = {".nc": stores.write_netcdf, ".vti": stores.write_vti}
+        writers.get(path.suffix, stores.write_zarr)(content, path)
+    else:
+        text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+        path.write_text(text, encoding="utf-8")
+
+
+# ---- scenes --------------------------------------------------------------------------------------
+
+_NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".toml")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions:
+    """Options of a command on a scene. None stands for the setting of the scene."""
+
+    scene: Annotated[str, typer.Argument(help="Mitsuba XML file of a scene with a Wigner source.")]
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0
+    variant: Annotated[Text, "Mitsuba variant (default: the fastest that works)."] = None
+    diffraction: Annotated[bool, "Diffraction at opaque surfaces (docs/shadows.md)."] = False
+    range_text: Annotated[Text, "Range bins, such as '0 m to 60 m' (docs/range.md)."] = None
+    bins: Bins = None
+    resumable: Resumable = False
+    threads: Threads = None
+    scheduler: Scheduler = None
+    floor_db: DbFloor = -40.0
+
+    @property
+    def cluster(self) -> dict[str, Any]:
+        """Scheduler and threads, as arguments."""
+        return {"scheduler": self.scheduler, "threads": self.threads}
+
+    def edges(self, default: int) -> NDArray[np.float64] | None:
+        """Return the edges of the range bins in m, or None without --range."""
+        import numpy as np
+
+        if self.range_text is None:
+            if self.bins is not None:
+                raise ArgumentError("--bins: expected with a range of lengths; add a --range")
+            return None
+        ends = [parse_coordinate(end.strip()) for end in self.range_text.split(" to ")]
+        if len(ends) != 2 or not 0 <= ends[0] < ends[1]:
+            raise ArgumentError(
+                f"expected --range as two rising lengths, got {value_text(self.range_text)}; "
+                "write such as '0 m to 60 m'"
+            )
+        return np.linspace(ends[0], ends[1], (self.bins or default) + 1)
+
+    def check_file(self) -> None:
+        """Raise SceneError unless the file may be a scene, before the slow import of Mitsuba."""
+        if not os.path.isfile(self.scene):  # noqa: PTH113 (pathlib raises for a name too long)
+            raise SceneError(
+                f"expected a Mitsuba scene file, got {self.scene!r}, which is not a file"
+            )
+        suffix = Path(self.scene).suffix.lower()
+        if suffix in _NO_SCENES:
+            kind = "a source file" if suffix == ".toml" else "an aperture"
+            raise SceneError(
+                f"expected a scene, which is Mitsuba XML, got {self.scene!r}, which is {kind}; "
+                f"see its transforms by `polywigner transform {shlex.quote(self.scene)}`, or name "
+                'it in the <shape type="wigner"> of a scene'
+            )
+
+    @contextmanager
+    def running(self, variant: str, file: Path) -> Iterator[Path | None]:
+        """Prepare a run that writes ``file``: the variant, range films, and a store of parts.
+
+        Gives the store of a resumable run, which is removed at the end of the block, or None.
+        Messages of Mitsuba become warnings at the end.
+        """
+        from polywigner.mitsuba.plugins.films import to_list
+        from polywigner.mitsuba.radar.range_film import require_transients
+        from polywigner.propagation.stores import require_stores, required
+
+        store = None
+        if self.resumable or self.scheduler is not None:
+            require_stores(self.scheduler)
+            store = file.with_suffix(".parts.zarr")
+        with to_list() as messages:
+            if self.range_text is not None:
+                for module in ("h5netcdf", "dask"):
+                    required(module)
+                require_transients(variant)  # before scenes that name its integrators
+            yield store
+        for message in messages:
+            warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=3)
+        if store is not None:
+            shutil.rmtree(store, ignore_errors=True)
+
+    def record(self, variant: str) -> dict[str, Any]:
+        """Return the settings, the variant and the versions of all programs of a run."""
+        from importlib.metadata import version
+
+        from polywigner.toolchain.llvm import prepare
+
+        versions: dict[str, str | None] = {
+            name: version(name) for name in ("polywigner", "mitsuba", "drjit", "numpy")
+        }
+        versions["llvm"] = prepare().version if variant.startswith("llvm_") else None
+        versions["python"] = platform.python_version()
+        versions["machine"] = f"{platform.system()} {platform.machine()}"
+        return {"settings": asdict(self), "used": {"variant": variant}, "versions": versions}

@@ -8,20 +8,33 @@ from dataclasses import replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from polywigner.cli import options
-from polywigner.cli.options import DbFloor, Out, files_to_write, parse_step, suffixes_of, write
+from polywigner.cli.options import (
+    DbFloor,
+    Out,
+    Text,
+    files_to_write,
+    parse_step,
+    suffixes_of,
+    write,
+)
 from polywigner.cli.sources import SourceOptions, field_title
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_power
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
 _Format = StrEnum("_Format", "csv txt ffd cut msi pln")
-# A lobe of a source D across is lambda/D wide; so many steps across it draw it smoothly.
+_Cuts = Literal["beam", "principal"]
+# Steps of the map per lobe, lambda/D wide for a source D across.
 _STEPS_PER_LOBE = 8
-# Steps of the cuts: between nulls, levels fall to some -30 dB of a lobe on samples beside them.
+# Steps of the principal cuts per lobe. Between nulls, samples fall to -30 dB of a lobe.
 _CUT_STEPS_PER_LOBE, _MOST_OF_A_CUT = 64, 32769
-# Degrees, unasked: the finest makes 361 x 1440 directions, a second or two for most sources.
+# Default steps in degrees. The finest makes 361 x 1440 directions, a second or two of computation.
 _FINEST, _COARSEST = 0.25, 1.0
 # Directions in front: 0.2 GB.
 _MOST = 4_000_000
@@ -30,60 +43,35 @@ _MOST = 4_000_000
 def pattern(
     *,
     obliquity: Annotated[
-        str | None,
-        f"Boundary condition of a scalar field (default: the first): {options.OBLIQUITIES}.",
+        Text, f"Obliquity of a scalar field: {options.OBLIQUITIES} (default: first)."
     ] = None,
-    power: Annotated[
-        str | None,
-        "Power that the antenna accepts, such as '10 dBm' or '10 mW'; without it, no EIRP.",
-    ] = None,
-    efficiency: Annotated[float, "Radiated over accepted power, up to 1 for no losses."] = 1.0,
-    polarisation: Annotated[
-        str | None,
-        "Polarisation of the field on the aperture: x, y, right, left, or a slant such as "
-        "'45 deg' (default: the source file's; without one the field is scalar). With "
-        "--obliquity x or y, for the files alone.",
-    ] = None,
-    method: Annotated[
-        str | None,
-        "Currents that stand for a polarised field: huygens (default), magnetic (an "
-        "opening in a metal screen) or electric.",
-    ] = None,
-    step: Annotated[
-        str | None, "Step of the angles, such as '0.5 deg' (default: fine enough for the lobes)."
-    ] = None,
-    element: Annotated[
-        str | None,
-        "Far field of each element of a phased array, in place of its aperture: a .csv, "
-        ".txt (CST), .ffd (HFSS), .ffe (FEKO) or .cut (GRASP) file.",
-    ] = None,
-    cuts: Annotated[
-        Literal["beam", "principal"] | None,
-        "Cuts of figure and table: beam, two great circles through the beam (default), or "
-        "principal, the planes phi = 0 and 90 degrees.",
-    ] = None,
+    power: Annotated[Text, "Accepted power, such as '10 dBm' (default: none, no EIRP)."] = None,
+    efficiency: Annotated[float, "Radiated over accepted power, up to 1."] = 1.0,
+    polarisation: Annotated[Text, "x, y, right, left or '45 deg' (default: the file's)."] = None,
+    method: Annotated[Text, "Currents: huygens (default), magnetic or electric."] = None,
+    step: Annotated[Text, "Step of the angles: '0.5 deg' (default: by the lobes)."] = None,
+    element: Annotated[Text, "Far-field file of each element (.csv .txt .ffd .ffe .cut)."] = None,
+    cuts: Annotated[_Cuts, "beam (great circles) or principal (phi = 0 and 90 deg)."] = "beam",
     source: SourceOptions,
     floor_db: DbFloor = -40.0,
     formats: Annotated[
-        list[_Format] | None,
-        "Format of the values: csv (default), txt (CST), ffd (HFSS), cut (GRASP), msi or pln; "
-        "several times for more.",
+        list[_Format] | None, "csv, txt, ffd, cut, msi or pln (repeatable; default: csv)."
     ] = None,
     out: Out = None,
 ) -> None:
-    """Compute the radiation pattern of a source, and the numbers of its data sheet.
+    """Compute the radiation pattern of a source and its data sheet.
 
     Prints directivity, gain, EIRP, beam direction, half-power widths, nulls and sidelobes. Writes a
-    figure NAME_pattern.png (cuts, polar plot, u-v map, the numbers) and the values.
+    figure NAME_pattern.png (cuts, polar plot, u-v map, data sheet) and the values.
     """
     source.check()
     if obliquity is not None and method is not None:
         raise ArgumentError(
-            f"expected --obliquity or --method, got {obliquity} and {method}; the first is of "
-            "scalar fields, the second of polarised ones"
+            f"expected --obliquity or --method, got {obliquity} and {method}; obliquities belong "
+            "to scalar fields, methods to polarised fields"
         )
     watts = None if power is None else parse_power(power)
-    asked = None if step is None else parse_step(step, 15.0, _MOST)
+    degrees = None if step is None else parse_step(step, 15.0, _MOST)
     suffixes = suffixes_of(formats or ["csv"])
     files = files_to_write(out, Path(source.source).stem + "_pattern", (".png", *suffixes))
 
@@ -96,43 +84,37 @@ def pattern(
 
     radiator, length = source.read_with_wavelength()
     wavelengths = outline_of(radiator).diameter / length
-    degrees = asked or _degrees(wavelengths)
-    quarter = round(90.0 / degrees)
-    # nothing goes backwards, but HFSS wants to read it
-    reach_of_theta = 2 * quarter if ".ffd" in suffixes else quarter
-    theta = np.radians(np.arange(reach_of_theta + 1) * 90.0 / quarter)
+    quarter = round(90.0 / (degrees or _degrees(wavelengths)))
+    # the field behind is zero, but HFSS requires all directions
+    theta_steps = 2 * quarter if ".ffd" in suffixes else quarter
+    theta = np.radians(np.arange(theta_steps + 1) * 90.0 / quarter)
     phi = np.radians(np.arange(4 * quarter) * 90.0 / quarter)
-    how: dict[str, Any] = {"obliquity": obliquity}
+    settings: dict[str, Any] = {"obliquity": obliquity}
     if obliquity is None:
-        jones = source.polarisation() if polarisation is None else polarisation
+        jones: Any = source.polarisation() if polarisation is None else polarisation
         if jones is None and method is not None and element is None:
             jones = "y"
-        how = {"polarisation": jones, "method": method}
+        settings = {"polarisation": jones, "method": method}
     if element is not None:
-        how["element"] = read_nearest_pattern(element, pw.SPEED_OF_LIGHT / length)
-    found = pw.radiation_pattern(radiator, length, theta, phi, **how)
-    along = (
-        pw.radiation_pattern(radiator, length, _fine(wavelengths), [0.0, math.pi / 2], **how)
-        if cuts == "principal"
-        else pw.beam_cuts(radiator, length, **how)
-    )
+        settings["element"] = read_nearest_pattern(element, pw.SPEED_OF_LIGHT / length)
+    values = pw.radiation_pattern(radiator, length, theta, phi, **settings)
+    if cuts == "principal":
+        angles = _cut_angles(wavelengths)
+        along = pw.radiation_pattern(radiator, length, angles, [0.0, math.pi / 2], **settings)
+    else:
+        along = pw.beam_cuts(radiator, length, **settings)
     metrics = pw.beam_metrics(along, power=watts, efficiency=efficiency)
-    if source.steering is not None:  # it may point a grating lobe elsewhere
+    if source.steering is not None:  # a grating lobe may be larger than the steered beam
         metrics = replace(metrics, steering=direction_angles(source.steering))
-    figure = draw_pattern(
-        found,
-        cuts=[along],
-        metrics=metrics,
-        floor_db=floor_db,
-        title=field_title(source.source, length),
-    )
-    in_files = None if obliquity is None else cast(Any, polarisation)
-    values = partial(pw.write_pattern, found, polarisation=in_files, efficiency=efficiency)
-    write(files, [figure, *(values for _ in suffixes)], str(metrics))
+    title = field_title(source.source, length)
+    figure = draw_pattern(values, cuts=[along], metrics=metrics, floor_db=floor_db, title=title)
+    in_files: Any = None if obliquity is None else polarisation
+    export = partial(pw.write_pattern, values, polarisation=in_files, efficiency=efficiency)
+    write(files, [figure, *(export for _ in suffixes)], str(metrics))
 
 
-def _fine(wavelengths: float) -> Any:
-    """Angles from -90 to 90 degrees in rad, fine enough to draw the nulls of a source so wide."""
+def _cut_angles(wavelengths: float) -> NDArray[np.float64]:
+    """Return angles from -90 to 90 degrees in rad that show the nulls of a source."""
     import numpy as np
 
     half = math.ceil(min(_CUT_STEPS_PER_LOBE * math.pi / 2 * wavelengths, _MOST_OF_A_CUT // 2))
@@ -140,9 +122,9 @@ def _fine(wavelengths: float) -> Any:
 
 
 def _degrees(wavelengths: float) -> float:
-    """The step for a source so many wavelengths across; a warning where lobes are finer."""
-    wanted = math.degrees(1.0 / wavelengths) / _STEPS_PER_LOBE
-    if 4 * wanted < _FINEST:
+    """Return the default step for a source of some wavelengths, with a warning if it is coarse."""
+    needed = math.degrees(1.0 / wavelengths) / _STEPS_PER_LOBE
+    if 4 * needed < _FINEST:
         warnings.warn(
             f"steps of {_FINEST:g} degrees are coarse for the lobes of a source "
             f"{wavelengths:.4g} wavelengths across, and miss some; give --step, or use "
@@ -150,4 +132,4 @@ def _degrees(wavelengths: float) -> float:
             RuntimeWarning,
             stacklevel=2,
         )
-    return max(step for step in (_FINEST, 0.5, _COARSEST) if step <= max(wanted, _FINEST))
+    return max(step for step in (_FINEST, 0.5, _COARSEST) if step <= max(needed, _FINEST))

@@ -11,37 +11,37 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import typer
 
 from polywigner.cli import options
+from polywigner.cli.options import Text, Texts
 from polywigner.cli.sources import FieldSourceOptions, field_title
 from polywigner.errors import ArgumentError, QuantityError, at_key, value_text
 from polywigner.quantities import parse_angle, parse_coordinate, parse_frequency, parse_length
 
 if TYPE_CHECKING:
-    from polywigner import Aperture
+    import xarray
+
+    from polywigner import Aperture, PlacedAperture, Polyhedron
     from polywigner import Array as ApertureArray
 
 Point = tuple[float, float, float]
 _Format = StrEnum("_Format", "nc zarr vti")
+_Projection = Literal["maximum", "mean"]
 
-_WIDEST = 80.0  # degrees from the axis, default of an arc
-_GRAZING = math.radians(89.5)  # of a hemisphere, as where suggested samples end
+_WIDEST = math.radians(80.0)  # largest angle from the axis, default of an arc
+_GRAZING = math.radians(89.5)  # largest angle of a hemisphere, as of suggested samples
 _MOST_POINTS = 1 << 26  # half a gigabyte for each method
+# Fewest samples, for a smooth figure, and most, for a short wait: a factor of four in time.
+_FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
+_MOST = {"line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240)}
+_FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
 
 
-class MethodText(NamedTuple):
-    """A method with its settings; ``name`` distinguishes it from the others of a run."""
-
-    name: str
-    arguments: dict[str, str | None]
-
-    @property
-    def method(self) -> str:
-        """Name of its variable in a dataset."""
-        return str(self.arguments["method"])
+Methods: TypeAlias = dict[str, dict[str, str | None]]
+"""Arguments of the methods of a run by their names, such as "wigner-paper"."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,48 +49,46 @@ class FieldOptions(FieldSourceOptions):
     """Options of a field: source, obstacles, methods, precision and files."""
 
     method: Annotated[
-        list[str] | None,
-        f"{options.METHODS}; several times to compare them (default: wigner, of propagate also "
-        f"{options.EXACT}; behind obstacles {options.EXACT}). wigner with its own obliquity: "
-        "'wigner paper'.",
+        Texts,
+        f"{options.METHODS}; 'wigner paper' has its own obliquity (repeatable; default: wigner, "
+        f"of propagate also {options.EXACT}, behind obstacles the latter).",
     ] = None
-    obliquity: Annotated[
-        str | None,
-        f"Boundary condition of wigner rays (default: the first): {options.OBLIQUITIES}.",
-    ] = None
-    against: Annotated[
-        str | None, "Method that the others are compared with (default: the last exact one)."
-    ] = None
-    accuracy: Annotated[
-        float | None, "Relative error allowed, such as 1e-3 (default: each method's)."
-    ] = None
-    bandwidth: Annotated[
-        str | None, "Width of a flat band of light to average over, such as '4 GHz'."
-    ] = None
+    obliquity: Annotated[Text, f"Obliquity of rays: {options.OBLIQUITIES} (default: first)."] = None
+    against: Annotated[Text, "Reference method (default: the last exact method)."] = None
+    accuracy: Annotated[float | None, "Relative error, such as 1e-3 (default: by method)."] = None
+    bandwidth: Annotated[Text, "Flat frequency band to average over, such as '4 GHz'."] = None
     engine: Annotated[str, "auto, numpy, llvm or cuda."] = "auto"
-    precision: Annotated[str | None, "double (default) or single."] = None
-    formats: Annotated[
-        list[_Format] | None, "Format of the values: nc, zarr, vti; several times for more."
-    ] = None
+    precision: Annotated[Text, "double or single (default: double)."] = None
+    formats: Annotated[list[_Format] | None, "nc, zarr or vti (repeatable)."] = None
     out: options.Out = None
 
-    def methods(self, *default: str) -> tuple[list[MethodText], str]:
-        """Return the methods, and the name of the one that the others are compared with."""
+    def methods(self, *default: str) -> tuple[Methods, str]:
+        """Return the methods, and the name of the method that the others are compared with."""
         from polywigner.geometry.arguments import checked_choice
 
-        texts = self.method or ([options.EXACT] if self.obstacle else list(default))
-        twice = [text for text in texts if texts.count(text) > 1]
-        if twice:
-            raise ArgumentError(f"--method: expected different methods, got {twice[0]!r} twice")
-        methods = [_method(text, self.obliquity) for text in texts]
-        names = [method.name for method in methods]
+        texts = self.method or ([options.EXACT] if self.obstacle else default)
+        methods: Methods = {}
+        for text in texts:
+            method, _, obliquity = text.partition(" ")
+            name = text.replace(" ", "-")
+            if obliquity and method != "wigner":
+                raise ArgumentError(
+                    f"--method: expected an obliquity after wigner only, got {text!r}"
+                )
+            if name in methods:
+                raise ArgumentError(f"--method: expected different methods, got {text!r} twice")
+            methods[name] = {"method": method}
+            if method == "wigner":
+                methods[name]["obliquity"] = obliquity or self.obliquity
         if self.against is not None:
-            return methods, checked_choice(self.against.replace(" ", "-"), "--against", names)
-        exact = [m.name for m in methods if m.method not in ("wigner", "fresnel", "fraunhofer")]
-        return methods, (exact or names)[-1]
+            against = self.against.replace(" ", "-")
+            return methods, checked_choice(against, "--against", list(methods))
+        rough = "wigner", "fresnel", "fraunhofer"
+        exact = [name for name, one in methods.items() if one["method"] not in rough]
+        return methods, (exact or list(methods))[-1]
 
-    def arguments(self, obstacles: list[Any]) -> dict[str, Any]:
-        """Return the arguments of :func:`polywigner.irradiance` and its like for all methods."""
+    def arguments(self, obstacles: Sequence[Polyhedron | PlacedAperture]) -> dict[str, Any]:
+        """Return the arguments of :func:`polywigner.irradiance` for all methods."""
         return {
             "bandwidth": None if self.bandwidth is None else parse_frequency(self.bandwidth),
             "tolerance": self.accuracy,
@@ -100,54 +98,33 @@ class FieldOptions(FieldSourceOptions):
         }
 
 
-def _method(text: str, obliquity: str | None) -> MethodText:
-    """Parse a method; "wigner" may have an obliquity of its own, as in ``"wigner paper"``."""
-    method, _, of_wigner = text.partition(" ")
-    if of_wigner and method != "wigner":
-        raise ArgumentError(f"--method: expected an obliquity after wigner only, got {text!r}")
-    settings = {"obliquity": of_wigner or obliquity} if method == "wigner" else {}
-    return MethodText(text.replace(" ", "-"), {"method": method, **settings})
-
-
 def propagate(
     *,
-    line: Annotated[str | None, "Two points: '0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm'."] = None,
-    arc: Annotated[
-        str | None,
-        "A cut at one distance: '50 mm', or '50 mm, 45 deg, 80 deg' with the angle of "
-        "the cut from x, and the largest from the axis.",
-    ] = None,
-    plane: Annotated[
-        str | None, "Ranges of two coordinates: '-30 mm to 30 mm, -30 mm to 30 mm, 90 mm'."
-    ] = None,
-    hemisphere: Annotated[str | None, "Radius of a hemisphere, such as '50 mm'."] = None,
-    samples: Annotated[
-        str | None, "'201' on lines and arcs, '101 x 81' elsewhere (default: enough)."
-    ] = None,
+    line: Annotated[Text, "Two points: '0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm'."] = None,
+    arc: Annotated[Text, "Distance, azimuth and largest angle: '50 mm, 45 deg, 80 deg'."] = None,
+    plane: Annotated[Text, "Two ranges, one value: '-3 mm to 3 mm, -3 mm to 3 mm, 9 mm'."] = None,
+    hemisphere: Annotated[Text, "Radius of a hemisphere, such as '50 mm'."] = None,
+    samples: Annotated[Text, "'201' on lines and arcs, else '101 x 81' (default: enough)."] = None,
     field: FieldOptions,
     amplitude: Annotated[bool, "Complex fields, with phases; not by wigner."] = False,
     floor_db: Annotated[
         float | None,
         typer.Option(
             "--db-floor",
-            help="Lowest level of the figure, dB below its peak (default: -40; on planes, the "
-            "level below which 1 % of the power lies).",
+            help="Lowest level in dB below the peak (default: -40; planes: 99 % of the power).",
             **options.FLOOR,
         ),
     ] = None,
-    linear: Annotated[bool, "Linear scale instead of decibels; not on hemispheres."] = False,
 ) -> None:
-    """Compute the field of a source in front of it, by several methods side by side.
+    """Compute the field of a source in front of it, by several methods.
 
     On a line, an arc, a plane or a hemisphere. Writes a figure NAME.png and the values NAME.nc
-    (or what --format says: nc, zarr, and of planes vti, for ParaView), and prints how far the
-    methods are apart. For volumes, see `polywigner volume`.
+    (or --format: nc, zarr, and of planes vti, for ParaView), and prints the differences of the
+    methods. For volumes, see `polywigner volume`.
     """
     field.check()
     regions = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}
     place = parse_place(regions, samples)
-    if linear and place.kind == "hemisphere":
-        raise ArgumentError("--linear: hemispheres are shown in decibels; leave it out")
     suffixes = options.suffixes_of(field.formats or ["nc"])
     if ".vti" in suffixes and place.kind != "plane":
         raise ArgumentError(
@@ -171,29 +148,27 @@ def propagate(
     quantity = "amplitude" if amplitude else "irradiance"
     settings = {"quantity": quantity, **field.arguments(obstacles)}
     values = None
-    for method in methods:
-        dataset = _values(source, place, wavelength, settings | method.arguments)
-        dataset = dataset.rename({method.method: method.name})
-        values = dataset if values is None else values.assign({method.name: dataset[method.name]})
+    for name, arguments in methods.items():
+        dataset = _values(source, place, wavelength, settings | arguments)
+        dataset = dataset.rename({arguments["method"]: name})
+        values = dataset if values is None else values.assign({name: dataset[name]})
     assert values is not None
     title = f"{field_title(field.source, wavelength)}\n{place.kind}: {regions[place.kind]}"
     drawn: dict[str, Any] = {"against": reference, "title": title}
     if floor_db is not None:
         drawn["floor_db"] = floor_db
-    if place.kind != "hemisphere":
-        drawn["linear"] = linear
     if place.kind == "plane":
-        drawn["obstacles"] = obstacles
-    draw = {"plane": draw_planes, "hemisphere": draw_hemispheres}.get(place.kind, draw_lines)
-    figure = draw(values, **drawn)
-    if len(methods) > 1:
-        print_differences(values.data_vars, reference)
+        figure = draw_planes(values, obstacles=obstacles, **drawn)
+    else:
+        draw = draw_hemispheres if place.kind == "hemisphere" else draw_lines
+        figure = draw(values, **drawn)
+    print_differences(values.data_vars, reference)
     options.write(files, [figure, *(values for _ in suffixes)])
 
 
 def _values(
-    source: Aperture | ApertureArray, place: Place, wavelength: float, how: dict[str, Any]
-) -> Any:
+    source: Aperture | ApertureArray, place: Place, wavelength: float, settings: Mapping[str, Any]
+) -> xarray.Dataset:
     """Return the dataset of one method."""
     import numpy as np
 
@@ -201,34 +176,28 @@ def _values(
 
     first, *more = place.shape
     if place.kind == "line":
-        return pw.line(source, place.points, first, wavelength, **how)
+        return pw.line(source, place.points, first, wavelength, **settings)
     if place.kind == "plane":
-        return pw.plane(source, place.points, (first, more[0]), wavelength, **how)
+        return pw.plane(source, place.points, (first, more[0]), wavelength, **settings)
     if place.kind == "arc":
         theta = np.linspace(-place.reach, place.reach, first)
         phi = np.array([place.phi])
     else:
         theta = np.linspace(0.0, place.reach, first)
         phi = np.arange(more[0]) * (2 * math.pi / more[0])
-    return pw.hemisphere(source, place.radius, theta, phi, wavelength, **how)
+    return pw.hemisphere(source, place.radius, theta, phi, wavelength, **settings)
 
 
 def volume(
     *,
     box: Annotated[str, "Three ranges: '-30 mm to 30 mm, -30 mm to 30 mm, 2 mm to 120 mm'."],
-    shape: Annotated[
-        str | None,
-        "Samples along x, y and z, such as '64 x 64 x 96' (default: enough, from 64 to "
-        "101 along each).",
-    ] = None,
+    shape: Annotated[Text, "Samples, such as '64 x 64 x 96' (default: 64 to 101 each)."] = None,
     field: FieldOptions,
-    chunks: Annotated[str | None, "Samples of a chunk, such as '32 x 32 x 32'."] = None,
+    chunks: Annotated[Text, "Samples of a chunk, such as '32 x 32 x 32'."] = None,
     threads: options.Threads = None,
     scheduler: options.Scheduler = None,
-    surfaces: Annotated[
-        str | None, "Levels of the isosurfaces, dB, such as '-6, -12, -18' (default: four)."
-    ] = None,
-    projection: Annotated[str, "Projection on the walls: maximum, or mean."] = "maximum",
+    surfaces: Annotated[Text, "Isosurfaces in dB, such as '-6, -12, -18' (default: four)."] = None,
+    projection: Annotated[_Projection, "Projection on the walls: maximum or mean."] = "maximum",
     floor_db: options.DbFloor = -40.0,
 ) -> None:
     """Compute the irradiance of a source in a box, chunk by chunk, and draw it.
@@ -245,15 +214,14 @@ def volume(
             f"--shape: expected two or more samples along each axis, got "
             f"{shape!r}; draw one layer by `polywigner propagate --plane`"
         )
+    example = "-6, -12, -18"
     drawn: dict[str, Any] = {
-        "surfaces": None
-        if surfaces is None
-        else options.parse_numbers("--surfaces", surfaces, "-6, -12, -18"),
+        "surfaces": surfaces and options.parse_numbers("--surfaces", surfaces, example),
         "floor_db": floor_db,
         "projection": projection,
     }
     computed: dict[str, Any] = {
-        "chunks": None if chunks is None else parse_shape("--chunks", chunks, 3),
+        "chunks": chunks and parse_shape("--chunks", chunks, 3),
         "threads": threads,
         "scheduler": scheduler,
     }
@@ -274,28 +242,29 @@ def volume(
     computed |= field.arguments(obstacles)
     nx, ny, nz = count or samples_of_box(source, corners, wavelength)
     by_method = {}
-    for method in methods:
-        name = stem if len(methods) == 1 else stem.with_name(f"{stem.name}-{method.name}")
-        store, *files = options.targets(name, (".zarr", ".png", *suffixes))
-        settings = computed | method.arguments
+    for name, arguments in methods.items():
+        path = stem if len(methods) == 1 else stem.with_name(f"{stem.name}-{name}")
+        store, *files = options.targets(path, (".zarr", ".png", *suffixes))
+        settings = computed | arguments
         values = pw.volume(source, corners, (nx, ny, nz), wavelength, out=store, **settings)
-        by_method[method.name] = values[method.method]
-        label = label_of(values[method.method], method.method)
+        by_method[name] = values[arguments["method"]]
+        label = label_of(by_method[name], str(arguments["method"]))
         title = f"{label}: {field_title(field.source, wavelength)}"
         print(store)
         figure = draw_volume(values, source, title=title, obstacles=obstacles, **drawn)
         options.write(files, [figure, *(values for _ in suffixes)])
-    if len(methods) > 1:
-        print_differences(by_method, reference)
+    print_differences(by_method, reference)
 
 
-def print_differences(fields: Mapping[str, Any], reference: str) -> None:
-    """Print the largest and the rms difference of each method from the reference.
+def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) -> None:
+    """Print the largest and the rms difference of each other method from the reference.
 
-    ``fields`` : name -> xarray.DataArray, all at the same points; lazy ones are read by chunks.
+    All fields are at the same points. Lazy arrays are read by chunks.
     """
     from polywigner.figures.levels import COMPARED_DB, summary
 
+    if len(fields) == 1:
+        return
     print(f"Differences from {reference}, where it is above {COMPARED_DB:g} dB of its peak, in dB:")
     width = max(len(name) for name in fields)
     print(f"  {'method':{width}}  largest      rms  points")
@@ -329,10 +298,7 @@ def _check_files(files: Sequence[Path]) -> None:
             )
 
 
-# Fewest samples, for a smooth figure, and most, for a short wait: a factor of four in time.
-_FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
-_MOST = {"line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240)}
-_FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
+# ---- samples -------------------------------------------------------------------------------------
 
 
 def samples_of_place(
@@ -346,11 +312,11 @@ def samples_of_place(
 
     if place.shape:
         return place.shape
-    where = {"line": {"line": place.points}, "plane": {"box": place.points}}
-    region: Any = where.get(place.kind, {"radius": place.radius})
+    corners = {"line": {"line": place.points}, "plane": {"box": place.points}}
+    region: Any = corners.get(place.kind, {"radius": place.radius})
     quantity: Any = "amplitude" if amplitude else "irradiance"
     axes = pw.suggest_sampling(source, wavelength, quantity, **region).axes
-    if place.kind in where:
+    if place.kind in corners:
         needed = [axis.count for axis in axes if axis.high > axis.low]
     else:
         theta, phi = axes
@@ -371,7 +337,7 @@ def samples_of_box(
 
 
 def _within(
-    option: str, needed: list[int], fewest: tuple[int, ...], most: tuple[int, ...]
+    option: str, needed: Sequence[int], fewest: tuple[int, ...], most: tuple[int, ...]
 ) -> tuple[int, ...]:
     chosen = tuple(map(min, map(max, needed, fewest), most))
     if any(map(int.__gt__, needed, most)):
@@ -385,18 +351,21 @@ def _within(
     return chosen
 
 
+# ---- regions -------------------------------------------------------------------------------------
+
+
 class Place(NamedTuple):
-    """Region of the field: of a line or plane ``points``; of an arc or hemisphere angles in rad.
+    """Region of the field: ``points`` of a line or plane; angles in rad of an arc or hemisphere.
 
     ``kind`` is "line", "arc", "plane" or "hemisphere"; ``shape`` is empty without --samples.
     """
 
     kind: str
-    points: tuple[Point, ...]
     shape: tuple[int, ...]
+    points: tuple[Point, ...] = ()
     radius: float = 0.0
     phi: float = 0.0
-    reach: float = 0.0
+    reach: float = _GRAZING
 
 
 def parse_place(texts: Mapping[str, str | None], samples: str | None) -> Place:
@@ -409,11 +378,8 @@ def parse_place(texts: Mapping[str, str | None], samples: str | None) -> Place:
             "the field is computed"
         )
     ((kind, text),) = given.items()
-    shape = (
-        ()
-        if samples is None
-        else parse_shape("--samples", samples, 1 if kind in ("line", "arc") else 2)
-    )
+    dimensions = 1 if kind in ("line", "arc") else 2
+    shape = () if samples is None else parse_shape("--samples", samples, dimensions)
     if shape and min(shape) < 2:
         raise ArgumentError(f"--samples: expected two or more along each axis, got {samples!r}")
     if math.prod(shape) > _MOST_POINTS:
@@ -422,70 +388,55 @@ def parse_place(texts: Mapping[str, str | None], samples: str | None) -> Place:
             "`polywigner volume`, which writes to disk"
         )
     with at_key(f"--{kind}"):
-        return _PARSERS[kind](text, shape)
-
-
-def _line(text: str, shape: tuple[int, ...]) -> Place:
-    ends = _split(text, r"\s+to\s+")
-    if len(ends) != 2:
-        raise QuantityError(
-            'expected two points such as "0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm", got '
-            f"{value_text(text)}"
-        )
-    return Place("line", tuple(_point(end) for end in ends), shape)
+        if kind == "line":
+            ends = _split(text, r"\s+to\s+")
+            if len(ends) != 2:
+                raise QuantityError(
+                    'expected two points such as "0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm", got '
+                    f"{value_text(text)}"
+                )
+            return Place(kind, shape, tuple(_ranges(end, 0)[0] for end in ends))
+        if kind == "plane":
+            return Place(kind, shape, _ranges(text, 2))
+        if kind == "hemisphere":
+            return Place(kind, shape, radius=parse_length(text))
+        return _arc(text, shape)
 
 
 def _arc(text: str, shape: tuple[int, ...]) -> Place:
     distance, *angles = _split(text, ",")
-    phi, reach = 0.0, math.radians(_WIDEST)
     if len(angles) > 2:
         raise QuantityError(
             'expected a distance such as "50 mm", and perhaps two angles, as in "50 mm, 45 deg, '
             f'80 deg", got {value_text(text)}'
         )
-    if angles:
-        phi, reach = (*map(parse_angle, angles), reach)[:2]
+    phi, reach = (*map(parse_angle, angles), *(0.0, _WIDEST)[len(angles) :])
     if not 0 < reach < math.pi / 2:
         raise QuantityError(
             f"expected a largest angle between 0 and 90 deg, got {text!r}; write degrees "
             'with their unit, such as "80 deg"'
         )
-    return Place("arc", (), shape, parse_length(distance), phi, reach)
-
-
-def _plane(text: str, shape: tuple[int, ...]) -> Place:
-    low, high, ranges = _ranges(text)
-    if ranges != 2:
-        raise QuantityError(
-            'expected two ranges and a coordinate such as "-30 mm to 30 mm, -30 mm to 30 mm, '
-            f'90 mm", got {text!r}'
-        )
-    return Place("plane", (low, high), shape)
-
-
-def _hemisphere(text: str, shape: tuple[int, ...]) -> Place:
-    return Place("hemisphere", (), shape, parse_length(text), 0.0, _GRAZING)
-
-
-_PARSERS = {"line": _line, "arc": _arc, "plane": _plane, "hemisphere": _hemisphere}
+    return Place("arc", shape, (), parse_length(distance), phi, reach)
 
 
 def parse_box(text: str) -> tuple[Point, Point]:
     """Parse three ranges; return the lowest and the highest corner of the box."""
     with at_key("--box"):
-        low, high, ranges = _ranges(text)
-        if ranges != 3:
-            raise QuantityError(
-                'expected three ranges such as "-30 mm to 30 mm, -30 mm to 30 mm, 2 mm to 120 mm", '
-                f"got {value_text(text)}"
-            )
-    return low, high
+        return _ranges(text, 3)
 
 
-def _ranges(text: str) -> tuple[Point, Point, int]:
-    """Both ends along x, y and z, and how many of them differ."""
+_EXPECTED_RANGES = (
+    'a point such as "0 mm, 0 mm, 80 mm"',
+    "",
+    'two ranges and a coordinate such as "-30 mm to 30 mm, -30 mm to 30 mm, 90 mm"',
+    'three ranges such as "-30 mm to 30 mm, -30 mm to 30 mm, 2 mm to 120 mm"',
+)
+
+
+def _ranges(text: str, count: int) -> tuple[Point, Point]:
+    """Return both ends along x, y and z. ``count`` axes are ranges, the others single values."""
     parts = _split(text, ",")
-    if len(parts) != 3:
+    if len(parts) != 3 and count:
         raise QuantityError(f"expected x, y and z, separated by commas, got {value_text(text)}")
     ends = []
     for part in parts:
@@ -495,8 +446,10 @@ def _ranges(text: str) -> tuple[Point, Point, int]:
                 f'expected a coordinate, or a rising range such as "-30 mm to 30 mm", got {part!r}'
             )
         ends.append((low, *high))
-    (x, y, z), ranges = ends, sum(len(pair) for pair in ends) - 3
-    return (x[0], y[0], z[0]), (x[-1], y[-1], z[-1]), ranges
+    if len(ends) != 3 or sum(map(len, ends)) != 3 + count:
+        raise QuantityError(f"expected {_EXPECTED_RANGES[count]}, got {value_text(text)}")
+    x, y, z = ends
+    return (x[0], y[0], z[0]), (x[-1], y[-1], z[-1])
 
 
 def parse_shape(option: str, text: str, dimensions: int) -> tuple[int, ...]:
@@ -506,14 +459,6 @@ def parse_shape(option: str, text: str, dimensions: int) -> tuple[int, ...]:
         example = " x ".join(("64", "64", "96")[:dimensions])
         raise ArgumentError(f'{option}: expected samples such as "{example}", got {text!r}')
     return tuple(int(part) for part in parts)
-
-
-def _point(text: str) -> Point:
-    parts = _split(text, ",")
-    if len(parts) != 3:
-        raise QuantityError(f'expected a point such as "0 mm, 0 mm, 80 mm", got {text!r}')
-    x, y, z = map(parse_coordinate, parts)
-    return x, y, z
 
 
 def _split(text: str, pattern: str) -> list[str]:

@@ -1,95 +1,75 @@
-"""``polywigner receive``: power of a scene's receivers as a table, a record and a picture."""
+"""``polywigner receive``: power of a scene's receivers as a table, a record and a figure."""
 
 from __future__ import annotations
 
 import csv
 import math
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from polywigner.cli import options, scene_options
+from polywigner.cli import options
+from polywigner.cli.options import Text, Texts
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency, parse_noise
 
-# Panels of a row of the picture.
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from polywigner.mitsuba.receive.received import ReceivedPower
+
+# Panels in a row of the figure.
 _COLUMNS = 3
+_MOST_FREQUENCIES = 1 << 16
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReceiveSettings(scene_options.SceneOptions):
-    """Options of one run, as they are recorded; None: the scene's own."""
+class ReceiveSettings(options.SceneOptions):
+    """Options of ``receive``. None stands for the setting of the scene."""
 
-    scene: Annotated[
-        str, typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it.")
-    ]
     spp: Annotated[
         int | None,
-        typer.Option(
-            min=1, help="Samples of the scattered light of each emitter (default: the scene's)."
-        ),
+        typer.Option(min=1, help="Samples per emitter of scattered power (default: the scene's)."),
     ] = None
     reflections: Annotated[int, "Maximum number of specular reflections per path, 0 to 3."] = 2
-    accuracy: Annotated[float, "Relative error allowed of the fields of direct light."] = 1e-6
-    bandwidth: Annotated[
-        str | None, "Bandwidth of the noise, such as '1 GHz' (default: the receiver's own)."
-    ] = None
-    temperature: Annotated[
-        str | None, "Noise temperature, such as '290 K' (default: the receiver's own)."
-    ] = None
-    noise_figure: Annotated[
-        str | None, "Noise figure, such as '3 dB' (default: the receiver's own, else 0 dB)."
-    ] = None
-    bins: Annotated[
-        int | None,
-        typer.Option(min=1, max=2**16, help="Number of bins of the range (default: 256)."),
-    ] = None
-    coherent: Annotated[bool, "Add direct paths as amplitudes, with fringes (docs/channel.md)."] = (
-        False
-    )
-    frequencies: Annotated[
-        str | None,
-        "Write the complex channel at these frequencies as well, such as '76 GHz to 78 "
-        "GHz, 201' or '76 GHz, 77 GHz'.",
-    ] = None
-    polarisation: Annotated[
-        str | None,
-        "Polarisation of sources and receivers without one: x, y (default), right, left, "
-        "unpolarised or a slant such as '45 deg'; selects a polarised variant.",
-    ] = None
-    defined: Annotated[
-        list[str] | None, "NAME=VALUE of a $parameter of the scene; several times for more."
-    ] = None
+    accuracy: Annotated[float, "Relative error of the fields on line-of-sight paths."] = 1e-6
+    bandwidth: Annotated[Text, "Noise bandwidth: '1 GHz' (default: the receiver's)."] = None
+    temperature: Annotated[Text, "Noise temperature: '290 K' (default: the receiver's)."] = None
+    noise_figure: Annotated[Text, "Noise figure: '3 dB' (default: the receiver's or 0 dB)."] = None
+    coherent: Annotated[bool, "Add direct paths as amplitudes (docs/channel.md)."] = False
+    frequencies: Annotated[Text, "Channel at '76 GHz to 78 GHz, 201' or '76 GHz, 77 GHz'."] = None
+    polarisation: Annotated[Text, "x (default), y, right, left, unpolarised or '45 deg'."] = None
+    defined: Annotated[Texts, "NAME=VALUE of a $parameter of the scene (repeatable)."] = None
 
 
 def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     """Compute the power at the receivers of a scene: direct, reflected and scattered.
 
-    Prints a table, writes all of it NAME.json, and a picture of where scattered power comes from
-    NAME.png; with --range, power by half the length of its path NAME_range.nc and NAME_range.png
-    too; with --frequencies, complex amplitudes of paths that interfere NAME_channel.nc,
+    Prints a table, writes all of it to NAME.json, and a figure of the directions of scattered power
+    NAME.png; with --range also the power over half the path length NAME_range.nc and
+    NAME_range.png; with --frequencies also the complex amplitudes of the paths NAME_channel.nc,
     NAME_channel.csv and NAME_channel.png. With --scheduler, the workers of a cluster share the
     batches of samples, and the run is resumable.
     """
     defined = dict(parse_definition(text) for text in settings.defined or [])
-    scene, seed = settings.scene, settings.seed
-    scene_options.check_scene_file(scene)
+    settings.check_file()
     noise = parse_noise(settings.bandwidth, settings.temperature, settings.noise_figure)
-    stem = options.output_stem(out, Path(scene).stem + "_received")
-    edges = settings.edges(settings.bins, 256)
-    by_range = ("_range.nc", "_range.png") if edges is not None else ()
+    edges = settings.edges(256)
     band = parse_band(settings.frequencies)
-    of_channel = ("_channel.nc", "_channel.csv", "_channel.png") if band else ()
-    files = options.targets(stem, (".json", ".png", *by_range, *of_channel))
-    options.check_writable(files)
+    suffixes = [".json", ".png"]
+    suffixes += ("_range.nc", "_range.png") if edges is not None else ()
+    suffixes += ("_channel.nc", "_channel.csv", "_channel.png") if band else ()
+    files = options.files_to_write(out, Path(settings.scene).stem + "_received", suffixes)
 
     from polywigner.figures import draw_channel
     from polywigner.mitsuba import channel, choose_variant
@@ -104,55 +84,54 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         required(module)
     start = time.perf_counter()
     jones = settings.polarisation
-    chosen = choose_variant(settings.variant, jones is not None and settings.variant is None)
-    polarised = is_polarised(chosen)
+    variant = choose_variant(settings.variant, jones is not None and settings.variant is None)
+    polarised = is_polarised(variant)
     if jones is not None and not (polarised or settings.coherent):
         raise ArgumentError(
-            f"the unpolarised variant {chosen} counts --polarisation only with --coherent; add it, "
+            f"the unpolarised variant {variant} uses --polarisation only with --coherent; add it, "
             "or leave --variant out"
         )
     by_scene, by_argument = (jones, None) if polarised else (None, jones)
     response = None
-    with settings.parts(stem) as store:
-        with scene_options.messages_as_warnings():
-            if edges is not None:
-                scene_options.prepare_ranges(chosen)
-            file = scene_renders.SceneFile(
-                Path(scene), chosen, None, defined, settings.diffraction, by_scene
-            )
-            loaded = file.load()
-            receivers_of(loaded)
-            waves = {"coherent": settings.coherent, "polarisation": by_argument}
-            limits = settings.spp, seed, None, settings.reflections, settings.accuracy
-            others: dict[str, Any] = {**noise, **waves}
-            requested = ReceiveOptions(*limits, **others)
-            with _progress("receiving") as progress:
-                how: dict[str, Any] = {"store": store, "progress": progress}
-                how |= {"scheduler": settings.scheduler, "threads": settings.threads}
-                received, profile = scene_renders.receive_parts(
-                    file, loaded, requested, edges, **how
-                )
-            if band:
-                how = {"polarisation": by_argument, "tolerance": settings.accuracy}
-                with _progress("channels") as progress:
-                    response = channel(loaded, band, settings.reflections, progress=progress, **how)
-            maps = [arrival_map(loaded, number, seed) for number in range(len(received))]
-            names = [shapes_in(loaded, number, power) for number, power in enumerate(maps)]
-        record = settings.record(chosen) | {"receivers": [each.to_dict() for each in received]}
+    with settings.running(variant, files[0]) as store:
+        file = scene_renders.SceneFile(
+            Path(settings.scene), variant, None, defined, settings.diffraction, by_scene
+        )
+        scene = file.load()
+        receivers_of(scene)
+        requested = ReceiveOptions(
+            settings.spp, settings.seed, None, settings.reflections, settings.accuracy,
+            coherent=settings.coherent, polarisation=by_argument, **noise,
+        )  # fmt: skip
+        received, profile = scene_renders.receive_parts(
+            file, scene, requested, edges, store=store, **settings.cluster
+        )
+        if band:
+            response = channel(
+                scene, band, settings.reflections, polarisation=by_argument,
+                tolerance=settings.accuracy,
+            )  # fmt: skip
+        maps = [arrival_map(scene, number, settings.seed) for number in range(len(received))]
+        names = [shapes_in(scene, number, power) for number, power in enumerate(maps)]
+        titles = [
+            f"{short_name(settings.scene)}, receiver {each.receiver}, "
+            f"{frequency_text(each.wavelength)}"
+            for each in received
+        ]
+        record = settings.record(variant) | {"receivers": [each.to_dict() for each in received]}
         record["settings"]["defined"] = defined
         record["seconds"] = round(time.perf_counter() - start, 3)
-        floor, said = settings.floor_db, "\n\n".join(map(str, received))
-        contents = [record, _figure(scene, received, maps, names, floor)]
+        floor, summary = settings.floor_db, "\n\n".join(map(str, received))
+        contents: list[Any] = [record, _figure(received, maps, names, titles, floor)]
         if profile is not None:
             by_receiver = profile if "receiver" in profile.dims else profile.expand_dims("receiver")
-            record["ranges"] = _ranges_record(by_receiver)
-            contents += [profile, _draw_ranges(scene, profile, received, floor)]
-            said += f"\n{_ranges_text(by_receiver, received)}"
+            contents += [profile, _draw_ranges(profile, titles, floor)]
+            summary += f"\n{_ranges_text(by_receiver, received)}"
         if response is not None:
-            title = f"{short_name(scene)}, {len(band)} frequencies"
+            title = f"{short_name(settings.scene)}, {len(band)} frequencies"
             figure = draw_channel(response, floor_db=floor, title=title)
             contents += [response, partial(_write_channel, response), figure]
-        options.write(files, contents, said)
+        options.write(files, contents, summary)
 
 
 def parse_definition(text: str) -> tuple[str, str]:
@@ -165,27 +144,8 @@ def parse_definition(text: str) -> tuple[str, str]:
     return name, value
 
 
-@contextmanager
-def _progress(title: str) -> Iterator[Callable[[int, int], None]]:
-    """Give a function to call after each part with the numbers of completed and of all parts.
-
-    The first call starts the progress bar.
-    """
-    from polywigner.execution.progress import progress_bar
-
-    with ExitStack() as stack:
-        started = cache(lambda total: stack.enter_context(progress_bar(title, total)))
-        yield lambda done, total: started(total)()
-
-
-_MOST_FREQUENCIES = 1 << 16
-
-
 def parse_band(text: str | None) -> list[float]:
-    """Frequencies in Hz of a text such as "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz".
-
-    None: no frequencies. Raises ArgumentError or QuantityError for another text.
-    """
+    """Return frequencies in Hz of a text such as "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz"."""
     if text is None:
         return []
     ends, _, number = text.partition(",")
@@ -202,7 +162,7 @@ def parse_band(text: str | None) -> list[float]:
     return [low + (high - low) * k / (count - 1) for k in range(count)]
 
 
-def _write_channel(channel: Any, path: Path) -> None:
+def _write_channel(channel: xarray.Dataset, path: Path) -> None:
     """Write a row for each frequency, pair and path, and for the sum of the paths of a pair."""
     paths = [str(name) or "direct" for name in channel["mirrors"].values]
     frequencies, receivers, emitters = (
@@ -216,23 +176,29 @@ def _write_channel(channel: Any, path: Path) -> None:
             first = frequencies[i], receivers[j], emitters[k]
             rows.writerow([*first, "all", "", h[i, j, k].real, h[i, j, k].imag])
             for name, value, seconds in zip(paths, amplitude[i, j, k], delay[j, k], strict=True):
-                if not math.isnan(seconds):  # NaN: the pair has no such path
+                if not math.isnan(seconds):  # the pair has this path
                     rows.writerow([*first, name, seconds, value.real, value.imag])
 
 
 def _figure(
-    scene: str, found: list[Any], maps: list[Any], names: list[Any], floor_db: float
-) -> Any:
+    received: Sequence[ReceivedPower],
+    maps: Sequence[NDArray[np.float64]],
+    names: Sequence[Any],
+    titles: Sequence[str],
+    floor_db: float,
+) -> Figure:
     """Draw the scattered power of each receiver over its directions, a panel for each receiver."""
     from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
     from polywigner.mitsuba.receive.received import dbm_text
 
-    columns = min(len(found), _COLUMNS)
-    rows = -(-len(found) // columns)
+    columns = min(len(received), _COLUMNS)
+    rows = -(-len(received) // columns)
     figure = new_figure(5.4 * columns, 4.7 * rows, spacing=0.05)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, each, power, named in zip(panels, found, maps, names, strict=False):
+    for axes, each, power, shapes, title in zip(
+        panels, received, maps, names, titles, strict=False
+    ):
         marks = [
             DirectArrival(
                 path.arrives_from, path.power, " by ".join([path.light or part.name, *path.mirrors])
@@ -242,67 +208,37 @@ def _figure(
         ]
         direct, scattered, total = map(dbm_text, (each.direct, each.scattered, each.power))
         text = f"received {total}: direct {direct}, scattered {scattered}".replace(" -", " −")
-        title = f"{_title(scene, each)}\n{text}"
-        draw_arrivals(power, marks, floor_db, title, names=named, ax=axes)
-    for axes in panels[len(found) :]:
+        draw_arrivals(power, marks, floor_db, f"{title}\n{text}", names=shapes, ax=axes)
+    for axes in panels[len(received) :]:
         axes.set_visible(False)
     return figure
 
 
-def _title(scene: str, found: Any) -> str:
-    return f"{short_name(scene)}, receiver {found.receiver}, {frequency_text(found.wavelength)}"
-
-
-def _ranges_record(profile: Any) -> dict[str, Any]:
-    """Return a profile without its powers by emitter, for JSON."""
-    import numpy as np
-
-    edges, paths = profile["range_edge"].values, []
-    for receiver, emitter, path in np.argwhere(np.isfinite(profile["path_range"].values)).tolist():
-        paths.append(
-            {
-                "receiver": receiver,
-                "emitter": str(profile["emitter"].values[emitter]),
-                "mirrors": str(profile["mirrors"].values.ravel()[path]),
-                "range_m": float(profile["path_range"].values[receiver, emitter, path]),
-                "power_w": float(profile["path_power"].values[receiver, emitter, path]),
-            }
-        )
-    names = ("power", "standard_error", "before", "after", "direct_power", "scattered_power")
-    receivers = [
-        {f"{name}_w": profile[name].values[k].tolist() for name in names}
-        for k in range(profile.sizes["receiver"])
-    ]
-    return {"paths": paths, "edges_m": edges.tolist(), "receivers": receivers}
-
-
-def _ranges_text(profile: Any, found: list[Any]) -> str:
+def _ranges_text(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> str:
     """Describe the strongest bin of each receiver, and the power outside all bins."""
     from polywigner.mitsuba.receive.received import dbm_text
 
     edges = profile["range_edge"].values
     lines = []
-    for number, each in enumerate(found):
-        one = profile.isel(receiver=number)
-        k = int(one["power"].values.argmax())
-        names = ("power", "standard_error", "direct_power")
-        power, error, direct = (float(one[name].values[k]) for name in names)
-        before, after = (float(one[name].values) for name in ("before", "after"))
+    for number, each in enumerate(received):
+        values = {name: profile[name].values[number] for name in profile.data_vars}
+        k = int(values["power"].argmax())
+        power, error = values["power"][k], values["standard_error"][k]
         lines.append(
-            f"receiver {each.receiver}: most from {edges[k]:.6g} m to {edges[k + 1]:.6g} m, "
-            f"{power:.4g} W +- {error:.4g} W ({dbm_text(power)}), {direct:.4g} W of it direct; "
-            f"nearer than all bins {before:.4g} W, farther {after:.4g} W"
+            f"receiver {each.receiver}: maximum from {edges[k]:.6g} m to {edges[k + 1]:.6g} m, "
+            f"{power:.4g} W +- {error:.4g} W ({dbm_text(power)}); nearer than all bins "
+            f"{values['before']:.4g} W, farther {values['after']:.4g} W"
         )
     return "\n".join(lines)
 
 
-def _draw_ranges(scene: str, profile: Any, found: list[Any], floor_db: float) -> Any:
+def _draw_ranges(profile: xarray.Dataset, titles: Sequence[str], floor_db: float) -> Figure:
     """Draw the power by range, a panel for each receiver."""
     from polywigner.figures import draw_range_profile
     from polywigner.figures.style import new_figure
 
-    figure = new_figure(6.4, 3.4 * len(found), spacing=0.05)
-    panels = figure.subplots(len(found), 1, squeeze=False).ravel()
-    for number, (axes, each) in enumerate(zip(panels, found, strict=True)):
-        draw_range_profile(profile, number, floor_db=floor_db, title=_title(scene, each), ax=axes)
+    figure = new_figure(6.4, 3.4 * len(titles), spacing=0.05)
+    panels = figure.subplots(len(titles), 1, squeeze=False).ravel()
+    for number, (axes, title) in enumerate(zip(panels, titles, strict=True)):
+        draw_range_profile(profile, number, floor_db=floor_db, title=title, ax=axes)
     return figure

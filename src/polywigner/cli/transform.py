@@ -12,94 +12,75 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from polywigner.cli.options import DbFloor, Out, files_to_write, write
+from polywigner.cli.options import DbFloor, Out, Text, files_to_write, parse_numbers, write
 from polywigner.cli.sources import SourceOptions, frequency_text, short_name
 from polywigner.errors import QuantityError
 from polywigner.quantities import parse_angle, parse_coordinate, parse_point
 
 if TYPE_CHECKING:
     from polywigner import Aperture, FirstOrder
+    from polywigner import Array as ApertureArray
     from polywigner.figures import SystemSlices, TransformSlices
 
 
-_EXAMPLE = '"space 50 mm, lens 50 mm, space 50 mm"'
+_EXAMPLE = "space 50 mm, lens 50 mm, space 50 mm"
+_FEWEST = 257
+_MOST_BY_DEFAULT = 513  # some ten seconds for an aperture of a hundred edges
+# Fraction of the area that radiates in phase straight ahead: 0.66 for cosine tapers.
+_STRAIGHT_AHEAD = 0.1
 
 
 def system_from(text: str) -> FirstOrder:
-    """The system of a text: parts with commas between them, the first is passed first.
+    """Return the first-order system of a text, whose parts are in the order of the light.
 
-    Parts are ``space z``, ``lens f``, ``lens fx fy`` with ``inf`` for none, ``magnifier m``,
-    ``fourier f``, ``fractional order f`` and ``turn angle``. Raises QuantityError for others.
+    Parts, separated by commas, are ``space z``, ``lens f``, ``lens fx fy`` (``inf`` for no power),
+    ``magnifier m``, ``fourier f``, ``fractional order f`` and ``turn angle``. Other texts raise a
+    QuantityError.
     """
     import polywigner as pw
 
     system = pw.FirstOrder.magnifier(1.0)
     for part in text.split(","):
-        system = _part(part) @ system
+        system = _part(part.strip()) @ system
     return system
 
 
 def _part(text: str) -> FirstOrder:
     from polywigner import FirstOrder
 
-    kind, _, rest = text.strip().partition(" ")
-    rest = rest.strip()
+    kind, _, value = text.partition(" ")
+    value = value.strip()
     match kind:
         case "space":
-            return FirstOrder.free_space(parse_coordinate(rest))
+            return FirstOrder.free_space(parse_coordinate(value))
         case "lens":
-            parts = re.split(r"\s+(?=[-+.\d]|inf)", rest)
+            parts = re.split(r"\s+(?=[-+.\d]|inf)", value)
             focal = tuple(math.inf if part == "inf" else parse_coordinate(part) for part in parts)
             return FirstOrder.lens(focal[0] if len(focal) == 1 else focal)  # type: ignore[arg-type]
         case "magnifier":
-            return FirstOrder.magnifier(_number(rest, "magnification"))
+            return FirstOrder.magnifier(parse_numbers("magnifier", value, "-2")[0])
         case "fourier":
-            return FirstOrder.fourier(parse_coordinate(rest))
+            return FirstOrder.fourier(parse_coordinate(value))
         case "fractional":
-            order, _, scale = rest.partition(" ")
-            return FirstOrder.fractional(_number(order, "order"), parse_coordinate(scale))
+            order, _, scale = value.partition(" ")
+            (number, *_) = parse_numbers("fractional", order, "0.5")
+            return FirstOrder.fractional(number, parse_coordinate(scale))
         case "turn":
-            return FirstOrder.rotation(parse_angle(rest))
+            return FirstOrder.rotation(parse_angle(value))
     raise QuantityError(
-        f"expected a system such as {_EXAMPLE}, of space, lens, magnifier, fourier, fractional and "
-        f"turn, got {text.strip()[:40]!r}"
+        f"expected a system such as {_EXAMPLE!r}, of space, lens, magnifier, fourier, fractional "
+        f"and turn, got {text[:40]!r}"
     )
-
-
-def _number(text: str, what: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise QuantityError(
-            f"expected the {what} as a number, as in a system {_EXAMPLE}, got {text[:40]!r}"
-        ) from None
-
-
-_FEWEST = 257
-_MOST_UNASKED = 513  # some ten seconds for an aperture of a hundred edges
-_AHEAD = 0.1  # of the area that radiates in phase: cosine tapers have 0.66
 
 
 def transform(
     source: SourceOptions,
-    x: Annotated[
-        str | None, "Position of the Wigner slice, such as '0 mm,2 mm' (default: centre)."
-    ] = None,
-    xi: Annotated[
-        str | None, "Lag of the ambiguity slice (default: one with a good overlap)."
-    ] = None,
-    through: Annotated[
-        str | None,
-        "Lenses behind it, such as 'space 50 mm, lens 50 mm, space 50 mm', in the order "
-        "of the light: shows W and the light behind them.",
-    ] = None,
+    x: Annotated[Text, "Position of the Wigner slice: '0 mm,2 mm' (default: centre)."] = None,
+    xi: Annotated[Text, "Lag of the ambiguity slice: '2 mm,0 mm' (default: by size)."] = None,
+    through: Annotated[Text, f"Lenses behind the source, in order: '{_EXAMPLE}'."] = None,
     samples: Annotated[
         int | None,
-        typer.Option(
-            min=2,
-            max=4096,
-            help="Samples along each frequency axis (default: 257, or up to 513).",
-        ),
+        typer.Option(min=2, max=4096, help="Samples along an axis (default: 257 to 513)."),
     ] = None,
     floor_db: DbFloor = -40.0,
     out: Out = None,
@@ -107,7 +88,7 @@ def transform(
     """Draw and save the transforms of an aperture or an array.
 
     Writes a figure NAME.png (Fourier transform, automean, a Wigner and an ambiguity slice) and
-    the values NAME.npz.
+    the values NAME.npz. With --through, both show W and |U|^2 behind the lenses.
     """
     source.check()
     position = None if x is None else parse_point(x)
@@ -134,61 +115,60 @@ def transform(
     write(files, [figure, partial(_write_values, slices)])
 
 
-def _samples(given: int | None, source: Any, wavelength: float | None) -> tuple[int, bool]:
-    """The number asked for, else as many as are needed within bounds; whether axes are zoomed.
+def _samples(
+    requested: int | None, source: Aperture | ApertureArray, wavelength: float | None
+) -> tuple[int, bool]:
+    """Return the number of samples along an axis, and whether the frequency axes are cropped.
 
-    They are where no picture has room for all, and the light goes straight ahead. Warns of too few.
+    The axes are cropped if a figure with all directions would be too large, and the source radiates
+    straight ahead. Too few samples raise a warning.
     """
     from polywigner.figures import LARGEST_SAMPLES, outline_of, samples_needed
 
     aperture = outline_of(source)
     needed = samples_needed(aperture, wavelength)
-    if given is None and needed > LARGEST_SAMPLES and _goes_ahead(source, aperture):
+    is_too_large = needed > LARGEST_SAMPLES
+    if requested is None and is_too_large and _radiates_ahead(source, aperture.area):
         typer.echo(
-            "polywigner: shows the middle of the pattern; all directions would take "
+            "polywigner: the plot is cropped to the centre; all directions would take "
             f"{needed} samples along an axis",
             err=True,
         )
         return max(samples_needed(aperture, None), _FEWEST), True
-    samples = min(max(needed, _FEWEST), _MOST_UNASKED) if given is None else given
+    samples = requested or min(max(needed, _FEWEST), _MOST_BY_DEFAULT)
     if samples < needed:
-        remedy = (
-            f"--samples {needed} would do"
-            if needed <= LARGEST_SAMPLES
-            else "give a longer wavelength, or none, to see the middle of the pattern"
-        )
+        remedy = "give a longer wavelength, or none, to see the centre of the pattern"
         warnings.warn(
             f"{samples} samples along an axis miss lobes of the transforms of an aperture of "
-            f"{aperture.diameter:.3g} m: {remedy}",
+            f"{aperture.diameter:.3g} m: {remedy if is_too_large else f'use --samples {needed}'}",
             RuntimeWarning,
             stacklevel=2,
         )
     return samples, False
 
 
-def _goes_ahead(source: Any, aperture: Aperture) -> bool:
-    """Whether |F(0)|^2 is near the largest that a field of this power and area can have."""
-    import numpy as np
-
+def _radiates_ahead(source: Aperture | ApertureArray, area: float) -> bool:
+    """Return whether |F(0)|^2 is near its maximum for the power and area of the source."""
     import polywigner as pw
 
-    zero = np.zeros(2)
-    ahead = abs(complex(pw.fourier(source, zero))) ** 2
-    return ahead > _AHEAD * aperture.area * float(np.real(pw.lag_marginal(source, zero)))
+    ahead = abs(complex(pw.fourier(source, (0.0, 0.0)))) ** 2
+    power = complex(pw.lag_marginal(source, (0.0, 0.0))).real
+    return ahead > _STRAIGHT_AHEAD * area * power
 
 
 def _write_values(slices: TransformSlices | SystemSlices, path: Path) -> None:
     """Write arrays as .npz under their names, and a JSON text ``metadata`` with axes and units."""
     import numpy as np
+    from shapely import to_geojson  # all digits; GEOS writes WKT with 16 decimals only
 
     import polywigner as pw
     from polywigner.figures import TransformSlices
 
-    arrays: dict[str, Any] = {"aperture_geojson": _geojson(slices.aperture)}
+    arrays: dict[str, Any] = {"aperture_geojson": to_geojson(slices.aperture.polygons)}
     if isinstance(slices, TransformSlices):
         units = {"x": "m", "xi": "m", "frequency": "1/m"}
         units |= dict.fromkeys(("fourier", "wigner", "ambiguity"), "m^2")
-        arrays["automean_geojson"] = _geojson(slices.support)
+        arrays["automean_geojson"] = to_geojson(slices.support.polygons)
         about = {
             "axes": "fourier[j, i] and wigner[j, i] at nu = (frequency[i], frequency[j]); "
             "ambiguity[j, i] at upsilon = (frequency[i], frequency[j])",
@@ -209,10 +189,3 @@ def _write_values(slices: TransformSlices | SystemSlices, path: Path) -> None:
     arrays["wavelength"] = np.nan if slices.wavelength is None else slices.wavelength
     metadata = json.dumps({**about, "units": units, "polywigner": pw.__version__})
     np.savez_compressed(path, metadata=metadata, **arrays)
-
-
-def _geojson(aperture: Any) -> str:
-    import shapely
-
-    # GeoJSON rather than WKT: GEOS writes all digits of it.
-    return shapely.to_geojson(aperture.polygons)

@@ -1,30 +1,93 @@
-"""A local browser page to draw an aperture in, and to see its transforms and fields.
+"""A local browser page to draw an aperture and to see its transforms and fields.
 
-:mod:`~polywigner.explorer.state` and :mod:`~polywigner.explorer.views` need no page; ``plots``,
-``page`` and ``server`` are the Bokeh figures, the Panel page and its server.
+:mod:`~polywigner.explorer.state` and :mod:`~polywigner.explorer.views` need no browser; ``plots``
+and ``page`` are the Bokeh figures and the Panel page. This module serves the page.
 """
 
 from __future__ import annotations
 
+import socket
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from polywigner import read_aperture
-from polywigner.explorer.server import serve
+from polywigner.errors import ArgumentError, require
 from polywigner.explorer.state import UNITS, State, rings_of
 
+if TYPE_CHECKING:
+    from bokeh.server.server import Server
+    from tornado.httputil import HTTPMessageDelegate, HTTPServerRequest
+    from tornado.web import Application
+
 __all__ = ["State", "serve", "start_state"]
+
+_ADDRESS = "127.0.0.1"
+_NAMES = (_ADDRESS, "localhost")
 
 
 def start_state(
     path: str | None, wave: str | None = None, unit: str = "mm", **reading: Any
 ) -> State:
-    """Return the state that the page opens with: an aperture file, or a chevron.
+    """Return the initial state of the page: the outlines of an aperture file, or a chevron.
 
-    The page has the unit of the file, or mm. ``reading`` and errors are those of read_aperture.
+    The page has the unit of the file, or mm. ``reading`` and errors are as for read_aperture.
     """
     unit_of_page = {"um": "µm"}.get(unit, unit)
     state = State(unit=unit_of_page if unit_of_page in UNITS else "mm", wave=wave or State.wave)
     if path is None:
         return state
     return replace(state, rings=rings_of(read_aperture(path, unit, **reading), state.per_metre))
+
+
+def serve(state: State, port: int, browser: bool, say: Callable[[str], None]) -> None:
+    """Serve the page until Ctrl-C, and open it in a browser."""
+    server = _new_server(state, port)
+    say(f"http://{_ADDRESS}:{server.port}/ shows the explorer; Ctrl-C stops it.")
+    if browser:
+        server.io_loop.add_callback(server.show, "/")
+    server.start()
+    with suppress(KeyboardInterrupt):
+        server.io_loop.start()
+
+
+def _new_server(state: State, port: int) -> Server:
+    """Return a server that listens on 127.0.0.1; raise ArgumentError if the port is in use."""
+    pn = require("panel", "explorer", "serves the page")
+
+    from polywigner.explorer.page import TITLE, Explorer
+
+    prepared: list[Explorer] = []
+    try:
+        if port == 0:
+            with socket.create_server((_ADDRESS, 0)) as free:
+                port = free.getsockname()[1]
+        server: Server = pn.serve(
+            lambda: (prepared.pop() if prepared else Explorer(state)).page(), address=_ADDRESS,
+            port=port, show=False, start=False, title=TITLE, verbose=False,
+            websocket_origin=[f"{name}:{port}" for name in _NAMES],
+        )  # fmt: skip
+    except OSError as error:
+        raise ArgumentError(f"port {port} cannot be used ({error}); try --port 0") from None
+    _refuse_foreign_hosts(server._tornado, port)
+    # while the browser starts
+    server.io_loop.call_later(0.1, lambda: prepared.append(Explorer(state)))
+    return server
+
+
+def _refuse_foreign_hosts(application: Application, port: int) -> None:
+    """Respond with status 403 to requests whose Host header does not name this server.
+
+    The origin check alone would accept a page of another site whose name resolves to 127.0.0.1.
+    """
+    from tornado.web import ErrorHandler
+
+    find, hosts = application.find_handler, {f"{name}:{port}" for name in _NAMES}
+
+    def find_local(request: HTTPServerRequest, **options: Any) -> HTTPMessageDelegate:
+        if request.host.lower() in hosts:
+            return find(request, **options)
+        return application.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
+
+    application.find_handler = find_local

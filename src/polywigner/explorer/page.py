@@ -1,4 +1,7 @@
-"""The page: controls, figures and downloads of one browser session, on Panel."""
+"""The page: controls, figures and downloads of one browser session, on Panel.
+
+``panel serve`` also serves this file.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,12 @@ import math
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from html import escape
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import panel as pn
 from bokeh.models import CustomJSTickFormatter
@@ -23,6 +26,12 @@ from polywigner.explorer import views
 from polywigner.explorer.plots import Editor, Plot
 from polywigner.explorer.state import CATALOGUE, State, read_upload
 from polywigner.explorer.views import VIEWS, Name, Picture
+
+if TYPE_CHECKING:
+    from bokeh.plotting import figure
+    from panel.layout import ListPanel
+    from panel.viewable import Viewable
+    from panel.widgets import Widget
 
 TITLE = "polywigner explorer"
 TEMPLATE = """
@@ -54,6 +63,7 @@ _PAIR = ":host { display: grid !important; grid-template-columns: 1fr 1fr; gap: 
 _QUICK_SAMPLES = 49  # along an axis while the state changes
 _SECONDS = 1.0  # time of one view afterwards, which limits its samples
 _WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
+_FIELD: dict[str, Any] = {"margin": (4, 8), **_WIDE}
 # ranges of logarithmic sliders, in units
 _LOG = {"wavelength": (0.05, 50), "width": (0.5, 100), "distance": (1, 1000)}
 
@@ -61,7 +71,7 @@ _LOG = {"wavelength": (0.05, 50), "width": (0.5, 100), "distance": (1, 1000)}
 class Explorer:
     """One session of the page. ``layout`` is its Panel object, ``history`` its states.
 
-    An explorer that is made before its document computes all views with few samples.
+    An explorer without a document computes all views with few samples.
     """
 
     def __init__(self, state: State | None = None) -> None:
@@ -76,12 +86,12 @@ class Explorer:
         choose_nu = lambda point: self.edit(nu=point)  # noqa: E731
         taps = {"fourier": choose_nu, "wigner_nu": choose_nu, "wigner_x": lambda p: self.edit(x=p)}
         self._plots = {name: Plot(name, taps.get(name)) for name in VIEWS}
-        self._controls: dict[str, Any] = {}
+        self._controls: dict[str, Widget] = {}
         self.layout = self._new_layout()
         self._follow()
 
-    def page(self) -> Any:
-        """Return the Panel template of the present Bokeh document."""
+    def page(self) -> pn.Template:
+        """Return the Panel template of the current Bokeh document."""
         if self._document is None:
             self._pool.submit(int).result()  # the models belong to the document's lock from now on
             self._document = pn.state.curdoc
@@ -95,7 +105,7 @@ class Explorer:
 
     @property
     def state(self) -> State:
-        """The present state."""
+        """The current state."""
         return self.history.present
 
     def edit(self, gesture: str = "", **changes: Any) -> None:
@@ -178,7 +188,7 @@ class Explorer:
         finally:
             self._is_following = False
 
-    def _set(self, name: str, control: Any) -> None:
+    def _set(self, name: str, control: Widget) -> None:
         state = self.state
         x0, _, x1, _ = state.box
         lengths = {"wavelength": state.wavelength * state.per_metre, "width": x1 - x0}
@@ -196,9 +206,9 @@ class Explorer:
             control.value = value
 
     def _compute(self, state: State) -> None:
-        """Compute all views: first quickly with few samples, then with more.
+        """Compute all views with few samples, then with more.
 
-        A newer state stops the second part only, so views follow a drag that lasts.
+        A newer state stops the second part only, so the views follow a long drag.
         """
         if state is not self.state:
             return
@@ -213,14 +223,13 @@ class Explorer:
             if not (is_shown or name in self._errors):
                 self._compute_view(state, name, _QUICK_SAMPLES)
         for name in VIEWS if self._document is not None else ():
-            is_finer = True
-            while is_finer and state is self.state and name not in self._errors:
-                _, seconds, picture = self._pictures[name]
-                possible = int(len(picture.x) * math.sqrt(_SECONDS / seconds))
-                samples = min(views.SAMPLES, possible | 1)
-                is_finer = picture.image is not None and len(picture.x) < samples
-                if is_finer:
-                    self._compute_view(state, name, samples)
+            if state is not self.state or name in self._errors:
+                continue
+            _, seconds, picture = self._pictures[name]
+            possible = int(len(picture.x) * math.sqrt(_SECONDS / seconds))
+            samples = min(views.SAMPLES, possible | 1)
+            if picture.image is not None and len(picture.x) < samples:
+                self._compute_view(state, name, samples)
         self._post(self._finish, state)
 
     def _compute_view(self, state: State, name: Name, samples: int) -> None:
@@ -237,7 +246,7 @@ class Explorer:
         self._post(self._plots[name].show, picture)
 
     def _post(self, show: Callable[..., None], *arguments: Any) -> None:
-        """Call a function with the document's lock, after all that were posted before."""
+        """Call a function with the lock of the document, after all earlier posts."""
         self._posted.append(partial(show, *arguments))
         if self._document is None:
             self._show_posted()
@@ -269,7 +278,7 @@ class Explorer:
         self._message.param.update(object=text, alert_type=kind, visible=bool(text))
 
     def _picture(self) -> Picture:
-        """Return the picture of the view that is chosen for the downloads."""
+        """Return the view that is chosen for the downloads."""
         name = self._saved.value
         if name not in self._pictures:
             self._compute_view(self.state, name, views.SAMPLES)
@@ -283,34 +292,29 @@ class Explorer:
         self._code.object = f"<pre>{escape(code)}</pre>"
         self._npz.filename = f"{self._saved.value}.npz"
 
-    def _control(self, name: str, control: Any) -> Any:
-        control.param.update(sizing_mode="stretch_width", margin=(4, 8))
+    def _control(self, name: str, control: Widget) -> Widget:
+        control.param.update(**_FIELD)
         control.param.watch(partial(self._control_changed, name), "value")
         if isinstance(control, pn.widgets.FloatSlider):
             control.param.watch(lambda _: self.history.move(0), "value_throttled")
         self._controls[name] = control
         return control
 
-    def _slider(self, name: str, label: str, low: float, high: float, step: float) -> Any:
+    def _slider(self, name: str, label: str, low: float, high: float, step: float) -> Widget:
         return self._control(name, pn.widgets.FloatSlider(
             label=label, start=low, end=high, step=step, value=low, tags=[label]
         ))  # fmt: skip
 
-    def _log_slider(self, name: str, label: str) -> Any:
+    def _log_slider(self, name: str, label: str) -> Widget:
         low, high = map(math.log10, _LOG[name])
         slider = self._slider(name, label, low, high, 0.005)
         slider.format = CustomJSTickFormatter(code="return (10**tick).toPrecision(3)")
         return slider
 
-    def _select(self, name: str, label: str, options: Any) -> Any:
+    def _select(self, name: str, label: str, options: Iterable[str]) -> Widget:
         return self._control(name, pn.widgets.Select(label=label, options=list(options)))
 
-    def _download(self, content: Callable[[], bytes], label: str, filename: str = "view") -> Any:
-        callback = lambda: io.BytesIO(content())  # noqa: E731
-        settings = {"label": label, "callback": callback, "filename": filename, **_WIDE}
-        return pn.widgets.FileDownload(**settings, margin=(4, 8))
-
-    def _new_layout(self) -> Any:
+    def _new_layout(self) -> ListPanel:
         self._undo = pn.widgets.Button(label="Undo", margin=4, width=70)
         self._redo = pn.widgets.Button(label="Redo", margin=4, width=70)
         self._undo.on_click(lambda _: self._move(-1))
@@ -326,20 +330,20 @@ class Explorer:
         self._views = _box(_VIEWS, *figures, area="views")
         return _box(_GRID, head, editor, self._views, self._new_controls())
 
-    def _new_outline_buttons(self) -> Any:
-        self._draw_toggle = pn.widgets.Toggle(label="Draw outline", margin=(4, 8), **_WIDE)
+    def _new_outline_buttons(self) -> ListPanel:
+        self._draw_toggle = pn.widgets.Toggle(label="Draw outline", **_FIELD)
         self._draw_toggle.param.watch(self._draw_toggled, "value")
-        delete = pn.widgets.Button(label="Delete vertex", margin=(4, 8), **_WIDE)
+        delete = pn.widgets.Button(label="Delete vertex", **_FIELD)
         delete.on_click(lambda _: self._editor.delete_selected())
         shapes = ["choose a shape …", "blank sheet", *CATALOGUE]
-        self._shapes = pn.widgets.Select(label="Start from", options=shapes, margin=(4, 8), **_WIDE)
+        self._shapes = pn.widgets.Select(label="Start from", options=shapes, **_FIELD)
         self._shapes.param.watch(self._shape_chosen, "value")
-        self._file = pn.widgets.FileInput(margin=(4, 8), **_WIDE)
+        self._file = pn.widgets.FileInput(**_FIELD)
         self._file.param.watch(self._file_chosen, "value")
         unit = self._select("unit", "Unit of length", states.UNITS)
         return _box("", _box(_PAIR, self._draw_toggle, delete, self._shapes, unit), self._file)
 
-    def _new_controls(self) -> Any:
+    def _new_controls(self) -> ListPanel:
         integer = partial(pn.widgets.IntInput, start=1, end=states.MAX_ELEMENTS)
         source = [
             self._log_slider("width", "Width"),
@@ -362,11 +366,11 @@ class Explorer:
             self._log_slider("distance", "Near field at z"),
         ]
         labels = {label: name for name, label in VIEWS.items()}
-        self._saved = pn.widgets.Select(label="View", options=labels, margin=(4, 8), **_WIDE)
+        self._saved = pn.widgets.Select(label="View", options=labels, **_FIELD)
         self._saved.param.watch(self._show_code, "value")
-        self._npz = self._download(lambda: views.npz(self._picture()), "npz of the view")
+        self._npz = _download("npz of the view", lambda: views.npz(self._picture()))
         geojson = lambda: states.geojson(self.state).encode()  # noqa: E731
-        outline = self._download(geojson, "GeoJSON of the aperture", "aperture.geojson")
+        outline = _download("GeoJSON of the aperture", geojson, "aperture.geojson")
         style = "pre { overflow: auto; font-size: 11px; max-height: 260px; user-select: all; }"
         self._code = pn.pane.HTML("", stylesheets=[style], **_WIDE)
         groups = {
@@ -382,11 +386,16 @@ class Explorer:
         return _box("", *cards, area="controls")
 
 
-def _box(css: str, *parts: Any, area: str = "auto", kind: Any = pn.Column) -> Any:
+def _box(css: str, *parts: Viewable, area: str = "auto", kind: Any = pn.Column) -> ListPanel:
     return kind(*parts, stylesheets=[css], styles={"grid-area": area}, **_WIDE)
 
 
-def _figure(plot: Any) -> Any:
+def _download(label: str, content: Callable[[], bytes], filename: str = "view") -> Widget:
+    read = lambda: io.BytesIO(content())  # noqa: E731
+    return pn.widgets.FileDownload(label=label, callback=read, filename=filename, **_FIELD)
+
+
+def _figure(plot: figure) -> Viewable:
     return pn.pane.Bokeh(plot, sizing_mode="scale_width")
 
 
@@ -396,7 +405,11 @@ def _key(state: State, name: Name) -> str:
 
 
 class _Page(pn.Template):
-    """A template without the text of all its parts, which Panel would write twice."""
+    """A template whose repr omits its parts, which Panel would write twice."""
 
     def __repr__(self) -> str:
         return TITLE
+
+
+if __name__.startswith("bokeh_app"):  # by ``panel serve``
+    Explorer().page().servable()

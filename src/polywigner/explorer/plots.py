@@ -1,4 +1,4 @@
-"""Bokeh figures of the page: the outline editor, and one figure for each view."""
+"""Bokeh figures of the page: the outline editor, and a figure for each view."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from bokeh import models
-from bokeh.events import DoubleTap, Tap
-from bokeh.plotting import figure
+from bokeh.events import DoubleTap, PointEvent, Tap
+from bokeh.plotting import figure as Figure
 
 from polywigner.explorer.state import Point, Rings, State, rings_of_rows, with_vertex
 from polywigner.explorer.views import Name, Picture, Polygon
@@ -46,7 +46,7 @@ def rows(polygons: Sequence[Polygon]) -> dict[str, list[Any]]:
 
 
 class Editor:
-    """The aperture; ``on_rings(rings, is_final)`` receives edits, ``on_position(point)`` clicks."""
+    """Outline editor; ``on_rings(rings, is_final)`` receives edits, ``on_position`` clicks."""
 
     def __init__(
         self, on_rings: Callable[[Rings, bool], None], on_position: Callable[[Point], None]
@@ -60,14 +60,11 @@ class Editor:
         self._position = models.ColumnDataSource({"x": [0.0], "y": [0.0]})
         self._sketch = models.ColumnDataSource({"x": [], "y": []})
         self._relay = models.ColumnDataSource({"x": [], "y": [], "ring": []}, tags=[0])
-        plot = figure(
-            name="editor", tools="pan,wheel_zoom,reset", active_drag=None, active_scroll=None,
-            x_range=models.Range1d(-1, 1), y_range=models.Range1d(-1, 1), sizing_mode="scale_width",
-            aspect_ratio=1, min_border_left=58, min_border_right=22, min_border_top=34,
-            min_border_bottom=46, toolbar_location="above", output_backend="canvas",
+        plot = _new_figure(
+            "editor", tools="pan,wheel_zoom,reset", active_drag=None, active_scroll=None,
+            min_border_left=58, min_border_right=22, min_border_top=34, min_border_bottom=46,
+            output_backend="canvas",
         )  # fmt: skip
-        plot.toolbar.logo = None
-        _style_axes(plot)
         # add_glyph: the functions of a figure make four glyphs each
         plot.add_glyph(self._support, models.MultiPolygons(fill_color=PALE, line_color=None))
         plot.add_glyph(
@@ -94,7 +91,7 @@ class Editor:
         self.plot = plot
 
     def show(self, state: State, keep_handles: bool = False) -> None:
-        """Draw the outlines and the position of a state; a drag keeps its handles."""
+        """Draw the outlines and the position of a state; during a drag the handles stay."""
         if not keep_handles:
             self._rings = state.rings
             points = [(x, y, k) for k, ring in enumerate(state.rings) for x, y in ring]
@@ -114,13 +111,13 @@ class Editor:
 
     def delete_selected(self) -> None:
         """Delete the selected vertices, and outlines with less than three vertices left."""
-        chosen = set(self.vertices.selected.indices)
+        selected = set(self.vertices.selected.indices)
         self.vertices.selected.indices = []
-        kept = [row for k, row in enumerate(self._rows(self.vertices)) if k not in chosen]
-        self._on_rings(rings_of_rows(kept), True)
+        rows = [row for k, row in enumerate(self._rows(self.vertices)) if k not in selected]
+        self._on_rings(rings_of_rows(rows), True)
 
     def start_sketch(self) -> None:
-        """Start an outline, whose corners are clicked."""
+        """Start an outline; clicks add its corners."""
         self.sketch = []
         self._show_sketch()
 
@@ -149,7 +146,7 @@ class Editor:
         if not is_final or rings != self._rings:
             self._on_rings(rings, is_final)
 
-    def _tapped(self, event: Any) -> None:
+    def _tapped(self, event: PointEvent) -> None:
         if event.x is None:
             return
         point = rounded(self.plot, event.x, event.y)
@@ -165,7 +162,7 @@ class Editor:
             self._show_sketch()
 
     def _nearest(self, points: Sequence[Point], point: Point) -> float:
-        """Return the distance to the nearest of some points, relative to the figure."""
+        """Return the distance to the nearest point, relative to the width of the figure."""
         return min((math.dist(p, point) / self._span() for p in points), default=math.inf)
 
     def _fit(self, state: State) -> None:
@@ -188,16 +185,13 @@ class Plot:
     """The figure of one view; ``on_tap(point)`` receives a clicked point."""
 
     def __init__(self, name: Name, on_tap: Callable[[Point], None] | None = None) -> None:
-        plot = figure(
-            name=name, title=" ", tools="", toolbar_location="above", sizing_mode="scale_width",
-            aspect_ratio=1, x_range=models.Range1d(-1, 1), y_range=models.Range1d(-1, 1),
+        plot = _new_figure(
+            name, title=" ", tools="",
             # left + right = top + bottom, so that a square figure has a square frame
             min_border_left=52, min_border_right=50, min_border_top=54, min_border_bottom=48,
         )  # fmt: skip
-        plot.toolbar.logo = None
         plot.add_tools(models.SaveTool(filename=name))
         plot.title.text_font_size = "13px"
-        _style_axes(plot)
         self._quantity = models.Title(text=" ", text_font_size="11px", text_font_style="normal",
                                text_color="#55606b")  # fmt: skip
         plot.add_layout(self._quantity, "above")
@@ -237,7 +231,7 @@ class Plot:
             plot.on_event(Tap, self._tapped)
 
     def show(self, picture: Picture) -> None:
-        """Draw a picture."""
+        """Draw a view."""
         plot = self.plot
         plot.title.text = picture.title
         self._quantity.text = picture.quantity or " "
@@ -267,33 +261,40 @@ class Plot:
             axis.update(start=start, end=end)
 
     def show_mark(self, point: Point, horizon: float = 0.0) -> None:
-        """Draw the chosen point, and the circle |nu| = 1/wavelength of a radius."""
+        """Draw the chosen point, and the circle |nu| = 1/wavelength with radius ``horizon``."""
         self._mark.data = {"x": [point[0]], "y": [point[1]]}
         self._horizon.data = {"d": [2 * horizon]}
 
     def show_error(self, text: str) -> None:
-        """Empty the figure and write why."""
+        """Clear the figure and show a reason."""
         self._source.data = {key: [] for key in self._source.data}
         self.plot.title.text, self._quantity.text = text, " "
 
-    def _tapped(self, event: Any) -> None:
+    def _tapped(self, event: PointEvent) -> None:
         if self._on_tap and event.x is not None:
             self._on_tap(rounded(self.plot, event.x, event.y))
 
 
-def rounded(plot: Any, x: float, y: float) -> Point:
+def rounded(plot: Figure, x: float, y: float) -> Point:
     """Round to a thousandth of a figure, less than a pixel."""
     digits = max(0, 3 - math.floor(math.log10(plot.x_range.end - plot.x_range.start)))
     return round(x, digits) + 0.0, round(y, digits) + 0.0
 
 
-def _style_axes(plot: Any) -> None:
+def _new_figure(name: str, **settings: Any) -> Figure:
+    """Return a square figure with thin axes."""
+    plot = Figure(
+        name=name, toolbar_location="above", sizing_mode="scale_width", aspect_ratio=1,
+        x_range=models.Range1d(-1, 1), y_range=models.Range1d(-1, 1), **settings,
+    )  # fmt: skip
+    plot.toolbar.logo = None
     for axis in plot.axis:
         axis.update(
             axis_label_text_font_style="normal", minor_tick_line_color=None, axis_label_standoff=2,
             axis_label_text_font_size="12px",
         )  # fmt: skip
         axis.ticker.desired_num_ticks = 5
+    return plot
 
 
 @lru_cache(maxsize=8)

@@ -14,11 +14,15 @@ from typing import Any, Literal
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 import polywigner as pw
 from polywigner import errors
 from polywigner.geometry import Aperture, shapes
 from polywigner.geometry.io.outlines import nested
+from polywigner.geometry.parts import polygons_in
+from polywigner.geometry.rings import rings_of_polygon
 from polywigner.quantities import parse_frequency, parse_length, wavelength_of
 
 Part = Literal["level", "real", "phase"]
@@ -68,7 +72,7 @@ _CHEVRON = rings_of(CATALOGUE["chevron"]())
 class State:
     """Aperture, illumination and settings of the views. Lengths are in ``unit``.
 
-    Raises ArgumentError for too many vertices and for a wave that cannot be parsed.
+    Too many vertices, and a wave that cannot be parsed, raise an ArgumentError.
     """
 
     rings: Rings = _CHEVRON  # outlines inside others are holes
@@ -136,18 +140,18 @@ class State:
 
 
 class History:
-    """The last 200 states, for undo and redo; ``position`` is the index of the present one."""
+    """The last 200 states, for undo and redo; ``position`` is the index of the current state."""
 
     def __init__(self, state: State) -> None:
         self.states, self.position, self.gesture = [state], 0, ""
 
     @property
     def present(self) -> State:
-        """The present state."""
+        """The current state."""
         return self.states[self.position]
 
     def add(self, state: State, gesture: str = "") -> None:
-        """Add a state; successive ones of the same gesture, such as a drag, are one step."""
+        """Add a state; successive states of one gesture, such as a drag, are one step."""
         if state == self.present:
             return
         first = self.position + (not gesture or gesture != self.gesture)
@@ -182,7 +186,7 @@ def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
 
 
 def read_upload(name: str, content: bytes, unit: str) -> Rings:
-    """Return the outlines in units of an uploaded file; bad ones raise a PolywignerError."""
+    """Return the outlines in units of an uploaded file; bad files raise a PolywignerError."""
     with tempfile.TemporaryDirectory(prefix="polywigner-") as folder:
         path = Path(folder) / f"aperture{Path(name).suffix}"
         path.write_bytes(content)
@@ -198,12 +202,10 @@ def read_upload(name: str, content: bytes, unit: str) -> Rings:
 def geojson(state: State) -> str:
     """Return the outline of the element as a GeoJSON Feature in mm."""
     polygons = aperture_of(state.rings, state.per_metre).polygons
-    shape = polygons if len(polygons.geoms) > 1 else polygons.geoms[0]
-    in_mm = shapely.transform(shape, lambda metres: np.round(metres * UNITS["mm"], 12))
+    in_mm = shapely.transform(polygons, lambda metres: np.round(metres * UNITS["mm"], 12))
     properties = {"unit": "mm", "wave": state.wave}
     geometry = shapely.geometry.mapping(in_mm)
-    feature = {"type": "Feature", "properties": properties, "geometry": geometry}
-    return json.dumps(feature, indent=1) + "\n"
+    return json.dumps({"type": "Feature", "properties": properties, "geometry": geometry}) + "\n"
 
 
 @lru_cache(maxsize=64)
@@ -220,10 +222,10 @@ def aperture_of(rings: Rings, per_metre: int) -> Aperture:
 
 
 def source_code(state: State) -> str:
-    """Return Python code that makes ``source``, and ``light`` with its coherence width.
+    """Return Python code of ``source``, and of ``light``, the source with its coherence width.
 
-    The page computes with this code too. Raises PolywignerError for outlines that are no polygons
-    and for too large arrays.
+    The page runs this code, too. Outlines that are no polygons, and too large arrays, raise a
+    PolywignerError.
     """
     count = state.columns * state.rows
     if count > MAX_ELEMENTS:
@@ -286,7 +288,6 @@ def variables_of(state: State) -> dict[str, Any]:
     return variables
 
 
-def polygons_of(shape: Any) -> list[list[np.ndarray]]:
-    """Return the polygons of a shapely geometry as arrays of open rings."""
-    parts = (p for p in shapely.get_parts(shape) if p.geom_type == "Polygon" and not p.is_empty)
-    return [[np.asarray(r.coords)[:-1] for r in (p.exterior, *p.interiors)] for p in parts]
+def polygons_of(shape: BaseGeometry) -> list[list[NDArray[np.float64]]]:
+    """Return the polygons of a geometry as rings (n, 2) without a closing repeat."""
+    return [[ring[:-1] for ring in rings_of_polygon(polygon)] for polygon in polygons_in(shape)]

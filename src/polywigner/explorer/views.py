@@ -1,4 +1,4 @@
-"""The eight views of a state: their code, which the page runs and shows, as images and files."""
+"""The eight views of a state: the code that computes them, their images and files."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ values = pattern["directivity"].values  # dBi""",
 
 
 def view_code(state: State, name: Name, samples: int = SAMPLES) -> str:
-    """Return the code of a view, after the one of the source."""
+    """Return the code of a view, which follows the code of the source."""
     xmin, ymin, xmax, ymax = source_of(state).bounds
     size, wavelength = _half_size(state), state.wavelength
     distance = state.distance / state.per_metre
@@ -101,9 +101,10 @@ def snippet(state: State, name: Name, samples: int = SAMPLES) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A view as it is drawn, in the unit of the page, and its values in SI units.
+    """A view for display, in the unit of the page, and its values in SI units.
 
-    ``x`` and ``y`` are the axes of an image, otherwise limits; ``x`` of curves is their argument.
+    ``x`` and ``y`` are the axes of an image. Otherwise ``y`` contains limits, and ``x`` contains
+    limits or the argument of the curves.
     """
 
     title: str
@@ -121,68 +122,63 @@ class Picture:
 
 
 def picture(state: State, name: Name, samples: int = SAMPLES) -> Picture:
-    """Compute a view with samples along each axis; raises PolywignerError if it cannot."""
+    """Compute a view with samples along each axis; errors are PolywignerErrors."""
     result = states.run(view_code(state, name, samples), **variables_of(state))
-    scale, unit, part = float(state.per_metre), state.unit, state.part
+    values, scale, unit = result["values"], float(state.per_metre), state.unit
     at_x = f"at x = ({state.x[0]:.3g}, {state.x[1]:.3g}) {unit}"
+    at_nu = f"at ν = ({state.nu[0]:.3g}, {state.nu[1]:.3g}) /{unit}"
     if name == "lags":
-        polygons = polygons_of(result["values"])
+        polygons = polygons_of(values)
         span = np.array([-1, 1]) * _MARGIN * 2 * _half_size(state) * scale
         return Picture(
             f"Lag slice {at_x}", f"ξ_x ({unit})", f"ξ_y ({unit})",
             {f"ring_{k}": ring for k, ring in enumerate(r for p in polygons for r in p)},
             span, span, outlines=[[ring * scale for ring in p] for p in polygons],
         )  # fmt: skip
-    values, x = result["values"], result["x"]
     if name == "far":
-        return _far_field(state, result)
-    y = result["y"]
-    arrays = {"values": values, "x": x, "y": y}
-    symbols = {"wigner_x": "xy", "near": "xy", "ambiguity": ("ξ_x", "υ_x"), "otf": ("ξ_x", "ξ_y")}
-    axes = [
-        (f"{symbol} (1/{unit})", axis / scale)
-        if symbol[0] in "νυ"
-        else (f"{symbol} ({unit})", axis * scale)
-        for symbol, axis in zip(symbols.get(name, ("ν_x", "ν_y")), (x, y), strict=True)
-    ]
-    at_nu = f"at ν = ({state.nu[0]:.3g}, {state.nu[1]:.3g}) /{unit}"
-    title = {
-        "fourier": "Fourier transform F(ν)", "wigner_nu": f"W(x, ν) {at_x}",
-        "wigner_x": f"W(x, ν) {at_nu}", "otf": f"OTF, defocus {state.defocus:.3g} waves",
-        "ambiguity": "Ambiguity A(υ, ξ) along x",
-        "near": f"Near field at z = {state.distance:.3g} {unit}",
-    }[name]  # fmt: skip
+        azimuths, peak = [state.phi, state.phi + 90], float(values.max())
+        top = 5 * math.ceil((peak + 1) / 5)
+        return Picture(
+            f"Directivity, peak {peak:.2f} dBi", "θ (degrees)", "directivity (dBi)",
+            {"values": values, "theta": result["x"], "phi": np.radians(azimuths)},
+            np.degrees(result["x"]), np.array([top + FLOOR_DB, top]),
+            curves={f"φ = {a:.4g}°": curve for a, curve in zip(azimuths, values.T, strict=True)},
+        )  # fmt: skip
+    title, *symbols = {
+        "fourier": ("Fourier transform F(ν)", "ν_x", "ν_y"),
+        "wigner_nu": (f"W(x, ν) {at_x}", "ν_x", "ν_y"),
+        "wigner_x": (f"W(x, ν) {at_nu}", "x", "y"),
+        "otf": (f"OTF, defocus {state.defocus:.3g} waves", "ξ_x", "ξ_y"),
+        "ambiguity": ("Ambiguity A(υ, ξ) along x", "ξ_x", "υ_x"),
+        "near": (f"Near field at z = {state.distance:.3g} {unit}", "x", "y"),
+    }[name]
+    axes = [result["x"], result["y"]]
+    x_label, y_label = (f"{s} ({'1/' if s[0] in 'νυ' else ''}{unit})" for s in symbols)
+    x, y = (a / scale if s[0] in "νυ" else a * scale for s, a in zip(symbols, axes, strict=True))
+    arrays = {"values": values, "x": axes[0], "y": axes[1]}
+    return Picture(title, x_label, y_label, arrays, x, y, *_image(state, name, values))
+
+
+def _image(
+    state: State, name: Name, values: NDArray[Any]
+) -> tuple[NDArray[np.float64], tuple[float, float], str, str]:
+    """Return displayed values, limits and colour map of an image, and the displayed quantity."""
+    scale, unit, part = float(state.per_metre), state.unit, state.part
     if name == "otf":
-        shown = np.abs(values), (0.0, 1.0), style.LEVEL_MAP, "|OTF|"
-    elif name == "fourier" and part == "phase":
-        shown = np.degrees(np.angle(values)), (-180.0, 180.0), style.PHASE_MAP, "phase in degrees"
-    elif name.startswith("wigner") or (name == "fourier" and part == "real"):
+        return np.abs(values), (0.0, 1.0), style.LEVEL_MAP, "|OTF|"
+    if name == "fourier" and part == "phase":
+        return np.degrees(np.angle(values)), (-180.0, 180.0), style.PHASE_MAP, "phase in degrees"
+    if name.startswith("wigner") or (name == "fourier" and part == "real"):
         real = np.real(values) * scale**2
         peak = float(np.abs(real).max()) or 1.0
-        quantity = f"{'Re F' if name == 'fourier' else 'W'} in {unit}²"
-        shown = real, (-peak, peak), style.SIGNED_MAP, quantity
-    else:
-        power = values if name == "near" else np.abs(values) ** 2
-        peak = float(power.max())
-        symbol = {"fourier": "|F|²", "ambiguity": "|A|²"}.get(name, "irradiance")
-        zero = f"{peak:.3g} |u|²" if name == "near" else f"{peak * scale**4:.3g} {unit}⁴"
-        levels = level_db(power, peak if peak > 0 else None, FLOOR_DB)
-        shown = levels, (FLOOR_DB, 0.0), style.LEVEL_MAP, f"{symbol} in dB re {zero}"
-    (x_label, x_axis), (y_label, y_axis) = axes
-    return Picture(title, x_label, y_label, arrays, x_axis, y_axis, *shown)
-
-
-def _far_field(state: State, result: Mapping[str, Any]) -> Picture:
-    values, theta = result["values"], result["x"]
-    names = [f"φ = {angle:.4g}°" for angle in (state.phi, state.phi + 90)]
-    curves = dict(zip(names, values.T, strict=True))
-    arrays = {"values": values, "theta": theta, "phi": np.radians([state.phi, state.phi + 90])}
-    peak = float(values.max())
-    top = 5 * math.ceil((peak + 1) / 5)
-    return Picture(
-        f"Directivity, peak {peak:.2f} dBi", "θ (degrees)", "directivity (dBi)", arrays,
-        np.degrees(theta), np.array([top + FLOOR_DB, top]), curves=curves,
-    )  # fmt: skip
+        symbol = "Re F" if name == "fourier" else "W"
+        return real, (-peak, peak), style.SIGNED_MAP, f"{symbol} in {unit}²"
+    power = values if name == "near" else np.abs(values) ** 2
+    peak = float(power.max())
+    symbol = {"fourier": "|F|²", "ambiguity": "|A|²"}.get(name, "irradiance")
+    zero = f"{peak:.3g} |u|²" if name == "near" else f"{peak * scale**4:.3g} {unit}⁴"
+    levels = level_db(power, peak if peak > 0 else None, FLOOR_DB)
+    return levels, (FLOOR_DB, 0.0), style.LEVEL_MAP, f"{symbol} in dB re {zero}"
 
 
 def support_of(state: State) -> list[Polygon]:

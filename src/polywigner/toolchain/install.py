@@ -11,39 +11,36 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from polywigner.errors import EngineError
 from polywigner.toolchain.llvm import LLVMStatus, is_switched_off, prepare
 
-# Alternatives, best first. The tests run with 19. Ubuntu has renamed some for its 64-bit time.
+# Alternatives, best first. The tests run with 19. The names of Ubuntu end with t64 (64-bit time).
 _LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")]
 _LIBATOMIC = ["libatomic1"]
 
 
-def install_llvm(confirm: Callable[[str], None] | None = None) -> LLVMStatus:
+def install_llvm() -> LLVMStatus:
     """Install the packages that Dr.Jit needs to compile kernels with LLVM, if they are missing.
-
-    Parameters
-    ----------
-    confirm : called with the names of the packages before they are installed; raises an EngineError
-        to prevent the installation.
 
     Returns
     -------
-    The status afterwards: usable.
+    LLVMStatus
+        The status after the installation: usable.
 
     Raises
     ------
-    EngineError if the packages cannot be installed, or if LLVM is not usable afterwards.
+    EngineError
+        The packages cannot be installed, or LLVM is not usable afterwards.
     """
     status = prepare()
-    wanted = [] if status.drjit_imports else [_LIBATOMIC]
+    packages = [] if status.drjit_imports else [_LIBATOMIC]
     if not (status.usable or is_switched_off()):
-        wanted.append(_LLVM)
-    if wanted:
+        packages.append(_LLVM)
+    if packages:
         try:
-            install_packages(wanted, confirm)
+            install_packages(packages)
         except EngineError as error:
             raise EngineError(f"{status.problem} {error}") from error
         status = prepare(afresh=True)
@@ -52,31 +49,28 @@ def install_llvm(confirm: Callable[[str], None] | None = None) -> LLVMStatus:
     return status
 
 
-def install_packages(
-    wanted: Sequence[Sequence[str]], confirm: Callable[[str], None] | None = None
-) -> None:
+def install_packages(packages: Sequence[Sequence[str]]) -> None:
     """Install Debian packages with apt-get, as root.
 
     Parameters
     ----------
-    wanted : alternatives for each package, best first. The first that apt offers is installed.
-    confirm : as for :func:`install_llvm`.
+    packages : sequence of sequences of str
+        Alternatives for each package, best first. The first one that apt offers is installed.
 
     Raises
     ------
-    EngineError if this user or this system cannot install packages, with the packages to install.
+    EngineError
+        This user or this system cannot install packages; the message names the packages.
     """
     if not shutil.which("apt-get"):
-        names = " and ".join(alternatives[0] for alternatives in wanted)
+        names = " and ".join(alternatives[0] for alternatives in packages)
         raise EngineError(f"Install {names}, or the packages of your system that replace them.")
-    names = " ".join(map(_offered, wanted))
+    names = " ".join(map(_offered, packages))
     if os.geteuid() != 0:
         raise EngineError(f"Run `apt-get install {names}` as root.")
-    if confirm is not None:
-        confirm(names)
-    for alternatives in wanted:
+    for alternatives in packages:
         problem = _install(alternatives)
-        if problem:  # without package lists, or with old ones
+        if problem:  # the package lists may be missing or old
             _apt("apt-get", "update")
             problem = _install(alternatives)
         if problem:
@@ -94,7 +88,7 @@ def _install(alternatives: Sequence[str]) -> str:
 
 
 def _offered(alternatives: Sequence[str]) -> str:
-    """Return the first package that the lists of apt contain, or the first one."""
+    """Return the first package in the lists of apt, or the first alternative."""
     listing = _apt("apt-cache", "madison", *alternatives).stdout
     offered = {line.split("|")[0].strip() for line in listing.splitlines()}
     return next((name for name in alternatives if name in offered), alternatives[0])

@@ -1,9 +1,9 @@
 """Select a usable LLVM library before Dr.Jit is imported.
 
-Dr.Jit contains no LLVM. It opens a shared library of the system once, at its first import. An
-unsuitable library raises no exception but ends the process, so each library first compiles and
-runs test kernels in a child process. The result of this probe is cached on disk. Every module of
-this package that imports ``drjit`` or ``mitsuba`` calls :func:`prepare` first.
+Dr.Jit contains no LLVM. It opens a shared library of the system at its first import. An unsuitable
+library ends the process without an exception, so each library is tested with kernels in a child
+process. The result of this probe is cached on disk. Every module of this package that imports
+``drjit`` or ``mitsuba`` calls :func:`prepare` first.
 """
 
 from __future__ import annotations
@@ -117,20 +117,23 @@ _status: LLVMStatus | None = None
 def prepare(*, afresh: bool = False) -> LLVMStatus:
     """Select the LLVM library for Dr.Jit, before Dr.Jit is imported.
 
-    The candidates are the library in ``DRJIT_LIBLLVM_PATH``, those of the Python environment and
-    those of the system, newest first. ``DRJIT_LIBLLVM_PATH`` is set to the first one whose test
-    kernels run in a child process. If none is usable, the variable is set to a path that does not
-    exist, so Dr.Jit opens no library. ``POLYWIGNER_NO_LLVM=1`` has the same effect.
+    The candidates are the library in ``DRJIT_LIBLLVM_PATH``, then the libraries of the Python
+    environment and of the system, newest first. ``DRJIT_LIBLLVM_PATH`` is set to the first library
+    whose test kernels run in a child process. Without a usable library, and with
+    ``POLYWIGNER_NO_LLVM=1``, the variable is set to a path that does not exist, and Dr.Jit opens no
+    library.
 
     Parameters
     ----------
-    afresh : whether to search again, because a library has been installed since the last call.
+    afresh : bool
+        Whether to search again after a library has been installed, default False.
 
     Returns
     -------
-    The status; the same object on every call in one process. The first call takes some milliseconds
-    if the results of the probes are cached, and 0.2 s for each library that is tested. Does not
-    raise if there is no library: see :func:`require`.
+    LLVMStatus
+        The status, also without a usable library (see :func:`require`); the same object on every
+        call in one process. The first call takes some milliseconds if the results of the probes are
+        cached, and 0.2 s for each library that is tested.
     """
     global _status
     with _lock:
@@ -148,7 +151,8 @@ def require() -> LLVMStatus:
 
     Raises
     ------
-    EngineError if there is none, with the remedy.
+    EngineError
+        No library is usable; the message contains the remedy.
     """
     status = prepare()
     if not status.usable:
@@ -161,7 +165,8 @@ def require_drjit() -> LLVMStatus:
 
     Raises
     ------
-    EngineError if the import would fail, with the remedy.
+    EngineError
+        The import would fail; the message contains the remedy.
     """
     status = prepare()
     if not status.drjit_imports:
@@ -173,7 +178,7 @@ def require_drjit() -> LLVMStatus:
 
 @contextlib.contextmanager
 def _silent_stderr() -> Iterator[None]:
-    """Discard the two lines that Dr.Jit writes in C++ if it finds no library."""
+    """Discard the two lines that Dr.Jit writes in C++ without a library."""
     sys.stderr.flush()
     saved = os.dup(2)
     try:
@@ -210,7 +215,7 @@ def _select() -> LLVMStatus:
 
 
 def is_switched_off() -> bool:
-    """Whether the user has switched LLVM off."""
+    """Return whether the user has switched LLVM off."""
     return os.environ.get(OFF_VARIABLE, "") not in ("", "0")
 
 
@@ -225,7 +230,7 @@ def _has_libatomic() -> bool:
 
 
 def _status_of_loaded_drjit() -> LLVMStatus:
-    """Return the status if Dr.Jit was imported first: its library cannot be changed any more."""
+    """Return the status after an import of Dr.Jit, whose library cannot be changed."""
     if is_switched_off():
         return _OFF
     drjit: Any = sys.modules["drjit"]
@@ -253,7 +258,7 @@ def _remedy() -> str:
 
 
 def libraries() -> list[str]:
-    """Return the paths of all LLVM libraries, each file once, in the order of :func:`prepare`."""
+    """Return the paths of all different LLVM libraries, in the order of :func:`prepare`."""
     named = os.environ.get(LIBRARY_VARIABLE, "")
     environment = [f"{glob.escape(sys.prefix)}/{pattern}" for pattern in _ENVIRONMENT_LIBRARIES]
     paths = [
@@ -275,11 +280,11 @@ def _newest_first(patterns: Iterable[str]) -> list[str]:
 def version_of_name(path: str) -> tuple[int, ...] | None:
     """Return the version in the name of a library, of its link's target, or of its folder.
 
-    ``libLLVM-15.so.1`` is version 15 (the last number counts ABI revisions), ``libLLVM.so.19.1``
-    is 19.1, and ``/usr/lib/llvm-18/lib/libLLVM.so.1`` is 18.
+    ``libLLVM-15.so.1`` is version 15 (the last number is the ABI revision), ``libLLVM.so.19.1`` is
+    19.1, and ``/usr/lib/llvm-18/lib/libLLVM.so.1`` is 18.
     """
     real = os.path.realpath(path)
-    # the name of the file, then that of its folder
+    # the name of the file, then the name of its folder
     for pattern in (r"libLLVM(?:-|\.so\.|\.)(\d\d[\d.]*)[^/]*$", r"llvm[-@]?(\d\d)/"):
         match = re.search(pattern, real) or re.search(pattern, path)
         if match:
@@ -288,14 +293,17 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
 
 
 def probe(path: str) -> tuple[str | None, str | None]:
-    """Test a library: by its name, from the cache, or in a child process.
+    """Test a library by its name, from the cache, or in a child process.
 
     The cache is a file in the user's cache folder. Its name depends on the library, on Dr.Jit, on
-    Python and on the machine, since homes may be shared between processors of different types.
+    Python and on the machine, because machines with different processors may share a home folder.
 
     Returns
     -------
-    The library's version, and why it is not usable as half a sentence; None if it is usable.
+    version : str or None
+        Version of the library.
+    problem : str or None
+        Reason why it is not usable, as half a sentence; None if it is usable.
     """
     version = version_of_name(path)
     if version is not None and version[0] < OLDEST_VERSION:
@@ -307,14 +315,14 @@ def probe(path: str) -> tuple[str | None, str | None]:
         return content["version"], content["problem"]
     child = run_in_child(_KERNELS, library=path)
     is_usable = child.returncode == 0
-    found = child.stdout.split()[-1] if is_usable else None
+    tested = child.stdout.split()[-1] if is_usable else None
     problem = None if is_usable else _first_complaint(child)
     if is_usable or child.returncode in _CRASHES:
-        # A library that does not open may open later, when a library that it needs is installed.
+        # A library that does not open may open later, after a dependency has been installed.
         with contextlib.suppress(OSError), atomic_path(cache) as scratch:
             scratch.parent.mkdir(parents=True, exist_ok=True)
-            scratch.write_text(json.dumps({"version": found, "problem": problem}))
-    return found, problem
+            scratch.write_text(json.dumps({"version": tested, "problem": problem}))
+    return tested, problem
 
 
 def _cache_of(path: str) -> Path:
@@ -336,15 +344,18 @@ def run_in_child(script: str, library: str = NONE_USABLE) -> subprocess.Complete
 
     Parameters
     ----------
-    script : the code.
-    library : the LLVM library that Dr.Jit opens there.
+    script : str
+        The code.
+    library : str
+        Path of the LLVM library for Dr.Jit, default none.
 
     Returns
     -------
-    The finished process, with its output as text. If it does not start, or does not end within two
-    minutes, the return code is 1 and ``stderr`` contains the reason.
+    subprocess.CompletedProcess
+        The finished process, with its output as text. If it does not start, or runs longer than two
+        minutes, the return code is 1 and ``stderr`` contains the reason.
     """
-    import subprocess  # takes 10 ms, which a cached result of a probe saves
+    import subprocess  # takes 10 ms, which a cached probe does not need
 
     command = [sys.executable, "-P", "-c", script]
     try:

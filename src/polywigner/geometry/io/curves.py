@@ -1,8 +1,8 @@
-"""Curves of drawings, and chords that stay within a stated distance of them.
+"""Curves of drawings, and chords within a requested distance of the curves.
 
-A curve is a run of straight lines ((n, d) vertices), an :class:`Arc` of an ellipse, a
-:class:`Bezier` or a :class:`Spline`. An outline is a sequence of curves, each of which starts where
-the one before it ends; the last one ends where the first one starts.
+A curve is a polyline ((n, d) vertices), an :class:`Arc` of an ellipse, a :class:`Bezier` or a
+:class:`Spline`. An outline is a closed sequence of curves; each curve starts at the end of the
+previous curve.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from polywigner.geometry.rings import Ring
 DEFAULT_TOLERANCE = 1 / 2000
 """Largest distance between a curve and its chords, in diagonals of the outline's bounds.
 
-A circle becomes 52 vertices; a quarter circle in a rounded corner, of a tenth of the outline's
-size, 8 chords. On an outline of ten wavelengths it is 1/200 of a wavelength.
+A circle becomes 52 vertices. A rounded corner, a quarter circle of a tenth of the outline's size,
+becomes 8 chords. For an outline of ten wavelengths the distance is 1/200 of a wavelength.
 """
 
-# A longer arc per chord would leave fewer than eight sides of a small circle.
+# A small circle has at least eight sides.
 _LARGEST_STEP = math.pi / 4
 
 Points = NDArray[np.floating[Any]]
@@ -63,11 +63,11 @@ class Arc:
         return Arc(centre, self.u @ matrix, self.v @ matrix, self.start, self.sweep)
 
     def chords(self, reach: float) -> Points:
-        """Return vertices (n, d) on the arc; of a full ellipse, a polygon of its area.
+        """Return vertices (n, d) on the arc; for a full ellipse, a polygon of the same area.
 
-        That polygon has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x = 2 pi/n.
-        Its corners stand out by (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch for n >= 48 (1.04 for
-        n = 8), and its sides dip by half of that.
+        The polygon of an ellipse has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and
+        x = 2 pi/n. Its corners lie outside by (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch for
+        n >= 48 (1.04 for n = 8); its sides lie inside by half of this distance.
         """
         if not self.is_closed:
             steps = max(math.sqrt(self.stretch / (8 * reach)), 1 / _LARGEST_STEP)
@@ -99,7 +99,7 @@ class Bezier:
         return Bezier(self.points @ matrix + offset)
 
     def chords(self, reach: float) -> Points:
-        """Return vertices (n, d) of equal steps; the second derivative bounds their distance."""
+        """Return vertices (n, d) at equal steps, by the bound of the second derivative."""
         degree = len(self.points) - 1
         second = np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)
         return sampled(self, _counted(math.sqrt(degree * (degree - 1) / 8 * second / reach)))
@@ -132,12 +132,12 @@ class Spline:
         pieces = 4 * (len(self.breaks) - 1)
         t = np.arange(pieces + 1) / pieces
         while True:
-            points, middle = self.at(t), (t[1:] + t[:-1]) / 2
+            points, midpoints = self.at(t), (t[1:] + t[:-1]) / 2
             # The distance to the midpoint of a chord bounds the distance to the chord.
-            off = np.linalg.norm(self.at(middle) - (points[1:] + points[:-1]) / 2, axis=1)
+            off = np.linalg.norm(self.at(midpoints) - (points[1:] + points[:-1]) / 2, axis=1)
             if (off <= reach).all():
                 return points
-            t = np.union1d(t, middle[off > reach])
+            t = np.union1d(t, midpoints[off > reach])
             _counted(len(t))
 
 
@@ -152,7 +152,7 @@ def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
 
 
 def sampled(curve: Curve, steps: int = 1) -> Points:
-    """Return `steps` + 1 points along the curve, or the vertices of straight lines."""
+    """Return `steps` + 1 points along the curve, or the vertices of a polyline."""
     return curve if isinstance(curve, np.ndarray) else curve.at(np.arange(steps + 1) / steps)
 
 
@@ -162,11 +162,9 @@ def chords(curve: Curve, reach: float) -> Points:
 
 
 def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
-    """Return the largest distance of chords: `tolerance`; None: 1/2000 of the outline's size.
+    """Return the largest distance of chords: `tolerance`, or 1/2000 of the outline's size.
 
-    Raises
-    ------
-    FileFormatError for numbers beyond 1e100.
+    Coordinates beyond 1e100 raise a FileFormatError.
     """
     points = np.concatenate([
         curve.points if isinstance(curve, Bezier | Spline) else sampled(curve, 8)
@@ -175,19 +173,16 @@ def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
     check_coordinates(points)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
-    # A point-like outline has no curves to follow; its ring is refused, or dropped, later.
+    # The ring of a point-like outline is refused, or dropped, later.
     return max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
 
 
 def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> list[Ring]:
-    """Return each outline as a ring (n, d) without a closing repeat, its chords within `tolerance`.
+    """Return each outline as a ring (n, d) without a closing repeat.
 
-    `tolerance` in the units of the curves; None: 1/2000 of each outline's own size. A full ellipse
-    becomes a polygon of the same area; otherwise all vertices lie on the curve.
-
-    Raises
-    ------
-    FileFormatError for numbers beyond 1e100 and for more than a million chords.
+    The chords are within `tolerance` of the curves, in their unit; None: 1/2000 of the size of the
+    outline. A full ellipse becomes a polygon of the same area; otherwise all vertices lie on the
+    curve. Coordinates beyond 1e100 and more than a million chords raise a FileFormatError.
     """
     reaches = [reach_of(outline, tolerance) for outline in outlines]
     return [

@@ -1,6 +1,6 @@
-"""Outlines and hatches of a DXF drawing, which ezdxf parses.
+"""Outlines and hatches of a DXF drawing, parsed by ezdxf.
 
-An area inside an odd number of outlines is open. Hatches are painted: one on the other is a union.
+An area inside an odd number of outlines is open. Hatches are joined.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import importlib
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,6 @@ from polywigner.geometry.io.outlines import (
     depths,
     filled,
     nested,
-    overlap_remedy,
     without_duplicates,
 )
 from polywigner.geometry.parts import polygons_in, union_on_grid
@@ -45,7 +45,7 @@ _IGNORED = frozenset({
     "LEADER", "MULTILEADER", "MLEADER", "TOLERANCE", "POINT", "RAY", "XLINE", "VIEWPORT", "IMAGE",
     "WIPEOUT", "OLE2FRAME", "ACAD_TABLE", "LIGHT", "SUN",
 })  # fmt: skip
-"""Annotation: nothing that could be an outline."""
+"""Annotation, which cannot be an outline."""
 
 _JOINT = 1e-6
 """Largest gap between ends that belong together, in diagonals of the drawing's bounds.
@@ -57,8 +57,8 @@ CAD programs write six decimals or more; ends of a drawing of 100 units meet wit
 _FLAT = 1e-9
 # Relative difference of angles and points that are the same up to rounding.
 _SAME = 1e-9
-# Nesting depths of the boundaries that a hatch fills between, by its style: all, outermost two
-# (the islands are open, and what lies in them), outermost only.
+# Largest nesting depth of the boundaries of a hatch, by its style: normal (all), outer (the
+# outermost two, so that islands are open with their content), ignore (the outermost).
 _DEEPEST = {0: 1_000_000, 1: 1, 2: 0}
 
 # Metres of $INSUNITS; units without an exact length (light years, survey units) are refused.
@@ -68,15 +68,14 @@ _UNITS = {
 }  # fmt: skip
 
 Path = list[Curve]
-"""Curves of which each starts where the one before it ends."""
+"""Curves; each one starts at the end of the previous one."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """An outline or a part of one, or the boundaries of an area that is painted."""
+    """An outline, a part of an outline, or the boundaries of a painted area."""
 
     boundaries: list[list[Path]]
-    layer: str
     style: int | None = None
     """Style of a hatch; None for outlines, which have one path."""
 
@@ -113,7 +112,7 @@ def _array(points: Iterable[Any]) -> Points:
 
 
 def _elliptic(centre: Points, u: Points, v: Points, start: float, end: float) -> Arc:
-    """Return the arc from one angle to another (radians); equal ones are a full turn apart."""
+    """Return the arc from one angle to another (radians); equal angles make a full ellipse."""
     sweep = (end - start) % math.tau
     is_full = abs(math.remainder(sweep, math.tau)) <= _SAME * math.tau
     return Arc(centre, u, v, start, math.tau if is_full else sweep)
@@ -133,7 +132,7 @@ def _curves(kind: str, item: Any) -> Path:
         centre, x, y = _array([tool.center, tool.major_axis, tool.minor_axis])
         return [_elliptic(centre, x, y, tool.start_param, tool.end_param)]
     control = _array(tool.control_points)
-    # ezdxf's own flattening leaves the range of the knots of a spline that is not clamped.
+    # The flattening of ezdxf exceeds the range of the knots of a spline that is not clamped.
     breaks = np.unique(list(tool.knots())[tool.degree : len(control) + 1])
     return [Spline(control, lambda t: _array(tool.points(t.tolist())), breaks)]
 
@@ -193,26 +192,26 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
     """Return the path or the painted area of one entity."""
     kind = entity.dxftype()
     if kind in ("LINE", "ELLIPSE", "SPLINE"):
-        return _Shape([[_curves(kind, entity)]], layer)
+        return _Shape([[_curves(kind, entity)]])
     if kind in ("SOLID", "TRACE"):
-        return _Shape([[[_array(entity.wcs_vertices(close=True))]]], layer, 0)
+        return _Shape([[[_array(entity.wcs_vertices(close=True))]]], 0)
     if kind == "POLYLINE" and entity.is_3d_polyline:
         points = _array(v.dxf.location for v in entity.vertices)
-        return _Shape([[[np.concatenate([points, points[: int(entity.is_closed)]])]]], layer)
+        return _Shape([[[np.concatenate([points, points[: int(entity.is_closed)]])]]])
     offset = np.zeros(3)
     if kind in ("ARC", "CIRCLE"):
-        shape = _Shape([[_curves(kind, entity)]], layer)
+        shape = _Shape([[_curves(kind, entity)]])
     elif kind == "LWPOLYLINE" or (kind == "POLYLINE" and entity.is_2d_polyline):
-        shape = _Shape([[_polyline(entity, layer)]], layer)
+        shape = _Shape([[_polyline(entity, layer)]])
     elif kind == "HATCH":
-        shape = _Shape(_hatch(entity), layer, int(entity.dxf.get("hatch_style", 0)))
+        shape = _Shape(_hatch(entity), int(entity.dxf.get("hatch_style", 0)))
         offset[2] = entity.dxf.elevation.z
     else:
         raise FileFormatError(
             f"expected lines, plane polylines, curves, hatches and blocks, got a {kind[:40]}; "
             "convert it to polylines, or move it to a layer that is off"
         )
-    # These entities have a coordinate system of their own.
+    # These entities have an object coordinate system.
     axes = _array(map(entity.ocs().to_wcs, np.eye(3).tolist()))
     return shape.transformed(axes, offset @ axes)
 
@@ -223,7 +222,7 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
 def load_dxf(file: File) -> Drawing:
     """Load the outlines and hatches in the model space of a DXF file, on layers that are on."""
     document = importlib.import_module("ezdxf").readfile(file.path)
-    # ezdxf gives metres to a drawing without units of its own.
+    # ezdxf assigns metres to a drawing without units.
     code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.content else 0
     if code not in (0, *_UNITS):
         raise FileFormatError(
@@ -239,7 +238,7 @@ def _layer_of(entity: Any) -> str:
 
 
 class _Space:
-    """The visible entities of a drawing, or those on the requested layers."""
+    """The visible entities of a drawing, or the entities on the requested layers."""
 
     def __init__(self, document: Any, layers: Sequence[str]) -> None:
         self.requested = {name.lower() for name in layers}
@@ -262,7 +261,7 @@ class _Space:
             if kind in _IGNORED or entity.dxf.get("invisible", 0):
                 continue
             if kind == "INSERT":
-                # A layer that is off hides no more than its own entities; a frozen one hides all.
+                # A layer that is off hides its entities only; a frozen layer also hides blocks.
                 if layer.lower() not in self.frozen:
                     yield from self._inserted(entity, layer)
             elif layer.lower() not in self.hidden and (
@@ -286,7 +285,7 @@ class _Space:
 
 
 def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
-    """Return polygons of hatches, and of outlines that are no border of a hatch."""
+    """Return polygons of hatches, and of outlines that do not border a hatch."""
     paths = [path for shape in shapes for boundary in shape.boundaries for path in boundary]
     if not paths:
         raise FileFormatError(
@@ -305,20 +304,16 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
     shapes = [shape.transformed(np.eye(3)[:, :2], np.zeros(2)) for shape in shapes]
     hatches = [shape for shape in shapes if shape.style is not None]
     painted = [
-        [ring for paths in hatch.boundaries for ring, _ in
-         _rings([(path, hatch.layer) for path in paths], gap, tolerance)]
+        [ring for paths in hatch.boundaries for ring in _rings(paths, gap, tolerance)]
         for hatch in hatches
-    ]  # fmt: skip
+    ]
     borders = [ring for rings in painted for ring in rings]
-    single = [(shape.boundaries[0][0], shape.layer) for shape in shapes if shape.style is None]
-    closed = _rings(_without_borders(single, borders, gap, tolerance), gap, tolerance)
-    rings, layers = [ring for ring, _ in closed], [layer for _, layer in closed]
+    single = [shape.boundaries[0][0] for shape in shapes if shape.style is None]
+    rings = _rings(_without_borders(single, borders, gap, tolerance), gap, tolerance)
     if not rings + borders:
         raise FileFormatError("expected outlines that enclose an area, got none that do")
-    layers += [hatch.layer for hatch, some in zip(hatches, painted, strict=True) for _ in some]
-    remedy = overlap_remedy(rings + borders, layers)
-    polygons = nested(without_duplicates(rings, gap), file.union, remedy) if rings else []
-    return Drawing(polygons + _painted(hatches, painted), metres, remedy)
+    polygons = nested(without_duplicates(rings, gap), file.union) if rings else []
+    return Drawing(polygons + _painted(hatches, painted), metres)
 
 
 def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[list[Ring]]:
@@ -326,31 +321,28 @@ def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[l
     polygons = []
     for hatch, rings in zip(hatches, painted, strict=True):
         deepest = _DEEPEST.get(hatch.style or 0, 0)
-        kept = [ring for ring, d in zip(rings, depths(rings), strict=True) if d <= deepest]
-        polygons += filled(kept, "evenodd")
+        outer = [ring for ring, d in zip(rings, depths(rings), strict=True) if d <= deepest]
+        polygons += filled(outer, "evenodd")
     if len(hatches) < 2:
         return polygons
     union = union_on_grid([shapely.Polygon(outer, holes) for outer, *holes in polygons])
     return [rings_of_polygon(polygon) for polygon in polygons_in(union)]
 
 
-def _rings(
-    paths: Sequence[tuple[Path, str]], gap: float, tolerance: float | None
-) -> list[tuple[Ring, str]]:
-    """Return rings (n, 2) of closed paths, and of paths whose ends meet, with their layers."""
-    paths = [pair for pair in paths if _size(_rough(pair[0])) > gap]  # anything shorter is a point
-    open_ends = [_size(_ends(path)) > gap for path, _ in paths]
-    loose = [pair for pair, is_open in zip(paths, open_ends, strict=True) if is_open]
-    runs = [[(*pair, False)] for pair, is_open in zip(paths, open_ends, strict=True) if not is_open]
-    for chain in _chains([_ends(path) for path, _ in loose], gap):
-        runs.append([(*loose[k], back) for k, back in chain])
-    pairs = []
+def _rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
+    """Return rings (n, 2) of closed paths, and of paths whose ends meet."""
+    paths = [path for path in paths if _size(_rough(path)) > gap]  # anything shorter is a point
+    is_open = [_size(_ends(path)) > gap for path in paths]
+    runs = [[(path, False)] for path in compress(paths, np.logical_not(is_open))]
+    loose = list(compress(paths, is_open))
+    for chain in _chains([_ends(path) for path in loose], gap):
+        runs.append([(loose[k], is_reversed) for k, is_reversed in chain])
+    rings = []
     for run in runs:
-        reach = reach_of([curve for path, _, _ in run for curve in path], tolerance)
-        pieces = [_chords(path, reach)[:: -1 if back else 1] for path, _, back in run]
-        ring = np.concatenate([piece[:-1] for piece in pieces])
-        pairs += [(ring, run[0][1])] if len(ring) > 2 else []
-    return pairs
+        reach = reach_of([curve for path, _ in run for curve in path], tolerance)
+        pieces = [_chords(path, reach)[:: -1 if back else 1] for path, back in run]
+        rings.append(np.concatenate([piece[:-1] for piece in pieces]))
+    return [ring for ring in rings if len(ring) > 2]
 
 
 def _chords(path: Path, reach: float) -> Points:
@@ -392,8 +384,8 @@ def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
 
 
 def _without_borders(
-    paths: list[tuple[Path, str]], borders: Sequence[Ring], gap: float, tolerance: float | None
-) -> list[tuple[Path, str]]:
+    paths: list[Path], borders: Sequence[Ring], gap: float, tolerance: float | None
+) -> list[Path]:
     """Return the paths that do not run along boundaries of hatches, up to the chords of both."""
     if not borders:
         return paths
@@ -402,5 +394,5 @@ def _without_borders(
     lines = shapely.MultiLineString([np.append(ring, ring[:1], axis=0) for ring in borders])
     near = shapely.buffer(lines, slack)
     shapely.prepare(near)
-    chorded = [shapely.LineString(_chords(p, reach_of(p, tolerance))) for p, _ in paths]
+    chorded = [shapely.LineString(_chords(p, reach_of(p, tolerance))) for p in paths]
     return [path for path, line in zip(paths, chorded, strict=True) if not near.covers(line)]

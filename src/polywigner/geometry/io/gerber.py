@@ -1,7 +1,7 @@
-"""Copper of one layer of a board in Gerber (RS-274X): objects that gerbonara reads, as polygons.
+"""Copper of one layer of a board in Gerber (RS-274X), parsed by gerbonara, as polygons.
 
-gerbonara ignores or mistakes statements that it does not know (step and repeat, blocks,
-transformed apertures): they are refused first.
+gerbonara ignores or misreads some statements (step and repeat, blocks, transformed apertures).
+Such statements are refused before.
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ _NEUTRAL = re.compile(
     r"OFA0(?:\.0*)?B0(?:\.0*)?|SFA1(?:\.0*)?B1(?:\.0*)?|LR0(?:\.0*)?|LS1(?:\.0*)?)",
     re.DOTALL,
 )
-# What gerbonara warns about and yet reads as Gerber says.
+# Warnings of gerbonara about statements that it reads correctly.
 _HARMLESS = ".*(Arc is missing|D01 interpolation with a zero-size)"
-# Relative difference of the two radii of an arc, whose ends and centre are whole numbers.
+# Relative difference of the radii at both ends of an arc, whose coordinates are rounded.
 _RADII = 1e-3
 
 Layers = Iterable[tuple[bool, BaseGeometry]]
-"""Shapes on top of each other, each dark (adds) or clear (cuts)."""
+"""Shapes in the order of drawing; a dark one (True) adds copper, a clear one removes copper."""
 
 
 def _refusal(expected: str, got: str, advice: str = "export the layer anew") -> FileFormatError:
@@ -67,25 +67,25 @@ def _refusal(expected: str, got: str, advice: str = "export the layer anew") -> 
 def _statements(text: str) -> Iterator[tuple[str, int]]:
     """Yield each statement, with a percent sign if it is extended, and its line."""
     position, line = 0, 1
-    while found := _PIECE.match(text, position):
-        extended, word = found.groups()
+    while match := _PIECE.match(text, position):
+        extended, word = match.groups()
         if word:
             yield re.sub(r"\s", "", word), line
         elif extended:
             macro = extended.lstrip().startswith("AM")
             for part in [extended] if macro else extended.split("*"):
                 yield "%" + part.strip(), line
-        position, line = found.end(), line + found[0].count("\n")
+        position, line = match.end(), line + match[0].count("\n")
     if text[position:].strip():
         raise _refusal(
             "Gerber statements that end with an asterisk", "text without one",
-            "the file may be cut short, or none of Gerber",
+            "the file may be cut short, or is not Gerber",
         )  # fmt: skip
 
 
 def _checked(text: str) -> tuple[str, str]:
-    """Return the statements of a Gerber file that matter, and its unit "MM" or "IN"."""
-    kept: list[str] = []
+    """Return the statements of a Gerber file that gerbonara needs, and its unit "MM" or "IN"."""
+    statements: list[str] = []
     unit = ""
     for statement, line in _statements(text):
         same_unit = {"MM": ("%MOMM", "G71"), "IN": ("%MOIN", "G70")}.get(unit, ())
@@ -93,29 +93,29 @@ def _checked(text: str) -> tuple[str, str]:
             continue
         comments = r"(?<=\*)\s*0(?![\d,.])[^*]*"
         statement = re.sub(comments, "", statement) if statement.startswith("%AM") else statement
-        found = _STATEMENT.fullmatch(statement)
-        if found is None:
+        match = _STATEMENT.fullmatch(statement)
+        if match is None:
             raise _refusal(
                 "plain RS-274X", f"a statement that is not read in line {line}",
                 "export the layer without panels, blocks, transformations, and macros of codes "
                 "other than 1, 4, 5, 20 and 21",
             )  # fmt: skip
-        unit = found["unit"] or unit
+        unit = match["unit"] or unit
         # gerbonara reads neither names of one letter nor G1 for G01.
         statement = re.sub(rf"^(%AM|%ADD\d+)(?={_NAME})", r"\1M_", statement)
         statement = re.sub(r"^G(?=[123](?:[XYIJD]|$))", "G0", statement)
-        kept.append(statement + "*%\n" if statement[0] == "%" else statement + "*\n")
-    regions = [words[:3] for words in kept if words in ("G36*\n", "G37*\n")]
+        statements.append(statement + "*%\n" if statement[0] == "%" else statement + "*\n")
+    regions = [words[:3] for words in statements if words in ("G36*\n", "G37*\n")]
     if regions != ["G36", "G37"] * (len(regions) // 2):  # gerbonara drops an open region
         raise _refusal("G37 after each G36", "another order")
-    checked = "".join(kept)
+    checked = "".join(statements)
     if not unit or "%FS" not in checked:
         raise _refusal("%FS and %MO before coordinates and apertures", "neither")
     return checked, unit
 
 
 def _objects_of(text: str) -> list[Any]:
-    """Return the objects of gerbonara in the order of the file; its warnings are errors, too."""
+    """Return the objects of gerbonara in the order of the file. Warnings count as errors."""
     library: Any = import_module("gerbonara.rs274x")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -124,14 +124,14 @@ def _objects_of(text: str) -> list[Any]:
 
 
 def _composed(layers: Layers) -> BaseGeometry:
-    """Return the region left when dark shapes add and clear ones cut, in their order."""
+    """Return the copper after all shapes: dark ones add, clear ones cut."""
     copper = np.array([], dtype=object)
     for dark, run in groupby(layers, key=lambda layer: layer[0]):
         shapes = [shape for _, shape in run if not shape.is_empty]
         if not shapes:
             continue
         shape = shapes[0] if len(shapes) == 1 else union_on_grid(shapes)
-        # The polygons apart from these shapes stay as they are.
+        # Polygons apart from the new shape stay unchanged.
         near = shapely.intersects(copper, shapely.box(*shape.bounds))
         if near.any():
             around = shapely.MultiPolygon(list(copper[near]))
@@ -152,23 +152,24 @@ def _circle(centre: Any, radius: float, start: float = 0.0, sweep: float = 2 * m
 
 
 def _between(start: Any, end: Any, clockwise: bool, about: Any) -> Arc:
-    """Return the arc about a centre, which is moved to be at one distance from both ends."""
-    one, other, centre = np.array([start, end, about], dtype=float)
-    first, last = np.hypot(*(one - centre)), np.hypot(*(other - centre))
+    """Return an arc; its centre is moved to have the same distance from both ends."""
+    first_end, last_end, centre = np.array([start, end, about], dtype=float)
+    first, last = np.hypot(*(first_end - centre)), np.hypot(*(last_end - centre))
     if not 0 < first < math.inf or abs(first - last) > _RADII * first:
         raise _refusal(
             "arcs with one radius", f"{first:.6g} at the start and {last:.6g} at the end"
         )
-    chord = other - one
+    chord = last_end - first_end
     if chord.any():
-        centre = centre + chord * (((one + other) / 2 - centre) @ chord / (chord @ chord))
-    begin, stop = (math.atan2(y, x) for x, y in (one - centre, other - centre))
+        midpoint = (first_end + last_end) / 2
+        centre = centre + chord * ((midpoint - centre) @ chord / (chord @ chord))
+    begin, stop = (math.atan2(y, x) for x, y in (first_end - centre, last_end - centre))
     sweep = (begin - stop if clockwise else stop - begin) % (2 * math.pi) or 2 * math.pi
-    radius = float(np.hypot(*(one - centre)))
+    radius = float(np.hypot(*(first_end - centre)))
     return _circle(centre, radius, begin, -sweep if clockwise else sweep)
 
 
-def _corners(rectangle: Any) -> Any:
+def _corners(rectangle: Any) -> Points:
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (rectangle.w / 2, rectangle.h / 2)
     return turned_points(corners, rectangle.rotation) + np.array([rectangle.x, rectangle.y])
 
@@ -226,14 +227,14 @@ class _Shapes:
         along = ends[1] - ends[0]
         if not along.any():
             return self._polygon([_circle(ends[0], width / 2)])
-        # The sides touch the circles, so vertices stand there.
+        # The half circle has vertices at its ends, which the straight sides touch.
         half = _circle((0, 0), width / 2, math.atan2(along[1], along[0]) + math.pi / 2, math.pi)
         discs = [_circle(end, width / 2) for end in ends]
         side = chords(half, reach_of(discs, self._tolerance))
         return _hull([ends[1] - side, ends[0] + side])
 
     def _primitive(self, primitive: Any) -> BaseGeometry:
-        """Return the region of a graphic primitive of gerbonara, whose own outlines are wrong."""
+        """Return the region of a graphic primitive; the outlines of gerbonara are wrong."""
         kind, p = type(primitive).__name__, primitive
         if kind == "Circle":
             return self._polygon([_circle((p.x, p.y), p.r)])
@@ -271,7 +272,7 @@ class _Shapes:
         if pen.hole_dia or (kind == "Arc" and not is_round):
             raise _refusal(
                 "strokes of round or rectangular apertures without a hole, arcs of round ones",
-                "others",
+                "other strokes",
                 "export them as regions",
             )
         if kind == "Line" and is_round:
@@ -294,7 +295,7 @@ class _Shapes:
 
 
 def load_gerber(file: File) -> Drawing:
-    """Load the copper after all objects: dark ones add, clear ones cut, in the file's order."""
+    """Load the copper after all objects: dark objects add, clear ones cut."""
     text, unit = _checked(text_of(file.content))
     metres = _METRES[unit]
     shapes = _Shapes(file.tolerance and file.tolerance / metres)
@@ -302,8 +303,8 @@ def load_gerber(file: File) -> Drawing:
         copper = _composed(layer for thing in _objects_of(text) for layer in shapes.of(thing))
     except (PolywignerError, ImportError):
         raise
-    except Exception as error:  # gerbonara documents no kinds
-        # Its numbers of lines are those of the checked text, not of the file.
+    except Exception as error:  # gerbonara documents no exceptions
+        # The line number refers to the checked text, not to the file.
         why = re.sub(r"^<unknown>:\d+ ", "", str(error.__cause__ or error).partition("\n")[0])
         raise _refusal("Gerber that gerbonara reads", why[:200].rstrip(".")) from None
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]

@@ -1,4 +1,4 @@
-"""Checks that all file readers share: kind and size of the file, encoding, and numbers."""
+"""Checks of all file readers: kind and size of the file, encoding, and numbers."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ def check_bytes(size: int, largest: int, kind: str = "") -> None:
     if size > largest:
         raise FileFormatError(
             f"expected at most {largest >> 20} MiB{kind and f' of {kind}'}, got "
-            f"{size / 2**20:.0f} MiB; simplify what it describes, or save a part of it"
+            f"{size / 2**20:.0f} MiB; simplify the content, or save a part of it"
         )
 
 
 def check_coordinates(points: NDArray[Any]) -> None:
-    """Raise FileFormatError for coordinates that are not finite or too large to compute with."""
+    """Raise FileFormatError for coordinates that are not finite or too large."""
     if not (np.abs(points) <= LARGEST_NUMBER).all():  # also for a NaN
         raise FileFormatError(
-            f"expected finite coordinates below {LARGEST_NUMBER:g}, got one beyond; "
+            f"expected finite coordinates below {LARGEST_NUMBER:g}, got a larger one; "
             "correct that number"
         )
 
@@ -55,7 +55,7 @@ _NUMBER = re.compile(r"[-+.,;:\s0-9eE]{1,12}", re.ASCII)
 
 
 def token(text: str, known: tuple[str, ...] = ()) -> str:
-    """Return a text for a message: short numbers and known words as they are, else the length."""
+    """Return a text for a message: a short number or a known word itself, else the length."""
     if text in known or _NUMBER.fullmatch(text):
         return repr(text)
     return f"{len(text)} characters of text" if text else "nothing"
@@ -76,7 +76,7 @@ def check_regular(path: Path) -> None:
 
 
 def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
-    """Return the content of a regular file that is not empty and has at most `largest` bytes."""
+    """Return the content of a regular file, which must have 1 to `largest` bytes."""
     check_regular(path)
     try:
         check_bytes(path.stat().st_size, largest)

@@ -24,11 +24,11 @@ MESH_SUFFIXES = (".stl", ".ply", ".obj")
 Points = NDArray[np.float64]
 Face = tuple[int, ...]
 
-# Vertices nearer than this fraction of the size are one: CAD programs compute the corner of each
-# face anew, with rounding errors of 1e-16 to 1e-12.
+# Vertices nearer than this fraction of the size are merged: CAD programs compute the corners of
+# each face separately, with rounding errors of 1e-16 to 1e-12.
 _WELD = 1e-9
-# Units in the last place by which corners in single precision may differ after that rounding.
-_LAST_PLACES = 2
+# Largest difference of merged corners in single precision, in units of the last digit.
+_LAST_DIGITS = 2
 # Largest distance of a vertex from its face's plane, as a fraction of the size: coordinates with
 # six digits pass.
 _PLANAR = 1e-5
@@ -50,8 +50,8 @@ _DOUBLE, _SINGLE = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).e
 def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
     """Return vertices (n, 3) in the file's unit and triangles (m, 3) of an STL, PLY or OBJ file.
 
-    Raises FileFormatError for a file that is damaged, cut short or has no faces. A face that is not
-    planar is split into triangles with a warning.
+    A damaged or truncated file, and a file without faces, raise a FileFormatError. A face that is
+    not planar is split into triangles with a warning.
     """
     readers: dict[str, Callable[[bytes], Mesh]] = {".stl": _stl, ".ply": _ply, ".obj": _obj}
     kind = suffix.removeprefix(".").upper()
@@ -71,12 +71,12 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
     if least < 0 or most >= len(mesh.vertices):
         raise FileFormatError(
             f"expected {kind} faces with vertex numbers up to {len(mesh.vertices)}, got a face "
-            "with another; correct it"
+            "with another number; correct it"
         )
     check_coordinates(mesh.vertices)
     mesh = _welded(mesh)
     if not mesh.faces:
-        raise FileFormatError("expected triangles with an area, got points alone; export it again")
+        raise FileFormatError("expected triangles with an area, got points only; export it again")
     return _triangulated(mesh)
 
 
@@ -97,26 +97,26 @@ def _size(points: Points) -> float:
 
 
 def _welded(mesh: Mesh) -> Mesh:
-    """Join vertices that differ by rounding, and drop edges and faces that vanish by it."""
+    """Merge vertices that differ by rounding, and drop edges and faces that vanish."""
     points = mesh.vertices + 0.0
     reach = _WELD * _size(points)
     if mesh.precision > _DOUBLE:
-        reach = max(reach, _LAST_PLACES * mesh.precision * float(np.abs(points).max()))
+        reach = max(reach, _LAST_DIGITS * mesh.precision * float(np.abs(points).max()))
     labels = np.stack([_clusters(column, reach) for column in points.T], axis=1)
     _, first, number = np.unique(labels, axis=0, return_index=True, return_inverse=True)
     numbers = number.ravel().tolist()
     faces = []
     for face in mesh.faces:
-        joined = tuple(numbers[k] for k in face)
-        if len(set(joined)) < len(joined):
-            joined = tuple(k for n, k in enumerate(joined) if k != joined[n - 1])
-        if len(set(joined)) > 2:
-            faces.append(joined)
+        merged = tuple(numbers[k] for k in face)
+        if len(set(merged)) < len(merged):
+            merged = tuple(k for n, k in enumerate(merged) if k != merged[n - 1])
+        if len(set(merged)) > 2:
+            faces.append(merged)
     return Mesh(points[first], faces, mesh.precision)
 
 
 def _clusters(values: Points, reach: float) -> NDArray[np.intp]:
-    """Labels (n,) of values, equal where steps of at most `reach` lead from one to the other."""
+    """Return labels (n,) of values, equal if steps of at most `reach` connect the values."""
     order = np.argsort(values, kind="stable")
     labels = np.empty(len(values), dtype=np.intp)
     labels[order] = np.cumsum(np.diff(values[order], prepend=values[order[:1]]) > reach)
@@ -141,19 +141,21 @@ def _stl(content: bytes) -> Mesh:
             f"expected binary STL of 84 + 50 n bytes, got {len(content)} that announce {count} "
             "triangles; export the body again"
         )
-    found = _VERTEX.findall(content)
+    vertices = _VERTEX.findall(content)
     facets = len(_END_OF_FACET.findall(content))
-    if len(found) != 3 * facets:
+    if len(vertices) != 3 * facets:
         raise FileFormatError(
-            f"expected three vertices in each facet of an STL file, got {len(found)} vertices in "
-            f"{facets} facets; the file may be damaged or cut short: export the body again"
+            f"expected three vertices in each facet of an STL file, got {len(vertices)} vertices "
+            f"in {facets} facets; the file may be damaged or cut short: export the body again"
         )
     if facets and not _END_OF_SOLID.search(content):
         raise FileFormatError(
             "expected an STL file that ends with endsolid, got one without; it may be cut short: "
             "export the body again, or add that line"
         )
-    return _of_corners(np.array(found, dtype=bytes).astype(np.float64).reshape(-1, 3, 3), _DOUBLE)
+    return _of_corners(
+        np.array(vertices, dtype=bytes).astype(np.float64).reshape(-1, 3, 3), _DOUBLE
+    )
 
 
 def _of_corners(corners: Points, precision: float) -> Mesh:
@@ -167,8 +169,6 @@ _FREE_FORM = ("curv", "curv2", "surf")
 
 
 def _obj(content: bytes) -> Mesh:
-    if b"\0" in content:
-        raise FileFormatError("expected OBJ as text, got zeros; export the body again")
     vertices: list[list[float]] = []
     faces: list[Face] = []
     for line in content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
@@ -178,7 +178,7 @@ def _obj(content: bytes) -> Mesh:
             vertices.append([float(x), float(y), float(z)])
         elif word in (b"f", b"fo"):
             numbers = [int(value.partition(b"/")[0]) for value in values]
-            # negative numbers count back from the last vertex so far
+            # negative numbers count back from the last vertex read
             faces.append(tuple(n - 1 if n > 0 else len(vertices) + n if n else -1 for n in numbers))
             if len(numbers) < 3:
                 raise ValueError
@@ -226,8 +226,6 @@ def _ply(content: bytes) -> Mesh:
         tuple(map(int, row.get("vertex_indices", row.get("vertex_index")) or ()))
         for row in rows.get("face", ())
     ]
-    if "tristrips" in rows and not faces:
-        raise FileFormatError("expected PLY with faces, got strips of triangles; export faces")
     if any(len(face) < 3 for face in faces):
         raise ValueError
     types = {kind for name, _, properties in elements if name == "vertex"
@@ -237,7 +235,7 @@ def _ply(content: bytes) -> Mesh:
 
 
 def _header(text: str) -> tuple[str, list[tuple[str, int, list[Property]]]]:
-    """Return the form of a PLY file, and name, number of rows and properties of its elements."""
+    """Return the format of a PLY file, and name, number of rows and properties of its elements."""
     form = ""
     elements: list[tuple[str, int, list[Property]]] = []
     for line in text.splitlines():
@@ -263,7 +261,7 @@ def _row(properties: list[Property], take: Take) -> dict[str, Any]:
 
 
 def _words(body: bytes) -> tuple[Take, Callable[[], bool]]:
-    """Return a reader of numbers as text, and whether none are left."""
+    """Return a function that reads numbers as text, and a test for the end."""
     words = iter(body.split())
 
     def take(form: str) -> Sequence[Any]:
@@ -273,7 +271,7 @@ def _words(body: bytes) -> tuple[Take, Callable[[], bool]]:
 
 
 def _records(body: bytes, order: str) -> tuple[Take, Callable[[], bool]]:
-    """Return a reader of binary numbers, and whether none are left."""
+    """Return a function that reads binary numbers, and a test for the end."""
     position = 0
 
     def take(form: str) -> Sequence[Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +31,11 @@ from polywigner.geometry.rings import (
     spans_area,
 )
 
+OVERLAP_REMEDY = (
+    "join them in the drawing, read fewer layers (--layer), or give union=True (--union)"
+)
+"""Advice to users whose outlines overlap."""
+
 Polygon = list[Ring]
 """Rings with the exterior first."""
 
@@ -59,8 +63,6 @@ class Drawing:
     polygons: Sequence[Sequence[Any]]
     metres: float
     """Length of the file's unit."""
-    remedy: str | None = None
-    """Advice to users whose outlines overlap."""
 
 
 def check_known(requested: Iterable[str], known: Iterable[str]) -> None:
@@ -75,41 +77,17 @@ def check_known(requested: Iterable[str], known: Iterable[str]) -> None:
         )
 
 
-def overlap_remedy(rings: Sequence[Ring], layers: Sequence[str]) -> str:
-    """Return advice for outlines (n, 2) on `layers` that cross, overlap, or touch inside another.
-
-    An outline around all others is often the edge of a board, on a layer of its own.
-    """
-    largest = max(range(len(rings)), key=lambda k: float(np.prod(np.ptp(rings[k], axis=0))))
-    others = sorted(set(layers) - {layers[largest], ""})
-    points = [ring for k, ring in enumerate(rings) if k != largest]
-    if len(points) < 2 or not _surrounds(rings[largest], np.concatenate(points)):
-        return "join them in the drawing, or give union=True (--union)"
-    name = f"the outline on layer {layers[largest][:60]!r}" if layers[largest] else "one outline"
-    if not others:
-        return f"{name} lies around all others: move it to a layer that is not read"
-    listed = repr(others[0] if len(others) == 1 else others[:3])
-    options = " ".join(f"--layer {shlex.quote(other)}" for other in others[:3])
-    return f"{name} lies around all others: read the others with layer={listed} ({options})"
-
-
-def _surrounds(ring: Ring, points: Ring) -> bool:
-    outline = shapely.Polygon(ring)
-    shapely.prepare(outline)
-    return bool(shapely.intersects_xy(outline, points).all())
-
-
 def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
-    """The region that a path of several rings fills by the rule "nonzero" or "evenodd".
+    """Return the region that a path of rings fills by the rule "nonzero" or "evenodd".
 
-    Rings that enclose no area are passed over; rings that meet no other stay as they are.
+    Rings without an area are ignored. Rings that meet no other ring stay unchanged.
     """
-    kept = [ring for ring in rings if _encloses(ring)]
-    if not kept:
+    rings = [ring for ring in rings if _encloses(ring)]
+    if not rings:
         return []
-    if len(kept) == 1 and shapely.is_valid(shapely.Polygon(kept[0])):
-        return [kept]  # cleaned with the aperture
-    clean = [clean_ring(ring, "a ring") for ring in kept]
+    if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):
+        return [rings]  # cleaned with the aperture
+    clean = [clean_ring(ring, "a ring") for ring in rings]
     if shapely.is_simple(_lines(clean)):
         return _by_nesting(clean, rule)
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
@@ -121,13 +99,10 @@ def depths(rings: Sequence[Ring]) -> list[int]:
     return [len(others) for _, others in _containing(rings, sizes)] if len(rings) else []
 
 
-def nested(
-    rings: Sequence[Ring], union: bool = False, remedy: str = "join them in the drawing"
-) -> list[Polygon]:
-    """Polygons whose holes are the rings inside them, islands in holes and so on.
+def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
+    """Return polygons whose holes are the rings inside them; rings in holes are polygons again.
 
-    `union` joins rings that overlap or touch first; else GeometryError with `remedy` where they
-    overlap.
+    `union` first joins rings that overlap or touch. Without it, overlaps raise a GeometryError.
     """
     is_simple = shapely.is_valid([shapely.Polygon(ring) for ring in rings])
     clean = [  # simple ones are cleaned with the aperture
@@ -138,12 +113,12 @@ def nested(
         if union:
             clean = _joined(clean)
         else:
-            _check_overlaps(clean, remedy)
+            _check_overlaps(clean)
     return _by_nesting(clean, "evenodd")
 
 
 def _joined(rings: Sequence[Ring]) -> list[Ring]:
-    """The outlines of groups of rings that overlap or touch; those inside others stay."""
+    """Return the outlines of groups of rings that overlap or touch; rings inside others stay."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     tree = shapely.STRtree(polygons)
     pairs = [tree.query(polygons, predicate=relation) for relation in ("overlaps", "touches")]
@@ -175,17 +150,17 @@ def _lines(rings: Sequence[Ring]) -> shapely.MultiLineString:
     return shapely.MultiLineString([np.concatenate([ring, ring[:1]]) for ring in rings])
 
 
-def _check_overlaps(rings: Sequence[Ring], remedy: str) -> None:
-    """Raise where the insides of two rings meet, and neither lies in the other."""
+def _check_overlaps(rings: Sequence[Ring]) -> None:
+    """Raise GeometryError for two rings that overlap, unless one lies in the other."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     first, second = shapely.STRtree(polygons).query(polygons, predicate="overlaps")
     once = first < second
     shift = max(rounding_tolerance(ring) for ring in rings)
-    check_pairs(polygons, first[once], second[once], shift, "outlines", remedy)
+    check_pairs(polygons, first[once], second[once], shift, "outlines", OVERLAP_REMEDY)
 
 
 def _by_nesting(rings: Sequence[Ring], rule: str) -> list[Polygon]:
-    """Polygons of rings that do not cross, by the number of rings around each."""
+    """Return polygons of rings that do not cross, by the number of rings around each."""
     areas = np.array([signed_area(ring) for ring in rings])
     pairs = _containing(rings, np.abs(areas))
     turns = np.sign(areas).astype(np.int64)
@@ -211,14 +186,14 @@ def _by_nesting(rings: Sequence[Ring], rule: str) -> list[Polygon]:
 def _containing(
     rings: Sequence[Ring], sizes: NDArray[np.float64]
 ) -> list[tuple[int, NDArray[np.intp]]]:
-    """Each ring's number with the numbers of the larger rings that it lies in."""
+    """Return the number of each ring with the numbers of the larger rings around it."""
     polygons = [shapely.Polygon(ring) for ring in rings]
-    spots = shapely.point_on_surface(polygons)
-    x, y = shapely.get_coordinates(spots).T
-    tree = shapely.STRtree(spots)
+    points = shapely.point_on_surface(polygons)
+    x, y = shapely.get_coordinates(points).T
+    tree = shapely.STRtree(points)
     around: list[list[int]] = [[] for _ in rings]
     for k, polygon in enumerate(polygons):
-        near = tree.query(polygon)  # those within its bounds
+        near = tree.query(polygon)  # points within its bounds
         near = near[sizes[near] < sizes[k]]
         if len(near):
             shapely.prepare(polygon)  # many points in one polygon

@@ -1,7 +1,7 @@
 """Files of apertures and bodies: GeoJSON, WKT, CSV, SVG, DXF, GDSII, Gerber; STL, PLY and OBJ.
 
-A loader makes polygons in the file's own unit, which :class:`Aperture` and :class:`Polyhedron`
-check.
+A loader returns polygons in the unit of the file. :class:`Aperture` and :class:`Polyhedron` check
+them.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
@@ -32,13 +32,15 @@ from polywigner.geometry.io.gds import load_gds
 from polywigner.geometry.io.gerber import load_gerber
 from polywigner.geometry.io.limits import MOST_RINGS, MOST_VERTICES, bytes_of, check_most
 from polywigner.geometry.io.meshes import MESH_SUFFIXES, read_mesh
-from polywigner.geometry.io.outlines import Drawing, File
+from polywigner.geometry.io.outlines import OVERLAP_REMEDY, Drawing, File
 from polywigner.geometry.io.svg import PIXEL, load_svg
 from polywigner.geometry.io.text import load_csv, load_geojson, load_wkt
 from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.geometry.rings import Ring
 from polywigner.quantities import parse_unit
+
+T = TypeVar("T")
 
 LOADERS: dict[str, Callable[[File], Drawing]] = {
     ".geojson": load_geojson,
@@ -70,33 +72,27 @@ def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
     suffix = path.suffix.lower()
     if suffix in MESH_SUFFIXES:
         raise FileFormatError(
-            f"expected an aperture, got {suffix}, which holds a body; read it with "
+            f"expected an aperture, got {suffix}, which contains a body; read it with "
             "polywigner.read_polyhedron"
         )
     if suffix in _NOT_READ:
         raise FileFormatError(
             f"expected one of {', '.join(LOADERS)}, got {suffix}, which is not read; export the "
-            "outline as one of these"
+            "outline in one of these formats"
         )
     start = content[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
     by_start = (loader for pattern, loader in _STARTS if re.match(pattern, start))
     return LOADERS.get(suffix) or next(by_start, load_csv)
 
 
-def _read(file: File) -> Aperture:
+def _loaded(file: File) -> Drawing:
+    """Return the drawing; a missing or failing library raises a package error."""
     loader = _loader_of(file.path, file.content)
     if file.layers and loader not in _WITH_LAYERS:
         raise ArgumentError(
-            "expected a layer of a drawing (SVG, DXF, GDSII) only, got one of a file that has "
-            "no layers; leave it out"
+            "expected a layer of a drawing (SVG, DXF, GDSII), got a file without layers; leave it "
+            "out"
         )
-    # Numbers beyond the range of float64 are reported where they arrive.
-    with np.errstate(all="ignore"):
-        return _aperture(_loaded(loader, file), file.union)
-
-
-def _loaded(loader: Callable[[File], Drawing], file: File) -> Drawing:
-    """Return the drawing; a library that is missing or fails raises one error."""
     try:
         with warnings.catch_warnings():  # of libraries
             warnings.simplefilter("ignore")
@@ -108,18 +104,18 @@ def _loaded(loader: Callable[[File], Drawing], file: File) -> Drawing:
         raise missing_extra(library, "formats", f"reads {file.path.suffix} files") from None
     except RecursionError:
         raise FileFormatError(
-            "expected elements that are not nested too deeply, got more, or one that contains "
-            "itself; ungroup them"
+            "expected fewer levels of nested elements, or no element that contains itself; ungroup "
+            "them"
         ) from None
     except Exception as error:  # libraries document few of their exceptions
         raise FileFormatError(
             f"expected a drawing, got a file that its library does not read "
-            f"({type(error).__name__}); it may be damaged: export it anew"
+            f"({type(error).__name__}); it may be damaged: export it again"
         ) from None
 
 
 def _scaled(points: Any, metres: float) -> Ring:
-    """Coordinates in metres. Dividing by 1000 rather than multiplying by 0.001 rounds correctly."""
+    """Return coordinates in metres. Dividing by 1000 is more exact than multiplying by 0.001."""
     array = np.asarray(points, dtype=np.float64)
     per_metre = round(1 / metres) if 1e-15 < metres < 1 else 0
     return array / per_metre if per_metre and 1 / per_metre == metres else array * metres
@@ -133,18 +129,18 @@ def _aperture(drawing: Drawing, union: bool) -> Aperture:
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 
-    advice = {} if drawing.remedy is None else {"remedy": drawing.remedy}
-
     def build(scale: float) -> Aperture:
         scaled = [[_scaled(ring, scale) for ring in rings] for rings in polygons]
         named = zip(scaled, names, strict=True)
-        parts = [part_of_rings(rings, name, **advice) for rings, name in named]
-        return Aperture._of_parts(union_parts(parts) if union else merge_parts(parts, **advice))
+        parts = [part_of_rings(rings, name, OVERLAP_REMEDY) for rings, name in named]
+        return Aperture._of_parts(
+            union_parts(parts) if union else merge_parts(parts, OVERLAP_REMEDY)
+        )
 
     try:
         return build(drawing.metres)
     except GeometryError:
-        build(1.0)  # raises the same with places in the file's own unit
+        build(1.0)  # raises the same error with positions in the unit of the file
         raise
 
 
@@ -152,17 +148,10 @@ def _metres(unit: str | float) -> float:
     return float(PIXEL) if isinstance(unit, str) and unit.strip() == "px" else parse_unit(unit)
 
 
-def _checked_tolerance(tolerance: Any) -> float | None:
-    """A length in metres above zero, or None; ArgumentError for any other."""
-    if tolerance is None:
-        return None
-    return checked_length(tolerance, "tolerance", meaning="metres above zero, such as 1e-5")
-
-
 def _checked_layers(layer: Any) -> tuple[str, ...]:
-    """The names that a caller gives: one, several, or None for all layers."""
-    given = () if layer is None else (layer,) if isinstance(layer, str) else layer
-    names = tuple(given) if isinstance(given, Iterable) else (given,)
+    """Return the names of layers: one, several, or none for all layers."""
+    layers = () if layer is None else (layer,) if isinstance(layer, str) else layer
+    names = tuple(layers) if isinstance(layers, Iterable) else (layers,)
     if not all(isinstance(name, str) and name for name in names):
         raise ArgumentError(
             f"expected a layer by its name, or several names, got {layer!r}; give for example "
@@ -178,47 +167,52 @@ def read_aperture(
     layer: str | Sequence[str] | None = None,
     union: bool = False,
 ) -> Aperture:
-    """Read an aperture from a file; returns it in metres.
+    """Read an aperture from a file.
 
     Parameters
     ----------
     path
-        ``.geojson`` or ``.json``: Polygon, MultiPolygon, or Features and collections of them;
-        ``.wkt``: Polygon or MultiPolygon; ``.csv``: one vertex of a single ring per line, with
-        comma, semicolon (a comma is then a decimal sign) or blanks between x and y, an optional
-        header line and ``#`` comments; ``.svg``: filled shapes, turned so that y points up;
-        ``.dxf``: closed outlines (those inside others being holes) and hatches; ``.gds``:
-        polygons and paths of a cell; ``.gbr``, ``.ger``, ``.gtl``, ``.gbl`` or ``.art``: the copper
-        of a Gerber layer. Any other suffix: by content. SVG, DXF, GDSII and Gerber need the extra
-        `formats`.
+        ``.geojson`` or ``.json``: Polygon, MultiPolygon, Feature or a collection; ``.wkt``: Polygon
+        or MultiPolygon; ``.csv``: a ring, one vertex per line, with comma, semicolon (then a comma
+        is a decimal sign) or blanks between x and y, an optional header line and ``#`` comments;
+        ``.svg``: filled shapes, with y up; ``.dxf``: closed outlines (an outline inside another
+        is a hole) and hatches; ``.gds``: polygons and paths of a cell; ``.gbr``, ``.ger``,
+        ``.gtl``, ``.gbl`` or ``.art``: the copper of a Gerber layer. The format of any other suffix
+        is detected from the content. SVG, DXF, GDSII and Gerber need the extra `formats`.
     unit
-        What 1 stands for in the file: a unit's name ("mm", "um", "in") or a length ("0.1 mm"); "px"
-        is 1/96 inch. SVG with a width or height in mm, cm, Q, in, pt or pc, DXF with $INSUNITS,
-        GDSII and Gerber state it themselves; then `unit` has no effect.
+        Unit of the coordinates, default "mm": a name ("mm", "um", "in"), a length ("0.1 mm"), or
+        metres; "px" is 1/96 inch. It has no effect for files that state their unit: SVG with a
+        width or height in mm, cm, Q, in, pt or pc, DXF with $INSUNITS, GDSII and Gerber.
     tolerance
-        Largest distance in metres between a curve (SVG, DXF, Gerber) and the chords that replace
-        it. None: 1/2000 of the diagonal of each outline. Whole circles and ellipses keep their
-        area.
+        Largest distance in metres between a curve (SVG, DXF, Gerber) and its chords. None: 1/2000
+        of the diagonal of each outline. Full circles and ellipses keep their area.
     layer
-        Layers of a drawing to read alone, hidden or not: a name, or several. DXF: layers, in
-        capitals or not; SVG: groups or shapes by id or by the name that Inkscape shows; GDSII:
-        layers as "1" or "1/0", and a cell by its name. None: all that is visible.
+        Names of the layers to read, hidden or not. DXF: layers, regardless of case; SVG: groups or
+        shapes by id or by their name in Inkscape; GDSII: layers as "1" or "1/0", and a cell by its
+        name. None: all visible layers.
     union
-        Whether to join shapes that overlap, such as a pad and its feed, rather than to refuse them.
-        Those of a Gerber file are always joined.
+        Whether to join shapes that overlap, such as a pad and its feed. If False, overlaps raise a
+        GeometryError. The shapes of a Gerber file are always joined.
+
+    Returns
+    -------
+    Aperture
+        The aperture in metres.
 
     Raises
     ------
     FileFormatError
-        The file is missing, empty, too large (64 MiB), damaged, not of its format, or holds
-        something that is no outline; docs/files.md lists what is read and the limits.
+        The file is missing, empty, too large (64 MiB), damaged, or contains unsupported elements
+        (docs/files.md).
     GeometryError
-        The outline is not a polygon: see :class:`Aperture`. Places are in the file's unit.
-    QuantityError, ArgumentError
-        The unit does not parse; the tolerance is not a length above zero, the path is none, or
-        there is no such layer.
+        The outline is not a polygon: see :class:`Aperture`. Positions are in the unit of the file.
+    QuantityError
+        The unit cannot be parsed.
+    ArgumentError
+        The tolerance is not a length above zero, the path is not a path, or the drawing does not
+        have the layer.
     MissingExtraError
-        The format needs a library that is not installed.
+        The library of the format is not installed.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -227,33 +221,53 @@ def read_aperture(
     >>> pw.read_aperture(path, unit="mm").bounds
     (0.0, 0.0, 0.004, 0.001)
     """
-    metres, reach, source = _metres(unit), _checked_tolerance(tolerance), checked_path(path)
+    metres, source, expected = _metres(unit), checked_path(path), "metres above zero, such as 1e-5"
+    if tolerance is not None:
+        tolerance = checked_length(tolerance, "tolerance", meaning=expected)
     layers, joins = _checked_layers(layer), checked_flag(union, "union")
     try:
-        content = bytes_of(source)
-        return _read(File(source, content, metres, reach, layers, joins))
+        file = File(source, bytes_of(source), metres, tolerance, layers, joins)
+        with np.errstate(all="ignore"):  # the checks report numbers beyond the range of float64
+            return _aperture(_loaded(file), joins)
     except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
         raise type(error)(f"{source}: {error}") from None
 
 
 def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> Polyhedron:
-    """Read a body from a mesh file (``.stl``, ``.ply``, ``.obj``); returns it in metres.
+    """Read a body from a mesh file (``.stl``, ``.ply``, ``.obj``).
 
-    Vertices that differ by less than 1e-9 of the mesh's size are merged (by two units in the last
-    place, if the file is in single precision). Faces of more than three vertices, convex or not,
-    are split into triangles. Colours, normals and materials are ignored. A closed surface that is
-    inside out is reversed; a surface inside another one is a cavity (see :class:`Polyhedron`).
+    Vertices that differ by less than 1e-9 of the mesh's size are merged (in single precision, by at
+    most two units of the last digit). Faces of more than three vertices, convex or not, are split
+    into triangles. Colours, normals and materials are ignored. A closed surface that is inside out
+    is reversed; a surface inside another one is a cavity (see :class:`Polyhedron`).
 
     Parameters
     ----------
-    path : the file, in text or binary form where the format has both.
-    unit : length of one unit of the file, as for :func:`read_aperture`; none of these formats
-        contains it.
+    path : str or path-like
+        Mesh file, text or binary.
+    unit : str or float
+        Length of one unit of the file, as for :func:`read_aperture`, default "mm". None of these
+        formats states its unit.
 
-    Raises FileFormatError for a file that is missing, empty, too large (64 MiB, 200 000 triangles),
-    damaged, or not of its format; GeometryError for a face that crosses itself and for a surface
-    that is not closed, not consistently oriented, or encloses no volume; QuantityError for the
-    unit, ArgumentError for the path. Warns (PolywignerWarning) if a face is not planar.
+    Returns
+    -------
+    Polyhedron
+        The body in metres.
+
+    Raises
+    ------
+    FileFormatError
+        The file is missing, empty, too large (64 MiB, 200 000 triangles) or damaged.
+    GeometryError
+        A face crosses itself, or a surface is not closed, not consistently oriented, or encloses no
+        volume.
+    QuantityError, ArgumentError
+        The unit cannot be parsed, or the path is not a path.
+
+    Warns
+    -----
+    PolywignerWarning
+        A face is not planar.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -267,17 +281,26 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
 
 
 def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[PlacedAperture]:
-    """Read a mesh file (``.stl``, ``.ply``, ``.obj``), open or closed, as thin plates in metres.
+    """Read a mesh file (``.stl``, ``.ply``, ``.obj``), open or closed, as thin plates.
 
     Each plate has two sides; triangles in one plane are one plate. :func:`rcs` takes the list as a
-    body, and :func:`amplitude` as obstacles. Closed bodies are better read with
-    :func:`read_polyhedron`: their insides are then dark, and their facets may join smoothly.
+    body, and :func:`amplitude` as obstacles. Read closed bodies with :func:`read_polyhedron`, so
+    that their inner sides are dark and their facets may join smoothly.
 
     Parameters
     ----------
-    path, unit : as for :func:`read_polyhedron`.
+    path, unit
+        As for :func:`read_polyhedron`.
 
-    Raises errors as :func:`read_polyhedron`; GeometryError where no triangle has an area.
+    Returns
+    -------
+    list of PlacedAperture
+        The plates in metres.
+
+    Raises
+    ------
+    GeometryError
+        No triangle has an area. Other errors as for :func:`read_polyhedron`.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -290,12 +313,18 @@ def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[
     return _body(path, unit, _plates_of)
 
 
-def read_triangles(path: Any, unit: str | float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+def read_triangles(
+    path: str | os.PathLike[str], unit: str | float
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Return vertices (n, 3) in metres and triangles (m, 3) of a mesh file."""
-    return _body(path, unit, lambda *mesh: mesh)
+    return _body(path, unit, lambda vertices, triangles: (vertices, triangles))
 
 
-def _body(path: Any, unit: str | float, build: Callable[..., Any]) -> Any:
+def _body(
+    path: str | os.PathLike[str],
+    unit: str | float,
+    build: Callable[[NDArray[np.float64], NDArray[np.intp]], T],
+) -> T:
     """Return ``build(vertices, triangles)`` of a mesh file, in metres."""
     metres, source = _metres(unit), checked_path(path)
     kind = source.suffix.lower()
@@ -312,10 +341,10 @@ def _body(path: Any, unit: str | float, build: Callable[..., Any]) -> Any:
         raise type(error)(f"{source}: {error}") from None
 
 
-# Grid of normals and of heights over the size of a mesh: triangles on one point of it are one
-# plate.
+# Step of a grid of normals and of heights over the size of a mesh. Triangles with equal grid points
+# are one plate.
 _ONE_PLANE = 1e-12
-# Share of the area that rounding may take from a union.
+# Fraction of the area that rounding may take from a union.
 _LOST = 1e-9
 
 
@@ -329,7 +358,7 @@ def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[P
     if not wide.any():
         raise GeometryError("expected triangles with an area, got none; export the mesh again")
     corners, normals = corners[wide], normals[wide] / lengths[wide, None]
-    # both sides are the same: the largest component of a normal is positive
+    # a plate has no orientation, so the largest component of its normal is made positive
     largest = np.take_along_axis(normals, np.abs(normals).argmax(axis=1)[:, None], axis=1)
     normals = normals * np.sign(largest)
     heights = (normals * corners[:, 0]).sum(axis=1, keepdims=True) / np.ptp(vertices, axis=0).max()
@@ -341,7 +370,7 @@ def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[P
 
 
 def _plates(corners: NDArray[np.float64]) -> list[PlacedAperture]:
-    """One plate of triangles (n, 3, 3) of a plane; or one of each, where GEOS loses some."""
+    """Return one plate for triangles (n, 3, 3) of a plane, or each one if GEOS loses some."""
     origin, sides = corners[0, 0], corners[0, 1:] - corners[0, 0]
     x = sides[0] / np.linalg.norm(sides[0])
     z = np.cross(*sides)
@@ -349,7 +378,7 @@ def _plates(corners: NDArray[np.float64]) -> list[PlacedAperture]:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = np.stack([x, np.cross(z, x), z], axis=1), origin
     triangles = shapely.polygons((corners - origin) @ pose[:3, :2])
-    whole = shapely.union_all(triangles)
-    lost = shapely.area(triangles).sum() - whole.area > _LOST * whole.area
-    outlines = triangles if lost and len(corners) > 1 else [whole]
+    union = shapely.union_all(triangles)
+    is_lossy = shapely.area(triangles).sum() - union.area > _LOST * union.area
+    outlines = triangles if is_lossy and len(corners) > 1 else [union]
     return [Aperture(outline).placed(pose) for outline in outlines]

@@ -1,7 +1,7 @@
-"""Filled shapes of an SVG file as the drawing looks: (x, y) becomes (x, -y), without strokes.
+"""Filled shapes of an SVG file: (x, y) becomes (x, -y), and strokes are ignored.
 
-svgelements parses paths, transforms and colours; it passes over what it does not know, which is
-therefore checked here.
+svgelements parses paths, transforms and colours. It silently skips invalid text, so the text is
+checked here.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib import import_module
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -34,12 +34,14 @@ from polywigner.geometry.io.outlines import (
     Polygon,
     check_known,
     filled,
-    overlap_remedy,
 )
 from polywigner.geometry.parts import combined_on_grid, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 
-# svgelements skips what does not follow this grammar. Possessive quantifiers bound the time.
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+# svgelements skips text that does not follow this grammar. Possessive quantifiers bound the time.
 _NUMBER = r"[+-]?(?>[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+"
 _COMMA = r"(?>\s*+,\s*+|\s*+)"
 _LENGTH = re.compile(rf"\s*+({_NUMBER})(%|\w*+)\s*+")
@@ -82,8 +84,8 @@ _SERVER = re.compile(r"""url\(\s*["']?#?([^"')]*)["']?\s*\)\s*(.*)""", re.I | re
 
 def _refusal(what: str, text: str) -> FileFormatError:
     """Return the error for an attribute."""
-    shown = repr(text if len(text) <= 60 else text[:60] + "...")
-    return FileFormatError(f"expected {what}, got {shown}; correct it")
+    short = repr(text if len(text) <= 60 else text[:60] + "...")
+    return FileFormatError(f"expected {what}, got {short}; correct it")
 
 
 # ---- attributes ----------------------------------------------------------------------------------
@@ -115,7 +117,7 @@ def _numbers_of(text: str, name: str) -> list[float]:
 
 
 def _affine_of(text: str) -> Points:
-    """Return the map of a transform attribute, (x, y, 1) -> (x, y, 1) @ matrix."""
+    """Return the matrix of a transform attribute, (x, y, 1) -> (x, y, 1) @ matrix."""
     try:
         matrix = import_module("svgelements").Matrix(_TRANSFORM.fullmatch(text)[0])  # type: ignore[index]
         rows = np.array([float(getattr(matrix, letter)) for letter in "abcdef"]).reshape(3, 2)
@@ -124,13 +126,15 @@ def _affine_of(text: str) -> Points:
     return np.column_stack([rows, [0, 0, 1]])
 
 
-def _view_box(element: Any) -> tuple[float, ...] | None:
-    """Return x, y, width and height of the viewBox of an element that has one."""
+def _view_box(element: Element) -> tuple[float, ...] | None:
+    """Return x, y, width and height of the viewBox of an element, or None."""
     text = element.get("viewBox")
-    values = [] if text is None else _numbers_of(text, "the viewBox")
-    if values and (len(values) != 4 or min(values[2:]) <= 0):
+    if text is None:
+        return None
+    values = _numbers_of(text, "the viewBox")
+    if len(values) != 4 or min(values[2:]) <= 0:
         raise _refusal("a viewBox of four numbers, the last two above zero", text)
-    return tuple(values) or None
+    return tuple(values)
 
 
 def _closed(subpath: list[Curve]) -> list[Curve]:
@@ -168,14 +172,12 @@ def _points(segment: Any, names: Sequence[str]) -> Points:
 
 
 def _outlines_of(
-    tag: str, attributes: Mapping[str, str], viewport: Sequence[float | None]
+    tag: str, attributes: Mapping[str, str], viewport: Mapping[str, float]
 ) -> list[list[Curve]]:
-    """Return the closed outlines of a shape; percentages are of the viewport."""
+    """Return the closed outlines of a shape. ``viewport``: 100 % of x, y, width and height."""
 
     def value(name: str) -> float:
-        axis = 0 if name in ("x", "cx", "width", "rx") else 1
-        reference = None if name == "r" else viewport[axis]
-        return _length(attributes.get(name, "0"), name, reference)[0]
+        return _length(attributes.get(name, "0"), name, viewport.get(name))[0]
 
     library = import_module("svgelements")
     if tag == "path":
@@ -193,7 +195,7 @@ def _outlines_of(
         value(name) if attributes.get(name, "auto").strip() != "auto" else None for name in names
     )
     if min(rx or 0, ry or 0, value("width"), value("height")) < 0:
-        raise FileFormatError("expected lengths from zero up, got one below; correct it")
+        raise FileFormatError("expected lengths from zero up, got a negative length; correct it")
     if tag == "rect":
         sides = value("width"), value("height")
         rectangle = library.Rect(value("x"), value("y"), *sides, rx, ry)
@@ -211,30 +213,30 @@ def _opacity(text: str | None) -> float:
 # ---- elements ------------------------------------------------------------------------------------
 
 
-def _parsed(content: bytes) -> Any:
-    """Return the root element. A plain DOCTYPE may stand; entities may not."""
+def _parsed(content: bytes) -> Element:
+    """Return the root element. A plain DOCTYPE is accepted; entities are refused."""
     try:
-        root = import_module("defusedxml.ElementTree").fromstring(content)
+        root: Element = import_module("defusedxml.ElementTree").fromstring(content)
     except (SyntaxError, LookupError) as error:  # ParseError is a SyntaxError
         line = getattr(error, "position", (1, 0))[0]
         raise FileFormatError(f"expected SVG, got text that is not XML in line {line}") from None
     except ValueError:  # DefusedXmlException
         raise FileFormatError(
-            "expected SVG without entities and other files, got one; save as plain SVG"
+            "expected SVG without entities and external files, got one; save as plain SVG"
         ) from None
     if _tag(root) != "svg":
         raise FileFormatError("expected an svg element, got XML of another kind")
     return root
 
 
-def _tag(element: Any) -> str:
+def _tag(element: Element) -> str:
     """Return the name of an SVG element; empty for comments and other namespaces."""
     tag = element.tag if isinstance(element.tag, str) else "{"
     return tag.removeprefix(_NAMESPACE) if not tag.startswith("{") or _NAMESPACE in tag else ""
 
 
 def _names(element: Any) -> list[str]:
-    """Return the names of a group or shape in drawing programs, the displayed one first."""
+    """Return the names of a group or shape in drawing programs."""
     return [element.get(key) for key in _NAMES if element.get(key)]
 
 
@@ -262,37 +264,36 @@ def _rules(sheet: str) -> list[tuple[str, list[tuple[str, str]]]]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
-    """Map and style of an element and of the elements in it."""
+class _Context:
+    """Transform and style of an element and of the elements in it."""
 
     matrix: Points
-    """Map (x, y, 1) -> (x, y, 1) @ matrix."""
+    """Transform (x, y, 1) -> (x, y, 1) @ matrix."""
     is_requested: bool
-    """Whether the element lies on a layer that is read."""
+    """Whether the element is in a layer that is read."""
     properties: Mapping[str, str]
     """Attributes and style of the element."""
-    style: Mapping[str, str]
-    """Properties that elements inherit."""
+    style: dict[str, str]
+    """Inherited properties."""
     opacity: float = 1.0
-    layer: str = ""
     effect: str = ""
-    """Property of the element, or of one around it, that changes the picture and is not read."""
+    """Unsupported property, such as a mask, of the element or of an element around it."""
 
 
 class _Shape(NamedTuple):
     subpaths: list[list[Curve]]
     rule: str
-    layer: str
-    colour: str
-    """As "#ffffff", which hides what lies below, and with the opacity below 1."""
+    is_white: bool
+    """Whether the shape is opaque and white, so that it hides shapes below it."""
 
 
 class _Document:
-    """A walk over the elements that are drawn, on `layers` (names or ids) only if there are any."""
+    """The visible elements of a drawing, or the elements in `layers` (names or ids)."""
 
     def __init__(self, root: Any, layers: Sequence[str]) -> None:
         self.root, self.layers = root, frozenset(layers)
-        self.viewport = (_view_box(root) or (None,) * 4)[2:]
+        sizes = (_view_box(root) or ())[2:]
+        self.viewport = dict(zip(("width", "height", "x", "y"), 2 * sizes, strict=False))
         elements = list(root.iter())
         known = {name: _tag(e) == "g" for e in elements for name in _names(e)}
         if not self.layers <= known.keys():
@@ -300,13 +301,13 @@ class _Document:
         self.rules = _rules("".join(e.text or "" for e in elements if _tag(e) == "style"))
         self.named = {e.get("id"): e for e in reversed(elements) if e.get("id")}
 
-    def shapes(self, element: Any, place: _Place) -> Iterator[_Shape]:
-        """The painted shapes of an element and of the elements in it."""
+    def shapes(self, element: Any, context: _Context) -> Iterator[_Shape]:
+        """Yield the painted shapes of an element and of the elements in it."""
         tag = _tag(element)
         if tag not in _CONTAINERS | _SHAPES | _OPAQUE:
             return
-        inside = self._entered(element, tag, place)
-        if inside.properties.get("display") == "none" and place.is_requested:
+        inside = self._entered(element, tag, context)
+        if inside.properties.get("display") == "none" and context.is_requested:
             return
         if tag in _SHAPES | _OPAQUE:
             yield from self._painted(tag, inside)
@@ -315,14 +316,14 @@ class _Document:
         if tag == "use":
             inside, target = self._used(element, inside)
             children = [target]
-        elif tag == "switch":  # draws its first element that needs no extension
+        elif tag == "switch":  # draws the first element without required extensions
             children = [e for e in element if _tag(e) and not e.get("requiredExtensions")][:1]
         elif tag == "svg" and element is not self.root and inside.is_requested:
             raise FileFormatError("expected one svg element, got another in it; make it a group")
         for child in children:
             yield from self.shapes(child, inside)
 
-    def _entered(self, element: Any, tag: str, place: _Place) -> _Place:
+    def _entered(self, element: Any, tag: str, context: _Context) -> _Context:
         names, classes = _names(element), element.get("class", "").split()
         selectors = {"*", tag, f"#{element.get('id')}"}
         selectors |= {f"{kind}.{name}" for name in classes for kind in ("", tag)}
@@ -331,76 +332,74 @@ class _Document:
         properties = dict(element.attrib)
         for name, value in sorted(declared, key=lambda pair: "!important" in pair[1]):
             properties[name] = value.replace("!important", "").strip()
-        given = {n: properties[n] for n in _INHERITED if properties.get(n, "inherit") != "inherit"}
+        style = {n: properties[n] for n in _INHERITED if properties.get(n, "inherit") != "inherit"}
         effects = [name for name in _EFFECTS if properties.get(name, "none") != "none"]
         text = properties.get("transform", "none")
-        matrix = place.matrix if text == "none" else _affine_of(text) @ place.matrix
-        return _Place(
+        matrix = context.matrix if text == "none" else _affine_of(text) @ context.matrix
+        return _Context(
             matrix,
-            place.is_requested or not self.layers.isdisjoint(names),
+            context.is_requested or not self.layers.isdisjoint(names),
             properties,
-            {**place.style, **given},
-            place.opacity * _opacity(properties.get("opacity")),
-            names[0] if tag == "g" and names else place.layer,
-            place.effect or (f"{effects[0]}, got a {tag} element with one" if effects else ""),
+            context.style | style,
+            context.opacity * _opacity(properties.get("opacity")),
+            context.effect or (f"{effects[0]}, got a {tag} element with one" if effects else ""),
         )
 
-    def _used(self, element: Any, place: _Place) -> tuple[_Place, Any]:
-        """The place and the element that a use draws."""
+    def _used(self, element: Any, context: _Context) -> tuple[_Context, Any]:
+        """Return the context and the element that a ``use`` element draws."""
         link = (element.get("href") or element.get(_LINK) or "").strip()
         target = self.named.get(link[1:]) if link.startswith("#") else None
         if target is None or _tag(target) in ("svg", "symbol"):
             raise _refusal("a use of a group or shape in the same file", link)
-        x, y = (
-            _length(place.properties.get(name, "0"), name, size)[0]
-            for name, size in zip("xy", self.viewport, strict=True)
-        )
-        matrix = _affine_of(f"translate({x!r} {y!r})") @ place.matrix
-        return replace(place, matrix=matrix), target
+        x, y = (_length(context.properties.get(name, "0"), name)[0] for name in "xy")
+        matrix = _affine_of(f"translate({x!r} {y!r})") @ context.matrix
+        return replace(context, matrix=matrix), target
 
-    def _painted(self, tag: str, place: _Place) -> Iterator[_Shape]:
-        """The shape of an element whose inside shows, in whatever colour."""
-        rule = place.style.get("fill-rule", "nonzero")
+    def _painted(self, tag: str, context: _Context) -> Iterator[_Shape]:
+        """Yield the shape of an element if its fill is visible."""
+        rule = context.style.get("fill-rule", "nonzero")
         if rule not in ("nonzero", "evenodd"):
             raise _refusal("the fill-rule nonzero or evenodd", rule)
-        colour = self._colour(place.style)
-        opacity = place.opacity * _opacity(place.style.get("fill-opacity"))
-        is_hidden = place.style.get("visibility") in ("hidden", "collapse")
-        is_painted = not is_hidden and opacity > 0 and colour.value is not None and colour.alpha > 0
-        if not place.is_requested or not (is_painted or tag in _OPAQUE - {"text"}):
+        colour, alpha = self._colour(context.style)
+        opacity = alpha * context.opacity * _opacity(context.style.get("fill-opacity"))
+        is_hidden = context.style.get("visibility") in ("hidden", "collapse")
+        is_painted = not is_hidden and opacity > 0
+        if not context.is_requested or not (is_painted or tag in _OPAQUE - {"text"}):
             return
-        if place.effect:
+        if context.effect:
             raise FileFormatError(
-                f"expected shapes without {place.effect}; apply it to the path in a drawing "
+                f"expected shapes without {context.effect}; apply it to the path in a drawing "
                 "program, or remove it"
             )
         if tag in _OPAQUE:
             raise FileFormatError(
                 f"expected shapes, got a {tag} element; convert it to paths or remove it"
             )
-        matrix, offset = place.matrix[:2, :2], place.matrix[2, :2]
+        matrix, offset = context.matrix[:2, :2], context.matrix[2, :2]
         subpaths = [
             [transformed(curve, matrix, offset) for curve in subpath]
-            for subpath in _outlines_of(tag, place.properties, self.viewport)
+            for subpath in _outlines_of(tag, context.properties, self.viewport)
         ]
-        shown = colour.hex if opacity >= 1 else f"{colour.hex} of opacity {opacity}"
-        yield _Shape(subpaths, rule, place.layer, str(shown))
+        yield _Shape(subpaths, rule, colour == "#ffffff" and opacity >= 1)
 
-    def _colour(self, style: Mapping[str, str]) -> Any:
-        """The colour of a fill. Gradients and patterns count as black."""
+    def _colour(self, style: Mapping[str, str]) -> tuple[str, float]:
+        """Return the colour of a fill, such as "#ffffff", and its opacity from 0 to 1.
+
+        Gradients and patterns count as black.
+        """
         text, color = style.get("fill", "black").strip(), import_module("svgelements").Color
-        if found := _SERVER.fullmatch(text):
-            server = self.named.get(found[1].strip())
+        if match := _SERVER.fullmatch(text):
+            server = self.named.get(match[1].strip())
             if server is not None and _tag(server) in _SERVERS:
-                return color("black")
-            text = found[2].strip() or "none"
+                return "#000000", 1.0
+            text = match[2].strip() or "none"
         text = style.get("color", "black") if text.lower() == "currentcolor" else text
         colour = color(text.lower())
         # svgelements misreads functions without commas.
-        is_read = colour.value is not None and ("(" not in text or "," in text)
-        if not is_read and text.lower() != "none":
+        is_valid = colour.value is not None and ("(" not in text or "," in text)
+        if not is_valid and text.lower() != "none":
             raise _refusal("a fill such as red, #f00, rgb(255, 0, 0) or none", text)
-        return colour
+        return ("", 0.0) if colour.value is None else (str(colour.hex), colour.alpha / 255)
 
 
 # ---- drawings ------------------------------------------------------------------------------------
@@ -410,28 +409,21 @@ def load_svg(file: File) -> Drawing:
     """Load the filled shapes of an SVG file, y up, each flattened and filled by its own rule."""
     root = _parsed(file.content)
     metres, matrix = _unit(root, file.unit_metres)
-    place = _Place(matrix, not file.layers, {}, {})
-    shapes = list(_Document(root, file.layers).shapes(root, place))
+    context = _Context(matrix, not file.layers, {}, {})
+    shapes = list(_Document(root, file.layers).shapes(root, context))
     if not shapes:
         raise FileFormatError(
             "expected filled shapes, got none; give the outlines a fill (strokes have no inside)"
         )
     subpaths = [subpath for shape in shapes for subpath in shape.subpaths]
-    outlines = flattened(subpaths, file.tolerance and file.tolerance / metres)
-    rings = iter(outlines)
+    rings = iter(flattened(subpaths, file.tolerance and file.tolerance / metres))
     painted = [filled([next(rings) for _ in shape.subpaths], shape.rule) for shape in shapes]
-    polygons = _visible(painted, [shape.colour == "#ffffff" for shape in shapes])
+    polygons = _visible(painted, [shape.is_white for shape in shapes])
     if not polygons:
         raise FileFormatError(
-            "expected shapes that enclose an area, got none that do and that no white shape covers"
+            "expected shapes that enclose an area, got none, or white shapes cover them"
         )
-    remedy = overlap_remedy(outlines, [shape.layer for shape in shapes for _ in shape.subpaths])
-    if len({shape.colour for shape in shapes}) > 1 and "lies around" not in remedy:
-        remedy = (
-            "their colours differ: paint white what is to be closed, cut one out of the other, or "
-            "give union=True (--union), which joins them whatever their colour"
-        )
-    return Drawing(polygons, metres, remedy)
+    return Drawing(polygons, metres)
 
 
 def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list[Polygon]:
@@ -455,8 +447,8 @@ def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list
 def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
     """Return the metres per unit of the file's coordinates, and the map that flips y.
 
-    A width or height in mm, cm, Q, in, pt or pc states the size of the viewBox, or, without one,
-    that a unit is a CSS pixel. Otherwise a unit is what the caller specifies.
+    A width or height in mm, cm, Q, in, pt or pc is the size of the viewBox; without a viewBox the
+    unit is then a CSS pixel. Otherwise the unit is `unit_metres`.
     """
     box, flip = _view_box(root), np.diag([1.0, -1.0, 1.0])
     scales = []
@@ -470,6 +462,6 @@ def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
         return unit_metres, flip
     if max(scales) > 1.001 * min(scales):
         raise FileFormatError(
-            "expected a width and height in the ratio of the viewBox, got others; correct one"
+            "expected a width and height in the ratio of the viewBox, got another; correct one"
         )
     return min(scales), flip

@@ -1,4 +1,4 @@
-"""Polygons of GeoJSON (RFC 7946), of well-known text, and one ring of a table of numbers."""
+"""Polygons of GeoJSON (RFC 7946) and of well-known text, and the ring of a table of numbers."""
 
 from __future__ import annotations
 
@@ -17,19 +17,18 @@ from polywigner.geometry.parts import polygons_in
 from polywigner.geometry.rings import Ring, rings_of_polygon
 
 _TYPES = "Polygon, MultiPolygon, Feature, FeatureCollection or GeometryCollection"
-_OTHER_TYPES = ("Point", "MultiPoint", "LineString", "MultiLineString", "Topology")
 _MEMBERS = {"FeatureCollection": "features", "GeometryCollection": "geometries"}
 
 
 def load_geojson(file: File) -> Drawing:
-    """Load all polygons in order; features and collections are opened."""
+    """Load all polygons in order, including the polygons of features and collections."""
     try:
         polygons = list(_polygons(json.loads(text_of(file.content))))
     except FileFormatError:
         raise
     except ValueError as error:  # JSONDecodeError, or an integer of thousands of digits
-        place = f" in line {error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
-        raise FileFormatError(f"expected GeoJSON, got text that is not JSON{place}") from None
+        line = f" in line {error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
+        raise FileFormatError(f"expected GeoJSON, got text that is not JSON{line}") from None
     if not polygons:
         raise FileFormatError("expected at least one polygon, got none")
     return Drawing(polygons, file.unit_metres)
@@ -48,8 +47,7 @@ def _polygons(item: Any) -> Iterator[list[Ring]]:
         for rings in [coordinates] if kind == "Polygon" else coordinates:
             yield [_ring(ring) for ring in _listed(rings, "the coordinates of a Polygon")]
     else:
-        got = f"type {kind!r}" if kind in _OTHER_TYPES else "another type"
-        got = "a value without a type" if kind is None else got
+        got = "another type" if kind else "a value without a type"
         raise FileFormatError(f"expected GeoJSON of type {_TYPES}, got {got}")
 
 
@@ -84,7 +82,11 @@ def load_wkt(file: File) -> Drawing:
     except (shapely.errors.GEOSException, NotImplementedError) as error:
         raise FileFormatError(
             "expected WKT such as POLYGON ((0 0, 1 0, 1 1, 0 0)), got text that does not parse"
-            + ("; end each ring where it is to be closed" if "closed" in str(error) else "")
+            + (
+                "; write the first point of each closed ring again at its end"
+                if "closed" in str(error)
+                else ""
+            )
         ) from None
     if geometry.geom_type not in ("Polygon", "MultiPolygon") or geometry.is_empty:
         got = "EMPTY" if geometry.is_empty else f"a {geometry.geom_type}"
@@ -99,7 +101,7 @@ NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 def fields_of(line: str) -> list[str]:
     """Return the columns of a line: split at semicolons, else commas, else blanks.
 
-    If semicolons separate, a comma is a decimal sign, as spreadsheets write in many countries.
+    With semicolons, a comma is a decimal sign, as in spreadsheets of many countries.
     """
     if ";" in line:
         fields = line.replace(",", ".").split(";")
@@ -114,7 +116,7 @@ def fields_of(line: str) -> list[str]:
 
 
 def load_csv(file: File) -> Drawing:
-    """Load the one ring of a table with a vertex per line; header line and # comments allowed."""
+    """Load the ring of a table with a vertex per line, with a header line and # comments."""
     lines = enumerate(text_of(file.content).splitlines(), start=1)
     rows = [(n, fields) for n, line in lines if (fields := fields_of(line.split("#", 1)[0]))]
     has_header = rows and not any(map(NUMBER.match, rows[0][1]))
