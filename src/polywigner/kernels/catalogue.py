@@ -11,7 +11,7 @@ import numpy as np
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.kernels.arrays import lattice_arrays, pair_sums
-from polywigner.kernels.arrays.array_factor import array_factor_kernel
+from polywigner.kernels.arrays.array_factors import array_factor_kernel
 from polywigner.kernels.arrays.element_pairs import is_scattered
 from polywigner.kernels.functions import intervals as line
 from polywigner.kernels.functions import partly_coherent, plane, separable, simplices

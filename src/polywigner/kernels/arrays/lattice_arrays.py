@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.arrays.factors import ProfileFactor, factor_of, profile_factor
+from polywigner.kernels.arrays.array_factors import ProfileFactor, factor_of, profile_factor
 from polywigner.kernels.arrays.repeated import (
     ElementTables,
     RepeatedTables,
