@@ -10,7 +10,7 @@ import numpy as np
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
-from polywigner.kernels.arrays import lattice_arrays, pair_sums
+from polywigner.kernels.arrays import element_pairs, lattice_arrays
 from polywigner.kernels.arrays.array_factors import array_factor_kernel
 from polywigner.kernels.arrays.element_pairs import is_scattered
 from polywigner.kernels.functions import intervals as line
@@ -30,7 +30,7 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
         (Aperture, plane, _TRANSFORMS),
         ("product", separable, _TRANSFORMS),
         ("lattice", lattice_arrays, _TRANSFORMS[1:]),
-        ("scattered", pair_sums, _TRANSFORMS),
+        ("scattered", element_pairs, _TRANSFORMS),
     )
     for name in names
 } | {
@@ -47,7 +47,7 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     ("complex fourier", Polyhedron): simplices.BODY_COMPLEX,
     ("complex fourier", "thin"): simplices.TILED_COMPLEX,
     ("complex fourier", "thin, placed"): simplices.TILED_PLACED_COMPLEX,
-    ("autocorrelation", "lattice"): pair_sums.AUTOCORRELATION,
+    ("autocorrelation", "lattice"): element_pairs.AUTOCORRELATION,
 }
 
 # Kinds with kernels of their own, in this order. Thin apertures lose digits in the usual kernels.
