@@ -21,14 +21,13 @@ from itertools import product
 from typing import Any
 
 from polywigner.geometry import Slits
-from polywigner.kernels.cut.clipping import AHEAD, Clipper, View
+from polywigner.kernels.cut.clipping import AHEAD, Clipper, Edge, View
 from polywigner.kernels.cut.winding import PairClipper
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.edge_terms import moved_off_zero
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.functions.slices import Views, difference_pairings, mean_pairings
 from polywigner.kernels.kernel import Kernel
-from polywigner.kernels.outline.constants import Edge
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.wave_pairs import (
     Wave,

@@ -44,8 +44,8 @@ class Outline:
     step: float
     """The spacing of the grid, a power of two."""
     edges: Array
-    """(n, 8) both ends of each edge, twice the area of the triangle with the origin, the complex
-    weight of the element; the polygon lies to the left."""
+    """(n, 8) both ends of each edge, 0, the complex weight of the element, and 0; the polygon lies
+    to the left."""
     starts: Array
     """(rings + 1,) where each ring begins, and n."""
     names: Array
@@ -90,7 +90,6 @@ def outline_of(tables: Tables, group: int, double: bool) -> Outline:
     edges[:, :2] = np.rint(vertices / step) * step
     found = Outline(step, edges, np.append(starts, len(edges)), names)
     edges[:, 2:4] = edges[found.following, :2]
-    edges[:, 4] = accurate_cross(*edges[:, :4].T)
     edges[:, 5:7] = weights
     return found
 

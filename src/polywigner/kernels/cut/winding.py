@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from polywigner.kernels.cut.cell_lists import cells_across, pair_grid
-from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, View
+from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Edge, View
 from polywigner.kernels.cut.pair_grid import LEAD, START, WHOLE, PairGrid, crossing, outline_of
-from polywigner.kernels.outline.constants import Edge, Piece
 from polywigner.kernels.outline.tables import Tables
 
 Pass = tuple[View, int, int]
@@ -178,13 +177,10 @@ class _Pass:
 
     def _last_part(self, number: Any, edge: Any, part: Any, level: Level) -> Level:
         """Contribution of the last part of an edge, a fraction of its length, at a level."""
-        ax, ay, ex, ey, area, real, imag, _ = edge or self.ops.gather(self.pair.first, number)
+        ax, ay, ex, ey, _, real, imag, _ = edge or self.ops.gather(self.pair.first, number)
         begin, end, _, _ = self.ops.gather(self.pair.names, number)
         # e = length u with length 1: what the kernels compute of u and length stays the same
-        found = Edge(
-            ax, ay, ax + ex, ay + ey, ex, ey, area, ex, ey, 1.0, real, imag,
-            begin=begin, end=end,
-        )  # fmt: skip
-        real, imag = self.tables.mutual(found, Piece((), *level))
+        edge = Edge(ax, ay, ex, ey, ex, ey, 1.0, real, imag, begin=begin, end=end)
+        real, imag = self.tables.mutual(real, imag, *level, *(0.0,) * (2 - self._levels))
         self.clipper.at(self.view, (2.0 - part, part, real, -imag if self.view is AHEAD else imag))
-        return self.term(found)
+        return self.term(edge)

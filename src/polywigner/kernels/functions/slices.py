@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, View
+from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Edge, View
 from polywigner.kernels.cut.pair_grid import PairGrid, cut_edges, rows_at
 from polywigner.kernels.cut.winding import PairClipper, Pass, pairs_of
 from polywigner.kernels.functions.edge_terms import (
@@ -28,7 +28,6 @@ from polywigner.kernels.functions.edge_terms import (
     times,
     wigner_terms,
 )
-from polywigner.kernels.outline.constants import Edge
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.wave_pairs import (
     WavePair,

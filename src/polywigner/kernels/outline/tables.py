@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.outline.constants import Constants, constants_of
 from polywigner.kernels.outline.frame import Frame, frame_of
 from polywigner.kernels.outline.wave_pairs import (
     UNIFORM,
@@ -87,11 +86,6 @@ class Tables:
         return is_short and self.coherence is None
 
     @cached_property
-    def constants(self) -> Constants:
-        """The edges, lines and convex pieces as constants of code."""
-        return constants_of(self)
-
-    @cached_property
     def by_element(self) -> Tables:
         """The tables with each element as a group of its own, of weight 1."""
         edges, names = self.edges.copy(), self.names.copy()
@@ -109,16 +103,13 @@ class Tables:
             lists={},
         )
 
-    def mutual(self, edge: Any, piece: Any) -> tuple[Any, Any]:
-        """Weight of the edge's element times the conjugate of the piece's: (real, imag)."""
+    def mutual(self, real: Any, imag: Any, level: Any, level_imag: Any) -> tuple[Any, Any]:
+        """The weight of an element times the conjugate of another weight: (real, imag)."""
         if self.uniform:
-            return piece.real, 0.0
+            return level, 0.0
         if not self.phased:
-            return edge.real * piece.real, 0.0
-        return (
-            edge.real * piece.real + edge.imag * piece.imag,
-            edge.imag * piece.real - edge.real * piece.imag,
-        )
+            return real * level, 0.0
+        return real * level + imag * level_imag, imag * level - real * level_imag
 
 
 def build_tables(source: Source, *, double: bool) -> Tables:
