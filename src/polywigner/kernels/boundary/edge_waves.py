@@ -260,55 +260,30 @@ class EdgeRule:
     """Nodes that sum the boundary wave of a straight edge."""
 
     turns: float
-    """Detour up to which it is summed along the edge, beyond the least, in wavelengths."""
+    """Detour beyond the least, in wavelengths, up to which the wave is summed along the edge."""
     nodes: tuple[tuple[float, float], ...]
-    """Places from -1 to 1 there, with weights (Gauss and Legendre)."""
+    """Nodes from -1 to 1 there, with weights (Gauss-Legendre)."""
     tails: tuple[tuple[float, float], ...]
-    """Places beyond, into the complex plane, with weights (Gauss and Laguerre)."""
+    """Nodes beyond, into the complex plane, with weights (Gauss-Laguerre)."""
 
     @classmethod
     def of(cls, turns: float, nodes: int, tails: int) -> EdgeRule:
-        """The rule of so many nodes."""
-        along, beyond = np.polynomial.legendre.leggauss(nodes), np.polynomial.laguerre.laggauss
-        places, weights = beyond(tails)
-        decay = 1.0 / (2.0 * math.pi)
-        return cls(
-            turns,
-            tuple(zip(*(part.tolist() for part in along), strict=True)),
-            tuple(zip((places * decay).tolist(), (weights * decay).tolist(), strict=True)),
-        )
+        """Return the rule with given numbers of nodes."""
+        along = np.stack(np.polynomial.legendre.leggauss(nodes), axis=-1)
+        beyond = np.stack(np.polynomial.laguerre.laggauss(tails), axis=-1) / (2.0 * math.pi)
+        return cls(turns, *(tuple((t, w) for t, w in rule.tolist()) for rule in (along, beyond)))
 
 
 def _always(_: Any, compute: Callable[..., tuple[Any, Any]], *arguments: Any) -> tuple[Any, Any]:
     return compute(*arguments)
 
 
-@dataclass(frozen=True)
 class _EdgePaths:
-    """Paths from a source over a straight edge to a point."""
+    """Paths from a source over a straight edge to a point; ``along``: unit vector of the edge."""
 
-    detour: Any
-    """The shortest path over the edge's line, less the distance."""
-    shortest: Any
-    whole: Any
-    """The shortest path over the line and the distance together."""
-    both: Any
-    """Product of the distances of both ends from the line."""
-    closing: Any
-    """1 - cos of the angle at the edge between both ends, whose cosine is -1 at the shadow."""
-    turn: Any
-    """Product of the distances and of the sine of this angle, positive on the left."""
-    distance: Any
-    """From the source to the point."""
-    low: Any
-    high: Any
-    """Roots of the detours over both ends beyond the least; negative before its foot."""
-
-    @classmethod
-    def of(
-        cls, ops: Any, source: Point, point: Point, start: Point, along: Point, length: Any
-    ) -> _EdgePaths:
-        """``along``: unit vector from the start."""
+    def __init__(
+        self, ops: Any, source: Point, point: Point, start: Point, along: Point, length: Any
+    ) -> None:
         from_source, to_point = difference(start, source), difference(point, start)
         s_first, s_last = -dot(from_source, along), dot(to_point, along)
         first = tuple(-q - s_first * t for q, t in zip(from_source, along, strict=True))
@@ -316,14 +291,21 @@ class _EdgePaths:
         least = 1e-12 if ops.double else 1e-6
         h_first, h_last = (ops.maximum(ops.sqrt(dot(v, v)), least) for v in (first, last))
         over, under = 1.0 / h_first, 1.0 / h_last
-        both = h_first * h_last
         near = tuple(a * over + b * under for a, b in zip(first, last, strict=True))
         away = tuple(a * over - b * under for a, b in zip(first, last, strict=True))
         axis = difference(point, source)
         gap, height = s_last - s_first, h_first + h_last
-        shortest = ops.sqrt(gap * gap + height * height)
-        distance = ops.sqrt(dot(axis, axis))
-        whole = shortest + distance
+        # product of the distances of the source and the point from the edge's line
+        self.both = both = h_first * h_last
+        self.shortest = shortest = ops.sqrt(gap * gap + height * height)
+        self.distance = ops.sqrt(dot(axis, axis))
+        # the shortest path over the line plus the distance, and minus the distance
+        self.total = shortest + self.distance
+        self.detour = both * dot(near, near) / self.total
+        # 1 - cos of the angle at the edge between source and point; cos is -1 at the shadow
+        self.closing = 0.5 * dot(away, away)
+        # product of the distances and of the sine of this angle, positive on the left
+        self.turn = dot(cross(from_source, along), to_point)
 
         def root_at(s: Any) -> Any:
             a, b = s - s_first, s - s_last
@@ -332,23 +314,14 @@ class _EdgePaths:
             size = ops.sqrt(both * both + lean * lean) + both
             return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
 
-        return cls(
-            both * dot(near, near) / whole,
-            shortest,
-            whole,
-            both,
-            0.5 * dot(away, away),
-            dot(cross(from_source, along), to_point),
-            distance,
-            root_at(0.0 * length),
-            root_at(length),
-        )
+        # roots of the detours over both ends beyond the least; negative before its foot
+        self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def angle(self, ops: Any, limit: float) -> Any:
         """Angle about the axis that the edge subtends, in the plane of roots up to a limit."""
         low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
         # near the boundary of the shadow the root of the detour is a product, without cancellation
-        steep = ops.sqrt(2.0 / (self.both * self.whole * ops.maximum(self.closing, 1.0)))
+        steep = ops.sqrt(2.0 / (self.both * self.total * ops.maximum(self.closing, 1.0)))
         root = ops.select(self.closing > 1.0, abs(self.turn) * steep, ops.sqrt(self.detour))
         angle = ops.atan2((high - low) * root, self.detour + low * high)
         return ops.select(self.turn < 0.0, -angle, angle)
@@ -378,8 +351,8 @@ def edge_wave(
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
     along = tuple(a / length for a in along)
-    paths = _EdgePaths.of(ops, source, point, start, along, length)
-    detour, whole = paths.detour, paths.whole
+    paths = _EdgePaths(ops, source, point, start, along, length)
+    detour, total_path = paths.detour, paths.total
     distance, turn = paths.distance, paths.turn
     slant = 0.5 / paths.shortest
     # from here on the place along the edge is v, its detour is detour + v^2
@@ -387,7 +360,7 @@ def edge_wave(
 
     def density(q: Any) -> Any:
         stretched = 1.0 + slant * q
-        return slant / ((whole + q) * ops.sqrt(stretched * (q * stretched + foot)))
+        return slant / ((total_path + q) * ops.sqrt(stretched * (q * stretched + foot)))
 
     limit = math.sqrt(rule.turns)
     low, high = (_limited(ops, v, limit) for v in (paths.low, paths.high))
@@ -397,7 +370,9 @@ def edge_wave(
     def near_foot(low: Any, high: Any) -> tuple[Any, Any]:
         """The sum of the wave less its pole."""
         scale = ops.sqrt(ops.minimum(foot, 4.0 * rule.turns))
-        first, last = (_asinh(ops, v / scale) for v in (low, high))
+        first, last = (
+            inverse_sinh(ops, v, ops.sqrt(v * v + 1.0)) for v in (low / scale, high / scale)
+        )
         middle, half = 0.5 * (first + last), 0.5 * (last - first)
         real, imag = 0.0, 0.0
         for at, weight in rule.nodes:
@@ -421,7 +396,7 @@ def edge_wave(
             z = Pair(q, y)
             risen = z * stretched
             rooted = _root(ops, z * stretched * Pair(risen.real + foot, risen.imag))
-            below = Pair(detour + q, y) * Pair(whole + q, y) * rooted
+            below = Pair(detour + q, y) * Pair(total_path + q, y) * rooted
             norm = weight / (below.real * below.real + below.imag * below.imag)
             total = total + Pair(below.real * norm, -below.imag * norm)
         wave = unit_wave(ops, detour + q) * total
@@ -440,12 +415,12 @@ def edge_wave(
     real, imag = when(low < high, near_foot, low, high)
     ends = paths.low, paths.high
     farther = when((low > ends[0]) | (high < ends[1]) | (low == high), outside, *ends)
-    step = 4.0 * distance * pole * ops.sqrt(0.5 * paths.both * whole * paths.closing)
+    step = 4.0 * distance * pole * ops.sqrt(0.5 * paths.both * total_path * paths.closing)
     if blocked is not None:
         step = step * (1.0 - blocked * ops.exp(-2.0 * math.pi * paths.detour))
     # The angle jumps where the axis meets the edge, and turns around its ends. All edges take it at
     # one place beside the point, so that their sum has neither.
-    beside = paths if aside is None else _EdgePaths.of(ops, source, aside, start, along, length)
+    beside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
     step = step * beside.angle(ops, limit)
     return real + step + farther[0], imag + farther[1]
 
@@ -495,10 +470,10 @@ def least_detour(ops: Any, source: Point, point: Point, start: Point, end: Point
     return path_over(ops, source, point, start, end)[0]
 
 
-def _asinh(ops: Any, x: Any) -> Any:
-    size = abs(x)
-    grown = ops.log(size + ops.sqrt(size * size + 1.0))
-    return ops.select(x < 0.0, -grown, grown)
+def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Any:
+    """The inverse of sinh, with cosh of the result given."""
+    logarithm = ops.log(abs(sinh) + cosh)
+    return ops.select(sinh < 0.0, -logarithm, logarithm)
 
 
 def _root(ops: Any, z: Pair) -> Pair:

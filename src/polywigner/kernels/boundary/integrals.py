@@ -20,6 +20,7 @@ from polywigner.kernels.boundary.edge_waves import (
     TRAVELLING,
     EdgeWave,
     PanelView,
+    inverse_sinh,
     wave_difference,
 )
 from polywigner.kernels.kernel import Kernel, Values
@@ -269,8 +270,8 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
     """For a rule in v, s = sqrt(b^2 + z^2) sinh v: (distance of singularities, turns of phase over
     half of the interval of v, its middle, half its length); the distance in half-lengths."""
     away = ops.sqrt(view.b * view.b + view.z * view.z)
-    low = _inverse_sinh(ops, view.first / away, view.radius_first / away)
-    high = _inverse_sinh(ops, view.last / away, view.radius_last / away)
+    low = inverse_sinh(ops, view.first / away, view.radius_first / away)
+    high = inverse_sinh(ops, view.last / away, view.radius_last / away)
     middle, span = 0.5 * (low + high), 0.5 * (high - low)
     swing = ops.maximum(
         abs(view.first + view.along * view.radius_first),
@@ -329,11 +330,6 @@ def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -
     place = (*offset[: len(direction) - 1], (inner[6], inner[7]))
     turns = phases.reduced(ops, phases.dot(ops, direction, place)) + start
     return cos_sin_turns(ops, turns)
-
-
-def _inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Any:
-    logarithm = ops.log(abs(sinh) + cosh)
-    return ops.select(sinh < 0.0, -logarithm, logarithm)
 
 
 def edge_wave(
