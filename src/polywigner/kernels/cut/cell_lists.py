@@ -127,7 +127,7 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     inside = np.bincount(cell[table[:, 2] == INSIDE], minlength=cells.count)
     order = np.argsort(cell, kind="stable")  # within a cell, the edges inside come first
     rows, level = table[order], level[order]
-    rows[:, 3], levels = _numbered(level, second.weights)
+    rows[:, 3], levels = _numbered(level, abs(others[:, 5] + 1j * others[:, 6]).max(initial=0.0))
     ends = np.zeros((cells.count + 1, 4), np.uint32)
     counts = np.bincount(cell, minlength=cells.count)
     ends[:-1, 2] = np.cumsum(counts)
@@ -135,7 +135,7 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     ends[:-1, 1] = ends[:-1, 0] + inside
     low, size = cells.corner, cells.size
     numbers = np.array([[*low, *-low, 1.0 / size, cells.nx, cells.count, first.step]], np.float64)
-    no_edge = (*_NO_EDGE[:2], *np.add(_NO_EDGE[:2], _NO_EDGE[2:]), 0.0, 0.0, 0.0, 0.0)
+    no_edge = (*_NO_EDGE[:2], *np.add(_NO_EDGE[:2], _NO_EDGE[2:]), 0.0, 1.0, 0.0, 0.0)
     others = np.vstack([others, no_edge])
     for ends_of in (edges, others):  # differences on the grid are exact
         ends_of[:, 2:4] -= ends_of[:, :2]
@@ -158,7 +158,7 @@ def _leads(outline: Outline, far: float) -> Array:
     ends = np.repeat(points, 2, axis=0)
     starts = ends.copy()
     starts[:, 0] = np.tile([-far, far], len(points))
-    return np.hstack([starts, ends, np.zeros((len(ends), 4))])
+    return np.hstack([starts, ends, np.tile([0.0, 1.0, 0.0, 0.0], (len(ends), 1))])
 
 
 def _rows_of_cells(
@@ -242,9 +242,12 @@ def _other_rows(
     return cell[order], np.concatenate(rows)[order], values[order]
 
 
-def _numbered(level: Array, weights: Array) -> tuple[Array, Array]:
-    """The numbers of levels, equal ones up to rounding as one, and the table of all levels."""
-    unit = float(abs(weights).max(initial=0.0)) or 1.0
+def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
+    """The numbers of levels, equal ones up to rounding as one, and the table of all levels.
+
+    ``unit``: the largest modulus of a weight.
+    """
+    unit = float(unit) or 1.0
     scaled = np.rint(np.append(0.0, level) * (_LEVELS / unit))
     _, first, number = np.unique(scaled, return_index=True, return_inverse=True)
     values = np.append(0.0, level)[first]

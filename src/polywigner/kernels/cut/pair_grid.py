@@ -59,15 +59,9 @@ class Outline:
     @property
     def following(self) -> Array:
         """(n,) the edge that comes next."""
-        found = np.arange(1, len(self.edges) + 1)
-        found[self.starts[1:] - 1] = self.starts[:-1]
-        return found
-
-    @property
-    def weights(self) -> Array:
-        """(n,) the weight of each edge's element."""
-        found: Array = self.edges[:, 5] + 1j * self.edges[:, 6]
-        return found
+        following = np.arange(1, len(self.edges) + 1)
+        following[self.starts[1:] - 1] = self.starts[:-1]
+        return following
 
     @cached_property
     def turned(self) -> Outline:
@@ -108,9 +102,9 @@ class PairGrid:
     winding number in the other copy, times the weight of its element."""
     first: Any
     """(n, 8) start and vector of the edges of the first outline, 0, the weight, and 0; and of the
-    lines that lead to its rings."""
+    lines that lead to its rings, with weight 1."""
     second: Any
-    """(m + 1, 8) the same of the second outline, and an edge that meets none."""
+    """(m + 1, 8) the same of the second outline, and an edge of weight 1 that meets none."""
     names: Any
     """(n, 4) names of the edges of the first outline."""
     levels: Any
@@ -129,7 +123,8 @@ class PairGrid:
         cells = np.zeros((shape[0] + 2, shape[1] + 2, 3), np.intp)
         cells[1:-1, 1:-1] = self.cells[:-1, :3].reshape(*shape, 3)
         levels = self.levels[:, 0] + 1j * self.levels[:, 1]
-        is_complex = levels.imag.any() or self.first[:, 6].any() or self.second[:, 6].any()
+        weights = np.concatenate([t[:, 5] + 1j * t[:, 6] for t in (self.first, self.second)])
+        is_complex = levels.imag.any() or weights.imag.any()
         return HostGrid(
             complex(low_x, low_y),
             per_unit,
@@ -140,15 +135,8 @@ class PairGrid:
             _as_complex(self.first),
             _as_complex(self.second),
             levels if is_complex else levels.real,
-            self._has_unit_weights,
+            bool((weights == 1.0).all()),
         )
-
-    @property
-    def _has_unit_weights(self) -> bool:
-        """Whether the weight of each edge is 1."""
-        edges = np.concatenate([self.first, self.second])
-        edges = edges[edges[:, 5:7].any(axis=1)]  # neither leads nor the edge that meets none
-        return bool((edges[:, 5] == 1.0).all() and not edges[:, 6].any())
 
     @property
     def nbytes(self) -> int:
@@ -196,8 +184,6 @@ def _as_complex(edges: Array) -> Array:
 
 # Edges at a smaller angle (its sine) cross where the quotient of rounded levels is too inaccurate.
 _SLANTED = 1 / 16
-# Of more rows, those of edges inside the other copy are taken apart.
-_MANY_ROWS = 1 << 10
 
 
 def cells_at(grid: HostGrid, t: Array) -> Array:
@@ -228,16 +214,6 @@ def cut_edges(
     ascending order; its edge, rows of ``grid.first``; its share of the edge's length; and the
     weight of the edge times the conjugate of the level there. Signs of cross products are exact.
     """
-    if len(row) > _MANY_ROWS and (row[:, 2] == INSIDE).any():
-        inside = row[:, 2] == INSIDE
-        parts = cut_edges(grid, row[~inside], owner[~inside], t, side)
-        edge, level = grid.first[row[inside, 0]], grid.levels[row[inside, 3]]
-        others = owner[inside], edge, np.ones(len(edge)), _mutual(grid, edge, level)
-        order = np.concatenate([parts[0], others[0]]).argsort(kind="stable")
-        owner, edge, share, weight = (
-            np.concatenate(pair)[order] for pair in zip(parts, others, strict=True)
-        )
-        return owner, edge, share, weight
     number, other, how, level_of = row.T
     edge, against = grid.first.take(number, axis=0), grid.second.take(other, axis=0)
     p = t.take(owner) - against[:, 0] - edge[:, 0]
