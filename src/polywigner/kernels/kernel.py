@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from polywigner.kernels.functions.slices import SliceSum
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 
 Values = tuple[Any, ...]
 
@@ -34,7 +34,7 @@ class Kernel:
     """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
 
     def tables_for(self, source: Any, double: bool) -> Any:
-        """The tables for a source; kept with it if it has a place for them."""
+        """Return the tables for a source; they are cached in the source if it has a cache."""
         known = getattr(source, "__dict__", {}).get("_tables")
         if known is None:
             return self.tables(source, double)
@@ -78,7 +78,7 @@ def leave_complex(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """
     real, imag = phases.rotated(ops, inner[0], sums[0], -sums[1])
 
-    def scaled(part: Any) -> Any:
+    def scaled(part: Any) -> Number:
         whole = part * frame.content * inner[1] * inner[1]
         return ops.select(part == 0.0, 0.0, whole)  # not 0 times infinity
 

@@ -37,6 +37,7 @@ from polywigner.kernels.outline.wave_pairs import (
     field_of,
     mean_pairs,
 )
+from polywigner.numerics import Number
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.phases import cos_sin_over_turns, cos_sin_turns, polynomial
 
@@ -145,7 +146,7 @@ def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     return j0, j1, ops.select(small, series, ops.fma(3.0 * inverse, j1, -j0))
 
 
-def _over_power(ops: Any, n: int, square: Any, terms: int) -> Any:
+def _over_power(ops: Any, n: int, square: Any, terms: int) -> Number:
     """j_n(x)/x^n by its series in x^2."""
     coefficients = [1 / math.prod(range(1, 2 * n + 2, 2))]
     for k in range(1, terms + 1):
@@ -269,7 +270,7 @@ class _PairSlopes:
     """Derivatives of the contribution of a pair of waves, weights of both elements included.
 
     V is ``scale`` times the sum over the views. For W the edges of one copy are half the boundary,
-    and those of the other copy contribute the conjugate.
+    and the edges of the other copy contribute the conjugate.
     """
 
     values = 5
@@ -379,7 +380,7 @@ def _wave_slopes(
         (pair,) = pairs_of((one,), (other,))
         ((_, rate),) = pair.terms
         area = areas[min(range(len(pairs)), key=lambda k: math.dist(pairs[k].shift, pair.shift))]
-        if of_lags:  # real: the sum over both copies' edges, half of which is the real part
+        if of_lags:  # the sum over both copies' edges is real: twice the real part
             area = Pair(area.real, 0.0)
         value = area * Pair(*field_of(ops, (Wave(1.0, rate),), position))
         first, second = complex(one.amplitude), complex(other.amplitude)

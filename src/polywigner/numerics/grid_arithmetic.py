@@ -67,13 +67,13 @@ def _is_convex(polygon: Floats) -> bool:
 
 
 def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
-    """The piece with every vertex that lies exactly on a side put into it.
+    """Insert every vertex that lies exactly on a side of a piece into the piece.
 
     Sides then meet sides of neighbours, and edges, end to end, and go on doing so when all vertices
     are moved.
     """
     ends = np.roll(piece, -1, axis=0)
-    # far wider than rounding; what is left is looked at exactly
+    # far wider than rounding; the candidates are tested exactly
     size = 1e-12 * float(np.abs(vertices).max())
     step, found = max(1, _BLOCK // len(vertices)), []
     for start in range(0, len(piece), step):

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from polywigner.kernels.arrays.repeated import HeldTable
 from polywigner.kernels.kernel import Kernel, Values, leave_parts, leave_wave
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair, plane_wave
 from polywigner.numerics.phases import cos_sin_turns, sin_turns
 from polywigner.source.lattices import Profile, Sites, column_and_row, separated
@@ -44,7 +44,7 @@ _BLOCK = 1 << 18
 
 
 def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
-    """The other site of a pair, along a direction of so many sites.
+    """The other site of a pair, along a direction of ``count`` sites.
 
     ``number``, 0 to 2 count - 2: the sum of both indices, or their difference plus count - 1. In
     both cases there are count - |number - (count - 1)| pairs, and the waves of a factor are
@@ -53,7 +53,7 @@ def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
     return number - index if by_mean else index - number + (count - 1)
 
 
-def _odd(ops: Any, whole: Any) -> Any:
+def _odd(ops: Any, whole: Any) -> Number:
     """1 for odd numbers, 0 for even ones."""
     return abs(whole - 2.0 * ops.round(0.5 * whole))
 
@@ -123,7 +123,7 @@ def profile_factor(profile: Profile) -> ProfileFactor:
     return ProfileFactor(profile)
 
 
-def _dirichlet(ops: Any, count: Any, turns: Any) -> Any:
+def _dirichlet(ops: Any, count: Any, turns: Any) -> Number:
     """sum_k exp(-2 pi i turns (k - (count - 1)/2)), 0 <= k < count; 0 for count <= 0.
 
     sin(pi count t)/sin(pi t) with t reduced to half a turn: N t to an ulp of itself, so that the
@@ -140,7 +140,7 @@ def _dirichlet(ops: Any, count: Any, turns: Any) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class _Series:
-    """Sums of cosines and sines, coefficients by row and by term, from the middle outwards.
+    """Sums of cosines and sines, with coefficients by row and by term, from the centre outwards.
 
     In row r, p_k cos(2 pi t m_k) - i q_k sin(2 pi t m_k) with m_k = k or k + 1/2, p and q complex.
     A table of zeros only is None.
@@ -170,7 +170,7 @@ class _Series:
 
     def _sum(
         self, ops: Any, basis: _Basis, table: HeldTable | None, start: Any, nil: Any, ends: Any
-    ) -> Any:
+    ) -> Number:
         if table is None:
             return 0.0
         memory, last = table.in_memory(ops), start + (self.packets - 1)
@@ -191,7 +191,7 @@ class _Basis:
     """Clenshaw's recursion in Reinsch's form for cosines and sines of whole or half multiples.
 
     Stable where the plain form loses n^2 ulps, at whole turns and at half ones. ``cosine`` and
-    ``sine``: what the last d and the last but one b are multiplied with.
+    ``sine``: the factors of the last d and of the last b but one.
     """
 
     def __init__(self, ops: Any, turns: Any, half: Any) -> None:
@@ -213,7 +213,7 @@ class _Basis:
 def _series(
     lengths: NDArray[np.intp], product: Callable[[NDArray[np.intp], NDArray[np.intp]], Complexes]
 ) -> _Series:
-    """Rows of c_k = ``product(row, k)``, 0 <= k < length, about their middles."""
+    """Rows of c_k = ``product(row, k)``, 0 <= k < length, about their centres."""
     count, terms = len(lengths), (int(lengths.max()) + 1) // 2
     packet = min(terms, _PACKET)
     packets = -(-terms // packet)
@@ -395,7 +395,7 @@ def _sum_over_sites(ops: Any, rows: tuple[Row, ...], *nu: Any) -> Pair:
 
 
 def _enter_complex(ops: Any, frame: _Frame, *parts: Any) -> Values:
-    """(real, imaginary) part of the phase of the middle; nu."""
+    """(real, imaginary) part of the phase of the centre; nu."""
     real, imag = parts[0::2], parts[1::2]
     turns = phases.turns_to_centre(ops, frame.centre, *real)
     growth, rest = phases.dot(ops, imag, frame.centre)

@@ -31,7 +31,7 @@ from polywigner.kernels.cut.clipping import BEHIND, MIRRORED, View
 from polywigner.kernels.functions.plane import product_of_both
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
 from polywigner.kernels.outline.frame import Frame, vertices_for
-from polywigner.numerics import phases
+from polywigner.numerics import Mask, phases
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
@@ -269,7 +269,7 @@ def _sum(
     view, lists = tables.sites
     records = lists.records.in_memory(ops)
 
-    def is_near(row: Any, *samples: Any) -> Any:
+    def is_near(row: Any, *samples: Any) -> Mask:
         """Whether the boxes of both copies meet."""
         record = ops.gather(records, row)
         (x, y), (width, height) = _offset(record, samples), record[10:12]

@@ -1,8 +1,8 @@
 """Phased arrays on a lattice: the element's functions near x or xi, times array factors.
 
-For copies of one element at the sites p_k of a lattice, a pair of sites contributes to W(x, nu)
-what the element alone has at x less the midpoint of the sites, and to A(upsilon, xi) what it has
-at xi less their difference (docs/theory.md, (L1), (L2)). Only the few midpoints (or differences)
+For copies of one element at the sites p_k of a lattice, a pair of sites contributes W of the
+element at x less the midpoint of the sites to W(x, nu), and A of the element at xi less their
+difference to A(upsilon, xi) (docs/theory.md, (L1), (L2)). Only the few midpoints (or differences)
 within an element's size of x (or xi) count, however many elements there are.
 """
 
@@ -27,7 +27,7 @@ from polywigner.kernels.arrays.repeated import (
 )
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
 from polywigner.kernels.outline.frame import Frame
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import unit_wave
 from polywigner.source import Array
 from polywigner.source.lattices import Lattice, Profile, separated
@@ -35,7 +35,7 @@ from polywigner.source.normal_form import normal_form
 
 # Fewer elements are summed pair by pair (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4
-# A place within this of the edge of a region contributes less than rounding.
+# A point within this of the edge of a region contributes less than rounding.
 _EDGE = 4e-15
 # Margin around an element's region, in its size: more than single precision rounds.
 _MARGIN = 1e-4
@@ -66,7 +66,7 @@ class _Window:
             return self.steps
         return max(1, math.ceil(self.high - self.low - _EDGE))
 
-    def first(self, ops: Any, t: Any) -> Any:
+    def first(self, ops: Any, t: Any) -> Number:
         if self._is_all:
             return 0.0 * t + float(self.start)
         return ops.round(t - self.high + 0.5)
@@ -228,7 +228,7 @@ def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
 def _enter_ambiguity(
     ops: Any, frame: _ArrayFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
-    """Phase of the middle and carrier; first difference, xi from there, turns, upsilon."""
+    """Phase of the centre and carrier; first difference, xi from there, cycles, upsilon."""
     turns = phases.turns_to_centre(ops, frame.middle, upsilon_x, upsilon_y)
     turns = phases.less_carrier(ops, frame, turns, xi_x, xi_y)
     nearest = frame.differences.nearest(ops, frame, xi_x, xi_y)

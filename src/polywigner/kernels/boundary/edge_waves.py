@@ -1,7 +1,7 @@
 """The share of a wave at an edge in the field at a point, travelling or evanescent. Source: (B3).
 
 With N and N' the paths R - p.(P - Q) and R - p'.(P - Q), p' the mirrored direction, E the wave at
-the edge, e and e' those at the point if it came along p and p', the integrand times R/2 is
+the edge, e and e' the waves at the point along p and p', the integrand times R/2 is
 
     a (E - e)/2N + b' [(1/2 - share) E - e/2]/N'
 
@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from polywigner.numerics import Number
 from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select, unit_wave
 from polywigner.numerics.jets import JetOperations
 from polywigner.numerics.phases import cos_sin_turns, sinc
@@ -100,7 +101,7 @@ class _Travelling:
     ) -> Pair:  # fmt: skip
         """The integrand times the radius, at t from the panel's beginning."""
         tiny = 1e-300 if ops.double else 1e-37
-        # N = R - p.(P - Q), without cancellation where they are parallel
+        # N = R - p.(P - Q), without cancellation if they are parallel
         if moment:
             lean, run, side = moment
             ahead = pz * z - (s * along + b * across)
@@ -223,8 +224,8 @@ def spherical_edge(
     boundary wave diverge together where the edge meets the axis, the boundary of the shadow: their
     sum stays smooth there. Source: (B9).
 
-    ``place`` on an edge of direction ``along`` (x, y) of the plane z = 0, which parts the point
-    from the source; ``mirrored``: what the field at the point's mirror image counts beside its own.
+    ``place``: on an edge of direction ``along`` (x, y) in the plane z = 0, between the point and
+    the source; ``mirrored``: the factor of the field at the point's mirror image.
     """
     path = _Path(ops, source, point, (*place, 0.0), (*along, 0.0))
     real, imag = path.smooth(ops)
@@ -239,7 +240,7 @@ def spherical_edge(
     return real, imag, path.detour
 
 
-def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Any:
+def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Number:
     """The angle by which a straight edge turns about the axis from a source to a point."""
     axis = difference(point, source)
     inverse = 1.0 / ops.sqrt(dot(axis, axis))
@@ -307,7 +308,7 @@ class _EdgePaths:
         # product of the distances and of the sine of this angle, positive on the left
         self.turn = dot(cross(from_source, along), to_point)
 
-        def root_at(s: Any) -> Any:
+        def root_at(s: Any) -> Number:
             a, b = s - s_first, s - s_last
             rho, radius = ops.sqrt(a * a + h_first * h_first), ops.sqrt(b * b + h_last * h_last)
             lean = a * radius + b * rho
@@ -317,7 +318,7 @@ class _EdgePaths:
         # roots of the detours over both ends beyond the least; negative before its foot
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
-    def angle(self, ops: Any, limit: float) -> Any:
+    def angle(self, ops: Any, limit: float) -> Number:
         """Angle about the axis that the edge subtends, in the plane of roots up to a limit."""
         low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
         # near the boundary of the shadow the root of the detour is a product, without cancellation
@@ -327,7 +328,7 @@ class _EdgePaths:
         return ops.select(self.turn < 0.0, -angle, angle)
 
 
-def _limited(ops: Any, v: Any, limit: float) -> Any:
+def _limited(ops: Any, v: Any, limit: float) -> Number:
     return ops.maximum(ops.minimum(v, limit), -limit)
 
 
@@ -343,10 +344,10 @@ def edge_wave(
     function, whose poles at the shadow's boundary are taken out in closed form. Beyond
     ``rule.turns`` the path of integration turns into the complex plane, where the wave decays.
 
-    ``aside``: a place beside the point, which says on which side of the shadow's boundary it is.
-    ``when``: (condition, compute, arguments) -> computed numbers; zeros where there is no need.
-    ``blocked``: 1 where another surface is in front of the boundary of the shadow, 0 where none is,
-    or between. There the step of the wave at this boundary is left out (SB5).
+    ``aside``: a position next to the point, which decides on which side of the shadow boundary the
+    point is. ``when``: (condition, compute, arguments) -> computed numbers; zeros if the condition
+    is false. ``blocked``: 1 where another surface is in front of the boundary of the shadow, 0
+    where none is, or between. There the step of the wave at this boundary is left out (SB5).
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
@@ -355,10 +356,10 @@ def edge_wave(
     detour, total_path = paths.detour, paths.total
     distance, turn = paths.distance, paths.turn
     slant = 0.5 / paths.shortest
-    # from here on the place along the edge is v, its detour is detour + v^2
+    # below, the position along the edge is v, with the detour detour + v^2
     foot = 4.0 * paths.both * slant
 
-    def density(q: Any) -> Any:
+    def density(q: Any) -> Number:
         stretched = 1.0 + slant * q
         return slant / ((total_path + q) * ops.sqrt(stretched * (q * stretched + foot)))
 
@@ -418,8 +419,8 @@ def edge_wave(
     step = 4.0 * distance * pole * ops.sqrt(0.5 * paths.both * total_path * paths.closing)
     if blocked is not None:
         step = step * (1.0 - blocked * ops.exp(-2.0 * math.pi * paths.detour))
-    # The angle jumps where the axis meets the edge, and turns around its ends. All edges take it at
-    # one place beside the point, so that their sum has neither.
+    # The angle jumps where the axis meets the edge, and turns around its ends. It is evaluated at
+    # the same position next to the point for all edges, so that their sum is smooth.
     beside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
     step = step * beside.angle(ops, limit)
     return real + step + farther[0], imag + farther[1]
@@ -465,12 +466,12 @@ def path_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -
     return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30)
 
 
-def least_detour(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Any:
+def least_detour(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Number:
     """The shortest path from a source over a straight edge to a point, less their distance."""
     return path_over(ops, source, point, start, end)[0]
 
 
-def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Any:
+def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:
     """The inverse of sinh, with cosh of the result given."""
     logarithm = ops.log(abs(sinh) + cosh)
     return ops.select(sinh < 0.0, -logarithm, logarithm)
@@ -483,7 +484,7 @@ def _root(ops: Any, z: Pair) -> Pair:
 
 
 class _Path:
-    """The way from a source over a place on an edge to a point. Lengths in wavelengths."""
+    """The path from a source over a point of an edge to a point. Lengths in wavelengths."""
 
     def __init__(
         self, ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], place: tuple[Any, ...],
@@ -506,7 +507,7 @@ class _Path:
         self.turn = dot(self.ahead, r) * self.axis
 
     def smooth(self, ops: Any) -> tuple[Any, Any]:
-        """The angle less the boundary wave; on the axis each alone diverges."""
+        """The angle less the boundary wave; on the axis both diverge."""
         c, s = cos_sin_turns(ops, self.detour)
         c2, s2 = cos_sin_turns(ops, 0.5 * self.detour)
         slope = 4.0 * math.pi / (self.inner * self.both) * sinc(ops, self.detour)
@@ -521,7 +522,7 @@ def difference(a: Point, b: Point) -> Point:
     return tuple(x - y for x, y in zip(a, b, strict=True))
 
 
-def dot(a: Point, b: Point) -> Any:
+def dot(a: Point, b: Point) -> Number:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 

@@ -2,8 +2,8 @@
 
 Lengths are in wavelengths, phases in turns. Edges are cut into panels, straight pieces. A panel and
 a point have their own axes: e along the panel, n to its left, and the origin at the point's foot in
-the plane. There the point lies at the height z, a place on the panel is (s, b), b the same for all
-of them, and the wave has direction cosines (along, across, p_z). Source: (B1) to (B5).
+the plane. There the point lies at the height z, and a point of the panel is (s, b), with constant
+b, and the wave has direction cosines (along, across, p_z). Source: (B1) to (B5).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from polywigner.kernels.boundary.edge_waves import (
     wave_difference,
 )
 from polywigner.kernels.kernel import Kernel, Values
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.nodes import (
     SUMS,
@@ -282,7 +282,7 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, middle, span
 
 
-def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Any:
+def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
     """Turns whose rounding counts: of a source's size, and the distance's rest beyond two floats.
 
     The latter is common to all panels, and so is lost on fields far outside of a shadow's pattern,
@@ -321,7 +321,7 @@ def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
 
 
 def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
-    """The wave at the point if nothing were in its way, against the phase of the distance.
+    """The unobstructed wave at the point, relative to the phase of the distance.
 
     ``cosines``: pairs of floats; without the last pair, as if the point were in the plane.
     """
@@ -364,7 +364,7 @@ def _fresnel_panel(
     z, digits = inner[4] + inner[5], inner[9]
     offset = _offset_of(inner, x, y)
     px, py, one = (cosines[0], cosines[1]), (cosines[2], cosines[3]), (1.0, 0.0)
-    # from the place where the wave would go through the plane on its way to the point
+    # from the point at which the wave to the point crosses the plane
     if oblique:
         dx = phases.cross(ops, px, offset[0], one, offset[2])
         dy = phases.cross(ops, py, offset[1], one, offset[2])
@@ -384,7 +384,7 @@ def _fresnel_panel(
     return _weighted(row, sums[0], sums[1], missed(ops, sums, expected, turns))
 
 
-def _node(ops: Any) -> Any:
+def _node(ops: Any) -> Callable[..., Values]:
     tiny = 1e-300 if ops.double else 1e-37
 
     def node(

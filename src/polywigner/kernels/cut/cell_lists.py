@@ -163,14 +163,16 @@ def _leads(outline: Outline, far: float) -> Array:
 
 def _rows_of_cells(
     outline: Outline, cells: _Cells, edges: Array, others: Array
-) -> Iterator[tuple[tuple[Array, Array, Array], ...]]:
+) -> Iterator[tuple[tuple[Array, ...], ...]]:
     """(cell, row, level) of the edges inside the other copy, and of the other rows, by blocks.
 
-    Levels are those at the centre of a cell. The level of the start of an edge changes within the
+    Levels are valid at the centre of a cell. The level of the start of an edge changes within the
     cell only if both that edge and the one before it have pairs there.
     """
-    count, null, weights = len(outline.vertices), len(others), others[:, 5] + 1j * others[:, 6]
-    weights = weights.real if not weights.imag.any() else weights
+    count, null = len(outline.vertices), len(others)
+    weights: Array = others[:, 5]
+    if others[:, 6].any():
+        weights = weights + 1j * others[:, 6]
     cell, edge, other = (
         np.concatenate(part) for part in zip(*_meeting(cells, edges, others, count), strict=True)
     )

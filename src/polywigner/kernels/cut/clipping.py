@@ -28,12 +28,13 @@ import math
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from polywigner.kernels.outline.tables import Tables
+from polywigner.numerics import Number
 from polywigner.numerics.grid_arithmetic import (
     GRID,
     accurate_cross,
@@ -47,6 +48,7 @@ from polywigner.numerics.grid_arithmetic import (
 _NEARLY_PARALLEL = 0.03
 
 Floats = npt.NDArray[np.float64]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -186,7 +188,7 @@ class Clipper:
 
     def sum_over_edges(
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0, other: int = 0
-    ) -> Any:
+    ) -> tuple[Any, ...]:
         """The sums of the ``values`` values of ``term(edge)`` over the edges of a group.
 
         A group contains the elements with one field. They are cut by the elements of ``other``.
@@ -196,16 +198,17 @@ class Clipper:
             totals = [a + b for a, b in zip(totals, term(edge), strict=True)]
         return tuple(totals)
 
-    def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
+    def shared(self, edge: Edge, compute: Callable[[], T], *what: Hashable) -> T:
         """Return ``compute()``, called once for all parallel edges if these are constants."""
         if type(self) is not Clipper:
             return compute()
         key = (edge.ux, edge.uy, *what)
         if key not in self._shared:
             self._shared[key] = compute()
-        return self._shared[key]
+        value: T = self._shared[key]
+        return value
 
-    def level(self, line: Line) -> Any:
+    def level(self, line: Line) -> Number:
         """cross(direction, T), with one product only for a direction along an axis."""
         key = (line.dx, line.dy)
         if key not in self._levels:
@@ -259,7 +262,7 @@ class Clipper:
             length = ops.select(lies_left, *inside)
         return low + high, length
 
-    def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Any:
+    def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Number:
         """t where the edge meets the line of the other copy."""
         scale = -view.point / slope
         size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
@@ -269,7 +272,7 @@ class Clipper:
         start = float(accurate_cross(line.dx, line.dy, x, y))
         return self.ops.fma(self.level(line), view.offset * scale, start * scale)
 
-    def _exact_distance(self, edge: Edge, line: Line, view: View) -> Any:
+    def _exact_distance(self, edge: Edge, line: Line, view: View) -> Number:
         """Distance of the edge's start left of the line, from exact differences, to one ulp."""
         s, sign = view.offset, view.point
         dx = s * self.tx + (sign * edge.ax - line.px)

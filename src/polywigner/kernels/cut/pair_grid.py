@@ -19,11 +19,12 @@ import numpy.typing as npt
 
 from polywigner.kernels.outline.frame import power_of_two
 from polywigner.kernels.outline.tables import Tables
+from polywigner.numerics import Number
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
 # How a row counts: as a crossing; as one before which the winding number is set; as a whole edge;
 # as both (an edge inside the other copy); as a crossing with the line that leads to a ring from
-# outside. The first bit is that of START, the second that of WHOLE.
+# outside. The first bit is the bit of START, the second bit is the bit of WHOLE.
 CROSSING, START, WHOLE, INSIDE, LEAD = range(5)
 # More than rounding does to a cross product of vectors of the frame.
 ROUNDED = 1e-13
@@ -146,7 +147,7 @@ class PairGrid:
     def held(self, hold: Callable[[Array], Any]) -> PairGrid:
         """The grid with its tables in an engine's memory."""
         tables = {f.name: getattr(self, f.name) for f in fields(self)}
-        # engines do not read from arrays of no numbers
+        # engines do not read from empty arrays
         return replace(self, **{k: hold(v if len(v) else _NONE) for k, v in tables.items()})
 
 
@@ -187,7 +188,7 @@ _SLANTED = 1 / 16
 
 
 def cells_at(grid: HostGrid, t: Array) -> Array:
-    """The numbers of the cells of offsets ``t`` (n,), those of the border included."""
+    """The indices of the cells of offsets ``t`` (n,), including cells of the border."""
     (rows, across), place = grid.shape, (t - grid.low) * grid.per_unit
     column = np.fmin(np.fmax(np.floor(place.real), -1.0), across)
     row = np.fmin(np.fmax(np.floor(place.imag), -1.0), rows)
@@ -261,7 +262,7 @@ def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
 
 
 def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> None:
-    """Replace levels by those with exact differences and products."""
+    """Replace levels by levels from exact differences and products."""
     e, f, p = e[columns], f[columns], p[columns]
     pairs = (e, p), (e, p - f), (f, p), (f, p - e)
     for row, (one, two) in zip(levels, pairs, strict=True):
@@ -289,7 +290,7 @@ def crossing(
     return ((before > own) ^ (after > own)) & (at_start ^ at_end), at_end, start, end
 
 
-def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Any:
+def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Number:
     """The level cross(e, T - p) above which p counts as left of e: 0, or just below.
 
     Ties are decided as if T were displaced by side (eps, -eps^2). No level on the grid is as near

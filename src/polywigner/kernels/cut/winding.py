@@ -16,6 +16,7 @@ from polywigner.kernels.cut.cell_lists import cells_across, pair_grid
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Edge, View
 from polywigner.kernels.cut.pair_grid import LEAD, START, WHOLE, PairGrid, crossing, outline_of
 from polywigner.kernels.outline.tables import Tables
+from polywigner.numerics import Number
 
 Pass = tuple[View, int, int]
 """View of edges, number of their field, and number of the other copy's field."""
@@ -49,7 +50,7 @@ _cached: deque[tuple[dict[Any, Any], Hashable, int]] = deque()
 """Owner, key and size of each list, oldest first."""
 
 
-def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Any:
+def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
     """The index of the cell of an offset on the grid; outside of all cells, of an empty one."""
     x0, y0, x1, y1, per_unit, across, empty, _ = ops.gather(pair.numbers, ops.truncated(0.0))
     inside = (tx >= x0) & (tx < x1) & (ty >= y0) & (ty < y1)
@@ -73,7 +74,7 @@ class PairClipper(Clipper):
         arguments: tuple[Any, ...] = (),
         pairs: Mapping[Pass, PairGrid] | None = None,
     ) -> None:
-        """``pairs``: lists in the engine's memory, instead of those of the tables."""
+        """``pairs``: lists in the engine's memory, instead of the lists of the tables."""
         self.ops, self.tables = ops, tables
         self.views, self.arguments, self.pairs = views, arguments, pairs
         *_, step = ops.gather(self._grid((views[0], 0, 0)).numbers, ops.truncated(0.0))

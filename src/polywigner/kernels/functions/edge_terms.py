@@ -1,12 +1,13 @@
-"""Terms of W and A: contributions of parts of edges, however they were cut.
+"""Terms of W and A: contributions of parts of edges.
 
-A part is a vector d with its middle m, as a lag or as a position; nu.d and nu.m, in turns, and
-cross(nu, d) are all that its term depends on. `EvenTerms` is (W1) of docs/theory.md, for real
-weights: only sines are left, in which nothing cancels as nu goes to 0. `WaveTerms` is (W2) and
-(A1), for all weights: cosines sum to zero at nu = 0, so that cos - 1 stands for cos.
+A part is a vector d with its midpoint m, as a lag or as a position; its term depends only on nu.d
+and nu.m, in cycles, and cross(nu, d). `EvenTerms` is (W1) of docs/theory.md, for real weights: it
+contains only sines, which do not cancel as nu goes to 0. `WaveTerms` is (W2) and (A1), for all
+weights: cosines sum to zero at nu = 0, so that cos - 1 stands for cos.
 
-Whoever cuts edges makes the terms of a frequency, asks `along` once per direction of edges, adds
-parts with `added`, multiplies by what an edge's parts share with `of_edge`, and ends with `total`.
+The code that cuts edges creates the terms of a frequency, calls `along` once per direction of
+edges, adds parts with `added`, multiplies by the common factors of an edge with `of_edge`, and ends
+with `total`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import math
 from copy import copy
 from typing import Any
 
+from polywigner.numerics import Number
 from polywigner.numerics.phases import sin_turns, sinc_less_one
 
 
@@ -36,7 +38,7 @@ def segment_wave(ops: Any, half: Any, middle: Any) -> tuple[Any, Any]:
 
 
 def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
-    """A frequency, or if it is so small that its square underflows, one that is just larger.
+    """Return a frequency, or a slightly larger one if its square would underflow.
 
     Changes a transform by the floor times the diameter, far below rounding. Terms are of the order
     of the square; what rounding loses of their sum, 6e-8 of it and less, must not underflow either:
@@ -46,14 +48,14 @@ def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
-    tiny = (abs(x) < floor) & (abs(y) < floor)  # false if either is not a number
+    tiny = (abs(x) < floor) & (abs(y) < floor)  # false for NaN
     return ops.select(tiny, floor, x), ops.select(tiny, 0.0, y)
 
 
 Values = tuple[Any, ...]
 
 
-def times(factor: Any, value: Any) -> Any:
+def times(factor: Any, value: Any) -> Number:
     """factor value, without the multiplication where the factor is a constant 1 or -1."""
     if isinstance(factor, float) and abs(factor) == 1.0:
         return value if factor > 0 else -value
@@ -77,13 +79,13 @@ class EdgeTerms:
     by_part = False
     """Whether terms of parts share nothing along an edge: there is only :meth:`of_part`."""
 
-    def taken(self, owner: Any) -> Any:
+    def taken(self, owner: Any) -> EdgeTerms:
         """The terms of NumPy at the frequencies (k,) of some numbers."""
         found, (nu_x, nu_y) = object.__new__(type(self)), self.nu
         found.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
         return found
 
-    def at_columns(self, rows: Any, columns: slice) -> Any:
+    def at_columns(self, rows: Any, columns: slice) -> EdgeTerms:
         """The terms of NumPy at some of the frequencies (n, m); ``rows``: None for all."""
         found = copy(self)
         found.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
@@ -98,9 +100,9 @@ class EdgeTerms:
     ) -> Values:
         """The sums of an edge with one more part of it; None before the first.
 
-        ``half``, ``middle``: nu.d/2 and nu.m in turns; ``extent``: the part's length in units of
-        the edge's; ``weight``: (real, imaginary) product of the weights of both elements, times
-        the jump or level of the other copy. The sums lack the factors of `of_edge`.
+        ``half``, ``middle``: nu.d/2 and nu.m in cycles; ``extent``: the part's length in units of
+        the edge's; ``weight``: (real, imaginary) product of the weights of both elements, times the
+        jump or level of the other copy. The sums lack the factors of `of_edge`.
         """
         raise NotImplementedError
 

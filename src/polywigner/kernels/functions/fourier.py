@@ -4,7 +4,7 @@ One triangle contributes ``cross(p, p') exp[0, a, b]``, the second divided diffe
 exponential at ``0``, ``a = -2 pi i nu.p`` and ``b = -2 pi i nu.p'``. Unlike the edge sum of the
 paper's eq. (FVT) it has no division by nu, stays accurate for slivers, and a boundary that closes
 only up to rounding costs no more than rounding (docs/theory.md, (F2)). Bodies are sums of
-tetrahedra in the same way.
+tetrahedra by the same formula.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.kernels.outline.frame import Frame, Matrix, frame_of, times
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
 from polywigner.numerics.grid_arithmetic import accurate_cross
@@ -42,7 +42,7 @@ class OutlineTables:
 def outline_tables(
     rings: Sequence[npt.NDArray[np.float64]], frame: Frame | None = None
 ) -> OutlineTables:
-    """The tables of a polygon to the left of its rings, in its own frame or a wider one."""
+    """Return the tables of a polygon to the left of its rings, by default in its frame."""
     frame = frame or frame_of(np.concatenate(rings))
     edges: list[tuple[float, ...]] = []
     following: list[int] = []
@@ -87,7 +87,7 @@ def fan_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
 def complex_fan_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Values:
     """F(nu) exp(-2 pi level) for complex nu in the frame: analytic in nu, no conjugate anywhere.
 
-    All real parts of nu, then all imaginary ones. The level is that of the largest wave in the
+    All real parts of nu, then all imaginary ones. The level belongs to the largest wave in the
     frame's box, so that no term overflows.
     """
     real, imag = nu[: len(nu) // 2], nu[len(nu) // 2 :]
@@ -106,7 +106,8 @@ def complex_fan_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) ->
 
 
 def _is_short(nu: Values) -> bool:
-    """Whether terms may be unrolled; of a cube's tetrahedra it takes 3 s and half the speed."""
+    """Whether terms may be unrolled; for a cube's tetrahedra that takes 3 s to compile and runs
+    half as fast."""
     return len(nu) < 3
 
 
@@ -114,7 +115,7 @@ def _corners(row: Values, dimension: int) -> list[Values]:
     return [row[k : k + dimension] for k in range(0, dimension**2, dimension)]
 
 
-def _dot(ops: Any, nu: Values, point: Values) -> Any:
+def _dot(ops: Any, nu: Values, point: Values) -> Number:
     total = nu[-1] * point[-1]
     for component, coordinate in zip(nu[-2::-1], point[-2::-1], strict=True):
         total = ops.fma(component, coordinate, total)

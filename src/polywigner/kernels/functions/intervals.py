@@ -3,9 +3,9 @@
 The lag slice of two intervals and the position slice of two shifted ones are intervals again, so
 every transform is a sum of plane waves' means over intervals (docs/theory.md, (S1) to (S3)).
 
-Of a pair, with half-lengths h and h', only the distance of the two centres depends on x or xi. It
-is taken without rounding, so that slits may be as narrow as they like against their distance: the
-length of the overlap is that of exact arithmetic to an ulp of itself.
+For a pair with half-lengths h and h', only the distance between the centres depends on x or xi. It
+is computed without rounding, so slits may be arbitrarily narrow compared with their distance: the
+length of the overlap is exact to an ulp of itself.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from polywigner.kernels.outline.wave_pairs import (
     mean_pairs,
     waves_in_frame,
 )
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.phases import Doubled, doubled, sinc
 from polywigner.source import Array
@@ -62,9 +62,9 @@ class Interval:
         return (self.end - self.begin) / 2
 
     def field(self, ops: Any, x: Any) -> Pair:
-        """u less the carrier; the begin has it and the end has not."""
+        """u without the carrier; the beginning of the slit belongs to it, the end does not."""
         inside = ops.select((x >= float(self.begin)) & (x < float(self.end)), 1.0, 0.0)
-        # not a number where x is none: its comparisons are false, as outside
+        # NaN x gives NaN: its comparisons are false, as outside
         return Pair(*field_of(ops, self.waves, (x,))).scaled(inside) + Pair(x - x, x - x)
 
 
@@ -117,9 +117,9 @@ class PairTables:
     """Pairs of intervals; sums run over ``edges``, numbers only.
 
     The centres' distance at x = 0 or xi = 0, as two floats; the half-lengths; the mean of the
-    centres, which does not move, as two floats; and the mutual field, real and imaginary part.
-    Where fields have waves there is a row for every pair of waves, with what to subtract from the
-    frequency, and the turns of the mutual field along 4x or xi.
+    centres, which does not move, as two floats; and the mutual field, real and imaginary part. If
+    fields have waves, each pair of waves has a row, with a shift to subtract from the frequency,
+    and the cycles of the mutual field along 4x or xi.
     """
 
     frame: SlitFrame
@@ -129,7 +129,8 @@ class PairTables:
 
     @property
     def terms(self) -> int:
-        """Terms of the sum, as plans count them: a pair takes half as long as an edge of F."""
+        """Terms of the sum, for the choice of an engine: a pair takes half as long as an edge of
+        F."""
         return -(-len(self.edges) // 2)
 
 
@@ -194,10 +195,10 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
 def _overlap(
     ops: Any, shift: Doubled, gap: Any, rest: Any, half: Any, other: Any
 ) -> tuple[Any, Any]:
-    """Length of the overlap, and how far its middle lies from the mean of the centres.
+    """Length of the overlap, and the offset of its centre from the mean of the centres.
 
     The centres are ``gap`` + ``rest`` - ``shift`` apart. While the shorter interval lies inside the
-    other, the middle is its centre; then it stays where the far ends were in line.
+    other, the overlap has its centre; beyond, the centre of the overlap stays fixed.
     """
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (rest - shift[1]))
@@ -239,7 +240,7 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled | None = None
     return found
 
 
-# Rates that agree to this, in cycles per unit of the frame or of the largest, are one.
+# Rates that agree to this, in cycles per unit of the frame or relative to the largest, are equal.
 _EQUAL = 1e-14
 
 
@@ -255,8 +256,8 @@ class LineField:
     def pairs(self) -> int:
         return len(self.waves) * (len(self.waves) + 1) // 2
 
-    def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Any:
-        """W, which is real, of light that is coherent over a width in the frame."""
+    def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Number:
+        """W, which is real, for a coherence width in the frame."""
         pairs = mean_pairs(self.waves, self.waves, True)
         return _over_pairs(ops, pairs, x, nu, _length(ops, self.half - abs(x), 4.0), width).real
 
@@ -275,12 +276,12 @@ class LineField:
         return Pair(real, imag).scaled(length)
 
     def field(self, ops: Any, x: Any) -> Pair:
-        """u, which the lower end has and the upper one has not."""
+        """u, which includes the lower end and excludes the upper one."""
         return Interval(Fraction(-self.half), Fraction(self.half), self.waves).field(ops, x)
 
 
-def _length(ops: Any, left: Any, scale: float) -> Any:
-    """Length that is left of an interval, at least 0; not a number where the place is none."""
+def _length(ops: Any, left: Any, scale: float) -> Number:
+    """Remaining length of an interval, at least 0; NaN for NaN positions."""
     return scale * ops.maximum(left, 0.0) + (left - left)
 
 

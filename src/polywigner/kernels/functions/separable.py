@@ -21,7 +21,7 @@ from polywigner.kernels.functions.intervals import LineField
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.kernels.outline.frame import Frame, frame_along, power_of_two
 from polywigner.kernels.outline.wave_pairs import Wave, Waves, carrier_of, waves_in_frame
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
 
 # An outline is a rectangle if it misses one by less than this fraction of its shorter side, or by
@@ -197,7 +197,7 @@ def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
     return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
 
-def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Any:
+def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
     """W(x, nu) in the frame. Source: (I4)."""
     one, two = tables.fields
     width_x, width_y = tables.coherence_widths

@@ -1,9 +1,9 @@
 """Fourier transforms as sums over simplices that tile a source, each with its own exact phase.
 
-A fan around one origin covers what is thin many times over with either sign, and loses as many
+A fan around one origin covers a thin shape many times over with either sign, and loses as many
 digits. The terms of a tiling are all positive at nu = 0; each has its own corner, whose phase nu.p
-is an error-free product, and its own vectors from there. So nothing is lost however thin, long or
-scattered the source is: slits always, and apertures whose fan would cancel, go this way
+is an error-free product, and its own vectors from there. So no digits are lost for thin, long or
+scattered sources. Slits always use this method, and so do apertures whose fan would cancel
 (docs/theory.md, (F5), (S1)).
 
 A body is the signed sum of the tetrahedra (origin, a, b, c) over the triangles of its faces' fans.
@@ -37,7 +37,7 @@ from polywigner.kernels.outline.frame import (
     times_doubled,
     vertices_for,
 )
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
 from polywigner.numerics.phases import Doubled, doubled
@@ -137,7 +137,7 @@ def _pairs(values: Values) -> tuple[Doubled, ...]:
     return tuple(zip(values[0::2], values[1::2], strict=True))
 
 
-def _dot(ops: Any, nu: tuple[Doubled, ...], vector: tuple[Doubled, ...]) -> Any:
+def _dot(ops: Any, nu: tuple[Doubled, ...], vector: tuple[Doubled, ...]) -> Number:
     total, rest = phases.dot(ops, nu, vector)
     return total + rest
 
@@ -202,7 +202,8 @@ class SolidTables:
 
     @property
     def terms(self) -> int:
-        """Terms of the sum, as plans count them: a tetrahedron takes as long as eight edges."""
+        """Terms of the sum, for the choice of an engine: a tetrahedron takes as long as eight
+        edges."""
         return 8 * len(self.edges)
 
 

@@ -2,12 +2,12 @@
 
 The sums are (W1), (W2) and (A1) of docs/theory.md, over the cut edges of one copy for W, whose
 mirror images are the others, and of both copies for A. Fields of several waves, and elements with
-fields of their own, are sums over pairs of waves: for each pair the sum over a uniform source at a
+different fields, give sums over pairs of waves: for each pair the sum over a uniform source at a
 shifted frequency, times an amplitude that depends on position or lag alone, (I2), (I3). Each edge
 is cut once for all pairs.
 
-NumPy lists last parts of edges, from a crossing to the end, with weights that add up on each
-edge to those of the slice. Compiled code loops over edges and their cuts.
+NumPy lists last parts of edges, from a crossing to the end, with weights that add up to the weights
+of the slice on each edge. Compiled code loops over edges and their cuts.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ class SliceSum:
     views: tuple[View, ...]
     """In which views edges are cut: one for W, two for A."""
     scale: float
-    """The offset T between the copies is ``scale`` times the place: 2x, or xi. A point p of an edge
-    is that of the slice at ``scale (p + side T)``."""
+    """The offset T between the copies is ``scale`` times the position or lag: 2x, or xi. A point p
+    of an edge is the point ``scale (p + side T)`` of the slice."""
     place: slice
-    """Components of the place among the arguments in the frame."""
+    """Components of the position or lag among the arguments in the frame."""
     frequency: slice
     pairings: Callable[[Tables], Sequence[Pairing]]
     terms: Callable[[Any, Tables, Values, bool, bool], EdgeTerms]
@@ -74,7 +74,8 @@ class SliceSum:
     values: int
     """1 for a real sum, or 2: cosine part and sine part, cosine - i sine."""
     arguments: slice | None = None
-    """Components of the place among the arguments of the user, if other arguments may be many."""
+    """Components of the position or lag among the user's arguments, if many other arguments may
+    meet it."""
 
     def __call__(self, ops: Any, tables: Tables, *inner: Any) -> Values:
         if ops.target == "numpy":
@@ -104,7 +105,7 @@ class SliceSum:
         return [(view, own, other) for view in views for own in fields for other in fields]
 
     def after(self, count: int) -> SliceSum:
-        """Return the sum for arguments behind so many others."""
+        """Return the sum for arguments that follow ``count`` others."""
         place, frequency = (
             slice(s.start + count, s.stop + count) for s in (self.place, self.frequency)
         )
@@ -181,7 +182,7 @@ class SliceSum:
     def shared_sums(
         self, ops: Any, tables: Tables, place: Sequence[Array], nu: Sequence[Array]
     ) -> Values:
-        """Sums (n, m) at places (n,), cut once each for frequencies (1, m) or (n, m)."""
+        """Sums (n, m) at points (n,), each cut once for frequencies (1, m) or (n, m)."""
         columns = np.broadcast_shapes(*(n.shape for n in nu))[1]
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
         if nu[0].shape != nu[1].shape:
@@ -197,11 +198,11 @@ class SliceSum:
         return self._as_waves(results)
 
     def _sums(self, ops: Any, tables: Tables, place: Any, nu: Any) -> list[Any]:
-        """Sums at places (n,): (n,) for frequencies (n,), (n, m) for (1, m) or (n, m)."""
+        """Sums at points (n,): (n,) for frequencies (n,), (n, m) for (1, m) or (n, m)."""
         is_shared, count = nu[0].ndim > 1, len(place[0])
         check = place[0] + place[1]
         check = check[:, None] + (nu[0] + nu[1]) if is_shared else check + (nu[0] + nu[1])
-        # what is lost or infinite is so in the result
+        # NaN and infinite arguments give NaN
         totals: list[Any] = [0.0 if np.isfinite(check).all() else check - check] * self.values
         for pairs, is_even, owner, part in self.parts(tables, place):
             for pair in pairs:
@@ -226,7 +227,7 @@ class SliceSum:
     ) -> Iterator[tuple[Sequence[WavePair], bool, Array, tuple[Any, ...]]]:
         """Pairs of waves, whether their terms are even, and last parts of edges (theory, (K1)).
 
-        A part is the number of its place (k,); and its centre and its vector (x, y, dx, dy) in the
+        A part is the index of its point (k,); and its centre and its vector (x, y, dx, dy) in the
         slice, and its weight (real, imag). In double precision.
         """
         t = np.empty(len(place[0]), np.complex128)
@@ -257,7 +258,7 @@ class SliceSum:
                 yield pairs, is_even, grid, view.side, side
 
     def listed(self, ops: Any, tables: Tables, *place: Array) -> tuple[Array, Array, bool]:
-        """Where the parts of each place begin (n + 1,), rows of parts, whether weights are real.
+        """The first part of each point (n + 1,), rows of parts, whether weights are real.
 
         Rows are (x, y, dx, dy), and where weights are others than 1 and -1 or a frequency is
         shifted (real, imag, shift) as well; a part of weight -1 is stored reversed (terms are odd).
@@ -299,7 +300,9 @@ def _row_sums(
     begins = np.flatnonzero(np.diff(owner, prepend=-1))
     ends = np.append(begins[1:], len(owner))
     first = 0
-    while first < len(begins):  # some places at a time, of one too large some columns
+    while first < len(
+        begins
+    ):  # a few points in each pass; a point with many parts takes a few columns in each pass
         last = max(first + 1, int(np.searchsorted(ends, begins[first] + _SUMMED // columns + 1)))
         rows, step = slice(begins[first], ends[last - 1]), len(owner)
         step = max(1, _SUMMED // (rows.stop - rows.start))
@@ -402,7 +405,7 @@ class TermSum:
         return total
 
     def value(self, sums: Sequence[Any], place: Values) -> Values:
-        """The share of the pair in the result."""
+        """The contribution of the pair to the result."""
         amplitude = self.pair.amplitude(self.ops, place)
         return _with_amplitude(self.function.total(tuple(sums)), amplitude)
 
@@ -423,7 +426,7 @@ class PartSum:
             found: Values = self.terms.of_part(*row, 1.0, 0.0)
             return found
         (nu_x, nu_y), (shift_x, shift_y) = self.nu, row[6:]
-        # a part with a frequency of its own
+        # a part with a shifted frequency
         terms = self._at((nu_x - shift_x, nu_y - shift_y))
         total: Values = terms.total(terms.of_part(*row[:5], 0.0 if self.is_real else row[5]))
         return total

@@ -48,7 +48,7 @@ class Tables:
     """The different fields on the elements, less their weights."""
     double: bool
     coherence: Any = None
-    """The degree of coherence of light that is partly coherent, by lags of the frame."""
+    """The matrix from lags in the frame to lags in coherence widths; None for coherent light."""
     pairs: dict[Any, Any] = field(default_factory=dict, repr=False)
     """Lists of the pairs of edges that can meet, as engines hold them."""
     lists: dict[Any, Any] = field(default_factory=dict, repr=False)
@@ -68,7 +68,7 @@ class Tables:
     def clips(self) -> int:
         """Number of pairs of edges: the cost of one slice.
 
-        A further wave counts as 24 edges: it is integrated over what is left of each edge.
+        A further wave counts as 24 edges: it is integrated over each part of an edge.
         """
         return len(self.edges) * (len(self.edges) + _EDGES_PER_WAVE * (self.waves_per_cut - 1))
 
@@ -87,7 +87,7 @@ class Tables:
 
     @cached_property
     def by_element(self) -> Tables:
-        """The tables with each element as a group of its own, of weight 1."""
+        """The tables with each element as a separate group of weight 1."""
         edges, names = self.edges.copy(), self.names.copy()
         edges[:, 4:], names[:, 3] = (1.0, 0.0), names[:, 2]
         group_of = dict(zip(self.names[:, 2].tolist(), self.names[:, 3].tolist(), strict=True))

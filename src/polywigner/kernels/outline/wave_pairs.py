@@ -1,7 +1,7 @@
 """Sums of plane waves on a source, and contributions of their pairs to W and A.
 
 For a field sum_m c_m exp(2 pi i kappa_m.x) on the source (docs/theory.md, (I2), (I3)), W and A are
-sums over pairs of waves of those of the uniform source at a shifted frequency, times a factor that
+sums over pairs of waves: W or A of the uniform source at a shifted frequency, times a factor that
 depends on position or lag alone. Pairs with one shift are taken together, as one `WavePair`.
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 
-# Frequencies this close, in cycles per size of the frame and relative to the largest, are one:
+# Frequencies this close, in cycles per size of the frame and relative to the largest, are equal:
 # sums of the same terms in another order.
 _EQUAL = 1e-14
 
@@ -39,7 +39,7 @@ UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
 
 
 def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
-    """The middle of all frequencies, relative to which a steered source is computed."""
+    """The centre of all frequencies, relative to which a steered source is computed."""
     still = np.zeros((1, dimension))
     frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
     return tuple((frequencies.min(axis=0) / 2 + frequencies.max(axis=0) / 2).tolist())
@@ -97,7 +97,7 @@ class WavePair:
 
     @cached_property
     def is_unit(self) -> bool:
-        """Whether the pair is that of a uniform source: no shift, amplitude 1."""
+        """Whether the pair belongs to a uniform source: no shift, amplitude 1."""
         return self.is_constant and not any(self.shift) and self.terms == ((1.0, (0.0, 0.0)),)
 
     @property
