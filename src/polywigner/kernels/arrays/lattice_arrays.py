@@ -27,7 +27,7 @@ from polywigner.kernels.arrays.repeated import (
 )
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
 from polywigner.kernels.outline.frame import Frame
-from polywigner.numerics import Number, phases
+from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import unit_wave
 from polywigner.source import Array
 from polywigner.source.lattices import Lattice, Profile, separated
@@ -44,58 +44,37 @@ Pair2 = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class _Window:
-    """Whole numbers h along one direction with t - h in the open interval (low, high)."""
-
-    low: float
-    high: float
-    start: int
-    """First number on the lattice."""
-    steps: int
-    """Count of numbers on the lattice."""
-
-    @property
-    def _is_all(self) -> bool:
-        """Whether the interval holds no fewer: elements much larger than the lattice."""
-        return self.high - self.low >= self.steps
-
-    @property
-    def count(self) -> int:
-        """The most that there can be."""
-        if self._is_all:
-            return self.steps
-        return max(1, math.ceil(self.high - self.low - _EDGE))
-
-    def first(self, ops: Any, t: Any) -> Number:
-        if self._is_all:
-            return 0.0 * t + float(self.start)
-        return ops.round(t - self.high + 0.5)
-
-
-@dataclass(frozen=True)
 class _Nodes:
     """Differences or midpoints of sites: multiples of the steps of a lattice."""
 
     scale: float
-    """In the steps of the lattice: 1, or 1/2 for midpoints."""
-    windows: tuple[_Window, _Window]
+    """In steps of the lattice: 1, or 1/2 for midpoints."""
+    windows: tuple[tuple[float, float, int, int], ...]
+    """For each direction (low, high, first node on the lattice, number of nodes on it). Nodes h
+    contribute at t if t - h lies in the open interval (low, high)."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
-        """The first node that counts at a vector, and the vector from there in the frame."""
-        # numbers of steps along both directions
-        t = (x * row[0] + y * row[1] for row in frame.inverse)
-        i, j = (w.first(ops, c * (1 / self.scale)) for w, c in zip(self.windows, t, strict=True))
+        """The first node that contributes at a vector, and the vector from there in the frame."""
+        i, j = (
+            0.0 * x + float(start)
+            if high - low >= steps  # the element is much larger than the lattice
+            else ops.round((x * row[0] + y * row[1]) * (1 / self.scale) - high + 0.5)
+            for (low, high, start, steps), row in zip(self.windows, frame.inverse, strict=True)
+        )
         (ax, ay), (bx, by) = ((self.scale * u, self.scale * v) for u, v in frame.basis)
         left = x - (i * ax + j * bx), y - (i * ay + j * by)
         return (i, j, *frame.element.vector(ops, *left))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Numbers of steps from the first node that counts, and their vector in the frame."""
-        counts = product(*(range(window.count) for window in self.windows))
-        steps = [(float(k), float(m)) for k, m in counts]
+        """Numbers of steps from the first contributing node, and their vector in the frame."""
+        counts = (
+            min(steps, max(1, math.ceil(high - low - _EDGE)))
+            for low, high, _, steps in self.windows
+        )
+        steps = [(float(k), float(m)) for k, m in product(*map(range, counts))]
         vectors = self.scale * np.array(steps) @ np.array(frame.basis) + frame.element.centre
-        placed = frame.element.vertices(vectors).tolist()
-        return [(*own, x, y) for own, (x, y) in zip(steps, placed, strict=True)]
+        on_frame = frame.element.vertices(vectors).tolist()
+        return [(*step, x, y) for step, (x, y) in zip(steps, on_frame, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -146,8 +125,7 @@ def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, turns: Pair2
 
     def nodes(scale: float, low: Any, high: Any, start: Any, steps: Any) -> _Nodes:
         columns = zip(pair(low), pair(high), start.tolist(), steps.tolist(), strict=True)
-        one, two = (_Window(*column) for column in columns)
-        return _Nodes(scale, (one, two))
+        return _Nodes(scale, tuple(columns))
 
     return _ArrayFrame(
         frame,

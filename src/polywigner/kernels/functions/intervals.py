@@ -44,28 +44,15 @@ from polywigner.numerics.phases import Doubled, doubled, sinc
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
+Interval = tuple[Fraction, Fraction, Waves]
+"""Beginning and end of a slit in the frame, as exact numbers, and the field in it."""
 
-@dataclass(frozen=True)
-class Interval:
-    """A slit in the frame, and the field in it; ends are exact numbers."""
 
-    begin: Fraction
-    end: Fraction
-    waves: Waves
-
-    @property
-    def middle(self) -> Fraction:
-        return (self.begin + self.end) / 2
-
-    @property
-    def half(self) -> Fraction:
-        return (self.end - self.begin) / 2
-
-    def field(self, ops: Any, x: Any) -> Pair:
-        """u without the carrier; the beginning of the slit belongs to it, the end does not."""
-        inside = ops.select((x >= float(self.begin)) & (x < float(self.end)), 1.0, 0.0)
-        # NaN x gives NaN: its comparisons are false, as outside
-        return Pair(*field_of(ops, self.waves, (x,))).scaled(inside) + Pair(x - x, x - x)
+def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
+    """u without the carrier; the beginning of the interval belongs to it, the end does not."""
+    inside = ops.select((x >= begin) & (x < end), 1.0, 0.0)
+    # NaN x gives NaN: its comparisons are false, as outside
+    return Pair(*field_of(ops, waves, (x,))).scaled(inside) + Pair(x - x, x - x)
 
 
 @dataclass(frozen=True)
@@ -150,7 +137,7 @@ def _slit_tables(source: Slits | Array) -> SlitTables:
         assert isinstance(element.outline, Slits)
         for begin, end in element.outline.intervals.tolist():
             low_end, high_end = ((Fraction(value) - centre) / scale for value in (begin, end))
-            intervals.append(Interval(low_end, high_end, waves))
+            intervals.append((low_end, high_end, waves))
     return SlitTables(frame, tuple(intervals))
 
 
@@ -175,13 +162,14 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
 
     tables = _slit_tables(source)
     rows: list[tuple[Any, ...]] = []
-    for (k, one), (m, other) in paired(enumerate(tables.edges)):
-        total, apart = one.middle + other.middle, one.middle - other.middle
+    for (k, (begin, end, waves)), (m, (begin2, end2, waves2)) in paired(enumerate(tables.edges)):
+        centre, centre2 = (begin + end) / 2, (begin2 + end2) / 2
+        total, apart = centre + centre2, centre - centre2
         gap, mean, scale = (2 * total, apart, 2) if of_lags else (apart, total / 2, 1)
-        halves = float(scale * one.half), float(scale * other.half)
+        halves = float(scale * (end - begin) / 2), float(scale * (end2 - begin2) / 2)
         row = (*doubled(gap, double), *halves, *doubled(mean, double))
         # of lags, waves (v, w) and (w, v) of one slit are conjugate as well
-        for v, w in paired(one.waves) if k == m else product(one.waves, other.waves):
+        for v, w in paired(waves) if k == m else product(waves, waves2):
             twice = 2.0 if of_lags and not (k == m and v is w) else 1.0
             mutual = v.amplitude * complex(w.amplitude).conjugate() * twice
             (a,), (b,) = v.frequency, w.frequency
@@ -277,7 +265,7 @@ class LineField:
 
     def field(self, ops: Any, x: Any) -> Pair:
         """u, which includes the lower end and excludes the upper one."""
-        return Interval(Fraction(-self.half), Fraction(self.half), self.waves).field(ops, x)
+        return _field_between(ops, -self.half, self.half, self.waves, x)
 
 
 def _length(ops: Any, left: Any, scale: float) -> Number:
@@ -321,9 +309,14 @@ def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
 
 
 def _both_ends(ops: Any, tables: SlitTables, turns: Any, *ends: Any) -> Values:
-    fields = [[slit.field(ops, x) for slit in tables.edges] for x in ends]
-    totals = [reduce(Pair.__add__, own) for own in fields]
-    return tuple(part for total in totals for part in (total.real, total.imag))
+    fields = (
+        reduce(
+            Pair.__add__,
+            (_field_between(ops, float(a), float(b), waves, x) for a, b, waves in tables.edges),
+        )
+        for x in ends
+    )
+    return tuple(part for field in fields for part in (field.real, field.imag))
 
 
 def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
