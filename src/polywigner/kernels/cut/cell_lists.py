@@ -90,18 +90,14 @@ def cells_across(first: Outline, second: Outline, samples: int) -> int:
 
     Finer cells take longer to list, and more memory.
     """
-    size = float(_reach(first, second).max())
-    vectors = [o.edges[:, 2:4] - o.vertices for o in (first, second)]
-    perimeter, other_perimeter = (float(np.hypot(*v.T).sum()) for v in vectors)
-    sides = sum(
-        len(other) * float(np.abs(v).sum()) for v, other in zip(vectors, vectors[::-1], strict=True)
-    )
-    pairs = len(vectors[0]) * len(vectors[1])
-    across = 2
+    size, outlines = float(_reach(first, second).max()), (first, second)
+    perimeters = [float(np.hypot(*(o.edges[:, 2:4] - o.vertices).T).sum()) for o in outlines]
+    counts = [len(o.edges) for o in outlines]
+    pairs, across = math.prod(counts), 2
     while across < _ACROSS:
-        # parallelograms of edges in all directions, of areas |e| |f| 2/pi on average
-        finer = across / size
-        rows = perimeter * other_perimeter * finer**2 * 2 / math.pi + sides * finer + pairs
+        # a parallelogram of two edges meets about (1 + |e|/cell)(1 + |f|/cell) cells
+        finer = zip(counts, perimeters, strict=True)
+        rows = math.prod(count + length * across / size for count, length in finer)
         pays = 4 * across * across < samples or rows < 2 * pairs
         if not pays or rows > max(_MOST_ROWS, 2 * pairs):
             break
