@@ -187,7 +187,8 @@ class SliceSum:
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
         if nu[0].shape != nu[1].shape:
             nu = np.broadcast_arrays(*nu)
-        step = max(1, _CUT // len(tables.edges))
+        # many frequencies take fewer points in each pass
+        step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
         results = [np.zeros((len(place[0]), columns)) for _ in range(self.values)]
         for k in range(0, len(place[0]), step):
             rows = slice(k, k + step)
@@ -295,26 +296,15 @@ def _row_sums(
     terms: EdgeTerms, owner: Array, part: Sequence[Any], count: int, shape: tuple[int, ...]
 ) -> list[Array]:
     """Sums (count, columns) of terms of parts at frequencies of a shape (1 or count, columns)."""
-    own, columns = shape
+    rows, columns = shape
     results = [np.zeros((count, columns)) for _ in range(terms.values)]
-    begins = np.flatnonzero(np.diff(owner, prepend=-1))
-    ends = np.append(begins[1:], len(owner))
-    first = 0
-    while first < len(
-        begins
-    ):  # a few points in each pass; a point with many parts takes a few columns in each pass
-        last = max(first + 1, int(np.searchsorted(ends, begins[first] + _SUMMED // columns + 1)))
-        rows, step = slice(begins[first], ends[last - 1]), len(owner)
-        step = max(1, _SUMMED // (rows.stop - rows.start))
-        numbers = [p[rows, None] if np.ndim(p) else p for p in part]
-        which = owner[begins[first:last]]
-        for k in range(0, columns, step):
-            some = slice(k, k + step)
-            at = terms.at_columns(owner[rows] if own > 1 else None, some)
-            for result, value in zip(results, at.of_part(*numbers), strict=True):
-                sums = np.add.reduceat(value, begins[first:last] - rows.start, axis=0)
-                result[which, some] = sums
-        first = last
+    begins, step = np.flatnonzero(np.diff(owner, prepend=-1)), max(1, _SUMMED // (len(owner) or 1))
+    numbers = [p[:, None] if np.ndim(p) else p for p in part]
+    for k in range(0, columns if len(owner) else 0, step):
+        some = slice(k, k + step)
+        at = terms.at_columns(owner if rows > 1 else None, some)
+        for result, value in zip(results, at.of_part(*numbers), strict=True):
+            result[owner[begins], some] = np.add.reduceat(value, begins, axis=0)
     return results
 
 
