@@ -108,12 +108,12 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     GeometryError for phase-space functions of arrays outside the plane z = 0.
     """
     if isinstance(source, Wavefront):
-        found = partly_coherent_kernel(source) if transform == "wigner" else None
-        if found is None:
+        kernel = partly_coherent_kernel(source) if transform == "wigner" else None
+        if kernel is None:
             raise ArgumentError(
                 f"expected a flat, coherent source for {transform}, got {source!r}; use its .source"
             )
-        return found
+        return kernel
     if isinstance(source, Sites) and transform.removeprefix("complex ") == "array factor":
         return array_factor_kernel(source.dimension, transform.startswith("complex"))
     if isinstance(source, Array) and source.dimension == 3:

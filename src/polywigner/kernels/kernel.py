@@ -38,10 +38,10 @@ class Kernel:
         known = getattr(source, "__dict__", {}).get("_tables")
         if known is None:
             return self.tables(source, double)
-        found = known.get((self, double))
-        if found is None:
-            found = known.setdefault((self, double), self.tables(source, double))
-        return found
+        tables = known.get((self, double))
+        if tables is None:
+            tables = known.setdefault((self, double), self.tables(source, double))
+        return tables
 
     @property
     def slices(self) -> SliceSum | None:

@@ -231,8 +231,8 @@ def _slopes(
                     clipper, accumulator, scale, sides, pair, frequency, position,
                     (group, other), weights,
                 )
-                for first, second, sides, found in pairings(tables)
-                for pair in found
+                for first, second, sides, wave_pairs in pairings(tables)
+                for pair in wave_pairs
                 if (first, second) == (group, other)
             ]  # fmt: skip
 

@@ -79,12 +79,12 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
     longest = float(abs(b).max(initial=0.0)) or 1.0
     c = np.maximum(abs(c), _FLAT / longest**2)
     short = abs(b) * np.maximum(abs(f), abs(c * b - f)) < _FEW_TURNS
-    found = _by_tails(b, c, f)
+    value = _by_tails(b, c, f)
     if short.any():
-        found[short] = _by_rule(*(np.broadcast_to(v, short.shape)[short] for v in (b, c, f)))
+        value[short] = _by_rule(*(np.broadcast_to(v, short.shape)[short] for v in (b, c, f)))
     if (sign < 0).any():
-        found.imag *= sign
-    return found
+        value.imag *= sign
+    return value
 
 
 def waves_of_turns(turns: Any) -> Complex:
@@ -116,9 +116,9 @@ def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
     first_step, first = fresnel_tail(begin, side)
     step, last = fresnel_tail(root * b + begin, side)
     bend = waves_of_turns(-0.5 * f * (f / c))
-    found = first - last * waves_of_turns(0.5 * b * (c * b - 2 * f))
-    found += bend * (first_step - step)
-    return np.asarray(found * (np.exp(0.25j * math.pi) / np.sqrt(c)))
+    value = first - last * waves_of_turns(0.5 * b * (c * b - 2 * f))
+    value += bend * (first_step - step)
+    return np.asarray(value * (np.exp(0.25j * math.pi) / np.sqrt(c)))
 
 
 # Limit of the cycles along an edge; nodes for more take gigabytes for one point.
@@ -171,8 +171,8 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
         step = max(1, _BLOCK // len(at))
         for some in (mine[k : k + step] for k in range(0, len(mine), step)):
             own = points[some]
-            found = _at_nodes(start[some], extent[some], at, q[own], nu[own])
-            total = np.einsum("kn,n->k", found, weights)  # threads of BLAS cost more
+            values_at_nodes = _at_nodes(start[some], extent[some], at, q[own], nu[own])
+            total = np.einsum("kn,n->k", values_at_nodes, weights)  # threads of BLAS cost more
             np.add.at(values, own, total * (0.5 * extent[some, 1]))
     return values
 

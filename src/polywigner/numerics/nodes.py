@@ -88,9 +88,9 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
     growth = inside * wave
     for u in _ELLIPSES:
         grown = math.sinh(u) * wave
-        found = (digits + grown) * (0.5 / u)
-        better = (clear >= math.sinh(u)) & (found < needed)
-        needed = ops.select(better, found, needed)
+        nodes = (digits + grown) * (0.5 / u)
+        better = (clear >= math.sinh(u)) & (nodes < needed)
+        needed = ops.select(better, nodes, needed)
         growth = ops.select(better, grown, growth)
     last = inside * (wave - _CHORD * needed)
     for u in _ELLIPSES:
@@ -127,11 +127,11 @@ def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], turns: An
     mean = 0.5 * size
     ratio = ((a * a + b * b) + (c * c + d * d)) / (mean * mean + floor)
     as_expected = ratio < _SURPRISE * ops.exp(2.0 * last)
-    found = ops.select(as_expected, ratio * ops.exp(-growth), ratio)
+    estimate = ops.select(as_expected, ratio * ops.exp(-growth), ratio)
     # coefficients that are small by accident do not reduce the error below the planned one
     least = ops.minimum(ops.sqrt(ratio), ops.exp(-digits))
     # no more than the size itself is missing
-    share = ops.minimum(_SAFETY * ops.maximum(found, least), 2.0)
+    share = ops.minimum(_SAFETY * ops.maximum(estimate, least), 2.0)
     return mean * (share + ulp * (4.0 + 2.0 * turns))
 
 

@@ -95,8 +95,8 @@ class ProfileFactor:
 
         def product(number: NDArray[np.intp], k: NDArray[np.intp]) -> Complexes:
             site = np.maximum(0, number - last) + k
-            found: Complexes = a[site] * a[partner(site, number, self.count, by_mean)].conj()
-            return found
+            products: Complexes = a[site] * a[partner(site, number, self.count, by_mean)].conj()
+            return products
 
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 

@@ -227,8 +227,8 @@ def _ambiguity_sum(ops: Any, tables: ArrayTables, turns: Any, *inner: Any) -> Va
         weight = factor((k, m), (i + lowest[0], j + lowest[1]))
         if any(slope):
             weight = weight * unit_wave(ops, i * slope[0] + j * slope[1])
-        found = weight * element_ambiguity(ops, element, upsilon_x, upsilon_y, x - dx, y - dy)
-        return found.real, -found.imag
+        value = weight * element_ambiguity(ops, element, upsilon_x, upsilon_y, x - dx, y - dy)
+        return value.real, -value.imag
 
     total: Values = ops.sum_large_terms(frame.differences.rows(frame), term, 4 * element.clips)
     return total

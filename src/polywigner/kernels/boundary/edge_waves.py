@@ -205,13 +205,13 @@ def _ends(ops: Any, view: PanelView) -> tuple[Any, Any, Any, Any]:
     """
     sign = ops.select(view.along < 0.0, -1.0, 1.0)
     foot2 = view.b * view.b + view.z * view.z
-    found = []
+    ends = []
     for s, radius in ((view.first, view.radius_first), (view.last, view.radius_last)):
         t = sign * s
         # R + t without cancellation
         total = ops.select(t < 0.0, foot2 / (radius + abs(t)), radius + abs(t))
-        found.append((1.0 + abs(view.along)) * total)
-    return sign, *found, view.b * view.across
+        ends.append((1.0 + abs(view.along)) * total)
+    return sign, *ends, view.b * view.across
 
 
 def spherical_edge(

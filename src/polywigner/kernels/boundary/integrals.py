@@ -313,11 +313,11 @@ def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -
 
 def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
     """The point relative to the panel's beginning, each component in two floats."""
-    found = []
+    offset = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
         rounded, lost = phases.difference(high, origin)
-        found.append((rounded, lost + low))
-    return (*found, (inner[4], inner[5]))
+        offset.append((rounded, lost + low))
+    return (*offset, (inner[4], inner[5]))
 
 
 def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:

@@ -83,10 +83,10 @@ def outline_of(tables: Tables, group: int, double: bool) -> Outline:
     step = math.ldexp(reach, -53 if double else -24)
     edges = np.zeros((len(vertices), 8))
     edges[:, :2] = np.rint(vertices / step) * step
-    found = Outline(step, edges, np.append(starts, len(edges)), names)
-    edges[:, 2:4] = edges[found.following, :2]
+    outline = Outline(step, edges, np.append(starts, len(edges)), names)
+    edges[:, 2:4] = edges[outline.following, :2]
     edges[:, 5:7] = weights
-    return found
+    return outline
 
 
 @dataclass(frozen=True, eq=False)

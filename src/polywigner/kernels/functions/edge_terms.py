@@ -81,15 +81,15 @@ class EdgeTerms:
 
     def taken(self, owner: Any) -> EdgeTerms:
         """The terms of NumPy at the frequencies (k,) of some numbers."""
-        found, (nu_x, nu_y) = object.__new__(type(self)), self.nu
-        found.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
-        return found
+        terms, (nu_x, nu_y) = object.__new__(type(self)), self.nu
+        terms.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
+        return terms
 
     def at_columns(self, rows: Any, columns: slice) -> EdgeTerms:
         """The terms of NumPy at some of the frequencies (n, m); ``rows``: None for all."""
-        found = copy(self)
-        found.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
-        return found
+        terms = copy(self)
+        terms.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
+        return terms
 
     def along(self, ux: Any, uy: Any) -> Values:
         """Numbers that depend on the vector u of an edge; nu.u first."""
@@ -176,11 +176,11 @@ class WaveTerms(EdgeTerms):
     ) -> Values:
         ops, (real, imag) = self.ops, weight
         sine, cosine = segment_wave(ops, half, middle)
-        found = _with(ops, sums, times(real, extent), sine, cosine)
+        waves = _with(ops, sums, times(real, extent), sine, cosine)
         if isinstance(imag, float) and imag == 0.0:
-            return found
+            return waves
         share = times(extent, imag)
-        return ops.fma(-share, cosine, found[0]), ops.fma(share, sine, found[1])
+        return ops.fma(-share, cosine, waves[0]), ops.fma(share, sine, waves[1])
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
         across = times(length, along[1])

@@ -80,8 +80,8 @@ def fan_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
         cosine, sine = simplex_plane_wave(ops, *corners)
         return cosine * row[-1], sine * row[-1]
 
-    found: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=_is_short(nu))
-    return found
+    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=_is_short(nu))
+    return total
 
 
 def complex_fan_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Values:
@@ -101,8 +101,8 @@ def complex_fan_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) ->
         wave = simplex_complex_wave(ops, *corners, level=level).scaled(row[-1])
         return wave.real, wave.imag
 
-    found: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=_is_short(real))
-    return found
+    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=_is_short(real))
+    return total
 
 
 def _is_short(nu: Values) -> bool:

@@ -217,15 +217,15 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled | None = None
             scale = 1.0 / width
             middle, reach = (mean + (low + aside)) * scale, length * (0.5 * scale)
             ends = middle - reach, middle + reach
-            found = Pair(*wave_over_interval(ops, *ends, whole * width)).scaled(width)
+            value = Pair(*wave_over_interval(ops, *ends, whole * width)).scaled(width)
         else:
             turns = phases.reduced(ops, phases.dot(ops, (own,), ((mean, low),))) + whole * aside
-            found = unit_wave(ops, -turns).scaled(sinc(ops, whole * length) * length)
-        found = found * mutual
-        return found.real, found.imag
+            value = unit_wave(ops, -turns).scaled(sinc(ops, whole * length) * length)
+        value = value * mutual
+        return value.real, value.imag
 
-    found: Values = ops.sum_over(tables.edges, term, 2, like=shift[0])
-    return found
+    total: Values = ops.sum_over(tables.edges, term, 2, like=shift[0])
+    return total
 
 
 # Rates that agree to this, in cycles per unit of the frame or relative to the largest, are equal.
@@ -286,8 +286,8 @@ def _over_pairs(
         number = round(abs(rate) / tolerance)
         if number not in waves:
             waves[number] = unit_wave(ops, abs(rate) * place)
-        found = waves[number]
-        return found if rate >= 0.0 else found.conjugate()
+        value = waves[number]
+        return value if rate >= 0.0 else value.conjugate()
 
     total = Pair(0.0, 0.0)
     for pair in pairs:

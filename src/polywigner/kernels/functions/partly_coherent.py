@@ -75,9 +75,9 @@ class _LagTerms(EdgeTerms):
         self.ops, self.light, self.nu = ops, tables.coherence, nu
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
-        found = Pair(*term_of_lags(self.ops, self.light, self.nu, (x, y), (dx, dy)))
-        found = found * Pair(real, imag)
-        return found.real, found.imag
+        term = Pair(*term_of_lags(self.ops, self.light, self.nu, (x, y), (dx, dy)))
+        term = term * Pair(real, imag)
+        return term.real, term.imag
 
     def total(self, sums: Values) -> Values:
         # the other copy's edges are the mirror images, with the conjugate terms

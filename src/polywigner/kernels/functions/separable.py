@@ -187,9 +187,9 @@ def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.i
     order = np.argsort(values)
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
     number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)
-    found = np.empty(len(values), np.intp)
-    found[order] = number
-    return np.bincount(found, values) / np.bincount(found), found
+    index = np.empty(len(values), np.intp)
+    index[order] = number
+    return np.bincount(index, values) / np.bincount(index), index
 
 
 def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:

@@ -152,8 +152,8 @@ def _sum(ops: Any, tables: SimplexTables, turns: Any, *nu: Any) -> Values:
         real, imag = phases.rotated(ops, phase, *wave)
         return real * row[-1], -imag * row[-1]
 
-    found: Values = ops.sum_over(tables.edges, term, 2, like=nu[0])
-    return found
+    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0])
+    return total
 
 
 def _complex_sum(ops: Any, tables: SimplexTables, turns: Any, growth: Any, *nu: Any) -> Values:
@@ -169,8 +169,8 @@ def _complex_sum(ops: Any, tables: SimplexTables, turns: Any, growth: Any, *nu: 
         total = (unit_wave(ops, phase).conjugate() * wave).scaled(row[-1])
         return total.real, total.imag
 
-    found: Values = ops.sum_over(tables.edges, term, 2, like=nu[0])
-    return found
+    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0])
+    return total
 
 
 def _vectors(row: Values, dimension: int) -> list[tuple[Doubled, ...]]:

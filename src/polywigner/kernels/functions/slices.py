@@ -122,8 +122,8 @@ class SliceSum:
             return TermSum(clipper, terms, pair, self.scale)
 
         totals, place = [0.0] * self.values, inner[self.place]
-        for found in self._sums_of_pairings(clipper, sum_of, place):
-            totals = [a + b for a, b in zip(totals, found, strict=True)]
+        for sums in self._sums_of_pairings(clipper, sum_of, place):
+            totals = [a + b for a, b in zip(totals, sums, strict=True)]
         return self._as_waves(totals)
 
     def _as_waves(self, totals: Sequence[Any]) -> Values:
@@ -141,13 +141,13 @@ class SliceSum:
         pairings: dict[tuple[int, int], list[tuple[Views, Sequence[WavePair]]]] = {}
         for group, other, views, pairs in self.pairings(tables):
             pairings.setdefault((group, other), []).append((views, pairs))
-        for (group, other), found in pairings.items():
-            if ops.target != "scalar" and sum(len(p) for _, p in found) > MOST_PAIRS_AS_CODE:
-                for views, pairs in found:
+        for (group, other), beats in pairings.items():
+            if ops.target != "scalar" and sum(len(p) for _, p in beats) > MOST_PAIRS_AS_CODE:
+                for views, pairs in beats:
                     yield _sum_of_rows(clipper, (group, other), views, pairs, sum_of, place, count)
                 continue
             is_even = other == group and not tables.phased
-            runs = [(views, sum_of(pair, is_even)) for views, pairs in found for pair in pairs]
+            runs = [(views, sum_of(pair, is_even)) for views, pairs in beats for pair in pairs]
 
             def term(edge: Edge, runs: Any = runs, other: int = other) -> Values:
                 cuts: dict[View, Any] = {}
@@ -209,13 +209,13 @@ class SliceSum:
             for pair in pairs:
                 shifted = nu if pair.is_unit else pair.detuned(nu)
                 terms = self.terms(ops, tables, shifted, is_even, pair.is_real)
-                found = []
+                sums = []
                 if is_shared:
-                    found = _row_sums(terms, owner, part, count, nu[0].shape)
+                    sums = _row_sums(terms, owner, part, count, nu[0].shape)
                 else:
                     for value in terms.taken(owner).of_part(*part):
-                        found.append(np.bincount(owner, value, count))
-                total = terms.total(tuple(found))
+                        sums.append(np.bincount(owner, value, count))
+                total = terms.total(tuple(sums))
                 if not pair.is_unit:
                     points = [p[:, None] for p in place] if is_shared else place
                     total = _with_amplitude(total, pair.amplitude(ops, points))
@@ -313,8 +313,8 @@ def _with_amplitude(total: Values, amplitude: tuple[Any, Any]) -> Values:
     real, imag = amplitude
     if isinstance(imag, float) and imag == 0.0:
         return tuple(times(real, value) for value in total)
-    found = Pair(*total) * Pair(real, imag)
-    return found.real, found.imag
+    product = Pair(*total) * Pair(real, imag)
+    return product.real, product.imag
 
 
 def _sum_of_rows(
@@ -390,8 +390,8 @@ class TermSum:
                 share = scale * ops.select(remains, extent, 0.0)
                 x = ops.fma(t, edge.ex, scale * edge.ax + (0.5 * scale) * tx)
                 y = ops.fma(t, edge.ey, scale * edge.ay + (0.5 * scale) * ty)
-                found = self.function.of_part(x, y, share * edge.ex, share * edge.ey, *weight)
-                total = tuple(a + b for a, b in zip(total, found, strict=True))
+                values = self.function.of_part(x, y, share * edge.ex, share * edge.ey, *weight)
+                total = tuple(a + b for a, b in zip(total, values, strict=True))
         return total
 
     def value(self, sums: Sequence[Any], place: Values) -> Values:
@@ -413,8 +413,8 @@ class PartSum:
     def term(self, *row: Any) -> Values:
         """Contribution of a part (x, y, dx, dy), or of all columns of a row."""
         if self.is_plain:
-            found: Values = self.terms.of_part(*row, 1.0, 0.0)
-            return found
+            values: Values = self.terms.of_part(*row, 1.0, 0.0)
+            return values
         (nu_x, nu_y), (shift_x, shift_y) = self.nu, row[6:]
         # a part with a shifted frequency
         terms = self._at((nu_x - shift_x, nu_y - shift_y))
@@ -423,8 +423,8 @@ class PartSum:
 
     def total(self, sums: Values) -> Values:
         """The kernel's sums from the sums of all terms."""
-        found: Values = self._as_waves(self.terms.total(sums) if self.is_plain else sums)
-        return found
+        values: Values = self._as_waves(self.terms.total(sums) if self.is_plain else sums)
+        return values
 
 
 # ---- pairs of waves --------------------------------------------------------------------------
@@ -443,15 +443,15 @@ def mean_pairings(tables: Tables) -> list[Pairing]:
 
 def difference_pairings(tables: Tables) -> list[Pairing]:
     """Pairs of waves for A: the edges' field is the first factor BEHIND, the second AHEAD."""
-    found: list[Pairing] = []
+    pairings: list[Pairing] = []
     for k, own in enumerate(tables.groups):
         for n, other in enumerate(tables.groups):
             if k == n:
-                found.append((k, n, _BOTH, difference_pairs(own, own)))
+                pairings.append((k, n, _BOTH, difference_pairs(own, own)))
                 continue
-            found.append((k, n, _BOTH[:1], difference_pairs(own, other)))
-            found.append((k, n, _BOTH[1:], difference_pairs(other, own)))
-    return found
+            pairings.append((k, n, _BOTH[:1], difference_pairs(own, other)))
+            pairings.append((k, n, _BOTH[1:], difference_pairs(other, own)))
+    return pairings
 
 
 WIGNER_SUM = SliceSum(

@@ -190,13 +190,13 @@ def _collected(
 ) -> tuple[WavePair, ...]:
     largest = max((abs(f) for shift, _, _ in pairs for f in shift), default=0.0)
     tolerance = _EQUAL * max(1.0, largest)
-    found: list[tuple[Vector, dict[Vector, complex]]] = []
+    collected: list[tuple[Vector, dict[Vector, complex]]] = []
     for shift, amplitude, rate in pairs:
-        terms = next((t for s, t in found if math.dist(s, shift) <= tolerance), None)
+        terms = next((t for s, t in collected if math.dist(s, shift) <= tolerance), None)
         if terms is None:
             terms = {}
-            found.append((shift, terms))
+            collected.append((shift, terms))
         terms[rate] = terms.get(rate, 0.0) + amplitude
     return tuple(
-        WavePair(shift, tuple((a, r) for r, a in t.items()), is_real) for shift, t in found
+        WavePair(shift, tuple((a, r) for r, a in t.items()), is_real) for shift, t in collected
     )
