@@ -53,9 +53,9 @@ def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
     return number - index if by_mean else index - number + (count - 1)
 
 
-def _odd(ops: Any, whole: Any) -> Number:
+def _odd(ops: Any, number: Any) -> Number:
     """1 for odd numbers, 0 for even ones."""
-    return abs(whole - 2.0 * ops.round(0.5 * whole))
+    return abs(number - 2.0 * ops.round(0.5 * number))
 
 
 # ---- profiles --------------------------------------------------------------------------------
@@ -130,11 +130,11 @@ def _dirichlet(ops: Any, count: Any, turns: Any) -> Number:
     quotient errs by an ulp of N.
     """
     floor = 1e-30 if ops.double else 1e-20
-    whole = ops.round(turns)
-    left = turns - whole
+    nearest = ops.round(turns)
+    left = turns - nearest
     left = ops.select(abs(left) < floor, floor, left)
     quotient = sin_turns(ops, 0.5 * count * left) / sin_turns(ops, 0.5 * left)
-    odd = _odd(ops, (count - 1.0) * whole)
+    odd = _odd(ops, (count - 1.0) * nearest)
     return ops.select(count > 0.0, quotient * (1.0 - 2.0 * odd), 0.0 * turns)
 
 
@@ -378,8 +378,8 @@ def _sum(ops: Any, tables: _Tables, turns: Any, *inner: Any) -> Values:
         total = one * two
     else:
         one, two = (
-            factor.total(ops, along - own)
-            for factor, along, own in zip(tables.factors, inner, tables.turns, strict=True)
+            factor.total(ops, along - turn)
+            for factor, along, turn in zip(tables.factors, inner, tables.turns, strict=True)
         )
         total = one * two * Pair(tables.constant.real, tables.constant.imag)
     return total.real, -total.imag
@@ -388,8 +388,8 @@ def _sum(ops: Any, tables: _Tables, turns: Any, *inner: Any) -> Values:
 def _sum_over_sites(ops: Any, rows: tuple[Row, ...], *nu: Any) -> Pair:
     def term(*row: Any) -> Values:
         *both, real, imag = row
-        place = tuple(zip(both[0::2], both[1::2], strict=True))
-        return phases.rotated(ops, phases.reduced(ops, phases.dot(ops, nu, place)), real, -imag)
+        site = tuple(zip(both[0::2], both[1::2], strict=True))
+        return phases.rotated(ops, phases.reduced(ops, phases.dot(ops, nu, site)), real, -imag)
 
     return Pair(*ops.sum_over(rows, term, 2, like=nu[0]))
 

@@ -106,8 +106,8 @@ class _ArrayFrame:
     def slope(self) -> Pair2:
         """Turns from site to site without the carrier's."""
         one, two = (
-            own - float(np.dot(self.carrier, b))
-            for own, b in zip(self.turns, self.basis, strict=True)
+            turn - float(np.dot(self.carrier, b))
+            for turn, b in zip(self.turns, self.basis, strict=True)
         )
         return one, two
 
@@ -185,7 +185,7 @@ def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y:
     """First midpoint in half steps, x from there in the element's frame, turns, nu."""
     nearest = frame.means.nearest(ops, frame, x - frame.origin[0], y - frame.origin[1])
     turns = _site_turns(ops, frame, nu_x, nu_y)
-    along = (t - own for t, own in zip(turns, frame.turns, strict=True))
+    along = (t - turn for t, turn in zip(turns, frame.turns, strict=True))
     return (*nearest, *along, *frame.element.detuned(ops, nu_x, nu_y))
 
 

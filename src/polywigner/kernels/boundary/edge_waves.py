@@ -66,7 +66,7 @@ class _Travelling:
     directions = 3
     """Components of the direction in which the free wave turns."""
 
-    def seen(
+    def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
         """Numbers that all nodes share, and the reach of singularities or their distance.
@@ -128,7 +128,7 @@ class _Evanescent:
 
     directions = 2
 
-    def seen(
+    def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
         """See :class:`_Travelling`."""
@@ -215,7 +215,7 @@ def _ends(ops: Any, view: PanelView) -> tuple[Any, Any, Any, Any]:
 
 
 def spherical_edge(
-    ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], place: tuple[Any, ...],
+    ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], edge_point: tuple[Any, ...],
     along: tuple[Any, ...], mirrored: float,
 ) -> tuple[Any, Any, Any]:  # fmt: skip
     """(real, imaginary) integrand of U/U_incident, times 2 pi, and the detour. Lengths in waves.
@@ -224,10 +224,10 @@ def spherical_edge(
     boundary wave diverge together where the edge meets the axis, the boundary of the shadow: their
     sum stays smooth there. Source: (B9).
 
-    ``place``: on an edge of direction ``along`` (x, y) in the plane z = 0, between the point and
-    the source; ``mirrored``: the factor of the field at the point's mirror image.
+    ``edge_point``: on an edge of direction ``along`` (x, y) in the plane z = 0, between the point
+    and the source; ``mirrored``: the factor of the field at the point's mirror image.
     """
-    path = _Path(ops, source, point, (*place, 0.0), (*along, 0.0))
+    path = _Path(ops, source, point, (*edge_point, 0.0), (*along, 0.0))
     real, imag = path.smooth(ops)
     if mirrored:
         # the boundary wave alone: no wave past the axis on the source's side of the plane
@@ -246,7 +246,7 @@ def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point)
     inverse = 1.0 / ops.sqrt(dot(axis, axis))
     axis = tuple(a * inverse for a in axis)
     # across the axis, from the point: differences of long vectors would lose the digits
-    first, last = (_across(axis, difference(place, point)) for place in (start, end))
+    first, last = (_across(axis, difference(end_point, point)) for end_point in (start, end))
     return ops.atan2(dot(axis, cross(first, last)), dot(first, last))
 
 
@@ -436,9 +436,9 @@ def edge_wave_and_rate(
     (height,) = jets.variables(source[2:])
     point, start, end = (jets.constants(some) for some in (point, start, end))
     beside = None if aside is None else jets.constants(aside)
-    (held,) = (None,) if blocked is None else jets.constants((blocked,))
-    place = (*jets.constants(source[:2]), height)
-    parts = edge_wave(jets, rule, place, point, start, end, beside, when, held)
+    (blocked_jet,) = (None,) if blocked is None else jets.constants((blocked,))
+    source_jets = (*jets.constants(source[:2]), height)
+    parts = edge_wave(jets, rule, source_jets, point, start, end, beside, when, blocked_jet)
     return Pair(*(part.value for part in parts)), Pair(*(part.slopes[0] for part in parts))
 
 
@@ -487,11 +487,10 @@ class _Path:
     """The path from a source over a point of an edge to a point. Lengths in wavelengths."""
 
     def __init__(
-        self, ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], place: tuple[Any, ...],
-        along: tuple[Any, ...],
-    ) -> None:  # fmt: skip
-        q = self.from_source = tuple(a - b for a, b in zip(place, source, strict=True))
-        r = self.to_point = tuple(a - b for a, b in zip(point, place, strict=True))
+        self, ops: Any, source: Point, point: Point, edge_point: Point, along: Point
+    ) -> None:
+        q = self.from_source = tuple(a - b for a, b in zip(edge_point, source, strict=True))
+        r = self.to_point = tuple(a - b for a, b in zip(point, edge_point, strict=True))
         self.axis = ops.sqrt(sum((a - b) ** 2 for a, b in zip(point, source, strict=True)))
         rho, radius = (ops.sqrt(dot(v, v)) for v in (q, r))
         self.both, self.product = rho + radius + self.axis, rho * radius

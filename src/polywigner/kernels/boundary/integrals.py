@@ -167,7 +167,7 @@ def _panel(
     view = panel_view(ops, first, length, b, z, (px * ex + py * ey, py * ex - px * ey, pz))
     free = Pair(*_free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
     moment = _moment(ops, cosines, offset, ex, ey) if oblique else ()
-    seen, sine, depth = wave.seen(ops, view, free, moment)
+    shared, sine, depth = wave.shared_data(ops, view, free, moment)
     phase = (*_square_along(row, inner), distance, view.along, start)
 
     def node(t: Any, s: Any, radius: Any, scale: Any, weights: Values, *pair: Any) -> Values:
@@ -178,11 +178,11 @@ def _panel(
 
     sums, expected = sums_over_panel(
         ops, tables.rules, view, (sine, depth, inner[9]), node, SUMS,
-        *phase, b, z, view.across, pz, *seen,
+        *phase, b, z, view.across, pz, *shared,
     )  # fmt: skip
     turns = _rounded_turns(ops, abs(x) + abs(y) + length, distance, abs(px) + abs(py))
     error = missed(ops, sums, expected, turns)
-    e, mirrored, grazing = Pair(*seen[:2]), Pair(*seen[2:4]), seen[4]
+    e, mirrored, grazing = Pair(*shared[:2]), Pair(*shared[2:4]), shared[4]
     rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
     closed = (wave.closed(ops, view) * rest).scaled(grazing)
     return _weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
@@ -327,8 +327,8 @@ def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -
     """
     floats = (*cosines, -1.0, 0.0)
     direction = tuple(zip(floats[::2], floats[1::2], strict=True))
-    place = (*offset[: len(direction) - 1], (inner[6], inner[7]))
-    turns = phases.reduced(ops, phases.dot(ops, direction, place)) + start
+    offsets = (*offset[: len(direction) - 1], (inner[6], inner[7]))
+    turns = phases.reduced(ops, phases.dot(ops, direction, offsets)) + start
     return cos_sin_turns(ops, turns)
 
 
@@ -376,8 +376,8 @@ def _fresnel_panel(
     half = 0.5 * length
     swing = ops.maximum(abs(first), abs(first + length)) / z
     needed, expected = nodes_needed(ops, digits, _NO_SINGULARITY, 2 * math.pi * half * swing)
-    seen = (half, first, b, 0.5 / z, *_square_along(row, inner), along, start, *free)
-    sums = ops.sum_over_rule(rule_of(ops, needed), tables.rules, _node(ops), SUMS, *seen)
+    data = (half, first, b, 0.5 / z, *_square_along(row, inner), along, start, *free)
+    sums = ops.sum_over_rule(rule_of(ops, needed), tables.rules, _node(ops), SUMS, *data)
     size = abs(x) + abs(y) + length
     aside = abs(inner[0]) + abs(inner[2])
     turns = _rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)

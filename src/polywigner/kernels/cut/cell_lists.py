@@ -289,8 +289,8 @@ def _meeting(
         spans = np.maximum(high - low + 1.0, 0.0).astype(np.int64).reshape(-1, 2)
         counts = spans.prod(axis=1)
         pair = np.repeat(np.arange(len(counts)), counts)
-        place = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
-        row, column = np.divmod(place, spans[:, 0].take(pair))
+        index = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
+        row, column = np.divmod(index, spans[:, 0].take(pair))
         x, y = low.astype(np.int64).reshape(-1, 2).take(pair, axis=0).T
         cell = (y + row) * cells.nx + x + column
         meets = _near(cells, a, b, c, d, pair, cell)

@@ -118,8 +118,8 @@ def constants_of(tables: Tables) -> Constants:
     for number, (aperture, weight) in enumerate(zip(tables.apertures, tables.weights, strict=True)):
         group, weight = group_of[number], complex(weight)
         for ring in aperture.rings:
-            points, kept = rounded(frame.vertices(ring), step)
-            names = np.arange(first, first + len(ring))[kept].tolist()
+            points, distinct = rounded(frame.vertices(ring), step)
+            names = np.arange(first, first + len(ring))[distinct].tolist()
             first += len(ring)
             if len(points) < 3:
                 continue

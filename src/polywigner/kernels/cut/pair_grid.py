@@ -189,9 +189,9 @@ _SLANTED = 1 / 16
 
 def cells_at(grid: HostGrid, t: Array) -> Array:
     """The indices of the cells of offsets ``t`` (n,), including cells of the border."""
-    (rows, across), place = grid.shape, (t - grid.low) * grid.per_unit
-    column = np.fmin(np.fmax(np.floor(place.real), -1.0), across)
-    row = np.fmin(np.fmax(np.floor(place.imag), -1.0), rows)
+    (rows, across), position = grid.shape, (t - grid.low) * grid.per_unit
+    column = np.fmin(np.fmax(np.floor(position.real), -1.0), across)
+    row = np.fmin(np.fmax(np.floor(position.imag), -1.0), rows)
     return np.asarray((row + 1.0) * (across + 2) + column + 1.0).astype(np.intp)
 
 
@@ -226,11 +226,11 @@ def cut_edges(
     near: Array = abs(levels) < ROUNDED  # of vectors shorter than 8
     if near.any():
         _make_exact(levels, np.flatnonzero(near.any(axis=0)), e, f, p)
-    own, others = edge[:, 2].real, against[:, 2].real
+    limit, other_limit = edge[:, 2].real, against[:, 2].real
     if side < 0.0:
-        own, others = -NO_LEVEL - own, -NO_LEVEL - others
-    enters = levels[3] > others
-    meets = ((levels[0] > own) ^ (levels[1] > own)) & ((levels[2] > others) ^ enters)
+        limit, other_limit = -NO_LEVEL - limit, -NO_LEVEL - other_limit
+    enters = levels[3] > other_limit
+    meets = ((levels[0] > limit) ^ (levels[1] > limit)) & ((levels[2] > other_limit) ^ enters)
     slanted = meets & (abs(turn) < _SLANTED * edge[:, 2].imag * against[:, 2].imag)
     if slanted.any():
         _make_exact(levels, slanted.nonzero()[0], e, f, p)
@@ -245,12 +245,12 @@ def cut_edges(
     level = before + (grid.levels.take(level_of) - before).take(last)
     weight = np.where(how & WHOLE, level, np.where(how == LEAD, 0.0, jump))
     weight = weight.astype(jump.dtype, copy=False)
-    (kept,) = weight.nonzero()
-    levels, share = levels[2:, kept], np.empty(len(kept))
+    (parts,) = weight.nonzero()
+    levels, share = levels[2:, parts], np.empty(len(parts))
     share.fill(1.0)
-    np.divide(levels[1], levels[1] - levels[0], out=share, where=meets[kept])
-    edge = edge[kept]
-    return owner[kept], edge, share, _mutual(grid, edge, weight[kept])
+    np.divide(levels[1], levels[1] - levels[0], out=share, where=meets[parts])
+    edge = edge[parts]
+    return owner[parts], edge, share, _mutual(grid, edge, weight[parts])
 
 
 def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
@@ -285,9 +285,9 @@ def crossing(
     before = ops.cross(ex, ey, px, py)
     after = ops.cross(ex, ey, px - fx, py - fy)
     start, end = ops.cross(fx, fy, px, py), ops.cross(fx, fy, px - ex, py - ey)
-    own, others = _limit(ops, ex, ey, side), _limit(ops, fx, fy, side)
-    at_start, at_end = start > others, end > others
-    return ((before > own) ^ (after > own)) & (at_start ^ at_end), at_end, start, end
+    limit, other_limit = _limit(ops, ex, ey, side), _limit(ops, fx, fy, side)
+    at_start, at_end = start > other_limit, end > other_limit
+    return ((before > limit) ^ (after > limit)) & (at_start ^ at_end), at_end, start, end
 
 
 def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Number:

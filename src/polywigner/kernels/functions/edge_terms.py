@@ -20,7 +20,7 @@ from polywigner.numerics import Number
 from polywigner.numerics.phases import sin_turns, sinc_less_one
 
 
-def segment_wave(ops: Any, half: Any, middle: Any) -> tuple[Any, Any]:
+def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
     """sinc(l) sin(2 pi m) and sinc(l) cos(2 pi m) - 1, for half of l and m in turns.
 
     The second without cancellation where both are near 1. Series of sinc - 1 below a quarter
@@ -30,9 +30,9 @@ def segment_wave(ops: Any, half: Any, middle: Any) -> tuple[Any, Any]:
     series = sinc_less_one(ops, ops.select(small, 2.0 * half, 0.0), 8 if ops.double else 5)
     divisor = 2 * math.pi * ops.select(small, 1.0, half)
     less_one = ops.select(small, series, sin_turns(ops, half) / divisor - 1.0)
-    half_sine = sin_turns(ops, 0.5 * middle)
+    half_sine = sin_turns(ops, 0.5 * midpoint)
     cosine_less_one = -2.0 * half_sine * half_sine
-    sine = sin_turns(ops, middle)
+    sine = sin_turns(ops, midpoint)
     both = ops.fma(less_one, cosine_less_one, less_one + cosine_less_one)
     return ops.fma(less_one, sine, sine), both
 
@@ -96,11 +96,11 @@ class EdgeTerms:
         raise NotImplementedError
 
     def added(
-        self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
+        self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
         """The sums of an edge with one more part of it; None before the first.
 
-        ``half``, ``middle``: nu.d/2 and nu.m in cycles; ``extent``: the part's length in units of
+        ``half``, ``midpoint``: nu.d/2 and nu.m in cycles; ``extent``: the part's length in units of
         the edge's; ``weight``: (real, imaginary) product of the weights of both elements, times the
         jump or level of the other copy. The sums lack the factors of `of_edge`.
         """
@@ -114,8 +114,8 @@ class EdgeTerms:
         """The term of a part: its centre, its vector and its weight."""
         nu_x, nu_y = self.nu
         along = self.along(dx, dy)
-        middle = self.ops.fma(nu_x, x, nu_y * y)
-        sums = self.added(None, 0.5 * along[0], middle, 1.0, (real, imag))
+        midpoint = self.ops.fma(nu_x, x, nu_y * y)
+        sums = self.added(None, 0.5 * along[0], midpoint, 1.0, (real, imag))
         return self.of_edge(along, 1.0, sums)
 
     def total(self, sums: Values) -> Values:
@@ -142,10 +142,10 @@ class EvenTerms(EdgeTerms):
         return along, ops.fma(nu_x, uy, nu_y * -ux) / along
 
     def added(
-        self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
+        self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
         size = times(weight[0], sin_turns(self.ops, half))
-        phase = sin_turns(self.ops, middle)
+        phase = sin_turns(self.ops, midpoint)
         return (size * phase if sums is None else self.ops.fma(size, phase, sums[0]),)
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
@@ -172,10 +172,10 @@ class WaveTerms(EdgeTerms):
         return self.ops.fma(nu_x, ux, nu_y * uy), self.ops.fma(nu_x, uy, nu_y * -ux)
 
     def added(
-        self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
+        self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
         ops, (real, imag) = self.ops, weight
-        sine, cosine = segment_wave(ops, half, middle)
+        sine, cosine = segment_wave(ops, half, midpoint)
         waves = _with(ops, sums, times(real, extent), sine, cosine)
         if isinstance(imag, float) and imag == 0.0:
             return waves

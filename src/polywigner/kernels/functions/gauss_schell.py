@@ -160,8 +160,8 @@ class _Arc:
 def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
     """A node s = p + i r, and ds there."""
     t, weight, rise, slope = row
-    size, middle, half, lift = samples
-    x = ops.fma(half, t, middle)
+    size, centre, half, lift = samples
+    x = ops.fma(half, t, centre)
     spread = 1.0 / (1.0 - x * x)
     stride = (size * half * weight) * ops.fma(x, x, 1.0) * (spread * spread)
     return size * x * spread, lift * rise, stride, lift * slope

@@ -207,20 +207,21 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled | None = None
         length, aside = _overlap(ops, shift, gap, rest, half, other)
         if nu is None:
             return length * real, length * imag
-        own, mutual, width = nu, Pair(real, imag), tables.coherence_width
+        detuned, mutual, width = nu, Pair(real, imag), tables.coherence_width
         if wave:
             detuning, rate = wave
-            own = (nu[0], nu[1] - detuning)
+            detuned = (nu[0], nu[1] - detuning)
             mutual = mutual * unit_wave(ops, rate * (shift[0] + shift[1]))
-        whole = own[0] + own[1]
+        frequency = detuned[0] + detuned[1]
         if width < math.inf:
             scale = 1.0 / width
-            middle, reach = (mean + (low + aside)) * scale, length * (0.5 * scale)
-            ends = middle - reach, middle + reach
-            value = Pair(*wave_over_interval(ops, *ends, whole * width)).scaled(width)
+            centre, reach = (mean + (low + aside)) * scale, length * (0.5 * scale)
+            ends = centre - reach, centre + reach
+            value = Pair(*wave_over_interval(ops, *ends, frequency * width)).scaled(width)
         else:
-            turns = phases.reduced(ops, phases.dot(ops, (own,), ((mean, low),))) + whole * aside
-            value = unit_wave(ops, -turns).scaled(sinc(ops, whole * length) * length)
+            turns = phases.reduced(ops, phases.dot(ops, (detuned,), ((mean, low),)))
+            turns = turns + frequency * aside
+            value = unit_wave(ops, -turns).scaled(sinc(ops, frequency * length) * length)
         value = value * mutual
         return value.real, value.imag
 

@@ -86,8 +86,8 @@ def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
 def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
     """The frame of the plane in a pose (4, 4), whose floats are taken as exact."""
     exact = [[Fraction(value) for value in row] for row in pose.tolist()]
-    middle = [Fraction(c) for c in plane.centre]
-    centre = [row[0] * middle[0] + row[1] * middle[1] + row[3] for row in exact[:3]]
+    in_plane = [Fraction(c) for c in plane.centre]
+    centre = [row[0] * in_plane[0] + row[1] * in_plane[1] + row[3] for row in exact[:3]]
     rows = [
         [sum(Fraction(m) * row[k] for k, m in enumerate(line)) for row in exact[:3]]
         for line in plane.rows

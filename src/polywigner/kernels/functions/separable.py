@@ -151,20 +151,20 @@ def _profiles(
     """Waves along either axis whose products are the given ones."""
     frequencies = np.array([wave.frequency for wave in waves])
     amplitudes = np.array([wave.amplitude for wave in waves])
-    (own, i), (other, j) = (
+    (rates_x, i), (rates_y, j) = (
         _distinct(column, rounding)
         for column, rounding in zip(frequencies.T, frequency_rounding, strict=True)
     )
-    if len(own) * len(other) != len(waves):
+    if len(rates_x) * len(rates_y) != len(waves):
         return None
-    table = np.zeros((len(own), len(other)), np.complex128)
+    table = np.zeros((len(rates_x), len(rates_y)), np.complex128)
     table[i, j] = amplitudes
     product = _rank_one(table, phase_rounding)
     if product is None:
         return None
     one, two = (
         tuple(Wave(a, (f,)) for a, f in zip(column.tolist(), rates.tolist(), strict=True))
-        for column, rates in zip(product, (own, other), strict=True)
+        for column, rates in zip(product, (rates_x, rates_y), strict=True)
     )
     return one, two
 
@@ -219,7 +219,7 @@ def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[An
 
 
 def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
-    """(real, imaginary) part of u at a place of the frame, less the carrier's phase.
+    """(real, imaginary) part of u at a point of the frame, less the carrier's phase.
 
     Lower ends of either axis belong to the rectangle, upper ones do not.
     """

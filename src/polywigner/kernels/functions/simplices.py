@@ -227,11 +227,12 @@ def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
     World axes and one scale for all, unless the body is a needle or a plate. The box is that along
     these axes: the centre of another one would lie far outside a plate, in units of its thickness.
     """
-    middle = body.vertices.mean(axis=0)
-    # Without full_matrices=False it makes a matrix of vertices times vertices.
-    _, _, own = np.linalg.svd(body.vertices - middle, full_matrices=False)
-    own = own * np.sign(np.linalg.det(own))  # right-handed, so that volumes keep their sign
-    axes = min(np.eye(3), own, key=lambda rows: np.ptp(body.vertices @ rows.T, axis=0).prod())
+    mean = body.vertices.mean(axis=0)
+    # without full_matrices=False, NumPy makes a matrix of vertices times vertices.
+    _, _, principal = np.linalg.svd(body.vertices - mean, full_matrices=False)
+    # right-handed, so that volumes keep their sign
+    principal = principal * np.sign(np.linalg.det(principal))
+    axes = min(np.eye(3), principal, key=lambda rows: np.ptp(body.vertices @ rows.T, axis=0).prod())
     along = body.vertices @ axes.T
     low, extents = along.min(axis=0), np.ptp(along, axis=0)
     scales = [power_of_two(extent) for extent in extents.tolist()]
@@ -246,8 +247,8 @@ def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
 
 def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """det(a, b, c) of each row of corners (n, 3, 3), correctly rounded."""
-    whole, exponent = whole_numbers(corners)
-    exact: Any = determinant(list(np.moveaxis(whole, 0, 2)))
+    integers, exponent = whole_numbers(corners)
+    exact: Any = determinant(list(np.moveaxis(integers, 0, 2)))
     scale = 1 << abs(3 * exponent)
     return np.asarray(exact / scale if exponent < 0 else exact * scale, dtype=np.float64)
 

@@ -139,13 +139,13 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Arra
         return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
     points, exponent = whole_numbers(np.vstack([np.asarray(centre, np.float64), points]))
     rows, row_exponent = whole_numbers(np.asarray(matrix, np.float64))
-    cofactors, whole = _cofactors(rows.tolist()), determinant(rows.tolist())
+    cofactors, divisor = _cofactors(rows.tolist()), determinant(rows.tolist())
     sums = (points[1:] - points[0]) @ np.array(cofactors, dtype=object).T
     power = exponent - row_exponent
     if power < 0:
-        whole <<= -power
+        divisor <<= -power
     # A quotient of integers is rounded once.
-    return ((sums << max(power, 0)) / whole).astype(np.float64)
+    return ((sums << max(power, 0)) / divisor).astype(np.float64)
 
 
 def _cofactors(matrix: list[list[int]]) -> list[list[int]]:

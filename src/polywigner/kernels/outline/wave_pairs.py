@@ -52,10 +52,10 @@ def waves_in_frame(illumination: Any, frame: Any) -> Waves:
     else:
         pairs = list(zip(illumination.amplitudes, illumination.frequencies.tolist(), strict=True))
     waves = []
-    for amplitude, own in pairs:
-        turns = sum(Fraction(k) * Fraction(c) for k, c in zip(own, frame.centre, strict=True))
+    for amplitude, frequency in pairs:
+        turns = sum(Fraction(k) * Fraction(c) for k, c in zip(frequency, frame.centre, strict=True))
         phase = np.exp(2j * np.pi * float(turns - round(turns)))
-        relative = (k - c for k, c in zip(own, frame.carrier, strict=True))
+        relative = (k - c for k, c in zip(frequency, frame.carrier, strict=True))
         waves.append(Wave(complex(amplitude * phase), tuple(frame.exact_frequency(*relative))))
     return tuple(waves)
 
