@@ -1,7 +1,6 @@
-"""Kernel: a transform as engines see it: arguments into the frame, a sum, and the way out.
+"""Kernel: a transform as three steps: enter the frame, sum over edges, leave the frame.
 
-A kernel is evaluated in three steps so that an engine may do the first in float64 and the second
-in float32.
+The steps are separate so that an engine may run the first in float64 and the second in float32.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ class Kernel:
         return self.edge_sum if isinstance(self.edge_sum, SliceSum) else None
 
     def __call__(self, ops: Any, tables: Any, *arguments: Any) -> Values:
-        """The whole transform with one namespace of operations."""
+        """Compute the transform with one namespace of operations."""
         inner = self.enter(ops, tables.frame, *arguments)
         return self.leave(ops, tables.frame, inner, self.edge_sum(ops, tables, *inner))
 
