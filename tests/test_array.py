@@ -189,6 +189,17 @@ BAD = {
 }
 
 
+@pytest.mark.parametrize("engine", ["numpy", "llvm"])
+def test_an_overlapping_element_of_weight_zero_contributes_nothing(engine):
+    rng = np.random.default_rng(5)
+    x, nu = rng.uniform(-0.5, 0.5, (50, 2)), rng.uniform(-3, 3, (50, 2))
+    array = pw.Array([SQUARE, ACROSS], [1.0, 0.0])
+    got = pw.wigner(array, x, nu, engine=engine)
+    assert np.abs(got - pw.wigner(SQUARE, x, nu, engine=engine)).max() < 1e-14
+    got = pw.ambiguity(array, nu, x, engine=engine)
+    assert np.abs(got - pw.ambiguity(SQUARE, nu, x, engine=engine)).max() < 1e-14
+
+
 @pytest.mark.parametrize(
     ("error", "call", "message"), [(error, *row) for error, rows in BAD.items() for row in rows]
 )

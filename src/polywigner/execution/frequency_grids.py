@@ -69,8 +69,8 @@ class GridPlan:
 
     @property
     def families(self) -> int:
-        """Families of edges that are equal up to a translation; all along the axes are one."""
-        return len(self.tables.oblique) + bool(self.tables.straight)
+        """Number of families of edges that are equal up to a translation."""
+        return len(self.tables.families)
 
     def keeps_digits(self) -> bool:
         """Whether most points lie far enough from the origin, and none too far."""

@@ -1,19 +1,19 @@
 """Closed forms on polygons, written once as straight-line code over an operations namespace.
 
-=============  ================================================================
-module         what is in it
-=============  ================================================================
-``outline``    the source in its frame: edges, waves; lines and pieces of compiled code
-``cut``        what of an edge lies inside the other copy
-``functions``  W, A, F and areas
+=============  =====================================================================
+module         content
+=============  =====================================================================
+``outline``    the source in its frame: edges and waves
+``cut``        the parts of edges that lie inside the other copy
+``functions``  W, A and F
 ``arrays``     sums over copies and pairs of elements
 ``boundary``   exact fields along edges
 ``slopes``     derivatives in closed form
-``kernel``     what a transform is to an engine: enter the frame, sum, leave it
-``catalogue``  which kernel computes which transform of which source
-=============  ================================================================
+``kernel``     the steps of a transform: enter the frame, sum over edges, leave the frame
+``catalogue``  the kernel of each transform and kind of source
+=============  =====================================================================
 
-This room knows no file, no plot, no engine and no Mitsuba.
+This subpackage does not depend on files, plots, engines or Mitsuba.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ import numpy as np
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
-from polywigner.kernels.arrays import lattice_arrays, pair_sums
-from polywigner.kernels.arrays.array_factor import array_factor_kernel
+from polywigner.kernels.arrays import element_pairs, lattice_arrays
+from polywigner.kernels.arrays.array_factors import array_factor_kernel
 from polywigner.kernels.arrays.element_pairs import is_scattered
 from polywigner.kernels.functions import intervals as line
 from polywigner.kernels.functions import partly_coherent, plane, separable, simplices
@@ -30,7 +30,7 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
         (Aperture, plane, _TRANSFORMS),
         ("product", separable, _TRANSFORMS),
         ("lattice", lattice_arrays, _TRANSFORMS[1:]),
-        ("scattered", pair_sums, _TRANSFORMS),
+        ("scattered", element_pairs, _TRANSFORMS),
     )
     for name in names
 } | {
@@ -47,10 +47,10 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     ("complex fourier", Polyhedron): simplices.BODY_COMPLEX,
     ("complex fourier", "thin"): simplices.TILED_COMPLEX,
     ("complex fourier", "thin, placed"): simplices.TILED_PLACED_COMPLEX,
-    ("autocorrelation", "lattice"): pair_sums.AUTOCORRELATION,
+    ("autocorrelation", "lattice"): element_pairs.AUTOCORRELATION,
 }
 
-# Kinds with kernels of their own, in this order. Thin apertures lose digits in the usual kernels.
+# Kinds with special kernels, in order of priority. Thin apertures lose digits in the usual kernels.
 _SPECIAL: dict[str, Callable[[Any], bool]] = {
     "product": lambda source: isinstance(source, Aperture) and is_separable(source),
     "lattice": lambda source: isinstance(source, Array) and lattice_arrays.is_on_lattice(source),
@@ -70,8 +70,8 @@ _PARTLY_COHERENT: dict[Kernel, Kernel] = {
 
 MOST_WIDTHS = 1 << 15
 """Widths of coherence in the area of a source; a mean has some four tilts for each."""
-# Elements of an array with a closed form, in which every pair of them has a slice: of any, and
-# where the alternative is a mean over too many tilts.
+# Most elements of an array for which every pair has a slice: in general, and if the alternative is
+# a mean over too many tilts.
 _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 
@@ -82,11 +82,10 @@ def _widths_in(source: Wavefront) -> float:
 
 
 def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
-    """Return the kernel of W in partly coherent light; None where W is a mean over tilts.
+    """Return the kernel of W in partly coherent light; None if W is a mean over tilts.
 
-    Arrays whose elements share one outline have sums of their own in coherent light. Their W is a
-    mean over tilts, unless these are too many or the elements few. The kernel leaves the curvature
-    of a wave to its frequencies.
+    W of arrays whose elements share one outline is a mean over tilts, unless there are too many
+    tilts or few elements. The kernel ignores curvature, which is applied to the frequencies.
     """
     flat = source.source
     kernel = _PARTLY_COHERENT.get(kernel_for("wigner", flat))
@@ -102,19 +101,19 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     """Return the kernel of a transform of a source.
 
     An array has the kernels of its elements, slits or apertures of one plane; its Fourier transform
-    is the sum of theirs and has none of its own.
+    is the sum over them and has no kernel.
 
-    Raises ArgumentError where there is none: for what is not a source, and for phase-space
-    functions of polyhedra (six dimensions) and of placed apertures, whose plane is not that of x.
-    GeometryError for those of arrays that do not lie in the plane z = 0.
+    Raises ArgumentError for other objects, and for phase-space functions of polyhedra (six
+    dimensions) and of placed apertures, whose plane differs from the plane of x. Raises
+    GeometryError for phase-space functions of arrays outside the plane z = 0.
     """
     if isinstance(source, Wavefront):
-        found = partly_coherent_kernel(source) if transform == "wigner" else None
-        if found is None:
+        kernel = partly_coherent_kernel(source) if transform == "wigner" else None
+        if kernel is None:
             raise ArgumentError(
                 f"expected a flat, coherent source for {transform}, got {source!r}; use its .source"
             )
-        return found
+        return kernel
     if isinstance(source, Sites) and transform.removeprefix("complex ") == "array factor":
         return array_factor_kernel(source.dimension, transform.startswith("complex"))
     if isinstance(source, Array) and source.dimension == 3:

@@ -1,7 +1,6 @@
-"""Kernel: a transform as engines see it: arguments into the frame, a sum, and the way out.
+"""Kernel: a transform as three steps: enter the frame, sum over edges, leave the frame.
 
-A kernel is evaluated in three steps so that an engine may do the first in float64 and the second
-in float32.
+The steps are separate so that an engine may run the first in float64 and the second in float32.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from polywigner.kernels.functions.slices import SliceSum
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 
 Values = tuple[Any, ...]
 
@@ -34,14 +33,14 @@ class Kernel:
     """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
 
     def tables_for(self, source: Any, double: bool) -> Any:
-        """The tables for a source; kept with it if it has a place for them."""
+        """Return the tables for a source; they are cached in the source if it has a cache."""
         known = getattr(source, "__dict__", {}).get("_tables")
         if known is None:
             return self.tables(source, double)
-        found = known.get((self, double))
-        if found is None:
-            found = known.setdefault((self, double), self.tables(source, double))
-        return found
+        tables = known.get((self, double))
+        if tables is None:
+            tables = known.setdefault((self, double), self.tables(source, double))
+        return tables
 
     @property
     def slices(self) -> SliceSum | None:
@@ -49,7 +48,7 @@ class Kernel:
         return self.edge_sum if isinstance(self.edge_sum, SliceSum) else None
 
     def __call__(self, ops: Any, tables: Any, *arguments: Any) -> Values:
-        """The whole transform with one namespace of operations."""
+        """Compute the transform with one namespace of operations."""
         inner = self.enter(ops, tables.frame, *arguments)
         return self.leave(ops, tables.frame, inner, self.edge_sum(ops, tables, *inner))
 
@@ -78,7 +77,7 @@ def leave_complex(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """
     real, imag = phases.rotated(ops, inner[0], sums[0], -sums[1])
 
-    def scaled(part: Any) -> Any:
+    def scaled(part: Any) -> Number:
         whole = part * frame.content * inner[1] * inner[1]
         return ops.select(part == 0.0, 0.0, whole)  # not 0 times infinity
 

@@ -1,15 +1,14 @@
 """Derivatives of F, W and A in frequency, position or lag, vertices, and fields, in closed form.
 
-All three are integrals of a plane wave over a polygon, the outline itself or a slice, with sides
-that are parts of the outline's edges. If its boundary moves, such an integral changes by what the
-wave is along it; so the derivatives in vertices, positions and lags are, like the functions
-themselves, sums over the cut edges: docs/gradients.md, (G1) to (G4). Where the edges are cut does
-not matter to first order. Derivatives in frequency are first moments of the slice, (G4); nothing is
-divided by a frequency.
+All three transforms are integrals of a plane wave over a polygon: the outline itself, or a slice
+whose sides are parts of the outline's edges. If its boundary moves, such an integral changes by the
+wave's values along it. So the derivatives in vertices, positions and lags are sums over the cut
+edges, like the functions themselves: docs/gradients.md, (G1) to (G4). The points at which edges are
+cut do not matter to first order. Derivatives in frequency are first moments of the slice, (G4);
+nothing is divided by a frequency.
 
-Where corners of a slice meet edges there is no derivative, but one for each side. What is found
-there is the derivative on the side to which ties are decided (docs/theory.md, "Where edges
-coincide"): a continuous extension from there.
+Where corners of a slice meet edges, only one-sided derivatives exist. The result is the derivative
+on the side to which ties are decided (docs/theory.md, "Where edges coincide").
 """
 
 from __future__ import annotations
@@ -22,14 +21,13 @@ from itertools import product
 from typing import Any
 
 from polywigner.geometry import Slits
-from polywigner.kernels.cut.clipping import AHEAD, Clipper, View
+from polywigner.kernels.cut.clipping import AHEAD, Clipper, Edge, View
 from polywigner.kernels.cut.winding import PairClipper
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.edge_terms import moved_off_zero
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.functions.slices import Views, difference_pairings, mean_pairings
 from polywigner.kernels.kernel import Kernel
-from polywigner.kernels.outline.constants import Edge
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.wave_pairs import (
     Wave,
@@ -39,18 +37,18 @@ from polywigner.kernels.outline.wave_pairs import (
     field_of,
     mean_pairs,
 )
+from polywigner.numerics import Number
 from polywigner.numerics.complex_pairs import Pair, unit_wave
-from polywigner.numerics.phases import cos_sin_turns
-from polywigner.numerics.polynomials import segment_moments
+from polywigner.numerics.phases import cos_sin_over_turns, cos_sin_turns, polynomial
 
 _ZERO = Pair(0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """Kinds of shared numbers whose derivatives an accumulator takes.
+    """Kinds of shared numbers whose derivatives an accumulator requires.
 
-    An accumulator has ``wanted``, ``has_constant_numbers`` (whether numbers of vertices have to be
+    An accumulator has ``wanted``, ``has_constant_numbers`` (whether indices of vertices have to be
     constants), and two methods: ``edge(begin, end, normal, at)`` for an edge between two numbered
     vertices, with dV = sum_k at_k (normal . d vertex_k), to be summed over edges; and
     ``field(number, slope, of_conjugate)`` for a weight or amplitude c, with dV = slope dc +
@@ -71,68 +69,89 @@ class Slopes:
     frequency: list[Pair]
     place: list[Pair]
     shared: Pair
-    """Sum of the values that an accumulator has returned."""
-
-
-@dataclass(frozen=True)
-class Segment:
-    """A part of an edge: along the frequency and across, middle p, q and extent dp, dq.
-
-    ``means``: of 1, t and t^2 times exp(-2 pi i nu.x) along it, for t from -1/2 to 1/2.
-    """
-
-    p: Any
-    q: Any
-    dp: Any
-    dq: Any
-    means: tuple[Pair, Pair, Pair]
-
-    def area(self, ops: Any) -> Pair:
-        """Its term of M00, the integral of the wave over the polygon, over -dp: (G4)."""
-        e0, e1, _ = self.means
-        return e1.scaled(self.dq).plus(ops, e0, self.q)
-
-    def moments(self, ops: Any) -> tuple[Pair, Pair]:
-        """Its terms of M10 and 2 M01, of p and 2 q times the wave, over -dp: (G4)."""
-        _, e1, e2 = self.means
-        first = self.area(ops)
-        second = e2.scaled(self.dq).plus(ops, e1, self.q)  # of q t times the wave
-        along = second.scaled(self.dp).plus(ops, first, self.p)
-        across = second.scaled(self.dq).plus(ops, first, self.q)
-        return along, across
+    """Sum of the values that an accumulator returned."""
 
 
 class Axes:
-    """Coordinates along a frequency and across."""
+    """Coordinates along a frequency and across it."""
 
     def __init__(self, ops: Any, nu: tuple[Any, Any]) -> None:
         self.ops = ops
         x, y = moved_off_zero(ops, *nu)
         self.norm = ops.sqrt(ops.fma(x, x, y * y))
-        self.half = 0.5 * self.norm
         inverse = 1.0 / self.norm
         self.along = x * inverse, y * inverse
 
     def of(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """A vector along the frequency and across, (p, q)."""
+        """A vector along the frequency and across it, (p, q)."""
         c, s = self.along
         return self.ops.fma(c, x, s * y), self.ops.fma(c, y, -s * x)
 
-    def segment(self, p: Any, q: Any, dp: Any, dq: Any) -> Segment:
-        """A segment with the middle (p, q) and the extent (dp, dq)."""
-        cosine, sine = cos_sin_turns(self.ops, self.norm * p)
-        e0, e1, e2 = segment_moments(self.ops, self.half * dp)
+    def segment(self, p: Any, q: Any, dp: Any, dq: Any) -> tuple[Pair, ...]:
+        """Integrals along a segment with midpoint (p, q) and vector (dp, dq).
+
+        Means of 1 and of t times exp(-2 pi i nu.x) along it, for t from -1/2 to 1/2; and its terms
+        of the moments M00, M10 and 2 M01 of the wave over the polygon, each over -dp: (G4).
+        """
+        ops = self.ops
+        cosine, sine = cos_sin_turns(ops, self.norm * p)
+        m0, m1, m2 = _segment_moments(ops, 0.5 * self.norm * dp)
         wave = Pair(cosine, -sine)
-        means = wave.scaled(e0), Pair(sine * e1, cosine * e1), wave.scaled(e2)
-        return Segment(p, q, dp, dq, means)
+        e0, e1, e2 = wave.scaled(m0), Pair(sine * m1, cosine * m1), wave.scaled(m2)
+        area = e1.scaled(dq).plus(ops, e0, q)
+        product = e2.scaled(dq).plus(ops, e1, q)  # the mean of q t times the wave
+        along = product.scaled(dp).plus(ops, area, p)
+        across = product.scaled(dq).plus(ops, area, q)
+        return e0, e1, area, along, across
 
     def gradient(self, along: Pair, twice_across: Pair) -> tuple[Pair, Pair]:
         """The derivative in nu, -2 pi i M, from the moments M in these coordinates."""
         (c, s), across = self.along, twice_across.scaled(0.5)
-        x = along.scaled(c) - across.scaled(s)
-        y = along.scaled(s) + across.scaled(c)
-        x, y = x.scaled(-2 * math.pi), y.scaled(-2 * math.pi)
+        x = (along.scaled(c) - across.scaled(s)).scaled(-2 * math.pi)
+        y = (along.scaled(s) + across.scaled(c)).scaled(-2 * math.pi)
         return Pair(-x.imag, x.real), Pair(-y.imag, y.real)
+
+
+# x below which Bessel functions come from series, since the recurrence upwards loses 3/x^3 ulps;
+# and the number of terms in double and single precision. The omitted term of j_2 for x = 1 is 1e-17
+# and 2e-9.
+_BELOW, _DOUBLE, _SINGLE = 1.0, 9, 4
+
+
+def _segment_moments(ops: Any, half: Any) -> tuple[Any, Any, Any]:
+    """e_n = integral of t^n exp(-4 pi i half t) over -1/2 < t < 1/2, n = 0, 1, 2.
+
+    ``half``: cycles of the wave over half of the segment. Real for even n; for n = 1 the
+    imaginary part. By spherical Bessel functions of x = 2 pi half: ``e0 = j0, e1 = -j1/2, e2 =
+    (j0 - 2 j2)/12``. Absolute errors of a few ulps of 2^-n/(n + 1).
+    """
+    j0, j1, j2 = _bessel(ops, half)
+    return j0, -0.5 * j1, ops.fma(j2, -1 / 6, j0 * (1 / 12))
+
+
+def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
+    """j_0, j_1 and j_2 of x = 2 pi half.
+
+    For small x j_2 comes from its series, and j_1 from its neighbours, x (j_0 + j_2)/3, which loses
+    nothing; else both come from the recurrence upwards.
+    """
+    x = 2 * math.pi * half
+    small = abs(x) < _BELOW
+    inverse = 1.0 / ops.select(small, 1.0, x)
+    cosine, sine, ratio = cos_sin_over_turns(ops, half)
+    j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
+    square = ops.select(small, x * x, 0.0)  # no overflow in the branch not taken
+    series = square * _over_power(ops, 2, square, _DOUBLE if ops.double else _SINGLE)
+    j1 = ops.select(small, (x * (1 / 3)) * (j0 + series), (j0 - cosine) * inverse)
+    return j0, j1, ops.select(small, series, ops.fma(3.0 * inverse, j1, -j0))
+
+
+def _over_power(ops: Any, n: int, square: Any, terms: int) -> Number:
+    """j_n(x)/x^n by its series in x^2."""
+    coefficients = [1 / math.prod(range(1, 2 * n + 2, 2))]
+    for k in range(1, terms + 1):
+        coefficients.append(coefficients[-1] * -0.5 / (k * (2 * n + 2 * k + 1)))
+    return polynomial(ops, coefficients, square)
 
 
 # ---- F ---------------------------------------------------------------------------------------
@@ -150,14 +169,14 @@ def fourier_slopes(
 
     def term(ax: Any, ay: Any, bx: Any, by: Any, begin: Any, end: Any) -> tuple[Any, ...]:
         ex, ey = bx - ax, by - ay
-        segment = axes.segment(*axes.of(0.5 * (ax + bx), 0.5 * (ay + by)), *axes.of(ex, ey))
-        along, across = (pair.scaled(-segment.dp) for pair in segment.moments(ops))
-        e0, e1, _ = segment.means
+        dp, dq = axes.of(ex, ey)
+        midpoint = axes.of(0.5 * (ax + bx), 0.5 * (ay + by))
+        e0, e1, _, along, across = axes.segment(*midpoint, dp, dq)
         shared = _ZERO
         if accumulator.wanted.vertices:
             at = e0.scaled(0.5) - e1, e0.scaled(0.5) + e1
             shared = accumulator.edge(begin, end, (ey, -ex), at)
-        return _parts(along, across, shared)
+        return _parts(along.scaled(-dp), across.scaled(-dp), shared)
 
     along, across, shared = _pairs(ops.sum_over(rows, term, 6, like=nu_x))
     return Slopes(list(axes.gradient(along, across)), [_ZERO, _ZERO], shared)
@@ -189,16 +208,16 @@ def _slopes(
     tables: Tables,
     of_lags: bool,
     accumulator: Any,
-    place: tuple[Any, ...],
+    position: tuple[Any, ...],
     frequency: tuple[Any, ...],
 ) -> Slopes:
-    """``of_lags``: of the lag slice, else of the position slice."""
+    """Derivatives of the transform of the lag slice (``of_lags``) or of the position slice."""
     weights = [Pair(1.0, 0.0)] * len(tables.groups)
     if accumulator.wanted.weights:
         weights, tables = _weights(ops, tables), tables.by_element
     pairings, scale = (mean_pairings, 2.0) if of_lags else (difference_pairings, 1.0)
-    views = dict.fromkeys(view for *_, seen, _ in pairings(tables) for view, _ in seen)
-    tx, ty = (scale * c for c in place)
+    views = dict.fromkeys(view for *_, sides, _ in pairings(tables) for view, _ in sides)
+    tx, ty = (scale * c for c in position)
     if accumulator.has_constant_numbers or (ops.target == "compiled" and tables.fits_code):
         clipper = Clipper(ops, tables, tx, ty)
     else:
@@ -207,34 +226,35 @@ def _slopes(
     for group in range(len(tables.groups)):
         areas: list[Pair] = []
         for other in range(len(tables.groups)):
-            beats = [
-                _PairSlopes(clipper, accumulator, scale, views, beat, frequency, place).between(
-                    group, other, weights
+            pairs = [
+                _PairSlopes(
+                    clipper, accumulator, scale, sides, pair, frequency, position,
+                    (group, other), weights,
                 )
-                for own, number, views, found in pairings(tables)
-                for beat in found
-                if (own, number) == (group, other)
-            ]
+                for first, second, sides, wave_pairs in pairings(tables)
+                for pair in wave_pairs
+                if (first, second) == (group, other)
+            ]  # fmt: skip
 
-            def term(edge: Edge, beats: Any = beats, other: int = other) -> tuple[Any, ...]:
+            def term(edge: Edge, pairs: Any = pairs, other: int = other) -> tuple[Any, ...]:
                 cuts: dict[View, Any] = {}
-                pairs: list[Pair] = []
+                values: list[Pair] = []
                 shared = _ZERO
-                for beat in beats:
-                    for view, _ in beat.views:
+                for pair in pairs:
+                    for view, _ in pair.views:
                         if view not in cuts:
                             cuts[view] = list(clipper.intervals(edge, view, other))
-                    found, of_shared = beat.terms(edge, cuts)
-                    pairs += found
+                    terms, of_shared = pair.terms(edge, cuts)
+                    values += terms
                     shared = shared + of_shared
-                return _parts(*pairs, shared)
+                return _parts(*values, shared)
 
-            count = 2 * (_PairSlopes.pairs * len(beats) + 1)
+            count = 2 * (_PairSlopes.values * len(pairs) + 1)
             sums = iter(_pairs(clipper.sum_over_edges(term, count, group, other)))
-            areas += [beat.add([next(sums) for _ in range(beat.pairs)], result) for beat in beats]
+            areas += [pair.add([next(sums) for _ in range(pair.values)], result) for pair in pairs]
             result.shared = result.shared + next(sums)
         if accumulator.wanted.amplitudes:
-            _wave_slopes(ops, tables, of_lags, accumulator, place, result, areas)
+            _wave_slopes(ops, tables, of_lags, accumulator, position, result, areas)
     return result
 
 
@@ -247,13 +267,13 @@ def _weights(ops: Any, tables: Tables) -> list[Pair]:
 
 
 class _PairSlopes:
-    """Derivatives of the contribution of all pairs of waves with one shift of the frequency.
+    """Derivatives of the contribution of a pair of waves, weights of both elements included.
 
-    V is ``scale`` times the sum over the views: of W the edges of one copy are half the boundary,
-    those of the other give the conjugate.
+    V is ``scale`` times the sum over the views. For W the edges of one copy are half the boundary,
+    and the edges of the other copy contribute the conjugate.
     """
 
-    pairs = 5
+    values = 5
 
     def __init__(
         self,
@@ -261,56 +281,52 @@ class _PairSlopes:
         accumulator: Any,
         scale: float,
         views: Views,
-        beat: WavePair,
+        pair: WavePair,
         frequency: tuple[Any, ...],
-        place: tuple[Any, ...],
+        position: tuple[Any, ...],
+        groups: tuple[int, int],
+        weights: Sequence[Pair],
     ) -> None:
         self.clipper, self.ops, self.accumulator = clipper, clipper.ops, accumulator
-        self.scale, self.views, self.beat = scale, views, beat
-        self.axes = Axes(self.ops, beat.detuned(frequency))
-        self.amplitude = Pair(*beat.amplitude(self.ops, place))
-        self.rates = [Pair(*slope) for slope in beat.slopes(self.ops, place)]
-        self.elements: tuple[tuple[int, Pair], ...] = ()
-        self.mutual = Pair(1.0, 0.0)
-
-    def between(self, group: int, other: int, weights: Sequence[Any]) -> _PairSlopes:
-        """Return the same for edges of a group and pieces of another, weights of both included."""
-        first, second = (other, group) if self.views[0][0] is AHEAD else (group, other)
-        one, two = (weights[k] for k in (first, second))
-        self.elements = (first, one), (second, two)
-        self.mutual = one * two.conjugate()
-        return self
+        self.scale, self.views, self.shift = scale, views, pair.shift
+        self.axes = Axes(self.ops, pair.detuned(frequency))
+        self.rates = [Pair(*slope) for slope in pair.slopes(self.ops, position)]
+        group, other = groups
+        self.first, self.second = (other, group) if views[0][0] is AHEAD else (group, other)
+        self.one, self.two = weights[self.first], weights[self.second]
+        self.mutual = self.one * self.two.conjugate()
+        self.wave = Pair(*pair.amplitude(self.ops, position))
+        self.amplitude = self.wave * self.mutual
 
     def terms(self, edge: Edge, cuts: dict[View, Any]) -> tuple[list[Pair], Pair]:
-        """Area, the boundary's push on T, and moments; the sum for the accumulator."""
-        ops, scale = self.ops, self.scale
+        """Area, the boundary's effect on T, and moments; the sum for the accumulator."""
+        ops, scale, clipper = self.ops, self.scale, self.clipper
         area, push, along, across, begin, end = [_ZERO] * 6
         long = scale * edge.length
-        along_unit, across_unit = self.clipper.shared(
-            edge, lambda: self.axes.of(edge.ux, edge.uy), self.beat.shift
+        along_unit, across_unit = clipper.shared(
+            edge, lambda: self.axes.of(edge.ux, edge.uy), self.shift
         )
         for view, half_side in self.views:
             side = scale * half_side
             start = self.axes.of(
-                ops.fma(self.clipper.tx, side, scale * edge.ax),
-                ops.fma(self.clipper.ty, side, scale * edge.ay),
+                ops.fma(clipper.tx, side, scale * edge.ax),
+                ops.fma(clipper.ty, side, scale * edge.ay),
             )
             for middle, extent, real, imag in cuts[view]:
-                # What is left of an edge may be nothing in the far distance, whose powers overflow.
+                # an empty part may lie far away, where powers overflow
                 middle = ops.select(extent == 0.0, 1.0, middle)
-                half, whole = (0.5 * long) * middle, long * extent
-                segment = self.axes.segment(
+                half, length = (0.5 * long) * middle, long * extent
+                e0, e1, *moments = self.axes.segment(
                     ops.fma(half, along_unit, start[0]),
                     ops.fma(half, across_unit, start[1]),
-                    whole * along_unit,
-                    whole * across_unit,
+                    length * along_unit,
+                    length * across_unit,
                 )
-                base = -segment.dp
-                area = area.plus(ops, _weighted(segment.area(ops), real, imag), base)
-                first, second = segment.moments(ops)
-                along = along.plus(ops, _weighted(first, real, imag), base)
-                across = across.plus(ops, _weighted(second, real, imag), base)
-                e0, e1, _ = segment.means
+                base = -(length * along_unit)
+                area, along, across = (
+                    total.plus(ops, _weighted(moment, real, imag), base)
+                    for total, moment in zip((area, along, across), moments, strict=True)
+                )
                 e0 = _weighted(e0, real, imag).scaled(extent)
                 e1 = _weighted(e1, real, imag).scaled(extent * extent)
                 push = push + e0.scaled(side)
@@ -318,27 +334,26 @@ class _PairSlopes:
                 begin, end = begin + (e0 - to_end), end + to_end
         shared = _ZERO
         if self.accumulator.wanted.vertices:
-            factor = (self.amplitude * self.mutual).scaled(scale**3)
+            factor = self.amplitude.scaled(scale**3)
             at = begin * factor, end * factor
             shared = self.accumulator.edge(edge.begin, edge.end, (edge.ey, -edge.ex), at)
         pushes = push.scaled(scale * edge.ey), push.scaled(-scale * edge.ex)
         return [area, *pushes, along, across], shared
 
     def add(self, sums: Sequence[Pair], result: Slopes) -> Pair:
-        """Add the sums over edges to the derivatives; the integral over the slice."""
+        """Add the sums over edges to the derivatives; return the integral over the slice."""
         area, *pushes, along, across = sums
-        amplitude = self.amplitude * self.mutual
         for k, push in enumerate(pushes):
-            moved = (push * amplitude).scaled(self.scale) + area * self.rates[k] * self.mutual
+            moved = (push * self.amplitude).scaled(self.scale) + area * self.rates[k] * self.mutual
             result.place[k] = result.place[k] + moved.scaled(self.scale)
         for k, slope in enumerate(self.axes.gradient(along, across)):
-            result.frequency[k] = result.frequency[k] + (slope * amplitude).scaled(self.scale)
+            change = (slope * self.amplitude).scaled(self.scale)
+            result.frequency[k] = result.frequency[k] + change
         if self.accumulator.wanted.weights:
-            value, ((first, one), (second, two)) = area.scaled(self.scale), self.elements
-            value = value * self.amplitude
-            found = self.accumulator.field(first, value * two.conjugate(), _ZERO)
-            found = found + self.accumulator.field(second, _ZERO, value * one)
-            result.shared = result.shared + found
+            value = area.scaled(self.scale) * self.wave
+            change = self.accumulator.field(self.first, value * self.two.conjugate(), _ZERO)
+            change = change + self.accumulator.field(self.second, _ZERO, value * self.one)
+            result.shared = result.shared + change
         return area.scaled(self.scale)
 
 
@@ -353,27 +368,25 @@ def _wave_slopes(
     tables: Tables,
     of_lags: bool,
     accumulator: Any,
-    place: Sequence[Any],
+    position: Sequence[Any],
     result: Slopes,
     areas: Sequence[Pair],
 ) -> None:
-    """Tell the accumulator the derivatives in the amplitudes of the only element's waves."""
+    """Add the derivatives in the amplitudes of the only element's waves."""
     waves = tables.groups[0]
     pairs_of = partial(mean_pairs, is_same=False) if of_lags else difference_pairs
-    beats = mean_pairs(waves, waves, True) if of_lags else difference_pairs(waves, waves)
+    pairs = mean_pairs(waves, waves, True) if of_lags else difference_pairs(waves, waves)
     for (m, one), (n, other) in product(enumerate(waves), repeat=2):
         (pair,) = pairs_of((one,), (other,))
         ((_, rate),) = pair.terms
-        beat = min(range(len(beats)), key=lambda k: math.dist(beats[k].shift, pair.shift))
-        area = areas[beat]
-        if of_lags:  # real: the sum over both copies' edges, half of which is the real part
+        area = areas[min(range(len(pairs)), key=lambda k: math.dist(pairs[k].shift, pair.shift))]
+        if of_lags:  # the sum over both copies' edges is real: twice the real part
             area = Pair(area.real, 0.0)
-        value = area * Pair(*field_of(ops, (Wave(1.0, rate),), place))
+        value = area * Pair(*field_of(ops, (Wave(1.0, rate),), position))
         first, second = complex(one.amplitude), complex(other.amplitude)
-        by_first = value * Pair(second.real, -second.imag)
-        found = accumulator.field(m, by_first, _ZERO)
-        found = found + accumulator.field(n, _ZERO, value * Pair(first.real, first.imag))
-        result.shared = result.shared + found
+        change = accumulator.field(m, value * Pair(second.real, -second.imag), _ZERO)
+        change = change + accumulator.field(n, _ZERO, value * Pair(first.real, first.imag))
+        result.shared = result.shared + change
 
 
 @dataclass(frozen=True)
@@ -381,22 +394,23 @@ class SlopeKernel:
     """Derivatives of the sum over edges of a kernel."""
 
     slopes: Callable[..., Slopes]
-    """(ops, tables, accumulator, *arguments in the frame)."""
+    """(ops, tables, accumulator, *arguments in the frame) -> derivatives."""
     arguments: int
-    """Number of arguments in the frame that it takes, counted from the last."""
+    """Number of arguments in the frame that ``slopes`` takes, counted from the last."""
     parts: Callable[[Pair], tuple[Any, ...]]
     """(V) -> the kernel's sums."""
     points: tuple[str, ...]
     """The kernel's points: ``"frequency"``, ``"place"``."""
 
-    def changed(self, ops: Any, frame: Any, found: Slopes, change: Sequence[Any]) -> Pair:
+    def changed(self, ops: Any, frame: Any, slopes: Slopes, change: Sequence[Any]) -> Pair:
         """Return the change of V for changes of all components of all points."""
-        total = found.shared
+        total = slopes.shared
         for number, name in enumerate(self.points):
-            pair = change[2 * number : 2 * number + 2]
-            own = change if len(self.points) == 1 else pair  # frequencies in space have three
-            in_frame = (frame.frequency if name == "frequency" else frame.vector)(ops, *own)
-            for slope, part in zip(getattr(found, name), in_frame, strict=True):
+            # frequencies in space have three components
+            count = len(change) // len(self.points)
+            components = change[count * number : count * (number + 1)]
+            in_frame = (frame.frequency if name == "frequency" else frame.vector)(ops, *components)
+            for slope, part in zip(getattr(slopes, name), in_frame, strict=True):
                 total = total + slope.scaled(part)
         return total
 
@@ -420,7 +434,7 @@ _KNOWN = {
 
 
 def slope_kernel_of(kernel: Kernel) -> SlopeKernel | None:
-    """The derivatives of a kernel, or None if they are Dr.Jit's to find."""
+    """Return the derivatives of a kernel, or None if Dr.Jit differentiates it."""
     return _KNOWN.get(kernel)
 
 
@@ -428,9 +442,9 @@ def slope_kernel_of(kernel: Kernel) -> SlopeKernel | None:
 
 
 def slopes_in_ends(ops: Any, name: str, source: Slits, *points: Any) -> list[tuple[Pair, Pair]]:
-    """Derivatives of F, W or A (``name``) in the begin and in the end of each slit.
+    """Derivatives of F, W or A (``name``) in the beginning and in the end of each slit.
 
-    ``points``: nu; x and nu; upsilon and xi. ``ops``: in double precision, whatever they are.
+    ``points``: nu; x and nu; upsilon and xi. ``ops`` of double precision.
     """
     field = _Field(ops, source)
     slope = getattr(field, name)
@@ -446,17 +460,20 @@ class _Field:
     def __init__(self, ops: Any, source: Slits) -> None:
         self.ops, self.rows = ops, [tuple(row) for row in source.intervals.tolist()]
         self.waves: Waves = (Wave(1.0, (0.0,)),)
-        lit = source.illumination
-        if lit is not None:
-            pairs = zip(lit.amplitudes.tolist(), lit.frequencies.tolist(), strict=True)
+        if source.illumination is not None:
+            amplitudes, frequencies = (
+                source.illumination.amplitudes,
+                source.illumination.frequencies,
+            )
+            pairs = zip(amplitudes.tolist(), frequencies.tolist(), strict=True)
             self.waves = tuple(Wave(a, tuple(f)) for a, f in pairs)
 
     def inner(self, y: Any) -> Pair:
-        """The waves at a place, inside a slit or not."""
+        """The waves at a point, inside a slit or not."""
         return Pair(*field_of(self.ops, self.waves, (y,)))
 
     def at(self, y: Any) -> Pair:
-        """u, which a slit has at its begin and not at its end."""
+        """u, which includes the beginning of a slit and excludes its end."""
 
         def term(begin: Any, end: Any) -> tuple[Any]:
             return (self.ops.select((y >= begin) & (y < end), 1.0, 0.0),)
@@ -473,7 +490,7 @@ class _Field:
         return Pair((product * unit_wave(self.ops, 2.0 * (x - end) * nu)).real * 4.0, 0.0)
 
     def ambiguity(self, end: float, upsilon: Any, xi: Any) -> Pair:
-        own = self.inner(end)
+        field = self.inner(end)
         ahead, behind = (unit_wave(self.ops, upsilon * (s * xi - end)) for s in (0.5, -0.5))
-        first = own * self.at(end - xi).conjugate() * ahead
-        return first + self.at(end + xi) * own.conjugate() * behind
+        first = field * self.at(end - xi).conjugate() * ahead
+        return first + self.at(end + xi) * field.conjugate() * behind

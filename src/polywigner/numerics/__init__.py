@@ -1,15 +1,45 @@
-"""Tools without physics: sines in turns, error-free sums and products, complex pairs, Gauss rules.
+"""Numerical functions without physics.
 
 =======================  =======================================================================
-module                   what is in it
+module                   content
 =======================  =======================================================================
 ``grid_arithmetic``      exact arithmetic on vertices rounded to a grid
-``phases``               sine and cosine of turns; phases from error-free products; growth
-``complex_pairs``        complex arithmetic for complex frequencies
-``divided_differences``  a wave's means over segments, triangles and tetrahedra
-``polynomials``          polynomials and powers times a wave along a segment; interpolation
-``nodes``                Gauss rules: of integrands along edges, and of means over mixtures
-``chirps``               integrals of quadratic phases, by Fresnel's integrals
-``peaks``                peaks of band-limited functions between samples
+``phases``               sine and cosine of cycles; phases from error-free products; growth
+``complex_pairs``        complex arithmetic on pairs of real arrays
+``divided_differences``  means of a wave over segments, triangles and tetrahedra
+``band_limited``         interpolation in a band of frequencies; peaks between samples
+``nodes``                Gauss rules: for integrands along edges, and for means over mixtures
+``chirps``               integrals of quadratic phases, by Fresnel integrals
+``jets``                 numbers with their derivatives
 =======================  =======================================================================
 """
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+
+class Mask(Protocol):
+    """A truth value, or an array of truth values of any engine."""
+
+    def __and__(self, other: Any, /) -> Mask: ...
+    def __or__(self, other: Any, /) -> Mask: ...
+
+
+class Number(Protocol):
+    """A float, or an array of floats of any engine; results are of the same kind."""
+
+    def __add__(self, other: Any, /) -> Number: ...
+    def __radd__(self, other: Any, /) -> Number: ...
+    def __sub__(self, other: Any, /) -> Number: ...
+    def __rsub__(self, other: Any, /) -> Number: ...
+    def __mul__(self, other: Any, /) -> Number: ...
+    def __rmul__(self, other: Any, /) -> Number: ...
+    def __truediv__(self, other: Any, /) -> Number: ...
+    def __rtruediv__(self, other: Any, /) -> Number: ...
+    def __neg__(self) -> Number: ...
+    def __abs__(self) -> Number: ...
+    def __lt__(self, other: Any, /) -> Mask: ...
+    def __gt__(self, other: Any, /) -> Mask: ...
+    def __le__(self, other: Any, /) -> Mask: ...
+    def __ge__(self, other: Any, /) -> Mask: ...

@@ -35,18 +35,18 @@ _A = math.sqrt((_TERMS + 0.5) * math.pi)
 _SQUARES = ((np.arange(_TERMS) + 0.5) * math.pi / _A) ** 2
 _WEIGHTS = np.exp(-_SQUARES)
 _TURN = cmath.exp(-0.25j * math.pi)
-# Beyond, the step is 0 or 1 to the last digit.
+# Beyond this argument the step is 0 or 1 to the last digit.
 _FARTHEST = 60.0
 
 
 def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Two parts of T(t) = (1/sqrt pi) exp(-i pi/4) int_t^inf exp(i s^2) ds.
+    """Return two parts of T(t) = (1/sqrt pi) exp(-i pi/4) int_t^inf exp(i s^2) ds.
 
     T(t) = step + exp(i t^2) rest: (step less ``side``, rest), ``side`` 1 where T is near 1. Each
-    is as good as its own size, and so are differences of T at places far from its bend.
+    part is accurate relative to itself, and so are differences of T at points far from its bend.
     """
     exponent = 2 * _A * _TURN * np.clip(t, -_FARTHEST, _FARTHEST)
-    # 1/(exp(z) + 1), less 1 where that is asked for: -1/(exp(-z) + 1)
+    # 1/(exp(z) + 1), less 1 if ``side`` is 1: -1/(exp(-z) + 1)
     sign = 1.0 - 2.0 * side
     with np.errstate(over="ignore"):
         step = sign / (np.exp(sign * exponent) + 1.0)
@@ -60,10 +60,10 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
     return step, (t / (_A * _TURN)) * (square * real + 1j * imag)
 
 
-# Over less of a turn of phase a Gauss rule of so many nodes misses nothing; over more, differences
-# of Fresnel integrals lose no more than a digit.
+# Over a smaller fraction of a cycle, a Gauss rule with 8 nodes is exact to rounding; over a larger
+# one, differences of Fresnel integrals lose at most a digit.
 _RULE, _FEW_TURNS = legendre.leggauss(8), 1 / 16
-# Half turns by which a wave may bend that counts as flat: as good as none.
+# A curvature of fewer half cycles counts as none.
 _FLAT = 1e-20
 
 
@@ -79,12 +79,12 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
     longest = float(abs(b).max(initial=0.0)) or 1.0
     c = np.maximum(abs(c), _FLAT / longest**2)
     short = abs(b) * np.maximum(abs(f), abs(c * b - f)) < _FEW_TURNS
-    found = _by_tails(b, c, f)
+    value = _by_tails(b, c, f)
     if short.any():
-        found[short] = _by_rule(*(np.broadcast_to(v, short.shape)[short] for v in (b, c, f)))
+        value[short] = _by_rule(*(np.broadcast_to(v, short.shape)[short] for v in (b, c, f)))
     if (sign < 0).any():
-        found.imag *= sign
-    return found
+        value.imag *= sign
+    return value
 
 
 def waves_of_turns(turns: Any) -> Complex:
@@ -106,9 +106,9 @@ def _by_rule(b: Floats, c: Floats, f: Floats) -> Complex:
 
 
 def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
-    """For c > 0 and some of a turn of phase between 0 and b; of fewer digits for less.
+    """For c > 0. Loses digits if the phase changes by little between 0 and b.
 
-    As differences of (step + rest) of :func:`fresnel_tail`: steps stand in for the place f/c of
+    As differences of (step + rest) of :func:`fresnel_tail`: the steps represent the point f/c of
     stationary phase, and are equal unless it is near 0 or b, or between them.
     """
     root = np.sqrt(math.pi * c)
@@ -116,20 +116,20 @@ def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
     first_step, first = fresnel_tail(begin, side)
     step, last = fresnel_tail(root * b + begin, side)
     bend = waves_of_turns(-0.5 * f * (f / c))
-    found = first - last * waves_of_turns(0.5 * b * (c * b - 2 * f))
-    found += bend * (first_step - step)
-    return np.asarray(found * (np.exp(0.25j * math.pi) / np.sqrt(c)))
+    value = first - last * waves_of_turns(0.5 * b * (c * b - 2 * f))
+    value += bend * (first_step - step)
+    return np.asarray(value * (np.exp(0.25j * math.pi) / np.sqrt(c)))
 
 
-# Nodes of more are gigabytes for one point.
+# Limit of the cycles along an edge; nodes for more take gigabytes for one point.
 _MOST_TURNS = 1e5
-# Turns of phase on a piece of an edge, for which the largest rule still has nodes to spare.
+# Cycles of phase on a piece of an edge, well within the range of the largest rule.
 _TURNS = 200.0
-# Of the rules, which are eight to a factor of two, every fourth one is taken.
+# Every fourth rule is used; there are eight rules to a factor of two.
 _STRIDE = 4
-# Nodes at a time, which stay in the cache of a core, and pairs of a point and an edge.
+# Nodes in one block, which stay in the cache of a core, and pairs of a point and an edge.
 _BLOCK, _PAIRS = 1 << 13, 1 << 16
-# Fewer nodes cost less than a call of their own.
+# Fewer nodes cost less than a separate call.
 _FEW = 1 << 9
 
 
@@ -155,7 +155,7 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
 
 
 def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
-    """The sum over all edges, each with as many nodes as it needs for each point."""
+    """Sum over all edges, with a number of nodes chosen for each edge and point."""
     turns = _turns(begin, edge, q, nu)
     pieces = np.ceil(turns / _TURNS).clip(1.0).astype(np.intp)
     points, edges = (np.repeat(n.ravel(), pieces.ravel()) for n in np.indices(turns.shape))
@@ -171,8 +171,8 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
         step = max(1, _BLOCK // len(at))
         for some in (mine[k : k + step] for k in range(0, len(mine), step)):
             own = points[some]
-            found = _at_nodes(start[some], extent[some], at, q[own], nu[own])
-            total = np.einsum("kn,n->k", found, weights)  # threads of BLAS cost more
+            values_at_nodes = _at_nodes(start[some], extent[some], at, q[own], nu[own])
+            total = np.einsum("kn,n->k", values_at_nodes, weights)  # threads of BLAS cost more
             np.add.at(values, own, total * (0.5 * extent[some, 1]))
     return values
 
@@ -194,7 +194,8 @@ def _turns(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
 
 
 def _rules_for(turns: Floats) -> NDArray[np.intp]:
-    """Numbers of the rules that have all digits of chirps of so many turns, seen up to 400."""
+    """Numbers of the rules that are exact to rounding for chirps of ``turns`` cycles, tested up to
+    400."""
     needed = 0.5 * math.pi * turns + 8.0 * np.cbrt(turns) + 4.0
     sizes = [len(rule) for rule in gauss_rules()[::_STRIDE]]
     return np.asarray(np.searchsorted(sizes, needed) * _STRIDE)

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from polywigner.numerics import Number
 from polywigner.numerics.phases import cos_sin_turns
 
 
@@ -48,7 +49,7 @@ class Pair:
         """self + other factor, rounded once where the engine can."""
         return Pair(ops.fma(other.real, factor, self.real), ops.fma(other.imag, factor, self.imag))
 
-    def norm(self) -> Any:
+    def norm(self) -> Number:
         """Squared modulus."""
         return self.real * self.real + self.imag * self.imag
 
@@ -88,7 +89,7 @@ def _decaying_sinc(ops: Any, z: Pair) -> Pair:
     return Pair(sine * cosh, cosine * sinh) / safe.scaled(math.pi)
 
 
-def decaying_sinh(ops: Any, a: Any, decay: Any) -> Any:
+def decaying_sinh(ops: Any, a: Any, decay: Any) -> Number:
     """sinh(a) exp(-a) for a >= 0, exp(-a) given: by the series of sinh where 1 - exp(-2a) cancels.
 
     First omitted term of the series: 0.5^14/15! = 5e-17 of sinh.

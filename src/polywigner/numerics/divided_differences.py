@@ -1,4 +1,5 @@
-"""Divided differences of a wave of the orders 1 to 3: its means over segments, triangles, bodies.
+"""Divided differences of a wave of orders 1 to 3: its means over segments, triangles and
+tetrahedra.
 
 Over a simplex with phases p_0, ..., p_n (in turns) at its corners the mean of exp(-2 pi i p) is n!
 times exp[z_0, ..., z_n] at z = -2 pi i p (Hermite and Genocchi). The first order is a sinc times a
@@ -7,8 +8,8 @@ farthest apart; or where all lie close together its Taylor series, with complete
 symmetric polynomials h_k of the phases. So nothing is divided by a small number, and slivers and
 nu = 0 are no special cases.
 
-One recursion serves real phases and complex ones (evanescent waves): `_Real` and `_Complex` hold
-what is done to either kind of number.
+One recursion serves real phases and complex ones (evanescent waves): `_Real` and `_Complex` contain
+the operations on either kind of number.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from collections.abc import Sequence
 from itertools import combinations
 from typing import Any
 
+from polywigner.numerics import Number
 from polywigner.numerics.complex_pairs import Pair, mean_wave, plane_wave, select
 from polywigner.numerics.phases import cos_sin_turns, mean_plane_wave
 
@@ -112,7 +114,7 @@ class _Real:
     origin, unit = 0.0, 1.0
 
     @staticmethod
-    def size(value: Any) -> Any:
+    def size(value: Any) -> Number:
         return abs(value)
 
     @staticmethod
@@ -148,7 +150,7 @@ class _Complex:
     origin, unit = Pair(0.0, 0.0), Pair(1.0, 0.0)
 
     @staticmethod
-    def size(value: Pair) -> Any:
+    def size(value: Pair) -> Number:
         return value.norm()
 
     @staticmethod

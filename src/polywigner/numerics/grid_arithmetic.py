@@ -67,15 +67,15 @@ def _is_convex(polygon: Floats) -> bool:
 
 
 def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
-    """The piece with every vertex that lies exactly on a side put into it.
+    """Insert every vertex that lies exactly on a side of a piece into the piece.
 
     Sides then meet sides of neighbours, and edges, end to end, and go on doing so when all vertices
     are moved.
     """
     ends = np.roll(piece, -1, axis=0)
-    # far wider than rounding; what is left is looked at exactly
+    # far wider than rounding; the candidates are tested exactly
     size = 1e-12 * float(np.abs(vertices).max())
-    step, found = max(1, _BLOCK // len(vertices)), []
+    step, candidates = max(1, _BLOCK // len(vertices)), []
     for start in range(0, len(piece), step):
         rows = slice(start, start + step)
         side = (ends[rows] - piece[rows])[:, None, :]
@@ -84,8 +84,8 @@ def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
         along, length = x * dx + y * dy, dx * dx + dy * dy
         across = np.abs(dx * y - dy * x)
         near = (along > 0) & (along < length) & (across <= size * np.sqrt(length))
-        found += [(start + k, float(along[k, n]), n) for k, n in np.argwhere(near).tolist()]
-    inside = [(k, at, n) for k, at, n in found if _on_line(piece[k], ends[k], vertices[n])]
+        candidates += [(start + k, float(along[k, n]), n) for k, n in np.argwhere(near).tolist()]
+    inside = [(k, at, n) for k, at, n in candidates if _on_line(piece[k], ends[k], vertices[n])]
     inside.sort(key=lambda entry: entry[:2])
     after = [k + 1 for k, _, _ in inside]
     return np.insert(piece, after, vertices[[n for _, _, n in inside]], axis=0) if after else piece

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from polywigner.numerics import Mask, Number
 from polywigner.numerics.phases import cos_sin_turns
 
 # Below this, roots and squares have no derivative.
@@ -62,13 +63,13 @@ class Jet:
         slopes = tuple(self.ops.select(negative, -slope, slope) for slope in self.slopes)
         return Jet(self.ops, abs(self.value), slopes)
 
-    def __lt__(self, other: Any) -> Any:
+    def __lt__(self, other: Any) -> Mask:
         return self.value < _value(other)
 
-    def __gt__(self, other: Any) -> Any:
+    def __gt__(self, other: Any) -> Mask:
         return self.value > _value(other)
 
-    def __ge__(self, other: Any) -> Any:
+    def __ge__(self, other: Any) -> Mask:
         return self.value >= _value(other)
 
     __radd__, __rmul__ = __add__, __mul__
@@ -78,7 +79,7 @@ def _added(a: Slopes, b: Slopes) -> Slopes:
     return tuple(p + q for p, q in zip(a, b, strict=True)) if a and b else a or b
 
 
-def _value(number: Any) -> Any:
+def _value(number: Any) -> Number:
     return number.value if isinstance(number, Jet) else number
 
 

@@ -3,9 +3,9 @@
 An integrand on [-1, 1] that is analytic inside the ellipse with foci -1 and 1 and half-axes cosh u
 and sinh u, and bounded there by M, has Legendre coefficients c_n of about M exp(-n u), and n Gauss
 nodes miss its integral by about M exp(-2 n u). A wave of w radians over half the interval grows to
-M = exp(w sinh u) on that ellipse. That tells beforehand how many nodes are needed. Afterwards the
-error is estimated as c_n^2/M, from the same values: if coefficients are not as small as expected,
-neither is the error. Source: (B5).
+M = exp(w sinh u) on that ellipse. So the required number of nodes is known beforehand. Afterwards
+the error is estimated as c_n^2/M from the same values: larger coefficients than expected mean a
+larger error. Source: (B5).
 """
 
 from __future__ import annotations
@@ -19,17 +19,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.numerics import Number
+
 Rules = tuple[npt.NDArray[np.float64], ...]
 """Tables (n, 4) of node, weight, and the weights that give the last two Legendre coefficients."""
 
-# Sizes of the rules: so many to a factor of two, the smallest, the largest. On average a rule has a
-# sixteenth more nodes than are needed.
+# Sizes of the rules: number per factor of two, smallest, largest. On average a rule has a sixteenth
+# more nodes than needed.
 _STEPS, _SMALLEST, _LARGEST = 8, 4, 724
 _SIZES = tuple(
     math.ceil(_SMALLEST * 2 ** (k / _STEPS))
     for k in range(math.ceil(_STEPS * math.log2(_LARGEST / _SMALLEST)) + 1)
 )
-# Ellipses tried, by u. The smallest goes through i: nearer singularities have a rule of their own.
+# Ellipses tried, by u. The smallest goes through i: nearer singularities have a separate rule.
 _ELLIPSES = (math.asinh(1.0), 1.2, 1.6, 2.1, 2.8)
 # u >= 0.88 sinh u and sinh u <= 1.135 u for sinh u up to 1
 _CHORD, _GROWTH = 0.88, 1.135
@@ -37,7 +39,7 @@ _CHORD, _GROWTH = 0.88, 1.135
 # to 100 wavelengths, with travelling, grazing and evanescent waves and demands from 0.1 to 1e-9;
 # without it, of all but a few of 10,000.
 _SAFETY = 8.0
-# Coefficients whose squares are larger than expected by so much belong to another integrand.
+# Coefficients whose squares exceed the expected ones by this factor belong to another integrand.
 _SURPRISE = 1e3
 # Sums over nodes: :func:`node_sums`.
 SUMS = 7
@@ -86,9 +88,9 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
     growth = inside * wave
     for u in _ELLIPSES:
         grown = math.sinh(u) * wave
-        found = (digits + grown) * (0.5 / u)
-        better = (clear >= math.sinh(u)) & (found < needed)
-        needed = ops.select(better, found, needed)
+        nodes = (digits + grown) * (0.5 / u)
+        better = (clear >= math.sinh(u)) & (nodes < needed)
+        needed = ops.select(better, nodes, needed)
         growth = ops.select(better, grown, growth)
     last = inside * (wave - _CHORD * needed)
     for u in _ELLIPSES:
@@ -97,8 +99,8 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
     return needed, (digits, growth, last)
 
 
-def rule_of(ops: Any, needed: Any) -> Any:
-    """The number of a rule with at least so many nodes; the largest where none has."""
+def rule_of(ops: Any, needed: Any) -> Number:
+    """The number of the smallest rule with at least ``needed`` nodes, or of the largest rule."""
     # less than the step to the next rule by rounding does no harm
     steps = (_STEPS / math.log(2)) * ops.log(ops.maximum(needed, 1.0) * (1 / _SMALLEST))
     return ops.minimum(ops.maximum(ops.round(steps + 0.4999), 0.0), len(_SIZES) - 1.0)
@@ -113,7 +115,7 @@ def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tupl
     )  # fmt: skip
 
 
-def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], turns: Any) -> Any:
+def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], turns: Any) -> Number:
     """Error estimate of the rule behind sums of :func:`node_sums`, rounding included.
 
     ``expected``: of :func:`nodes_needed`; ``turns``: bound on the phases added up.
@@ -125,11 +127,11 @@ def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], turns: An
     mean = 0.5 * size
     ratio = ((a * a + b * b) + (c * c + d * d)) / (mean * mean + floor)
     as_expected = ratio < _SURPRISE * ops.exp(2.0 * last)
-    found = ops.select(as_expected, ratio * ops.exp(-growth), ratio)
-    # coefficients that are small by accident do not make it better than what was planned
+    estimate = ops.select(as_expected, ratio * ops.exp(-growth), ratio)
+    # coefficients that are small by accident do not reduce the error below the planned one
     least = ops.minimum(ops.sqrt(ratio), ops.exp(-digits))
     # no more than the size itself is missing
-    share = ops.minimum(_SAFETY * ops.maximum(found, least), 2.0)
+    share = ops.minimum(_SAFETY * ops.maximum(estimate, least), 2.0)
     return mean * (share + ulp * (4.0 + 2.0 * turns))
 
 
@@ -174,7 +176,8 @@ def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
 def flat_rule(reach: float, error: float) -> Rule:
     """Nodes (n,) and weights (n,) for the mean over t from -1 to 1.
 
-    Two nodes more than the remainder asks for: what is meant also varies by powers of frequency.
+    Two nodes more than the remainder requires, since the integrand also contains powers of
+    frequency.
     """
     least = _fewest(lambda n: _legendre_remainder(n, reach), error)
     assert least is not None
@@ -185,9 +188,9 @@ def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
     """Numbers of Gauss-Legendre nodes on [-1, 1] for waves exp(i f(x)) with |f'| up to ``radians``.
 
     f is linear or quadratic, up to terms that hardly bend it. n nodes miss about the terms of the
-    Chebyshev series from 2n on. The series of exp(i w x) has Bessel functions J_k(w), and that of
-    exp(i w x^2/2) has J_k(w/4) with T_2k. In Debye's form J_k(k/cosh a) is
-    exp(-k (a - tanh a)), so that a is a parameter of the curve of w and k.
+    Chebyshev series from 2n on. The series of exp(i w x) has Bessel functions J_k(w), and the
+    series of exp(i w x^2/2) has J_k(w/4) with T_2k. In Debye's form J_k(k/cosh a) is exp(-k (a -
+    tanh a)), so that a is a parameter of the curve of w and k.
     """
     a = np.geomspace(20.0, 1e-2, 400)
     degrees = -math.log(error) / (a - np.tanh(a))

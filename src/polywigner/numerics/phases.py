@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from polywigner.numerics import Number
+
 _SINE_DOUBLE = (
     25.132741228718345, -64.83584404672554, 67.07762091738222, -38.51295534186807,
     14.182954388478867, -3.646752364831226, 0.6927968586177335, -0.10127479441363349,
@@ -25,7 +27,7 @@ _SINE_SINGLE = (
 )  # fmt: skip
 
 
-def polynomial(ops: Any, coefficients: Sequence[float], x: Any) -> Any:
+def polynomial(ops: Any, coefficients: Sequence[float], x: Any) -> Number:
     """The sum of c_k x^k, by Horner's rule."""
     *others, before, last = coefficients
     total = ops.fma(x, last, before)
@@ -34,21 +36,21 @@ def polynomial(ops: Any, coefficients: Sequence[float], x: Any) -> Any:
     return total
 
 
-def _sine_over_reduced(ops: Any, r: Any) -> Any:
+def _sine_over_reduced(ops: Any, r: Any) -> Number:
     """sin(2 pi r)/r for |r| <= 1/2, 2 pi at r = 0."""
     coefficients = _SINE_DOUBLE if ops.double else _SINE_SINGLE
     square = r * r
     return polynomial(ops, coefficients, square) * (0.25 - square)
 
 
-def _sine_of_reduced(ops: Any, r: Any) -> Any:
+def _sine_of_reduced(ops: Any, r: Any) -> Number:
     """sin(2 pi r) for |r| <= 1/2."""
     if ops.target == "numpy":
         return np.sin(2 * math.pi * r)
     return _sine_over_reduced(ops, r) * r
 
 
-def sin_turns(ops: Any, turns: Any) -> Any:
+def sin_turns(ops: Any, turns: Any) -> Number:
     """sin(2 pi turns)."""
     r = turns - ops.round(turns)
     return np.sin(2 * math.pi * r) if ops.target == "numpy" else _sine_of_reduced(ops, r)
@@ -75,8 +77,8 @@ def sinc(ops: Any, turns: Any) -> Any:
     half = 0.5 * turns
     reduced = half - ops.round(half)
     ratio = _sine_over_reduced(ops, reduced)
-    # Nothing is divided by a small number, for the sake of derivatives: those of a quotient would
-    # cancel, and err by an ulp over the turns.
+    # Nothing is divided by a small number, for the sake of derivatives: the derivatives of a
+    # quotient would cancel, and err by an ulp over the turns.
     near = abs(half) < 0.5
     quotient = ratio * reduced / ops.select(near, 1.0, half)
     return ops.select(near, ratio, quotient) * (0.5 / math.pi)
@@ -163,7 +165,7 @@ def difference(a: Any, b: Any) -> Doubled:
     return rounded, (a - (rounded - virtual)) - (b + virtual)
 
 
-def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Any:
+def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Number:
     """a d - b c, good to the square of an ulp of the products, however much cancels."""
     lost = (a[0] * d[1] + a[1] * d[0]) - (b[0] * c[1] + b[1] * c[0])
     return ops.cross(a[0], b[0], c[0], d[0]) + lost
@@ -185,19 +187,19 @@ def reduced(ops: Any, turns: Doubled) -> Any:
     return (total - ops.round(total)) + rest
 
 
-def turns_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Any:
+def turns_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Number:
     """nu.centre modulo 1."""
     return reduced(ops, dot(ops, nu, centre))
 
 
-def less_carrier(ops: Any, frame: Any, turns: Any, *xi: Any) -> Any:
+def less_carrier(ops: Any, frame: Any, turns: Any, *xi: Any) -> Number:
     """Turns without the frame's carrier along a lag, modulo 1."""
     if not any(frame.carrier):
         return turns
     return turns - turns_to_centre(ops, frame.carrier, *xi)
 
 
-def exp_turns(ops: Any, turns: Doubled) -> Any:
+def exp_turns(ops: Any, turns: Doubled) -> Number:
     """exp(pi turns), good to an ulp or two also where the exponent is large."""
     total, rest = turns
     high, low = (math.pi, _PI_REST) if ops.double else (_PI_SINGLE, math.pi - _PI_SINGLE)
@@ -206,7 +208,7 @@ def exp_turns(ops: Any, turns: Doubled) -> Any:
     return ops.exp(exponent) * (1.0 + lost)
 
 
-def growth_of(ops: Any, frame: Any, inner: tuple[Any, ...], *imag: Any) -> Any:
+def growth_of(ops: Any, frame: Any, inner: tuple[Any, ...], *imag: Any) -> Number:
     """exp(pi h), h the largest Im(nu).x over the frame's box; exp(2 pi h) bounds the wave there.
 
     ``inner``: Im nu in the frame, ``imag``: in the source's unit. Half of the exponent, so that the
@@ -217,7 +219,7 @@ def growth_of(ops: Any, frame: Any, inner: tuple[Any, ...], *imag: Any) -> Any:
     return exp_turns(ops, (total, rest + lost))
 
 
-def level(frame: Any, inner: tuple[Any, ...]) -> Any:
+def level(frame: Any, inner: tuple[Any, ...]) -> Number:
     """The largest Im(nu).x, in turns, over the box |x_k| <= reach_k of the frame."""
     total: Any = 0.0
     for component, reach in zip(inner, frame.reach, strict=True):

@@ -15,7 +15,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_wavelength, warn_caller
-from polywigner.numerics.peaks import climbed, largest
+from polywigner.numerics.band_limited import climbed, largest
 from polywigner.propagation.element_patterns import element_pattern_of
 from polywigner.propagation.far_fields import check_slopes, far_field, powers_of
 from polywigner.propagation.places import unit_vectors

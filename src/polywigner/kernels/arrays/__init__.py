@@ -1,13 +1,11 @@
-"""Coherent sources of many elements: sums over the copies or pairs that matter at a place.
+"""Arrays: sums over copies of one element, or over the pairs that contribute at a point.
 
-==================  =========================================================================
-module              what is in it
-==================  =========================================================================
-``array_factor``    sums over the sites of an array, for its Fourier transform
-``repeated``        what kernels of one element many times share
+==================  ==========================================================================
+module              content
+==================  ==========================================================================
+``array_factors``   sums over the sites of an array, and over pairs of sites of a lattice
+``repeated``        tables and functions of one element, shared by the other modules
 ``lattice_arrays``  arrays on a lattice: the element near x or xi, times array factors
-``factors``         array factors in phase space: the pairs of sites of one midpoint
-``element_pairs``   pairs of equal elements at any positions, by cells
-``pair_sums``       W, A and R of such pairs
-==================  =========================================================================
+``element_pairs``   W, A and R of equal elements at any positions: sums over pairs, by cells
+==================  ==========================================================================
 """

@@ -1,16 +1,17 @@
-"""Pairs of equal elements at any positions, each pair in coordinates of its own.
+"""W, A and R of arrays of equal elements at any positions: sums over pairs of elements.
 
 The pair (k, l) contributes to W(x, nu) near the midpoint of its centres, and to A(upsilon, xi) near
-their difference (docs/theory.md, (L1), (L2)). Cells of about the size of an element list the pairs
-that matter at a sample: the cost of a sample grows linearly with the number of elements, if their
-density stays. Each pair holds the midpoint and the difference of its centres to twice the digits.
+their difference (docs/theory.md, (L1), (L2)): W or A of the element at the offset from there, times
+a phase, computed in cycles without rounding. Cells of about the size of an element list the pairs
+that contribute at a sample, so that its cost grows linearly with the number of elements if their
+density stays. The table of pairs contains midpoints and differences to twice the digits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -21,14 +22,17 @@ from polywigner.kernels.arrays.repeated import (
     ElementTables,
     HeldTable,
     RepeatedTables,
+    element_ambiguity,
+    element_field,
     element_tables,
+    element_wigner,
 )
 from polywigner.kernels.cut.clipping import BEHIND, MIRRORED, View
-from polywigner.kernels.outline.frame import (
-    Frame,
-    vertices_for,
-)
-from polywigner.numerics import phases
+from polywigner.kernels.functions.plane import product_of_both
+from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
+from polywigner.kernels.outline.frame import Frame, vertices_for
+from polywigner.numerics import Mask, phases
+from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
@@ -37,125 +41,73 @@ _LEAST_ELEMENTS = 6
 # Rounding to 24 bits moves a point by less than this fraction of its distance from the centre:
 # lists of pairs reach that much further.
 _MARGIN = 2.0**-21
-# Most cells that list pairs; more of them find no fewer pairs.
+# Limits of the number of cells: more cells do not shorten the lists.
 _MOST_CELLS, _CELLS_PER_PAIR = 1 << 20, 64
 
 Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
-
-
-@dataclass(frozen=True, eq=False)
-class _Elements:
-    """Positions and weights of the elements."""
-
-    frame: Frame
-    """The frame of the element, moved to the centre of all elements."""
-    element: ElementTables
-    positions: phases.Doubled
-    """(n, 2) centres of the elements in m, less the centre of all."""
-    weights: Complexes
-    half: Floats
-    """(2,) half the width and height of the element, in the frame."""
 
 
 def is_scattered(array: Array) -> bool:
-    """Whether an array is one element, repeated at enough places."""
+    """Whether an array is one element, repeated at enough positions."""
     copies = normal_form(array).lattice
     if copies is None or not isinstance(copies.element.outline, Aperture):
         return False
     return len(array) >= _LEAST_ELEMENTS
 
 
-def _scattered(array: Array, double: bool) -> _Elements:
-    copies = normal_form(array).lattice
-    assert copies is not None
-    positions, tables = copies.positions, element_tables(copies.element.shape, double)
-    own, low = tables.frame, positions.min(axis=0)
-    shift = low + np.ptp(positions, axis=0) / 2
-    middle = (shift + own.centre).tolist()
-    # fields are held relative to the element's carrier, which is counted with all of x or xi
-    turns = positions @ np.array(own.carrier)
-    weights = copies.weights * np.exp(-2j * np.pi * (turns - np.rint(turns)))
-    return _Elements(
-        replace(own, centre=(middle[0], middle[1])),
-        tables,
-        phases.difference(positions, shift),
-        weights,
-        np.array(own.reach),
-    )
+# ---- tables ----------------------------------------------------------------------------------
 
 
-# ---- pairs -----------------------------------------------------------------------------------
+@lru_cache(maxsize=64)
+def _tables(array: Array, double: bool, view: View | None) -> PairTables:
+    """The pairs of elements, or without a view each element as a pair with itself, for R.
 
-
-@lru_cache(maxsize=32)
-def pairs_by_mean(array: Array, double: bool) -> PairTables:
-    """Return the pairs by the midpoint of their centres, for W."""
-    return _tables(_scattered(array, double), MIRRORED, double)
-
-
-@lru_cache(maxsize=32)
-def pairs_by_difference(array: Array, double: bool) -> PairTables:
-    """Return the pairs by the difference of their centres, for A."""
-    return _tables(_scattered(array, double), BEHIND, double)
-
-
-@lru_cache(maxsize=32)
-def elements_by_place(array: Array, double: bool) -> PairTables:
-    """Return the elements by their centres, each as a pair with itself, for R."""
-    elements = _scattered(array, double)
-    high, _ = place = _in_frame(elements)
-    weights, reach = elements.weights, _reach(elements, 1.0, len(high))
-    unused = np.zeros((len(high), 4))
-    columns = [*_columns(place, double), unused, weights.real, weights.imag, reach]
-    lists = _listed(high, reach, np.column_stack(columns))
-    return RepeatedTables(elements.frame, elements.element, (MIRRORED, lists))
-
-
-def _tables(elements: _Elements, view: View, double: bool) -> PairTables:
-    lists = view, _pairs(elements, view, double)
-    return RepeatedTables(elements.frame, elements.element, lists, len(elements.weights))
-
-
-def _reach(elements: _Elements, scale: float, count: int) -> Floats:
-    """Half of the box in which each pair contributes, (count, 2)."""
-    return np.broadcast_to(scale * elements.half * (1 + _MARGIN), (count, 2))
-
-
-def _in_frame(elements: _Elements) -> phases.Doubled:
-    """Return the centres in the frame, less the centre of all."""
-    matrix = elements.frame.inverse_transpose
-    high, low = (vertices_for(matrix, (0.0, 0.0), part) for part in elements.positions)
-    return high, low
-
-
-def _pairs(elements: _Elements, view: View, double: bool) -> PairLists:
-    """Pairs of elements; the first bears the first factor of the mutual field.
+    Pairs are listed by the midpoint of their centres (``MIRRORED``, for W) or by their difference
+    (``BEHIND``, for A). The first element has the first factor of the mutual field.
 
     Columns: the position in the frame and the vector across it, each component as two floats; the
     mutual weight; half of the box in which the pair contributes.
     """
-    weights, (high, low) = elements.weights, _in_frame(elements)
-    first, second = (index.ravel() for index in np.indices((len(weights),) * 2))
-    mutual = weights[first] * weights[second].conj()
-    if view is MIRRORED:
-        # each pair once: the other order is conjugate
-        once = first <= second
-        first, second, mutual = first[once], second[once], mutual[once]
-        mutual[first < second] *= 2.0
-    total, lost = phases.difference(high[first], -high[second])
-    mean = total / 2, (lost + (low[first] + low[second])) / 2
-    total, lost = phases.difference(high[first], high[second])
-    apart = total, lost + (low[first] - low[second])
-    place, across = (mean, apart) if view is MIRRORED else (apart, mean)
-    # the copies meet at offsets below the sum of both half-widths
-    reach = _reach(elements, 1.0 if view is MIRRORED else 2.0, len(first))
-    columns = [*_columns(place, double), *_columns(across, double), mutual.real, mutual.imag]
-    return _listed(place[0], reach, np.column_stack([*columns, reach]))
+    copies = normal_form(array).lattice
+    assert copies is not None
+    positions, element = copies.positions, element_tables(copies.element.shape, double)
+    local, low = element.frame, positions.min(axis=0)
+    shift = low + np.ptp(positions, axis=0) / 2
+    x, y = (shift + local.centre).tolist()
+    frame = replace(local, centre=(x, y))
+    # fields are relative to the element's carrier, which is counted with all of x or xi
+    turns = positions @ np.array(local.carrier)
+    weights = copies.weights * np.exp(-2j * np.pi * (turns - np.rint(turns)))
+    high, rest = (
+        vertices_for(local.inverse_transpose, (0.0, 0.0), part)
+        for part in phases.difference(positions, shift)
+    )
+    scale = 1.0
+    if view is None:
+        centre, across = (high, rest), (0.0 * high, 0.0 * high)
+    else:
+        first, second = (index.ravel() for index in np.indices((len(weights),) * 2))
+        if view is MIRRORED:  # each pair once: the other order is conjugate
+            first, second = first[first <= second], second[first <= second]
+        weights = weights[first] * weights[second].conj()
+        if view is MIRRORED:
+            weights[first < second] *= 2.0
+        total, lost = phases.difference(high[first], -high[second])
+        mean = total / 2, (lost + (rest[first] + rest[second])) / 2
+        total, lost = phases.difference(high[first], high[second])
+        apart = total, lost + (rest[first] - rest[second])
+        centre, across = (mean, apart) if view is MIRRORED else (apart, mean)
+        # the copies meet at offsets below the sum of both half-widths
+        scale = 1.0 if view is MIRRORED else 2.0
+    reach = np.broadcast_to(scale * np.array(local.reach) * (1 + _MARGIN), centre[0].shape)
+    columns = (*_columns(centre, double), *_columns(across, double), weights.real, weights.imag)
+    lists = _listed(centre[0], reach, np.column_stack([*columns, reach]))
+    terms = 1 if view is None else len(array)
+    return RepeatedTables(frame, element, (view or MIRRORED, lists), terms)
 
 
 def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
-    """x and y of vectors, each as a float of the kernel's and the rest."""
+    """x and y of vectors, each as a float of the kernel's precision and the rest."""
     total, rest = vector
     high = total if double else total.astype(np.float32).astype(np.float64)
     low = (total - high) + rest
@@ -169,20 +121,20 @@ def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
 class PairLists:
     """Pairs sorted by the cell of a grid in which the region begins where they contribute.
 
-    A region is no larger than a cell, so that what contributes to a sample begins in its cell or
-    in one of three neighbours: two runs of records.
+    A region is no larger than a cell, so that the pairs that contribute to a sample begin in its
+    cell or in one of three neighbours: two runs of records.
     """
 
     low: tuple[float, float]
     scale: tuple[float, float]
     counts: tuple[int, int]
-    """Cells that samples may be in; before them in both directions one more for records."""
+    """Cells for samples; records have one more before them in both directions."""
     starts: HeldTable
-    """(cells + 1, 1) where the records of each cell begin, row by row."""
+    """(cells + 1, 1) the first record of each cell, row by row."""
     records: HeldTable
 
     def runs(self, ops: Any, x: Any, y: Any) -> Iterator[tuple[Any, Any]]:
-        """The first and the end of the two runs of records for the cell of each place."""
+        """The first and the end of the two runs of records for the cell of each point."""
         starts = self.starts.in_memory(ops)
         u, v = ((p - low) * s for p, low, s in zip((x, y), self.low, self.scale, strict=True))
         rows, columns = self.counts
@@ -218,3 +170,159 @@ def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
 
 
 PairTables = RepeatedTables[ElementTables, tuple[View, PairLists]]
+
+Point = tuple[phases.Doubled, phases.Doubled]
+
+# ---- into the frame --------------------------------------------------------------------------
+
+
+def _less(ops: Any, value: Any, constant: float) -> phases.Doubled:
+    """Return value - constant without rounding."""
+    high, low = phases.doubled(constant, ops.double)
+    total, rest = phases.difference(value, high)
+    return total, rest - low
+
+
+def _position(ops: Any, frame: Frame, *point: Any) -> Values:
+    """A point relative to the centre, in the frame, as two floats a component."""
+    less = (_less(ops, c, m) for c, m in zip(point, frame.centre, strict=True))
+    total, rest = (frame.vector(ops, *part) for part in zip(*less, strict=True))
+    return _halves(ops, *zip(total, rest, strict=True))
+
+
+def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Values:
+    """A frequency less the carrier, in the frame, as two floats a component."""
+    less = tuple(_less(ops, f, c) for f, c in zip(nu, carrier, strict=True))
+    return _halves(ops, *(phases.dot(ops, less, row) for row in frame.inverse_transpose))
+
+
+def _halves(ops: Any, *numbers: phases.Doubled) -> Values:
+    """Each number as two floats, the first one of single precision."""
+    return tuple(half for number in numbers for half in phases.halves(ops, number))
+
+
+def _enter_wigner(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
+    return (*_position(ops, frame, x, y), *_frequency(ops, frame, frame.carrier, nu_x, nu_y))
+
+
+def _enter_ambiguity(
+    ops: Any, frame: Frame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
+) -> Values:
+    turns = phases.turns_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
+    turns = phases.less_carrier(ops, frame, turns, xi_x, xi_y)
+    lag = _halves(ops, *((c, 0.0 * c) for c in frame.vector(ops, xi_x, xi_y)))
+    return (turns, *lag, *_frequency(ops, frame, (0.0, 0.0), upsilon_x, upsilon_y))
+
+
+def _enter_both_ends(ops: Any, frame: Frame, x: Any, y: Any, xi_x: Any, xi_y: Any) -> Values:
+    turns = phases.less_carrier(ops, frame, 0.0 * xi_x, xi_x, xi_y)
+    ends = (_position(ops, frame, x + side * xi_x, y + side * xi_y) for side in (0.5, -0.5))
+    return (turns, *(number for end in ends for number in end))
+
+
+# ---- one pair --------------------------------------------------------------------------------
+
+
+def _point(numbers: Sequence[Any]) -> Point:
+    a, b, c, d = numbers
+    return (a, b), (c, d)
+
+
+def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
+    """The point relative to the pair's midpoint or difference."""
+    (x, x_rest), (y, y_rest) = _point(samples[:4])
+    (px, px_rest), (py, py_rest) = _point(record[:4])
+    return (x - px) + (x_rest - px_rest), (y - py) + (y_rest - py_rest)
+
+
+def _of_element(
+    ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
+) -> Pair:
+    """The contribution of a pair of equal elements; to W only its real part."""
+    nu, offset = _point(samples[4:]), _offset(record, samples)
+    turns = phases.reduced(ops, phases.dot(ops, nu, _point(record[4:8])))
+    factor = Pair(record[8], record[9]) * unit_wave(ops, turns).conjugate()
+    frequency = [total + rest for total, rest in nu]
+    if view is MIRRORED:
+        return factor.scaled(element_wigner(ops, element, *offset, *frequency))
+    return factor * element_ambiguity(ops, element, *frequency, *offset)
+
+
+def _field_of(
+    ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
+) -> Pair:
+    """The field of an element."""
+    return Pair(*element_field(ops, element, *_offset(record, samples))) * Pair(*record[8:10])
+
+
+# ---- all pairs -------------------------------------------------------------------------------
+
+
+def _sum(
+    ops: Any, tables: PairTables, values: int, samples: Values,
+    of_pair: Callable[..., Pair] = _of_element,
+) -> list[Any]:  # fmt: skip
+    """Sum over all pairs, (real, imaginary) or the first alone; NaN arguments give NaN.
+
+    ``of_pair``: the contribution of a pair, by default to W or A.
+    """
+    view, lists = tables.sites
+    records = lists.records.in_memory(ops)
+
+    def is_near(row: Any, *samples: Any) -> Mask:
+        """Whether the boxes of both copies meet."""
+        record = ops.gather(records, row)
+        (x, y), (width, height) = _offset(record, samples), record[10:12]
+        return (abs(x) < width) & (abs(y) < height)
+
+    def term(row: Any, *samples: Any) -> Values:
+        value = of_pair(ops, tables.element, view, ops.gather(records, row), samples)
+        return (value.real, value.imag)[:values]
+
+    undefined = sum(number - number for number in samples)
+    totals: list[Any] = [undefined] * values
+    for first, end in lists.runs(ops, samples[0], samples[2]):
+        sums = ops.sum_over_some(first, end, is_near, term, values, *samples)
+        totals = [total + part for total, part in zip(totals, sums, strict=True)]
+    return totals
+
+
+def _wigner_sum(ops: Any, tables: PairTables, *samples: Any) -> Values:
+    return tuple(_sum(ops, tables, 1, samples))
+
+
+def _ambiguity_sum(ops: Any, tables: PairTables, turns: Any, *samples: Any) -> Values:
+    real, imag = _sum(ops, tables, 2, samples)
+    return real, -imag
+
+
+def _fields(ops: Any, tables: PairTables, turns: Any, *places: Any) -> Values:
+    """u at both ends of a lag, without the carrier, from the elements around them."""
+    ends = places[:4], places[4:]
+    return tuple(part for end in ends for part in _sum(ops, tables, 2, end, _field_of))
+
+
+WIGNER = Kernel(
+    "wigner of element pairs",
+    2,
+    partial(_tables, view=MIRRORED),
+    _enter_wigner,
+    _wigner_sum,
+    leave_real,
+)
+AMBIGUITY = Kernel(
+    "ambiguity of element pairs",
+    2,
+    partial(_tables, view=BEHIND),
+    _enter_ambiguity,
+    _ambiguity_sum,
+    leave_wave,
+)
+AUTOCORRELATION = Kernel(
+    "autocorrelation of equal elements",
+    2,
+    partial(_tables, view=None),
+    _enter_both_ends,
+    _fields,
+    product_of_both,
+)

@@ -1,8 +1,8 @@
 """Phased arrays on a lattice: the element's functions near x or xi, times array factors.
 
-For copies of one element at the sites p_k of a lattice, a pair of sites contributes to W(x, nu)
-what the element alone has at x less the midpoint of the sites, and to A(upsilon, xi) what it has
-at xi less their difference (docs/theory.md, (L1), (L2)). Only the few midpoints (or differences)
+For copies of one element at the sites p_k of a lattice, a pair of sites contributes W of the
+element at x less the midpoint of the sites to W(x, nu), and A of the element at xi less their
+difference to A(upsilon, xi) (docs/theory.md, (L1), (L2)). Only the few midpoints (or differences)
 within an element's size of x (or xi) count, however many elements there are.
 """
 
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.arrays.factors import ProfileFactor, factor_of, profile_factor
+from polywigner.kernels.arrays.array_factors import ProfileFactor, factor_of, profile_factor
 from polywigner.kernels.arrays.repeated import (
     ElementTables,
     RepeatedTables,
@@ -35,7 +35,7 @@ from polywigner.source.normal_form import normal_form
 
 # Fewer elements are summed pair by pair (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4
-# A place within this of the edge of a region contributes less than rounding.
+# A point within this of the edge of a region contributes less than rounding.
 _EDGE = 4e-15
 # Margin around an element's region, in its size: more than single precision rounds.
 _MARGIN = 1e-4
@@ -44,58 +44,37 @@ Pair2 = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class _Window:
-    """Whole numbers h along one direction with t - h in the open interval (low, high)."""
-
-    low: float
-    high: float
-    start: int
-    """First number on the lattice."""
-    steps: int
-    """Count of numbers on the lattice."""
-
-    @property
-    def _is_all(self) -> bool:
-        """Whether the interval holds no fewer: elements much larger than the lattice."""
-        return self.high - self.low >= self.steps
-
-    @property
-    def count(self) -> int:
-        """The most that there can be."""
-        if self._is_all:
-            return self.steps
-        return max(1, math.ceil(self.high - self.low - _EDGE))
-
-    def first(self, ops: Any, t: Any) -> Any:
-        if self._is_all:
-            return 0.0 * t + float(self.start)
-        return ops.round(t - self.high + 0.5)
-
-
-@dataclass(frozen=True)
 class _Nodes:
     """Differences or midpoints of sites: multiples of the steps of a lattice."""
 
     scale: float
-    """In the steps of the lattice: 1, or 1/2 for midpoints."""
-    windows: tuple[_Window, _Window]
+    """In steps of the lattice: 1, or 1/2 for midpoints."""
+    windows: tuple[tuple[float, float, int, int], ...]
+    """For each direction (low, high, first node on the lattice, number of nodes on it). Nodes h
+    contribute at t if t - h lies in the open interval (low, high)."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
-        """The first node that counts at a vector, and the vector from there in the frame."""
-        # numbers of steps along both directions
-        t = (x * row[0] + y * row[1] for row in frame.inverse)
-        i, j = (w.first(ops, c * (1 / self.scale)) for w, c in zip(self.windows, t, strict=True))
+        """The first node that contributes at a vector, and the vector from there in the frame."""
+        i, j = (
+            0.0 * x + float(start)
+            if high - low >= steps  # the element is much larger than the lattice
+            else ops.round((x * row[0] + y * row[1]) * (1 / self.scale) - high + 0.5)
+            for (low, high, start, steps), row in zip(self.windows, frame.inverse, strict=True)
+        )
         (ax, ay), (bx, by) = ((self.scale * u, self.scale * v) for u, v in frame.basis)
         left = x - (i * ax + j * bx), y - (i * ay + j * by)
         return (i, j, *frame.element.vector(ops, *left))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Numbers of steps from the first node that counts, and their vector in the frame."""
-        counts = product(*(range(window.count) for window in self.windows))
-        steps = [(float(k), float(m)) for k, m in counts]
+        """Numbers of steps from the first contributing node, and their vector in the frame."""
+        counts = (
+            min(steps, max(1, math.ceil(high - low - _EDGE)))
+            for low, high, _, steps in self.windows
+        )
+        steps = [(float(k), float(m)) for k, m in product(*map(range, counts))]
         vectors = self.scale * np.array(steps) @ np.array(frame.basis) + frame.element.centre
-        placed = frame.element.vertices(vectors).tolist()
-        return [(*own, x, y) for own, (x, y) in zip(steps, placed, strict=True)]
+        on_frame = frame.element.vertices(vectors).tolist()
+        return [(*step, x, y) for step, (x, y) in zip(steps, on_frame, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -127,8 +106,8 @@ class _ArrayFrame:
     def slope(self) -> Pair2:
         """Turns from site to site without the carrier's."""
         one, two = (
-            own - float(np.dot(self.carrier, b))
-            for own, b in zip(self.turns, self.basis, strict=True)
+            turn - float(np.dot(self.carrier, b))
+            for turn, b in zip(self.turns, self.basis, strict=True)
         )
         return one, two
 
@@ -146,8 +125,7 @@ def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, turns: Pair2
 
     def nodes(scale: float, low: Any, high: Any, start: Any, steps: Any) -> _Nodes:
         columns = zip(pair(low), pair(high), start.tolist(), steps.tolist(), strict=True)
-        one, two = (_Window(*column) for column in columns)
-        return _Nodes(scale, (one, two))
+        return _Nodes(scale, tuple(columns))
 
     return _ArrayFrame(
         frame,
@@ -207,7 +185,7 @@ def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y:
     """First midpoint in half steps, x from there in the element's frame, turns, nu."""
     nearest = frame.means.nearest(ops, frame, x - frame.origin[0], y - frame.origin[1])
     turns = _site_turns(ops, frame, nu_x, nu_y)
-    along = (t - own for t, own in zip(turns, frame.turns, strict=True))
+    along = (t - turn for t, turn in zip(turns, frame.turns, strict=True))
     return (*nearest, *along, *frame.element.detuned(ops, nu_x, nu_y))
 
 
@@ -228,7 +206,7 @@ def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
 def _enter_ambiguity(
     ops: Any, frame: _ArrayFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
-    """Phase of the middle and carrier; first difference, xi from there, turns, upsilon."""
+    """Phase of the centre and carrier; first difference, xi from there, cycles, upsilon."""
     turns = phases.turns_to_centre(ops, frame.middle, upsilon_x, upsilon_y)
     turns = phases.less_carrier(ops, frame, turns, xi_x, xi_y)
     nearest = frame.differences.nearest(ops, frame, xi_x, xi_y)
@@ -249,8 +227,8 @@ def _ambiguity_sum(ops: Any, tables: ArrayTables, turns: Any, *inner: Any) -> Va
         weight = factor((k, m), (i + lowest[0], j + lowest[1]))
         if any(slope):
             weight = weight * unit_wave(ops, i * slope[0] + j * slope[1])
-        found = weight * element_ambiguity(ops, element, upsilon_x, upsilon_y, x - dx, y - dy)
-        return found.real, -found.imag
+        value = weight * element_ambiguity(ops, element, upsilon_x, upsilon_y, x - dx, y - dy)
+        return value.real, -value.imag
 
     total: Values = ops.sum_large_terms(frame.differences.rows(frame), term, 4 * element.clips)
     return total

@@ -14,6 +14,7 @@ from polywigner.kernels.functions.plane import tables_of
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
 from polywigner.kernels.functions.slices import AMBIGUITY_SUM, WIGNER_SUM
 from polywigner.kernels.outline.tables import Tables
+from polywigner.numerics import Number
 from polywigner.numerics.complex_pairs import Pair
 
 ElementTables = Tables | SeparableTables
@@ -24,7 +25,7 @@ def element_tables(aperture: Aperture, double: bool) -> ElementTables:
     return separable_tables(aperture, double) or tables_of(aperture, double)
 
 
-def element_wigner(ops: Any, tables: ElementTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Any:
+def element_wigner(ops: Any, tables: ElementTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
     """W(x, nu) in the element's frame."""
     if isinstance(tables, SeparableTables):
         return separable.wigner(ops, tables, x, y, nu_x, nu_y)

@@ -1,7 +1,7 @@
 """The share of a wave at an edge in the field at a point, travelling or evanescent. Source: (B3).
 
 With N and N' the paths R - p.(P - Q) and R - p'.(P - Q), p' the mirrored direction, E the wave at
-the edge, e and e' those at the point if it came along p and p', the integrand times R/2 is
+the edge, e and e' the waves at the point along p and p', the integrand times R/2 is
 
     a (E - e)/2N + b' [(1/2 - share) E - e/2]/N'
 
@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from polywigner.numerics import Number
 from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select, unit_wave
 from polywigner.numerics.jets import JetOperations
 from polywigner.numerics.phases import cos_sin_turns, sinc
@@ -65,7 +66,7 @@ class _Travelling:
     directions = 3
     """Components of the direction in which the free wave turns."""
 
-    def seen(
+    def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
         """Numbers that all nodes share, and the reach of singularities or their distance.
@@ -100,7 +101,7 @@ class _Travelling:
     ) -> Pair:  # fmt: skip
         """The integrand times the radius, at t from the panel's beginning."""
         tiny = 1e-300 if ops.double else 1e-37
-        # N = R - p.(P - Q), without cancellation where they are parallel
+        # N = R - p.(P - Q), without cancellation if they are parallel
         if moment:
             lean, run, side = moment
             ahead = pz * z - (s * along + b * across)
@@ -127,7 +128,7 @@ class _Evanescent:
 
     directions = 2
 
-    def seen(
+    def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
         """See :class:`_Travelling`."""
@@ -204,17 +205,17 @@ def _ends(ops: Any, view: PanelView) -> tuple[Any, Any, Any, Any]:
     """
     sign = ops.select(view.along < 0.0, -1.0, 1.0)
     foot2 = view.b * view.b + view.z * view.z
-    found = []
+    ends = []
     for s, radius in ((view.first, view.radius_first), (view.last, view.radius_last)):
         t = sign * s
         # R + t without cancellation
         total = ops.select(t < 0.0, foot2 / (radius + abs(t)), radius + abs(t))
-        found.append((1.0 + abs(view.along)) * total)
-    return sign, *found, view.b * view.across
+        ends.append((1.0 + abs(view.along)) * total)
+    return sign, *ends, view.b * view.across
 
 
 def spherical_edge(
-    ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], place: tuple[Any, ...],
+    ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], edge_point: tuple[Any, ...],
     along: tuple[Any, ...], mirrored: float,
 ) -> tuple[Any, Any, Any]:  # fmt: skip
     """(real, imaginary) integrand of U/U_incident, times 2 pi, and the detour. Lengths in waves.
@@ -223,10 +224,10 @@ def spherical_edge(
     boundary wave diverge together where the edge meets the axis, the boundary of the shadow: their
     sum stays smooth there. Source: (B9).
 
-    ``place`` on an edge of direction ``along`` (x, y) of the plane z = 0, which parts the point
-    from the source; ``mirrored``: what the field at the point's mirror image counts beside its own.
+    ``edge_point``: on an edge of direction ``along`` (x, y) in the plane z = 0, between the point
+    and the source; ``mirrored``: the factor of the field at the point's mirror image.
     """
-    path = _Path(ops, source, point, (*place, 0.0), (*along, 0.0))
+    path = _Path(ops, source, point, (*edge_point, 0.0), (*along, 0.0))
     real, imag = path.smooth(ops)
     if mirrored:
         # the boundary wave alone: no wave past the axis on the source's side of the plane
@@ -239,13 +240,13 @@ def spherical_edge(
     return real, imag, path.detour
 
 
-def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Any:
+def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Number:
     """The angle by which a straight edge turns about the axis from a source to a point."""
     axis = difference(point, source)
     inverse = 1.0 / ops.sqrt(dot(axis, axis))
     axis = tuple(a * inverse for a in axis)
     # across the axis, from the point: differences of long vectors would lose the digits
-    first, last = (_across(axis, difference(place, point)) for place in (start, end))
+    first, last = (_across(axis, difference(end_point, point)) for end_point in (start, end))
     return ops.atan2(dot(axis, cross(first, last)), dot(first, last))
 
 
@@ -260,55 +261,30 @@ class EdgeRule:
     """Nodes that sum the boundary wave of a straight edge."""
 
     turns: float
-    """Detour up to which it is summed along the edge, beyond the least, in wavelengths."""
+    """Detour beyond the least, in wavelengths, up to which the wave is summed along the edge."""
     nodes: tuple[tuple[float, float], ...]
-    """Places from -1 to 1 there, with weights (Gauss and Legendre)."""
+    """Nodes from -1 to 1 there, with weights (Gauss-Legendre)."""
     tails: tuple[tuple[float, float], ...]
-    """Places beyond, into the complex plane, with weights (Gauss and Laguerre)."""
+    """Nodes beyond, into the complex plane, with weights (Gauss-Laguerre)."""
 
     @classmethod
     def of(cls, turns: float, nodes: int, tails: int) -> EdgeRule:
-        """The rule of so many nodes."""
-        along, beyond = np.polynomial.legendre.leggauss(nodes), np.polynomial.laguerre.laggauss
-        places, weights = beyond(tails)
-        decay = 1.0 / (2.0 * math.pi)
-        return cls(
-            turns,
-            tuple(zip(*(part.tolist() for part in along), strict=True)),
-            tuple(zip((places * decay).tolist(), (weights * decay).tolist(), strict=True)),
-        )
+        """Return the rule with given numbers of nodes."""
+        along = np.stack(np.polynomial.legendre.leggauss(nodes), axis=-1)
+        beyond = np.stack(np.polynomial.laguerre.laggauss(tails), axis=-1) / (2.0 * math.pi)
+        return cls(turns, *(tuple((t, w) for t, w in rule.tolist()) for rule in (along, beyond)))
 
 
 def _always(_: Any, compute: Callable[..., tuple[Any, Any]], *arguments: Any) -> tuple[Any, Any]:
     return compute(*arguments)
 
 
-@dataclass(frozen=True)
 class _EdgePaths:
-    """Paths from a source over a straight edge to a point."""
+    """Paths from a source over a straight edge to a point; ``along``: unit vector of the edge."""
 
-    detour: Any
-    """The shortest path over the edge's line, less the distance."""
-    shortest: Any
-    whole: Any
-    """The shortest path over the line and the distance together."""
-    both: Any
-    """Product of the distances of both ends from the line."""
-    closing: Any
-    """1 - cos of the angle at the edge between both ends, whose cosine is -1 at the shadow."""
-    turn: Any
-    """Product of the distances and of the sine of this angle, positive on the left."""
-    distance: Any
-    """From the source to the point."""
-    low: Any
-    high: Any
-    """Roots of the detours over both ends beyond the least; negative before its foot."""
-
-    @classmethod
-    def of(
-        cls, ops: Any, source: Point, point: Point, start: Point, along: Point, length: Any
-    ) -> _EdgePaths:
-        """``along``: unit vector from the start."""
+    def __init__(
+        self, ops: Any, source: Point, point: Point, start: Point, along: Point, length: Any
+    ) -> None:
         from_source, to_point = difference(start, source), difference(point, start)
         s_first, s_last = -dot(from_source, along), dot(to_point, along)
         first = tuple(-q - s_first * t for q, t in zip(from_source, along, strict=True))
@@ -316,45 +292,43 @@ class _EdgePaths:
         least = 1e-12 if ops.double else 1e-6
         h_first, h_last = (ops.maximum(ops.sqrt(dot(v, v)), least) for v in (first, last))
         over, under = 1.0 / h_first, 1.0 / h_last
-        both = h_first * h_last
         near = tuple(a * over + b * under for a, b in zip(first, last, strict=True))
         away = tuple(a * over - b * under for a, b in zip(first, last, strict=True))
         axis = difference(point, source)
         gap, height = s_last - s_first, h_first + h_last
-        shortest = ops.sqrt(gap * gap + height * height)
-        distance = ops.sqrt(dot(axis, axis))
-        whole = shortest + distance
+        # product of the distances of the source and the point from the edge's line
+        self.both = both = h_first * h_last
+        self.shortest = shortest = ops.sqrt(gap * gap + height * height)
+        self.distance = ops.sqrt(dot(axis, axis))
+        # the shortest path over the line plus the distance, and minus the distance
+        self.total = shortest + self.distance
+        self.detour = both * dot(near, near) / self.total
+        # 1 - cos of the angle at the edge between source and point; cos is -1 at the shadow
+        self.closing = 0.5 * dot(away, away)
+        # product of the distances and of the sine of this angle, positive on the left
+        self.turn = dot(cross(from_source, along), to_point)
 
-        def root_at(s: Any) -> Any:
+        def root_at(s: Any) -> Number:
             a, b = s - s_first, s - s_last
             rho, radius = ops.sqrt(a * a + h_first * h_first), ops.sqrt(b * b + h_last * h_last)
             lean = a * radius + b * rho
             size = ops.sqrt(both * both + lean * lean) + both
             return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
 
-        return cls(
-            both * dot(near, near) / whole,
-            shortest,
-            whole,
-            both,
-            0.5 * dot(away, away),
-            dot(cross(from_source, along), to_point),
-            distance,
-            root_at(0.0 * length),
-            root_at(length),
-        )
+        # roots of the detours over both ends beyond the least; negative before its foot
+        self.low, self.high = root_at(0.0 * length), root_at(length)
 
-    def angle(self, ops: Any, limit: float) -> Any:
+    def angle(self, ops: Any, limit: float) -> Number:
         """Angle about the axis that the edge subtends, in the plane of roots up to a limit."""
         low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
         # near the boundary of the shadow the root of the detour is a product, without cancellation
-        steep = ops.sqrt(2.0 / (self.both * self.whole * ops.maximum(self.closing, 1.0)))
+        steep = ops.sqrt(2.0 / (self.both * self.total * ops.maximum(self.closing, 1.0)))
         root = ops.select(self.closing > 1.0, abs(self.turn) * steep, ops.sqrt(self.detour))
         angle = ops.atan2((high - low) * root, self.detour + low * high)
         return ops.select(self.turn < 0.0, -angle, angle)
 
 
-def _limited(ops: Any, v: Any, limit: float) -> Any:
+def _limited(ops: Any, v: Any, limit: float) -> Number:
     return ops.maximum(ops.minimum(v, limit), -limit)
 
 
@@ -370,24 +344,24 @@ def edge_wave(
     function, whose poles at the shadow's boundary are taken out in closed form. Beyond
     ``rule.turns`` the path of integration turns into the complex plane, where the wave decays.
 
-    ``aside``: a place beside the point, which says on which side of the shadow's boundary it is.
-    ``when``: (condition, compute, arguments) -> computed numbers; zeros where there is no need.
-    ``blocked``: 1 where another surface is in front of the boundary of the shadow, 0 where none is,
-    or between. There the step of the wave at this boundary is left out (SB5).
+    ``aside``: a position next to the point, which decides on which side of the shadow boundary the
+    point is. ``when``: (condition, compute, arguments) -> computed numbers; zeros if the condition
+    is false. ``blocked``: 1 where another surface is in front of the boundary of the shadow, 0
+    where none is, or between. There the step of the wave at this boundary is left out (SB5).
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
     along = tuple(a / length for a in along)
-    paths = _EdgePaths.of(ops, source, point, start, along, length)
-    detour, whole = paths.detour, paths.whole
+    paths = _EdgePaths(ops, source, point, start, along, length)
+    detour, total_path = paths.detour, paths.total
     distance, turn = paths.distance, paths.turn
     slant = 0.5 / paths.shortest
-    # from here on the place along the edge is v, its detour is detour + v^2
+    # below, the position along the edge is v, with the detour detour + v^2
     foot = 4.0 * paths.both * slant
 
-    def density(q: Any) -> Any:
+    def density(q: Any) -> Number:
         stretched = 1.0 + slant * q
-        return slant / ((whole + q) * ops.sqrt(stretched * (q * stretched + foot)))
+        return slant / ((total_path + q) * ops.sqrt(stretched * (q * stretched + foot)))
 
     limit = math.sqrt(rule.turns)
     low, high = (_limited(ops, v, limit) for v in (paths.low, paths.high))
@@ -397,7 +371,9 @@ def edge_wave(
     def near_foot(low: Any, high: Any) -> tuple[Any, Any]:
         """The sum of the wave less its pole."""
         scale = ops.sqrt(ops.minimum(foot, 4.0 * rule.turns))
-        first, last = (_asinh(ops, v / scale) for v in (low, high))
+        first, last = (
+            inverse_sinh(ops, v, ops.sqrt(v * v + 1.0)) for v in (low / scale, high / scale)
+        )
         middle, half = 0.5 * (first + last), 0.5 * (last - first)
         real, imag = 0.0, 0.0
         for at, weight in rule.nodes:
@@ -421,7 +397,7 @@ def edge_wave(
             z = Pair(q, y)
             risen = z * stretched
             rooted = _root(ops, z * stretched * Pair(risen.real + foot, risen.imag))
-            below = Pair(detour + q, y) * Pair(whole + q, y) * rooted
+            below = Pair(detour + q, y) * Pair(total_path + q, y) * rooted
             norm = weight / (below.real * below.real + below.imag * below.imag)
             total = total + Pair(below.real * norm, -below.imag * norm)
         wave = unit_wave(ops, detour + q) * total
@@ -440,12 +416,12 @@ def edge_wave(
     real, imag = when(low < high, near_foot, low, high)
     ends = paths.low, paths.high
     farther = when((low > ends[0]) | (high < ends[1]) | (low == high), outside, *ends)
-    step = 4.0 * distance * pole * ops.sqrt(0.5 * paths.both * whole * paths.closing)
+    step = 4.0 * distance * pole * ops.sqrt(0.5 * paths.both * total_path * paths.closing)
     if blocked is not None:
         step = step * (1.0 - blocked * ops.exp(-2.0 * math.pi * paths.detour))
-    # The angle jumps where the axis meets the edge, and turns around its ends. All edges take it at
-    # one place beside the point, so that their sum has neither.
-    beside = paths if aside is None else _EdgePaths.of(ops, source, aside, start, along, length)
+    # The angle jumps where the axis meets the edge, and turns around its ends. It is evaluated at
+    # the same position next to the point for all edges, so that their sum is smooth.
+    beside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
     step = step * beside.angle(ops, limit)
     return real + step + farther[0], imag + farther[1]
 
@@ -460,9 +436,9 @@ def edge_wave_and_rate(
     (height,) = jets.variables(source[2:])
     point, start, end = (jets.constants(some) for some in (point, start, end))
     beside = None if aside is None else jets.constants(aside)
-    (held,) = (None,) if blocked is None else jets.constants((blocked,))
-    place = (*jets.constants(source[:2]), height)
-    parts = edge_wave(jets, rule, place, point, start, end, beside, when, held)
+    (blocked_jet,) = (None,) if blocked is None else jets.constants((blocked,))
+    source_jets = (*jets.constants(source[:2]), height)
+    parts = edge_wave(jets, rule, source_jets, point, start, end, beside, when, blocked_jet)
     return Pair(*(part.value for part in parts)), Pair(*(part.slopes[0] for part in parts))
 
 
@@ -490,15 +466,15 @@ def path_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -
     return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30)
 
 
-def least_detour(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Any:
+def least_detour(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Number:
     """The shortest path from a source over a straight edge to a point, less their distance."""
     return path_over(ops, source, point, start, end)[0]
 
 
-def _asinh(ops: Any, x: Any) -> Any:
-    size = abs(x)
-    grown = ops.log(size + ops.sqrt(size * size + 1.0))
-    return ops.select(x < 0.0, -grown, grown)
+def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:
+    """The inverse of sinh, with cosh of the result given."""
+    logarithm = ops.log(abs(sinh) + cosh)
+    return ops.select(sinh < 0.0, -logarithm, logarithm)
 
 
 def _root(ops: Any, z: Pair) -> Pair:
@@ -508,14 +484,13 @@ def _root(ops: Any, z: Pair) -> Pair:
 
 
 class _Path:
-    """The way from a source over a place on an edge to a point. Lengths in wavelengths."""
+    """The path from a source over a point of an edge to a point. Lengths in wavelengths."""
 
     def __init__(
-        self, ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], place: tuple[Any, ...],
-        along: tuple[Any, ...],
-    ) -> None:  # fmt: skip
-        q = self.from_source = tuple(a - b for a, b in zip(place, source, strict=True))
-        r = self.to_point = tuple(a - b for a, b in zip(point, place, strict=True))
+        self, ops: Any, source: Point, point: Point, edge_point: Point, along: Point
+    ) -> None:
+        q = self.from_source = tuple(a - b for a, b in zip(edge_point, source, strict=True))
+        r = self.to_point = tuple(a - b for a, b in zip(point, edge_point, strict=True))
         self.axis = ops.sqrt(sum((a - b) ** 2 for a, b in zip(point, source, strict=True)))
         rho, radius = (ops.sqrt(dot(v, v)) for v in (q, r))
         self.both, self.product = rho + radius + self.axis, rho * radius
@@ -531,7 +506,7 @@ class _Path:
         self.turn = dot(self.ahead, r) * self.axis
 
     def smooth(self, ops: Any) -> tuple[Any, Any]:
-        """The angle less the boundary wave; on the axis each alone diverges."""
+        """The angle less the boundary wave; on the axis both diverge."""
         c, s = cos_sin_turns(ops, self.detour)
         c2, s2 = cos_sin_turns(ops, 0.5 * self.detour)
         slope = 4.0 * math.pi / (self.inner * self.both) * sinc(ops, self.detour)
@@ -546,7 +521,7 @@ def difference(a: Point, b: Point) -> Point:
     return tuple(x - y for x, y in zip(a, b, strict=True))
 
 
-def dot(a: Point, b: Point) -> Any:
+def dot(a: Point, b: Point) -> Number:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 

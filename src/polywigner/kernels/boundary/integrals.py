@@ -2,8 +2,8 @@
 
 Lengths are in wavelengths, phases in turns. Edges are cut into panels, straight pieces. A panel and
 a point have their own axes: e along the panel, n to its left, and the origin at the point's foot in
-the plane. There the point lies at the height z, a place on the panel is (s, b), b the same for all
-of them, and the wave has direction cosines (along, across, p_z). Source: (B1) to (B5).
+the plane. There the point lies at the height z, and a point of the panel is (s, b), with constant
+b, and the wave has direction cosines (along, across, p_z). Source: (B1) to (B5).
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ from polywigner.kernels.boundary.edge_waves import (
     TRAVELLING,
     EdgeWave,
     PanelView,
+    inverse_sinh,
     wave_difference,
 )
 from polywigner.kernels.kernel import Kernel, Values
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.nodes import (
     SUMS,
@@ -166,7 +167,7 @@ def _panel(
     view = panel_view(ops, first, length, b, z, (px * ex + py * ey, py * ex - px * ey, pz))
     free = Pair(*_free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
     moment = _moment(ops, cosines, offset, ex, ey) if oblique else ()
-    seen, sine, depth = wave.seen(ops, view, free, moment)
+    shared, sine, depth = wave.shared_data(ops, view, free, moment)
     phase = (*_square_along(row, inner), distance, view.along, start)
 
     def node(t: Any, s: Any, radius: Any, scale: Any, weights: Values, *pair: Any) -> Values:
@@ -177,11 +178,11 @@ def _panel(
 
     sums, expected = sums_over_panel(
         ops, tables.rules, view, (sine, depth, inner[9]), node, SUMS,
-        *phase, b, z, view.across, pz, *seen,
+        *phase, b, z, view.across, pz, *shared,
     )  # fmt: skip
     turns = _rounded_turns(ops, abs(x) + abs(y) + length, distance, abs(px) + abs(py))
     error = missed(ops, sums, expected, turns)
-    e, mirrored, grazing = Pair(*seen[:2]), Pair(*seen[2:4]), seen[4]
+    e, mirrored, grazing = Pair(*shared[:2]), Pair(*shared[2:4]), shared[4]
     rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
     closed = (wave.closed(ops, view) * rest).scaled(grazing)
     return _weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
@@ -269,8 +270,8 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
     """For a rule in v, s = sqrt(b^2 + z^2) sinh v: (distance of singularities, turns of phase over
     half of the interval of v, its middle, half its length); the distance in half-lengths."""
     away = ops.sqrt(view.b * view.b + view.z * view.z)
-    low = _inverse_sinh(ops, view.first / away, view.radius_first / away)
-    high = _inverse_sinh(ops, view.last / away, view.radius_last / away)
+    low = inverse_sinh(ops, view.first / away, view.radius_first / away)
+    high = inverse_sinh(ops, view.last / away, view.radius_last / away)
     middle, span = 0.5 * (low + high), 0.5 * (high - low)
     swing = ops.maximum(
         abs(view.first + view.along * view.radius_first),
@@ -281,7 +282,7 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, middle, span
 
 
-def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Any:
+def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
     """Turns whose rounding counts: of a source's size, and the distance's rest beyond two floats.
 
     The latter is common to all panels, and so is lost on fields far outside of a shadow's pattern,
@@ -312,28 +313,23 @@ def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -
 
 def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
     """The point relative to the panel's beginning, each component in two floats."""
-    found = []
+    offset = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
         rounded, lost = phases.difference(high, origin)
-        found.append((rounded, lost + low))
-    return (*found, (inner[4], inner[5]))
+        offset.append((rounded, lost + low))
+    return (*offset, (inner[4], inner[5]))
 
 
 def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
-    """The wave at the point if nothing were in its way, against the phase of the distance.
+    """The unobstructed wave at the point, relative to the phase of the distance.
 
     ``cosines``: pairs of floats; without the last pair, as if the point were in the plane.
     """
     floats = (*cosines, -1.0, 0.0)
     direction = tuple(zip(floats[::2], floats[1::2], strict=True))
-    place = (*offset[: len(direction) - 1], (inner[6], inner[7]))
-    turns = phases.reduced(ops, phases.dot(ops, direction, place)) + start
+    offsets = (*offset[: len(direction) - 1], (inner[6], inner[7]))
+    turns = phases.reduced(ops, phases.dot(ops, direction, offsets)) + start
     return cos_sin_turns(ops, turns)
-
-
-def _inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Any:
-    logarithm = ops.log(abs(sinh) + cosh)
-    return ops.select(sinh < 0.0, -logarithm, logarithm)
 
 
 def edge_wave(
@@ -368,7 +364,7 @@ def _fresnel_panel(
     z, digits = inner[4] + inner[5], inner[9]
     offset = _offset_of(inner, x, y)
     px, py, one = (cosines[0], cosines[1]), (cosines[2], cosines[3]), (1.0, 0.0)
-    # from the place where the wave would go through the plane on its way to the point
+    # from the point at which the wave to the point crosses the plane
     if oblique:
         dx = phases.cross(ops, px, offset[0], one, offset[2])
         dy = phases.cross(ops, py, offset[1], one, offset[2])
@@ -380,15 +376,15 @@ def _fresnel_panel(
     half = 0.5 * length
     swing = ops.maximum(abs(first), abs(first + length)) / z
     needed, expected = nodes_needed(ops, digits, _NO_SINGULARITY, 2 * math.pi * half * swing)
-    seen = (half, first, b, 0.5 / z, *_square_along(row, inner), along, start, *free)
-    sums = ops.sum_over_rule(rule_of(ops, needed), tables.rules, _node(ops), SUMS, *seen)
+    data = (half, first, b, 0.5 / z, *_square_along(row, inner), along, start, *free)
+    sums = ops.sum_over_rule(rule_of(ops, needed), tables.rules, _node(ops), SUMS, *data)
     size = abs(x) + abs(y) + length
     aside = abs(inner[0]) + abs(inner[2])
     turns = _rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
     return _weighted(row, sums[0], sums[1], missed(ops, sums, expected, turns))
 
 
-def _node(ops: Any) -> Any:
+def _node(ops: Any) -> Callable[..., Values]:
     tiny = 1e-300 if ops.double else 1e-37
 
     def node(

@@ -1,12 +1,12 @@
 """The parts of the edges of one copy of an outline that lie inside the other copy.
 
 ================  ==========================================================================
-module            what is in it
+module            content
 ================  ==========================================================================
-``clipping``      compiled code for few edges: the parts inside a mirrored or shifted copy
-``pair_grid``     which edges of two copies can meet, by cells of the offset between them; the parts
-                  of edges inside the other copy on NumPy
+``clipping``      few edges as constants of compiled code, clipped by convex pieces
+``pair_grid``     the edges of two copies that can meet, by cells of the offset between them;
+                  cuts of edges on NumPy
 ``cell_lists``    builds the lists of these cells
-``winding``       the same parts in compiled code, by winding numbers, from these lists
+``winding``       cuts in compiled code, by winding numbers, with edges as data
 ================  ==========================================================================
 """

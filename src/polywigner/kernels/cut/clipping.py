@@ -1,4 +1,10 @@
-"""The parts of the edges of one copy of a polygon that lie inside the other copy.
+"""Edges as constants of compiled code, and their parts that lie inside the other copy.
+
+A slice is the intersection of two copies of the outline. Its boundary consists of the edges of
+either copy, cut to the parts inside the other copy. Here that is decided line by line against the
+convex pieces of the other copy. Vertices are on a grid. Cuts of nearly parallel edges, and edges
+that coincide, are therefore as in exact arithmetic (docs/theory/edges.md). All other lines meet at
+a well-conditioned point.
 
 An edge point is p = a + t e, 0 <= t <= 1, in the coordinates of G itself; it lies inside the other
 copy if another point p' lies in G:
@@ -11,28 +17,146 @@ view           p'           slice
 ``AHEAD``      p + xi       position slice at xi, edges of G + xi/2 inside G - xi/2
 =============  ===========  =====================================================
 
-Every bound on t is affine in the offset, so one fused multiply-add and one minimum or maximum do.
-Ties are broken as if the offset 2x (or xi) were shifted by an infinitesimal vector that points to
-the right of every line; AHEAD and BEHIND see the same xi, so they agree.
+Every bound on t is affine in the offset, so it costs one fused multiply-add and one minimum or
+maximum. Ties are broken as if the offset 2x (or xi) were shifted by an infinitesimal vector that
+points to the right of every line; AHEAD and BEHIND use the same xi, so they agree.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator
+import math
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import Any, TypeVar
 
-from polywigner.kernels.outline.constants import Edge, Line, Piece
+import numpy as np
+import numpy.typing as npt
+
 from polywigner.kernels.outline.tables import Tables
+from polywigner.numerics import Number
+from polywigner.numerics.grid_arithmetic import (
+    GRID,
+    accurate_cross,
+    rounded,
+    signed_convex_pieces,
+    with_vertices_on_sides,
+)
 
-# Sine of the angle below which an edge and a line are nearly parallel: where they meet at this
-# angle is off by 1/0.03 ulps.
+# Sine of the angle below which an edge and a line are nearly parallel: at this angle rounding moves
+# their intersection by 1/0.03 ulps.
 _NEARLY_PARALLEL = 0.03
+
+Floats = npt.NDArray[np.float64]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A boundary edge from a to a + e, the polygon to its left."""
+
+    ax: Any
+    ay: Any
+    ex: Any
+    ey: Any
+    ux: Any
+    uy: Any
+    length: Any
+    """e = length u, with one unit vector u for all parallel edges; negative if e runs against u."""
+    real: Any = 1.0
+    """The complex weight of the element that the edge bounds."""
+    imag: Any = 0.0
+    group: Any = 0
+    """Index of the weight's field in ``Tables.groups``."""
+    begin: Any = 0
+    """Indices of the vertices a and a + e among all vertices of all rings of all elements."""
+    end: Any = 0
+
+
+@dataclass(frozen=True)
+class Line:
+    """The line through p along d; left of it cross(d, . - p) is positive."""
+
+    dx: float
+    dy: float
+    px: float
+    py: float
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A convex piece: (line, side) with side +1 if the piece lies left of the line."""
+
+    sides: tuple[tuple[int, int], ...]
+    real: float
+    """The element's weight; its negative for a triangle turned over by rounding."""
+    imag: float
+    group: int
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Edges, lines and convex pieces of all elements, on the grid."""
+
+    edges: tuple[Edge, ...]
+    lines: tuple[Line, ...]
+    pieces: tuple[Piece, ...]
+    step: float
+    """Spacing of the grid, to which offsets must be rounded."""
+
+
+@lru_cache(maxsize=128)
+def constants_of(tables: Tables) -> Constants:
+    """Return the constants of tables; elements share lines."""
+    step, frame = GRID[tables.double], tables.frame
+    group_of = dict(zip(tables.names[:, 2].tolist(), tables.names[:, 3].tolist(), strict=True))
+    edges: list[Edge] = []
+    pieces: list[Piece] = []
+    lines: dict[Line, int] = {}
+    directions: dict[tuple[float, float], tuple[float, float]] = {}
+    first = 0
+    for number, (aperture, weight) in enumerate(zip(tables.apertures, tables.weights, strict=True)):
+        group, weight = group_of[number], complex(weight)
+        for ring in aperture.rings:
+            points, distinct = rounded(frame.vertices(ring), step)
+            names = np.arange(first, first + len(ring))[distinct].tolist()
+            first += len(ring)
+            if len(points) < 3:
+                continue
+            for k, (ax, ay, ex, ey) in enumerate(_sides(points)):
+                length = math.copysign(math.hypot(ex, ey), ey if ey else ex)
+                unit = (ex / length, ey / length)
+                # directions equal up to rounding share one float pair, so that nu.u is shared
+                ux, uy = directions.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
+                ends = names[k], names[(k + 1) % len(names)]
+                edges.append(
+                    Edge(ax, ay, ex, ey, ux, uy, length, weight.real, weight.imag, group, *ends)
+                )
+        vertices = np.concatenate(list(aperture.rings))
+        joined = (with_vertices_on_sides(piece, vertices) for piece in aperture.convex_cover)
+        on_grid = [rounded(frame.vertices(piece), step)[0] for piece in joined]
+        for piece, sign in signed_convex_pieces(on_grid):
+            sides = dict.fromkeys(_line_of(side, lines) for side in _sides(piece))
+            pieces.append(Piece(tuple(sides), sign * weight.real, sign * weight.imag, group))
+    return Constants(tuple(edges), tuple(lines), tuple(pieces), step)
+
+
+def _sides(polygon: Floats) -> list[list[float]]:
+    """Start and vector of each side of a closed polygon (n, 2)."""
+    return list(np.hstack([polygon, np.roll(polygon, -1, axis=0) - polygon]).tolist())
+
+
+def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
+    """Index of the line of a side, the same for both directions, and 1 or -1."""
+    ax, ay, ex, ey = side
+    if ey > 0 or (ey == 0 and ex > 0):
+        return lines.setdefault(Line(ex, ey, ax, ay), len(lines)), 1
+    return lines.setdefault(Line(-ex, -ey, ax + ex, ay + ey), len(lines)), -1
 
 
 @dataclass(frozen=True)
 class View:
-    """Sign of the offset (times the vector T handed to the clipper) and of y."""
+    """p' = ``offset`` T + ``point`` p, each factor 1 or -1."""
 
     offset: int
     point: int
@@ -51,13 +175,12 @@ AHEAD = View(offset=+1, point=+1)
 class Clipper:
     """Cut of edges for one vector T = 2x or xi; edges and views share their terms.
 
-    Edges are constants: what can be decided while tracing is decided then.
+    Edges are constants, so that parallel edges are recognised while tracing.
     """
 
     def __init__(self, ops: Any, tables: Tables, tx: Any, ty: Any) -> None:
-        self.ops = ops
-        self.tables = tables
-        constants = tables.constants
+        self.ops, self.tables = ops, tables
+        constants = constants_of(tables)
         self.edges, self.lines, self.pieces = constants.edges, constants.lines, constants.pieces
         self.tx, self.ty = ops.snapped(tx, constants.step), ops.snapped(ty, constants.step)
         self._levels: dict[tuple[float, float], Any] = {}
@@ -65,27 +188,28 @@ class Clipper:
 
     def sum_over_edges(
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0, other: int = 0
-    ) -> Any:
-        """The sums, one by one, of the ``values`` values that ``term`` gives for each edge.
+    ) -> tuple[Any, ...]:
+        """The sums of the ``values`` values of ``term(edge)`` over the edges of a group.
 
-        Of the elements of one group, that is, with one field, as cut by those of another.
+        A group contains the elements with one field. They are cut by the elements of ``other``.
         """
         totals = [0.0] * values
         for edge in (edge for edge in self.edges if edge.group == group):
             totals = [a + b for a, b in zip(totals, term(edge), strict=True)]
         return tuple(totals)
 
-    def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
-        """Return ``compute()``, called once for all edges of one direction that are constants."""
+    def shared(self, edge: Edge, compute: Callable[[], T], *what: Hashable) -> T:
+        """Return ``compute()``, called once for all parallel edges if these are constants."""
         if type(self) is not Clipper:
             return compute()
         key = (edge.ux, edge.uy, *what)
         if key not in self._shared:
             self._shared[key] = compute()
-        return self._shared[key]
+        value: T = self._shared[key]
+        return value
 
-    def level(self, line: Line) -> Any:
-        """cross(direction, T), without the products that a direction along an axis omits."""
+    def level(self, line: Line) -> Number:
+        """cross(direction, T), with one product only for a direction along an axis."""
         key = (line.dx, line.dy)
         if key not in self._levels:
             x, y = self.tx * -line.dy, self.ty
@@ -100,14 +224,13 @@ class Clipper:
     ) -> Iterator[tuple[Any, Any, Any, Any]]:
         """(t0 + t1, t1 - t0, real, imag) of the edge inside each piece of a group.
 
-        t1 - t0 = 0 if it lies outside.
-
-        real + i imag: the weights in u(x + xi/2) u*(x - xi/2); an edge of the copy AHEAD is where
-        the second factor ends, any other where the first does.
+        t1 - t0 = 0 if the edge lies outside. real + i imag is the weight in
+        u(x + xi/2) u*(x - xi/2); edges of the copy AHEAD bound the second factor, all others the
+        first.
         """
         cuts: dict[int, Any] = {}
         for piece in (piece for piece in self.pieces if piece.group == group):
-            real, imag = self.tables.mutual(edge, piece)
+            real, imag = self.tables.mutual(edge.real, edge.imag, piece.real, piece.imag)
             middle, extent = self._interval(edge, view, piece, cuts)
             yield middle, extent, real, -imag if view is AHEAD else imag
 
@@ -120,9 +243,11 @@ class Clipper:
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
             line = self.lines[number]
-            slope = line.slope(edge)
+            # not rounded first, since the two may be nearly parallel
+            slope = float(accurate_cross(line.dx, line.dy, edge.ex, edge.ey))
             if slope == 0.0:
-                gates.append((_is_left(self._exact_distance(edge, line, view), view), side))
+                distance = self._exact_distance(edge, line, view)
+                gates.append((distance >= 0.0 if view is BEHIND else distance > 0.0, side))
                 continue
             if number not in cuts:
                 cuts[number] = (self._cut(edge, line, view, slope), slope * view.point > 0)
@@ -137,22 +262,19 @@ class Clipper:
             length = ops.select(lies_left, *inside)
         return low + high, length
 
-    def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Any:
+    def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Number:
         """t where the edge meets the line of the other copy."""
         scale = -view.point / slope
         size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
         if slope**2 < _NEARLY_PARALLEL**2 * size:
             return self._exact_distance(edge, line, view) * scale
-        start = line.start(edge, view.point)
+        x, y = view.point * edge.ax - line.px, view.point * edge.ay - line.py
+        start = float(accurate_cross(line.dx, line.dy, x, y))
         return self.ops.fma(self.level(line), view.offset * scale, start * scale)
 
-    def _exact_distance(self, edge: Edge, line: Line, view: View) -> Any:
+    def _exact_distance(self, edge: Edge, line: Line, view: View) -> Number:
         """Distance of the edge's start left of the line, from exact differences, to one ulp."""
         s, sign = view.offset, view.point
         dx = s * self.tx + (sign * edge.ax - line.px)
         dy = s * self.ty + (sign * edge.ay - line.py)
         return self.ops.cross(line.dx, line.dy, dx, dy)
-
-
-def _is_left(distance: Any, view: View) -> Any:
-    return distance >= 0.0 if view is BEHIND else distance > 0.0

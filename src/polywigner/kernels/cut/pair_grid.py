@@ -19,11 +19,12 @@ import numpy.typing as npt
 
 from polywigner.kernels.outline.frame import power_of_two
 from polywigner.kernels.outline.tables import Tables
+from polywigner.numerics import Number
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
 # How a row counts: as a crossing; as one before which the winding number is set; as a whole edge;
 # as both (an edge inside the other copy); as a crossing with the line that leads to a ring from
-# outside. The first bit is that of START, the second that of WHOLE.
+# outside. The first bit is the bit of START, the second bit is the bit of WHOLE.
 CROSSING, START, WHOLE, INSIDE, LEAD = range(5)
 # More than rounding does to a cross product of vectors of the frame.
 ROUNDED = 1e-13
@@ -44,8 +45,8 @@ class Outline:
     step: float
     """The spacing of the grid, a power of two."""
     edges: Array
-    """(n, 8) both ends of each edge, twice the area of the triangle with the origin, the complex
-    weight of the element; the polygon lies to the left."""
+    """(n, 8) both ends of each edge, 0, the complex weight of the element, and 0; the polygon lies
+    to the left."""
     starts: Array
     """(rings + 1,) where each ring begins, and n."""
     names: Array
@@ -59,15 +60,9 @@ class Outline:
     @property
     def following(self) -> Array:
         """(n,) the edge that comes next."""
-        found = np.arange(1, len(self.edges) + 1)
-        found[self.starts[1:] - 1] = self.starts[:-1]
-        return found
-
-    @property
-    def weights(self) -> Array:
-        """(n,) the weight of each edge's element."""
-        found: Array = self.edges[:, 5] + 1j * self.edges[:, 6]
-        return found
+        following = np.arange(1, len(self.edges) + 1)
+        following[self.starts[1:] - 1] = self.starts[:-1]
+        return following
 
     @cached_property
     def turned(self) -> Outline:
@@ -88,11 +83,10 @@ def outline_of(tables: Tables, group: int, double: bool) -> Outline:
     step = math.ldexp(reach, -53 if double else -24)
     edges = np.zeros((len(vertices), 8))
     edges[:, :2] = np.rint(vertices / step) * step
-    found = Outline(step, edges, np.append(starts, len(edges)), names)
-    edges[:, 2:4] = edges[found.following, :2]
-    edges[:, 4] = accurate_cross(*edges[:, :4].T)
+    outline = Outline(step, edges, np.append(starts, len(edges)), names)
+    edges[:, 2:4] = edges[outline.following, :2]
     edges[:, 5:7] = weights
-    return found
+    return outline
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +103,9 @@ class PairGrid:
     winding number in the other copy, times the weight of its element."""
     first: Any
     """(n, 8) start and vector of the edges of the first outline, 0, the weight, and 0; and of the
-    lines that lead to its rings."""
+    lines that lead to its rings, with weight 1."""
     second: Any
-    """(m + 1, 8) the same of the second outline, and an edge that meets none."""
+    """(m + 1, 8) the same of the second outline, and an edge of weight 1 that meets none."""
     names: Any
     """(n, 4) names of the edges of the first outline."""
     levels: Any
@@ -130,7 +124,8 @@ class PairGrid:
         cells = np.zeros((shape[0] + 2, shape[1] + 2, 3), np.intp)
         cells[1:-1, 1:-1] = self.cells[:-1, :3].reshape(*shape, 3)
         levels = self.levels[:, 0] + 1j * self.levels[:, 1]
-        is_complex = levels.imag.any() or self.first[:, 6].any() or self.second[:, 6].any()
+        weights = np.concatenate([t[:, 5] + 1j * t[:, 6] for t in (self.first, self.second)])
+        is_complex = levels.imag.any() or weights.imag.any()
         return HostGrid(
             complex(low_x, low_y),
             per_unit,
@@ -141,15 +136,8 @@ class PairGrid:
             _as_complex(self.first),
             _as_complex(self.second),
             levels if is_complex else levels.real,
-            self._has_unit_weights,
+            bool((weights == 1.0).all()),
         )
-
-    @property
-    def _has_unit_weights(self) -> bool:
-        """Whether the weight of each edge is 1."""
-        edges = np.concatenate([self.first, self.second])
-        edges = edges[edges[:, 5:7].any(axis=1)]  # neither leads nor the edge that meets none
-        return bool((edges[:, 5] == 1.0).all() and not edges[:, 6].any())
 
     @property
     def nbytes(self) -> int:
@@ -159,7 +147,7 @@ class PairGrid:
     def held(self, hold: Callable[[Array], Any]) -> PairGrid:
         """The grid with its tables in an engine's memory."""
         tables = {f.name: getattr(self, f.name) for f in fields(self)}
-        # engines do not read from arrays of no numbers
+        # engines do not read from empty arrays
         return replace(self, **{k: hold(v if len(v) else _NONE) for k, v in tables.items()})
 
 
@@ -197,15 +185,13 @@ def _as_complex(edges: Array) -> Array:
 
 # Edges at a smaller angle (its sine) cross where the quotient of rounded levels is too inaccurate.
 _SLANTED = 1 / 16
-# Of more rows, those of edges inside the other copy are taken apart.
-_MANY_ROWS = 1 << 10
 
 
 def cells_at(grid: HostGrid, t: Array) -> Array:
-    """The numbers of the cells of offsets ``t`` (n,), those of the border included."""
-    (rows, across), place = grid.shape, (t - grid.low) * grid.per_unit
-    column = np.fmin(np.fmax(np.floor(place.real), -1.0), across)
-    row = np.fmin(np.fmax(np.floor(place.imag), -1.0), rows)
+    """The indices of the cells of offsets ``t`` (n,), including cells of the border."""
+    (rows, across), position = grid.shape, (t - grid.low) * grid.per_unit
+    column = np.fmin(np.fmax(np.floor(position.real), -1.0), across)
+    row = np.fmin(np.fmax(np.floor(position.imag), -1.0), rows)
     return np.asarray((row + 1.0) * (across + 2) + column + 1.0).astype(np.intp)
 
 
@@ -229,16 +215,6 @@ def cut_edges(
     ascending order; its edge, rows of ``grid.first``; its share of the edge's length; and the
     weight of the edge times the conjugate of the level there. Signs of cross products are exact.
     """
-    if len(row) > _MANY_ROWS and (row[:, 2] == INSIDE).any():
-        inside = row[:, 2] == INSIDE
-        parts = cut_edges(grid, row[~inside], owner[~inside], t, side)
-        edge, level = grid.first[row[inside, 0]], grid.levels[row[inside, 3]]
-        others = owner[inside], edge, np.ones(len(edge)), _mutual(grid, edge, level)
-        order = np.concatenate([parts[0], others[0]]).argsort(kind="stable")
-        owner, edge, share, weight = (
-            np.concatenate(pair)[order] for pair in zip(parts, others, strict=True)
-        )
-        return owner, edge, share, weight
     number, other, how, level_of = row.T
     edge, against = grid.first.take(number, axis=0), grid.second.take(other, axis=0)
     p = t.take(owner) - against[:, 0] - edge[:, 0]
@@ -250,11 +226,11 @@ def cut_edges(
     near: Array = abs(levels) < ROUNDED  # of vectors shorter than 8
     if near.any():
         _make_exact(levels, np.flatnonzero(near.any(axis=0)), e, f, p)
-    own, others = edge[:, 2].real, against[:, 2].real
+    limit, other_limit = edge[:, 2].real, against[:, 2].real
     if side < 0.0:
-        own, others = -NO_LEVEL - own, -NO_LEVEL - others
-    enters = levels[3] > others
-    meets = ((levels[0] > own) ^ (levels[1] > own)) & ((levels[2] > others) ^ enters)
+        limit, other_limit = -NO_LEVEL - limit, -NO_LEVEL - other_limit
+    enters = levels[3] > other_limit
+    meets = ((levels[0] > limit) ^ (levels[1] > limit)) & ((levels[2] > other_limit) ^ enters)
     slanted = meets & (abs(turn) < _SLANTED * edge[:, 2].imag * against[:, 2].imag)
     if slanted.any():
         _make_exact(levels, slanted.nonzero()[0], e, f, p)
@@ -269,12 +245,12 @@ def cut_edges(
     level = before + (grid.levels.take(level_of) - before).take(last)
     weight = np.where(how & WHOLE, level, np.where(how == LEAD, 0.0, jump))
     weight = weight.astype(jump.dtype, copy=False)
-    (kept,) = weight.nonzero()
-    levels, share = levels[2:, kept], np.empty(len(kept))
+    (parts,) = weight.nonzero()
+    levels, share = levels[2:, parts], np.empty(len(parts))
     share.fill(1.0)
-    np.divide(levels[1], levels[1] - levels[0], out=share, where=meets[kept])
-    edge = edge[kept]
-    return owner[kept], edge, share, _mutual(grid, edge, weight[kept])
+    np.divide(levels[1], levels[1] - levels[0], out=share, where=meets[parts])
+    edge = edge[parts]
+    return owner[parts], edge, share, _mutual(grid, edge, weight[parts])
 
 
 def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
@@ -286,7 +262,7 @@ def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
 
 
 def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> None:
-    """Replace levels by those with exact differences and products."""
+    """Replace levels by levels from exact differences and products."""
     e, f, p = e[columns], f[columns], p[columns]
     pairs = (e, p), (e, p - f), (f, p), (f, p - e)
     for row, (one, two) in zip(levels, pairs, strict=True):
@@ -309,12 +285,12 @@ def crossing(
     before = ops.cross(ex, ey, px, py)
     after = ops.cross(ex, ey, px - fx, py - fy)
     start, end = ops.cross(fx, fy, px, py), ops.cross(fx, fy, px - ex, py - ey)
-    own, others = _limit(ops, ex, ey, side), _limit(ops, fx, fy, side)
-    at_start, at_end = start > others, end > others
-    return ((before > own) ^ (after > own)) & (at_start ^ at_end), at_end, start, end
+    limit, other_limit = _limit(ops, ex, ey, side), _limit(ops, fx, fy, side)
+    at_start, at_end = start > other_limit, end > other_limit
+    return ((before > limit) ^ (after > limit)) & (at_start ^ at_end), at_end, start, end
 
 
-def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Any:
+def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Number:
     """The level cross(e, T - p) above which p counts as left of e: 0, or just below.
 
     Ties are decided as if T were displaced by side (eps, -eps^2). No level on the grid is as near

@@ -1,14 +1,14 @@
 """The formulas: W, A, F and areas as sums over edges, slits and bodies.
 
 ===================  ==========================================================================
-module               what is in it
+module               content
 ===================  ==========================================================================
 ``edge_terms``       the plane-wave integral over an edge; the terms of W and A for a part of it
 ``slices``           W and A, sums of these terms over the parts of edges that bound slices
 ``gauss_schell``     Gaussian waves over polygons and intervals, edge by edge
 ``partly_coherent``  W of partly coherent light, as kernels
 ``fourier``          Fourier transform, at points and on grids of frequencies
-``simplices``        Fourier transform of slits, of what is thin, and of polyhedra, by simplices
+``simplices``        Fourier transform of slits, thin shapes and polyhedra, by simplices
 ``intervals``        the transforms of slits, and a few waves on one of them
 ``separable``        fields f(x) g(y) on a rectangle, and their transforms as kernels
 ``plane``            the field and the transforms of apertures, in their plane and in any pose

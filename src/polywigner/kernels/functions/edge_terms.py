@@ -1,12 +1,13 @@
-"""Terms of W and A: contributions of parts of edges, however they were cut.
+"""Terms of W and A: contributions of parts of edges.
 
-A part is a vector d with its middle m, as a lag or as a position; nu.d and nu.m, in turns, and
-cross(nu, d) are all that its term depends on. `EvenTerms` is (W1) of docs/theory.md, for real
-weights: only sines are left, in which nothing cancels as nu goes to 0. `WaveTerms` is (W2) and
-(A1), for all weights: cosines sum to zero at nu = 0, so that cos - 1 stands for cos.
+A part is a vector d with its midpoint m, as a lag or as a position; its term depends only on nu.d
+and nu.m, in cycles, and cross(nu, d). `EvenTerms` is (W1) of docs/theory.md, for real weights: it
+contains only sines, which do not cancel as nu goes to 0. `WaveTerms` is (W2) and (A1), for all
+weights: cosines sum to zero at nu = 0, so that cos - 1 stands for cos.
 
-Whoever cuts edges makes the terms of a frequency, asks `along` once per direction of edges, adds
-parts with `added`, multiplies by what an edge's parts share with `of_edge`, and ends with `total`.
+The code that cuts edges creates the terms of a frequency, calls `along` once per direction of
+edges, adds parts with `added`, multiplies by the common factors of an edge with `of_edge`, and ends
+with `total`.
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ import math
 from copy import copy
 from typing import Any
 
+from polywigner.numerics import Number
 from polywigner.numerics.phases import sin_turns, sinc_less_one
 
 
-def segment_wave(ops: Any, half: Any, middle: Any) -> tuple[Any, Any]:
+def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
     """sinc(l) sin(2 pi m) and sinc(l) cos(2 pi m) - 1, for half of l and m in turns.
 
     The second without cancellation where both are near 1. Series of sinc - 1 below a quarter
@@ -28,15 +30,15 @@ def segment_wave(ops: Any, half: Any, middle: Any) -> tuple[Any, Any]:
     series = sinc_less_one(ops, ops.select(small, 2.0 * half, 0.0), 8 if ops.double else 5)
     divisor = 2 * math.pi * ops.select(small, 1.0, half)
     less_one = ops.select(small, series, sin_turns(ops, half) / divisor - 1.0)
-    half_sine = sin_turns(ops, 0.5 * middle)
+    half_sine = sin_turns(ops, 0.5 * midpoint)
     cosine_less_one = -2.0 * half_sine * half_sine
-    sine = sin_turns(ops, middle)
+    sine = sin_turns(ops, midpoint)
     both = ops.fma(less_one, cosine_less_one, less_one + cosine_less_one)
     return ops.fma(less_one, sine, sine), both
 
 
 def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
-    """A frequency, or if it is so small that its square underflows, one that is just larger.
+    """Return a frequency, or a slightly larger one if its square would underflow.
 
     Changes a transform by the floor times the diameter, far below rounding. Terms are of the order
     of the square; what rounding loses of their sum, 6e-8 of it and less, must not underflow either:
@@ -46,14 +48,14 @@ def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
-    tiny = (abs(x) < floor) & (abs(y) < floor)  # false if either is not a number
+    tiny = (abs(x) < floor) & (abs(y) < floor)  # false for NaN
     return ops.select(tiny, floor, x), ops.select(tiny, 0.0, y)
 
 
 Values = tuple[Any, ...]
 
 
-def times(factor: Any, value: Any) -> Any:
+def times(factor: Any, value: Any) -> Number:
     """factor value, without the multiplication where the factor is a constant 1 or -1."""
     if isinstance(factor, float) and abs(factor) == 1.0:
         return value if factor > 0 else -value
@@ -77,30 +79,30 @@ class EdgeTerms:
     by_part = False
     """Whether terms of parts share nothing along an edge: there is only :meth:`of_part`."""
 
-    def taken(self, owner: Any) -> Any:
+    def taken(self, owner: Any) -> EdgeTerms:
         """The terms of NumPy at the frequencies (k,) of some numbers."""
-        found, (nu_x, nu_y) = object.__new__(type(self)), self.nu
-        found.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
-        return found
+        terms, (nu_x, nu_y) = object.__new__(type(self)), self.nu
+        terms.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
+        return terms
 
-    def at_columns(self, rows: Any, columns: slice) -> Any:
+    def at_columns(self, rows: Any, columns: slice) -> EdgeTerms:
         """The terms of NumPy at some of the frequencies (n, m); ``rows``: None for all."""
-        found = copy(self)
-        found.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
-        return found
+        terms = copy(self)
+        terms.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
+        return terms
 
     def along(self, ux: Any, uy: Any) -> Values:
         """Numbers that depend on the vector u of an edge; nu.u first."""
         raise NotImplementedError
 
     def added(
-        self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
+        self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
         """The sums of an edge with one more part of it; None before the first.
 
-        ``half``, ``middle``: nu.d/2 and nu.m in turns; ``extent``: the part's length in units of
-        the edge's; ``weight``: (real, imaginary) product of the weights of both elements, times
-        the jump or level of the other copy. The sums lack the factors of `of_edge`.
+        ``half``, ``midpoint``: nu.d/2 and nu.m in cycles; ``extent``: the part's length in units of
+        the edge's; ``weight``: (real, imaginary) product of the weights of both elements, times the
+        jump or level of the other copy. The sums lack the factors of `of_edge`.
         """
         raise NotImplementedError
 
@@ -112,8 +114,8 @@ class EdgeTerms:
         """The term of a part: its centre, its vector and its weight."""
         nu_x, nu_y = self.nu
         along = self.along(dx, dy)
-        middle = self.ops.fma(nu_x, x, nu_y * y)
-        sums = self.added(None, 0.5 * along[0], middle, 1.0, (real, imag))
+        midpoint = self.ops.fma(nu_x, x, nu_y * y)
+        sums = self.added(None, 0.5 * along[0], midpoint, 1.0, (real, imag))
         return self.of_edge(along, 1.0, sums)
 
     def total(self, sums: Values) -> Values:
@@ -140,10 +142,10 @@ class EvenTerms(EdgeTerms):
         return along, ops.fma(nu_x, uy, nu_y * -ux) / along
 
     def added(
-        self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
+        self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
         size = times(weight[0], sin_turns(self.ops, half))
-        phase = sin_turns(self.ops, middle)
+        phase = sin_turns(self.ops, midpoint)
         return (size * phase if sums is None else self.ops.fma(size, phase, sums[0]),)
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
@@ -170,15 +172,15 @@ class WaveTerms(EdgeTerms):
         return self.ops.fma(nu_x, ux, nu_y * uy), self.ops.fma(nu_x, uy, nu_y * -ux)
 
     def added(
-        self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
+        self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
         ops, (real, imag) = self.ops, weight
-        sine, cosine = segment_wave(ops, half, middle)
-        found = _with(ops, sums, times(real, extent), sine, cosine)
+        sine, cosine = segment_wave(ops, half, midpoint)
+        waves = _with(ops, sums, times(real, extent), sine, cosine)
         if isinstance(imag, float) and imag == 0.0:
-            return found
+            return waves
         share = times(extent, imag)
-        return ops.fma(-share, cosine, found[0]), ops.fma(share, sine, found[1])
+        return ops.fma(-share, cosine, waves[0]), ops.fma(share, sine, waves[1])
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
         across = times(length, along[1])

@@ -4,21 +4,21 @@ One triangle contributes ``cross(p, p') exp[0, a, b]``, the second divided diffe
 exponential at ``0``, ``a = -2 pi i nu.p`` and ``b = -2 pi i nu.p'``. Unlike the edge sum of the
 paper's eq. (FVT) it has no division by nu, stays accurate for slivers, and a boundary that closes
 only up to rounding costs no more than rounding (docs/theory.md, (F2)). Bodies are sums of
-tetrahedra in the same way.
+tetrahedra by the same formula.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from polywigner.kernels.outline.frame import Frame, Matrix, frame_of, times
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
 from polywigner.numerics.grid_arithmetic import accurate_cross
@@ -26,60 +26,6 @@ from polywigner.numerics.phases import cos_sin_turns, sinc, sinc_less_one
 
 Values = tuple[Any, ...]
 Array = npt.NDArray[Any]
-
-# Edge vectors this close, in the frame, count as equal: congruent elements have them after
-# rounding. Their mean stands for them, which moves the transform no more than that rounding did.
-_EQUAL = 2.0**-51
-
-
-@dataclass(frozen=True, eq=False)
-class Family:
-    """Edges with one vector (ex, ey) up to sign; a component that is rounding only is 0."""
-
-    ex: float
-    ey: float
-    middles: npt.NDArray[np.float64]
-    """(n, 2) their midpoints."""
-    weights: npt.NDArray[np.complex128]
-    """(n,) the field on the edge's element, for an edge along (ex, ey); minus that against it."""
-
-    @property
-    def straight(self) -> bool:
-        """Whether the edges run along an axis."""
-        return self.ex == 0.0 or self.ey == 0.0
-
-
-def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) -> tuple[Family, ...]:
-    """Edges (begin x, y, end x, y, ...) sorted into families, with the field on their elements."""
-    corners = np.array(edges)
-    begin, end = corners[:, :2], corners[:, 2:4]
-    vectors, middles = end - begin, (begin + end) / 2
-    vectors[np.abs(vectors) <= _EQUAL] = 0.0
-    backwards = (vectors[:, 1] < 0) | ((vectors[:, 1] == 0) & (vectors[:, 0] < 0))
-    signs = np.where(backwards, -1.0, 1.0)
-    weights = signs * np.asarray(field, np.complex128)
-    vectors *= signs[:, None]
-    families = []
-    for members in _clusters(vectors):
-        ex, ey = vectors[members].mean(axis=0).tolist()
-        families.append(Family(ex, ey, middles[members], weights[members]))
-    return tuple(families)
-
-
-def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
-    """Numbers of the vectors that agree with the first of their cluster in both components."""
-    found: list[list[int]] = []
-    near: list[list[int]] = []  # clusters that the next vector in order of x may still belong to
-    for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
-        near = [c for c in near if vectors[k, 0] - vectors[c[0], 0] <= _EQUAL]
-        for cluster in near:
-            if abs(vectors[k, 1] - vectors[cluster[0], 1]) <= _EQUAL:
-                cluster.append(k)
-                break
-        else:
-            near.append([k])
-            found.append(near[-1])
-    return found
 
 
 @dataclass(frozen=True)
@@ -96,7 +42,7 @@ class OutlineTables:
 def outline_tables(
     rings: Sequence[npt.NDArray[np.float64]], frame: Frame | None = None
 ) -> OutlineTables:
-    """The tables of a polygon to the left of its rings, in its own frame or a wider one."""
+    """Return the tables of a polygon to the left of its rings, by default in its frame."""
     frame = frame or frame_of(np.concatenate(rings))
     edges: list[tuple[float, ...]] = []
     following: list[int] = []
@@ -134,14 +80,14 @@ def fan_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
         cosine, sine = simplex_plane_wave(ops, *corners)
         return cosine * row[-1], sine * row[-1]
 
-    found: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=_is_short(nu))
-    return found
+    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=_is_short(nu))
+    return total
 
 
 def complex_fan_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Values:
     """F(nu) exp(-2 pi level) for complex nu in the frame: analytic in nu, no conjugate anywhere.
 
-    All real parts of nu, then all imaginary ones. The level is that of the largest wave in the
+    All real parts of nu, then all imaginary ones. The level belongs to the largest wave in the
     frame's box, so that no term overflows.
     """
     real, imag = nu[: len(nu) // 2], nu[len(nu) // 2 :]
@@ -155,12 +101,13 @@ def complex_fan_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) ->
         wave = simplex_complex_wave(ops, *corners, level=level).scaled(row[-1])
         return wave.real, wave.imag
 
-    found: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=_is_short(real))
-    return found
+    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=_is_short(real))
+    return total
 
 
 def _is_short(nu: Values) -> bool:
-    """Whether terms may be unrolled; of a cube's tetrahedra it takes 3 s and half the speed."""
+    """Whether terms may be unrolled; for a cube's tetrahedra that takes 3 s to compile and runs
+    half as fast."""
     return len(nu) < 3
 
 
@@ -168,38 +115,84 @@ def _corners(row: Values, dimension: int) -> list[Values]:
     return [row[k : k + dimension] for k in range(0, dimension**2, dimension)]
 
 
-def _dot(ops: Any, nu: Values, point: Values) -> Any:
+def _dot(ops: Any, nu: Values, point: Values) -> Number:
     total = nu[-1] * point[-1]
     for component, coordinate in zip(nu[-2::-1], point[-2::-1], strict=True):
         total = ops.fma(component, coordinate, total)
     return total
 
 
-# An edge's midpoint wave times nu x e/(2 pi |nu|^2) is rounded to an ulp: F errs by
-# ulp * perimeter/(2 pi |nu|). Nearer to the origin than where that is this much of the area, (F1)
-# is not used. Ulps are those of float64 and float32.
+# ---- grids of frequencies --------------------------------------------------------------------
+
+# Rounding of a midpoint's wave moves F by ulp * perimeter/(2 pi |nu|). Where that is more than this
+# fraction of the area, (F1) is not used. Both in double and in single precision.
 _LOSS = {True: 5e-15, False: 1e-6}
 _ULP = {True: 2.0**-53, False: 2.0**-24}
 _DTYPES: dict[bool, np.dtype[Any]] = {True: np.dtype(np.float64), False: np.dtype(np.float32)}
 # Rounding the vertices costs 1e-14 of the area, times perimeter * lever / (this much area): as for
 # a fan of triangles (``simplices``).
 _MOST_SLENDER = 512.0
-# Below this |q| (turns) sinc(q) is summed as a series; above it, it is a quotient of the sines and
+# Below this |q| (cycles) sinc(q) is summed as a series; above it, it is a quotient of the sines and
 # cosines of the axes, and those err by an ulp of 1. First omitted term: 0.31^12/13! = 1e-16 and
 # 0.31^8/9! = 3e-10.
 _NEAR = 0.1
 _TERMS = {True: 5, False: 3}
 # Values of a temporary array that stay in the cache of one core.
 _BLOCK = 1 << 14
-# Larger matrix products are shared among threads, which wait for each other: on a busy machine that
-# takes up to a hundred times as long. A stack of smaller ones costs a tenth more, if they have rows
-# by the four.
+# BLAS shares larger matrix products among threads, which on a busy machine takes up to a hundred
+# times as long. A stack of smaller products, of at least four rows, costs a tenth more.
 _SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
 # Edges whose waves are in memory at a time: some 40 MB for 512 x 512 points.
 _MOST_EDGES = 1024
+# Edge vectors this close, in the frame, count as equal: congruent elements have them after
+# rounding. Their mean replaces them, which moves the transform no more than that rounding did.
+_EQUAL = 2.0**-51
 
-Waves = tuple[Array, Array]
-"""Cosines and sines, (frequencies, positions)."""
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Edges with one vector (ex, ey) up to sign; a component within rounding of 0 is 0."""
+
+    ex: float
+    ey: float
+    midpoints: npt.NDArray[np.float64]
+    """(n, 2)"""
+    weights: npt.NDArray[np.complex128]
+    """(n,) the field on the edge's element for an edge along (ex, ey), else its negative."""
+
+
+def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) -> tuple[Family, ...]:
+    """Sort edges (begin x, y, end x, y, ...) into families, with the field on their elements."""
+    corners = np.array(edges)
+    begin, end = corners[:, :2], corners[:, 2:4]
+    vectors, midpoints = end - begin, (begin + end) / 2
+    vectors[np.abs(vectors) <= _EQUAL] = 0.0
+    backwards = (vectors[:, 1] < 0) | ((vectors[:, 1] == 0) & (vectors[:, 0] < 0))
+    signs = np.where(backwards, -1.0, 1.0)
+    weights = signs * np.asarray(field, np.complex128)
+    vectors *= signs[:, None]
+    families = []
+    for members in _clusters(vectors):
+        ex, ey = vectors[members].mean(axis=0).tolist()
+        for some in (members[k : k + _MOST_EDGES] for k in range(0, len(members), _MOST_EDGES)):
+            families.append(Family(ex, ey, midpoints[some], weights[some]))
+    return tuple(families)
+
+
+def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
+    """Numbers of the vectors that agree with the first of their cluster in both components."""
+    clusters: list[list[int]] = []
+    near: list[list[int]] = []  # clusters that the next vector in order of x may still belong to
+    for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
+        near = [c for c in near if vectors[k, 0] - vectors[c[0], 0] <= _EQUAL]
+        for cluster in near:
+            if abs(vectors[k, 1] - vectors[cluster[0], 1]) <= _EQUAL:
+                cluster.append(k)
+                break
+        else:
+            near.append([k])
+            clusters.append(near[-1])
+    return clusters
 
 
 @dataclass(frozen=True)
@@ -207,19 +200,17 @@ class GridTables:
     """The constants of a polygon for grids."""
 
     frame: Frame
-    straight: tuple[Family, ...]
-    """Edges along either axis."""
-    oblique: tuple[Family, ...]
+    families: tuple[Family, ...]
     terms: int
-    """One for each edge."""
+    """Number of edges."""
     perimeter_over_area: float
 
     @property
     def scales(self) -> tuple[float, float]:
         """Factors from the user's nu_x and nu_y to the frame's, in either order."""
         assert self.frame.axes is not None
-        own = {axis: k for k, axis in enumerate(self.frame.axes)}
-        x, y = (self.frame.inverse_transpose[own[axis]][axis] for axis in (0, 1))
+        row_of = {axis: k for k, axis in enumerate(self.frame.axes)}
+        x, y = (self.frame.inverse_transpose[row_of[axis]][axis] for axis in (0, 1))
         return x, y
 
     def floor(self, double: bool) -> float:
@@ -231,130 +222,87 @@ class GridTables:
 class OutlineSum:
     """A kernel's sum over all edges of an outline, with constants for grids of its arguments."""
 
-    summed: Callable[..., tuple[Any, ...]]
+    summed: Callable[..., Values]
     on_grid: Callable[[Any], GridTables | None]
-    """source -> constants, None where it has none; cached."""
+    """(source) -> constants, or None if grids are not supported; cached."""
 
-    def __call__(self, ops: Any, tables: Any, *inner: Any) -> tuple[Any, ...]:
+    def __call__(self, ops: Any, tables: Any, *inner: Any) -> Values:
         return self.summed(ops, tables, *inner)
 
 
 def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables | None:
-    """The families of edges, the field on each edge's element given.
+    """Return the tables for grids of an outline, with the field on each edge's element.
 
-    None in a frame that is turned, where a grid is none any more, and for what is too slender.
+    None in a rotated frame, in which a grid is no grid, and for outlines that are too slender.
     """
     if tables.frame.axes is None:
         return None
     families = families_of(tables.edges, field)
-    straight = tuple(f for f in families if f.straight)
-    oblique = tuple(f for f in families if not f.straight)
     perimeter = sum(float(np.abs(f.weights).sum()) * math.hypot(f.ex, f.ey) for f in families)
     area = sum(abs(w) * edge[-1] for w, edge in zip(field, tables.edges, strict=True)) / 2
     if not perimeter * math.hypot(*tables.frame.reach) < _MOST_SLENDER * area:
         return None
-    return GridTables(tables.frame, straight, oblique, len(tables.edges), perimeter / area)
+    return GridTables(tables.frame, families, len(tables.edges), perimeter / area)
 
 
-@dataclass(frozen=True)
-class _Axis:
-    """Frequencies along one axis: in the frame, and the turns of the centre."""
+class _FamilyTerm:
+    """pi (nu x e) sinc(nu.e) times the sum of the waves of one family, on a grid.
 
-    nu: Array
-    turns: Array
+    ``x``, ``y``: frequencies of the axes in the frame, and the phase of the centre in cycles. The
+    waves of all midpoints are one matrix product, cosine and sine parts side by side.
+    """
 
-    def waves(self, ops: Any, positions: Array) -> Waves:
-        """(cosine, sine) of 2 pi nu x."""
-        cosine, sine = cos_sin_turns(ops, self.nu[:, None] * positions + self.turns[:, None])
-        return cosine, sine
-
-
-@dataclass(frozen=True)
-class _Product:
-    """Sums over midpoints, cosine and sine parts side by side, as one matrix product."""
-
-    left: Array
-    right: Array
-
-    def rows(self, rows: slice) -> Array:
-        left = self.left[rows]
-        product = np.empty((len(left), self.right.shape[1]), left.dtype)
-        few = _SERIAL_PRODUCT // self.right.size // _LEAST_ROWS * _LEAST_ROWS
-        whole = len(left) // few * few if few else 0
-        if whole:
-            stack = (-1, few)
-            np.matmul(
-                left[:whole].reshape(*stack, left.shape[1]),
-                self.right,
-                out=product[:whole].reshape(*stack, product.shape[1]),
-            )
-        np.matmul(left[whole:], self.right, out=product[whole:])
-        return product.reshape(len(product), 2, -1)
-
-
-def _product(x: Waves, y: Waves, dtype: np.dtype[Any]) -> _Product:
-    """cos(a + b) and sin(a + b) summed over the members, a along x and b along y."""
-    (cos_x, sin_x), (cos_y, sin_y) = x, y
-    left = np.concatenate([cos_x, sin_x], axis=1, dtype=dtype, casting="same_kind")
-    right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]])
-    return _Product(left, right.astype(dtype, order="C"))
-
-
-def _weighted(waves: Waves, weights: Array) -> Waves:
-    """(cosine - i sine) times complex weights, again as cosine and sine."""
-    cosine, sine = waves
-    if not weights.imag.any():
-        return cosine * weights.real, sine * weights.real
-    real = cosine * weights.real + sine * weights.imag
-    return real, sine * weights.real - cosine * weights.imag
-
-
-def _straight_product(
-    ops: Any, families: Sequence[Family], x: _Axis, y: _Axis, dtype: np.dtype[Any]
-) -> _Product:
-    """pi (nu x e) sinc(nu.e) times the waves of the edges along the axes: all a product."""
-    parts_x, parts_y = [], []
-    for family in families:
-        along_x = family.ey == 0.0
-        waves_x = x.waves(ops, family.middles[:, 0])
-        waves_y = y.waves(ops, family.middles[:, 1])
-        if along_x:
-            factor_x = -family.ex * math.pi * sinc(ops, x.nu * family.ex)
-            factor_y = y.nu
-        else:
-            factor_x = x.nu
-            factor_y = family.ey * math.pi * sinc(ops, y.nu * family.ey)
-        parts_x.append([wave * factor_x[:, None] for wave in _weighted(waves_x, family.weights)])
-        parts_y.append([wave * factor_y[:, None] for wave in waves_y])
-    cos_x, sin_x = (np.concatenate(part, axis=1) for part in zip(*parts_x, strict=True))
-    cos_y, sin_y = (np.concatenate(part, axis=1) for part in zip(*parts_y, strict=True))
-    return _product((cos_x, sin_x), (cos_y, sin_y), dtype)
-
-
-class _Oblique:
-    """pi (nu x e) sinc(nu.e) times the sum of the waves of one family."""
-
-    def __init__(self, ops: Any, family: Family, x: _Axis, y: _Axis, double: bool) -> None:
-        self.ops, self.terms = ops, _TERMS[double]
-        dtype = _DTYPES[double]
-        waves_x = x.waves(ops, family.middles[:, 0])
-        waves_x = _weighted(waves_x, family.weights)
-        self.waves = _product(waves_x, y.waves(ops, family.middles[:, 1]), dtype)
-        self.q_x, self.q_y = ((a.nu * e).astype(dtype) for a, e in ((x, family.ex), (y, family.ey)))
-        self.c_x, self.c_y = ((a.nu * e).astype(dtype) for a, e in ((x, family.ey), (y, family.ex)))
-        cos_x, sin_x = cos_sin_turns(ops, 0.5 * x.nu * family.ex)
-        cos_y, sin_y = cos_sin_turns(ops, 0.5 * y.nu * family.ey)
-        self.left = np.stack([sin_x, cos_x], axis=1).astype(dtype)
-        self.right = np.stack([cos_y, sin_y]).astype(dtype)
+    def __init__(self, ops: Any, family: Family, x: Values, y: Values, double: bool) -> None:
+        self.ops, self.terms, dtype = ops, _TERMS[double], _DTYPES[double]
+        (nu_x, turns_x), (nu_y, turns_y) = x, y
+        points = family.midpoints
+        cos_x, sin_x = cos_sin_turns(ops, nu_x[:, None] * points[:, 0] + turns_x[:, None])
+        cos_y, sin_y = cos_sin_turns(ops, nu_y[:, None] * points[:, 1] + turns_y[:, None])
+        real, imag = family.weights.real, family.weights.imag
+        cos_x, sin_x = cos_x * real + sin_x * imag, sin_x * real - cos_x * imag
+        self.is_straight = family.ex == 0.0 or family.ey == 0.0
+        if self.is_straight:  # the factor is a product of the axes
+            along_x = family.ey == 0.0
+            factor_x = -family.ex * math.pi * sinc(ops, nu_x * family.ex) if along_x else nu_x
+            factor_y = nu_y if along_x else family.ey * math.pi * sinc(ops, nu_y * family.ey)
+            cos_x, sin_x = cos_x * factor_x[:, None], sin_x * factor_x[:, None]
+            cos_y, sin_y = cos_y * factor_y[:, None], sin_y * factor_y[:, None]
+        self.left = np.concatenate([cos_x, sin_x], axis=1).astype(dtype)
+        self.right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]]).astype(dtype, order="C")
+        # nu.e and nu x e, and sin(pi nu.e) as a product of the axes
+        self.q = (nu_x * family.ex).astype(dtype), (nu_y * family.ey).astype(dtype)
+        self.c = (nu_x * family.ey).astype(dtype), (nu_y * family.ex).astype(dtype)
+        cos_x, sin_x = cos_sin_turns(ops, 0.5 * nu_x * family.ex)
+        cos_y, sin_y = cos_sin_turns(ops, 0.5 * nu_y * family.ey)
+        self.sines = (
+            np.stack([sin_x, cos_x], axis=1).astype(dtype),
+            np.stack([cos_y, sin_y]).astype(dtype),
+        )
 
     def rows(self, rows: slice) -> Array:
-        q = self.q_x[rows, None] + self.q_y
+        """(nu_x, 2, nu_y) of some rows of the grid: cosine and sine part."""
+        if self.is_straight:
+            return self._waves(self.left[rows])
+        q = self.q[0][rows, None] + self.q[1]
         factor = self._sinc(q, rows)
-        np.subtract(self.c_x[rows, None], self.c_y, out=q)
+        np.subtract(self.c[0][rows, None], self.c[1], out=q)
         factor *= q
-        waves = self.waves.rows(rows)
+        waves = self._waves(self.left[rows])
         waves *= factor[:, None, :]
         return waves
+
+    def _waves(self, left: Array) -> Array:
+        product = np.empty((len(left), self.right.shape[1]), left.dtype)
+        few = _SERIAL_PRODUCT // self.right.size // _LEAST_ROWS * _LEAST_ROWS
+        stacked = len(left) // few * few if few else 0
+        if stacked:
+            np.matmul(
+                left[:stacked].reshape(-1, few, left.shape[1]),
+                self.right,
+                out=product[:stacked].reshape(-1, few, product.shape[1]),
+            )
+        np.matmul(left[stacked:], self.right, out=product[stacked:])
+        return product.reshape(len(product), 2, -1)
 
     def _sinc(self, q: Array, rows: slice) -> Array:
         """pi sinc(q) = sin(pi q)/q."""
@@ -362,64 +310,11 @@ class _Oblique:
         if is_near.all():
             return math.pi * (1.0 + sinc_less_one(self.ops, q, self.terms))
         near = np.flatnonzero(is_near)
-        quotient = self.left[rows] @ self.right
+        quotient = self.sines[0][rows] @ self.sines[1]
         quotient /= q
         small = q.ravel()[near]
         quotient.ravel()[near] = math.pi * (1.0 + sinc_less_one(self.ops, small, self.terms))
         return quotient
-
-
-def _axes(ops: Any, tables: GridTables, nu: tuple[Array, Array]) -> tuple[_Axis, _Axis]:
-    """The axes of the grid in the frame, in the frame's order."""
-    x, y = (
-        _Axis(given * scale, phases.turns_to_centre(ops, (centre,), given))
-        for given, scale, centre in zip(nu, tables.scales, tables.frame.centre, strict=True)
-    )
-    return (x, y) if tables.frame.axes == (0, 1) else (y, x)
-
-
-def _batches(tables: GridTables) -> Iterator[list[Family]]:
-    """All families, those with many members cut, in batches whose waves fit into memory."""
-    batch: list[Family] = []
-    for family in (*tables.straight, *tables.oblique):
-        for start in range(0, len(family.weights), _MOST_EDGES):
-            part = slice(start, start + _MOST_EDGES)
-            cut = replace(family, middles=family.middles[part], weights=family.weights[part])
-            if batch and sum(len(f.weights) for f in (*batch, cut)) > _MOST_EDGES:
-                yield batch
-                batch = []
-            batch.append(cut)
-    yield batch
-
-
-def _terms(
-    ops: Any, batch: Sequence[Family], x: _Axis, y: _Axis, double: bool
-) -> list[_Product | _Oblique]:
-    straight = [family for family in batch if family.straight]
-    terms: list[_Product | _Oblique] = [
-        _Oblique(ops, family, x, y, double) for family in batch if not family.straight
-    ]
-    if straight:
-        terms.append(_straight_product(ops, straight, x, y, _DTYPES[double]))
-    return terms
-
-
-def _row_blocks(x: _Axis, y: _Axis) -> Iterator[slice]:
-    step = max(1, _BLOCK // len(y.nu))
-    return (slice(start, start + step) for start in range(0, len(x.nu), step))
-
-
-def _edge_sums(ops: Any, tables: GridTables, x: _Axis, y: _Axis, double: bool) -> Array:
-    """Sums over all edges, cosine and sine part: (nu_x, 2, nu_y)."""
-    sums = np.empty((len(x.nu), 2, len(y.nu)), _DTYPES[double])
-    for number, batch in enumerate(_batches(tables)):
-        first, *others = _terms(ops, batch, x, y, double)
-        for rows in _row_blocks(x, y):
-            total = first.rows(rows)
-            for term in others:
-                total += term.rows(rows)
-            sums[rows] = total if number == 0 else sums[rows] + total
-    return sums
 
 
 def fourier_on_grid(
@@ -427,15 +322,29 @@ def fourier_on_grid(
 ) -> tuple[Array, Array, Array]:
     """Real and imaginary part at all (nu_x[i], nu_y[j]), and where they do not hold.
 
-    ``ops`` for float64: the axes are done in it, and the grid in float64 (``double``) or float32.
-    Values do not hold near the origin, at less than :meth:`GridTables.floor`. Source: (F4).
+    ``ops`` for float64: the axes are computed in it, and the grid in float64 (``double``) or
+    float32. Values do not hold at |nu| below :meth:`GridTables.floor`. Source: (F4).
     """
-    x, y = _axes(ops, tables, (nu_x, nu_y))
-    sums = _edge_sums(ops, tables, x, y, double)
-    real, imag = (np.empty((len(x.nu), len(y.nu)), sums.dtype) for _ in range(2))
-    below = np.zeros(real.shape, bool)
-    for rows in _row_blocks(x, y):
-        square = x.nu[rows, None] ** 2 + y.nu**2
+    x, y = (
+        (nu * scale, phases.turns_to_centre(ops, (centre,), nu))
+        for nu, scale, centre in zip((nu_x, nu_y), tables.scales, tables.frame.centre, strict=True)
+    )
+    if tables.frame.axes != (0, 1):
+        x, y = y, x
+    shape, dtype = (len(x[0]), len(y[0])), _DTYPES[double]
+    real, imag, below = np.empty(shape, dtype), np.empty(shape, dtype), np.zeros(shape, bool)
+    step = max(1, _BLOCK // shape[1])
+    blocks = [slice(start, start + step) for start in range(0, shape[0], step)]
+    sums = np.zeros((shape[0], 2, shape[1]), dtype)
+    for batch in _batches(tables.families):
+        first, *others = (_FamilyTerm(ops, family, x, y, double) for family in batch)
+        for rows in blocks:
+            total = first.rows(rows)
+            for term in others:
+                total += term.rows(rows)
+            sums[rows] += total
+    for rows in blocks:
+        square = x[0][rows, None] ** 2 + y[0] ** 2
         below[rows] = square < tables.floor(double) ** 2
         square[below[rows]] = 1.0
         scale = (tables.frame.content / (2 * math.pi**2)) / square
@@ -443,3 +352,14 @@ def fourier_on_grid(
     if tables.frame.axes != (0, 1):
         return real.T, imag.T, below.T
     return real, imag, below
+
+
+def _batches(families: Sequence[Family]) -> Iterator[list[Family]]:
+    """Batches of families whose waves fit into memory."""
+    batch: list[Family] = []
+    for family in families:
+        if sum(len(f.weights) for f in (*batch, family)) > _MOST_EDGES and batch:
+            yield batch
+            batch = []
+        batch.append(family)
+    yield batch

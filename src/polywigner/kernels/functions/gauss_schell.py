@@ -3,7 +3,7 @@
 The sum over edges of ``(d + i beta_n)/2 int f ds`` in units of the width of coherence, with the
 paths in the complex plane along which it is integrated: docs/theory.md, (I5). They miss less than
 1e-12 of the square of the largest lag, with 10 to 36 nodes. Rounding costs (the width over the
-largest lag) ulps where weights are complex, and nothing where they are real.
+largest lag) ulps for complex weights, and nothing for real ones.
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.numerics import Number
 from polywigner.numerics.phases import cos_sin_turns
 
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
 
-# Of c, and of the arc's height over its length.
+# Least c, and the ratio of the arc's height to its length.
 _SPREAD, _LIFT = 10.0, 0.6
-# Nodes of arcs, by their length c |x_end - x_start|, times beta_s/8 where that is more than 1: of
-# random edges and intervals each misses less than 1e-12 and 1e-7 of the squared length, or of the
-# length, in double and in single precision.
+# Nodes of arcs, by their length c |x_end - x_start|, times beta_s/8 if that exceeds 1. Errors for
+# random edges and intervals are below 1e-12 and 1e-7 of the squared length, or of the length, in
+# double and in single precision.
 _LENGTHS = (0.3, 1.0, 2.5, 4.0, 6.0, 8.0)
 _OF_EDGES = {True: (10, 14, 18, 22, 26, 30, 36), False: (8, 10, 12, 14, 16, 18, 22)}
 _OF_INTERVALS = {True: (10, 14, 20, 24, 28, 32, 44), False: (8, 10, 12, 16, 18, 20, 28)}
@@ -35,10 +36,10 @@ _OF_DESCENTS = {True: 10, False: 6}
 # |g| and exp(-beta^2/2) are less than 4e-17 beyond this |xi| or beta. Edges that lie farther off,
 # where f is as smooth as 1/Z, take the nodes of the fourth length at most.
 _FAR, _SMOOTH = 8.7, 3.0
-# |Re Z| below which exp(-beta^2/2) - |g| is a series, with so many terms in double and single
-# precision: the first omitted ones are 0.1^9/10! = 3e-16 and 0.1^5/6! = 1e-8.
+# |Re Z| below which exp(-beta^2/2) - |g| is a series, with these numbers of terms in double and
+# single precision: the first omitted ones are 0.1^9/10! = 3e-16 and 0.1^5/6! = 1e-8.
 _SMALL, _TERMS = 0.1, {True: 9, False: 5}
-# exp of what is less may be a subnormal number, with which processors are slow.
+# exp of smaller numbers may be subnormal, with which processors are slow.
 _LEAST_EXPONENT = {True: -300.0, False: -80.0}
 # Its square is a normal number.
 _TINY = {True: 1e-150, False: 1e-18}
@@ -48,15 +49,16 @@ _TURN = 2 * math.pi
 def wave_over_edge(
     ops: Any, start: Any, end: Any, distance: Any, along: Any, across: Any
 ) -> Values:
-    """The share of an edge in the integral of a Gaussian wave over a polygon, a complex number.
+    """Return the contribution of an edge to the integral of a Gaussian wave over a polygon, (real,
+    imag).
 
     Source: (I5).
 
     Parameters
     ----------
-    start, end : places of the edge's ends along its unit vector, in widths of coherence.
-    distance : cross(xi, unit vector) of its points, in the same unit.
-    along, across : nu.(unit vector) and cross(nu, unit vector), in cycles per width.
+    start, end : positions of the edge's ends along its unit vector, in coherence widths. distance :
+    cross(xi, unit vector) of its points, in the same unit. along, across : nu.(unit vector) and
+    cross(nu, unit vector), in cycles per width.
     """
     rate, lever = _TURN * along, _TURN * across
     square = distance * distance
@@ -81,7 +83,7 @@ def wave_over_interval(ops: Any, start: Any, end: Any, nu: Any) -> Values:
     everywhere = rate == rate
     rule = arc.rule(everywhere)
     real, imag = arc.integral(rule, everywhere, _OF_INTERVALS, _gaussian, (rate, nu))
-    undefined = 0.0 * (start + rate)  # not a number where an argument is none
+    undefined = 0.0 * (start + rate)  # NaN for NaN arguments
     return real + undefined, imag + undefined
 
 
@@ -118,7 +120,7 @@ class _Arc:
         lift = ops.select(rate > 0.0, -lift, lift)
         self.samples = (size, 0.5 * (first + last), half, lift)
 
-    def rule(self, is_wanted: Any) -> Any:
+    def rule(self, is_wanted: Any) -> Number:
         """The number of the rule, -1 for none."""
         ops, number = self.ops, 0.0
         for length in _LENGTHS:
@@ -158,8 +160,8 @@ class _Arc:
 def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
     """A node s = p + i r, and ds there."""
     t, weight, rise, slope = row
-    size, middle, half, lift = samples
-    x = ops.fma(half, t, middle)
+    size, centre, half, lift = samples
+    x = ops.fma(half, t, centre)
     spread = 1.0 / (1.0 - x * x)
     stride = (size * half * weight) * ops.fma(x, x, 1.0) * (spread * spread)
     return size * x * spread, lift * rise, stride, lift * slope
@@ -199,7 +201,7 @@ def _times(a: Any, b: Any) -> Values:
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
 
-def _one_less_exp(ops: Any, x: Any) -> Any:
+def _one_less_exp(ops: Any, x: Any) -> Number:
     """1 - exp(-x) for small x, to the rounding of x."""
     small = ops.select(abs(x) < _SMALL, x, 0.0)
     series: Any = 0.0

@@ -3,9 +3,9 @@
 The lag slice of two intervals and the position slice of two shifted ones are intervals again, so
 every transform is a sum of plane waves' means over intervals (docs/theory.md, (S1) to (S3)).
 
-Of a pair, with half-lengths h and h', only the distance of the two centres depends on x or xi. It
-is taken without rounding, so that slits may be as narrow as they like against their distance: the
-length of the overlap is that of exact arithmetic to an ulp of itself.
+For a pair with half-lengths h and h', only the distance between the centres depends on x or xi. It
+is computed without rounding, so slits may be arbitrarily narrow compared with their distance: the
+length of the overlap is exact to an ulp of itself.
 """
 
 from __future__ import annotations
@@ -38,34 +38,21 @@ from polywigner.kernels.outline.wave_pairs import (
     mean_pairs,
     waves_in_frame,
 )
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.phases import Doubled, doubled, sinc
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
+Interval = tuple[Fraction, Fraction, Waves]
+"""Beginning and end of a slit in the frame, as exact numbers, and the field in it."""
 
-@dataclass(frozen=True)
-class Interval:
-    """A slit in the frame, and the field in it; ends are exact numbers."""
 
-    begin: Fraction
-    end: Fraction
-    waves: Waves
-
-    @property
-    def middle(self) -> Fraction:
-        return (self.begin + self.end) / 2
-
-    @property
-    def half(self) -> Fraction:
-        return (self.end - self.begin) / 2
-
-    def field(self, ops: Any, x: Any) -> Pair:
-        """u less the carrier; the begin has it and the end has not."""
-        inside = ops.select((x >= float(self.begin)) & (x < float(self.end)), 1.0, 0.0)
-        # not a number where x is none: its comparisons are false, as outside
-        return Pair(*field_of(ops, self.waves, (x,))).scaled(inside) + Pair(x - x, x - x)
+def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
+    """u without the carrier; the beginning of the interval belongs to it, the end does not."""
+    inside = ops.select((x >= begin) & (x < end), 1.0, 0.0)
+    # NaN x gives NaN: its comparisons are false, as outside
+    return Pair(*field_of(ops, waves, (x,))).scaled(inside) + Pair(x - x, x - x)
 
 
 @dataclass(frozen=True)
@@ -117,9 +104,9 @@ class PairTables:
     """Pairs of intervals; sums run over ``edges``, numbers only.
 
     The centres' distance at x = 0 or xi = 0, as two floats; the half-lengths; the mean of the
-    centres, which does not move, as two floats; and the mutual field, real and imaginary part.
-    Where fields have waves there is a row for every pair of waves, with what to subtract from the
-    frequency, and the turns of the mutual field along 4x or xi.
+    centres, which does not move, as two floats; and the mutual field, real and imaginary part. If
+    fields have waves, each pair of waves has a row, with a shift to subtract from the frequency,
+    and the cycles of the mutual field along 4x or xi.
     """
 
     frame: SlitFrame
@@ -129,7 +116,8 @@ class PairTables:
 
     @property
     def terms(self) -> int:
-        """Terms of the sum, as plans count them: a pair takes half as long as an edge of F."""
+        """Terms of the sum, for the choice of an engine: a pair takes half as long as an edge of
+        F."""
         return -(-len(self.edges) // 2)
 
 
@@ -149,7 +137,7 @@ def _slit_tables(source: Slits | Array) -> SlitTables:
         assert isinstance(element.outline, Slits)
         for begin, end in element.outline.intervals.tolist():
             low_end, high_end = ((Fraction(value) - centre) / scale for value in (begin, end))
-            intervals.append(Interval(low_end, high_end, waves))
+            intervals.append((low_end, high_end, waves))
     return SlitTables(frame, tuple(intervals))
 
 
@@ -174,13 +162,14 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
 
     tables = _slit_tables(source)
     rows: list[tuple[Any, ...]] = []
-    for (k, one), (m, other) in paired(enumerate(tables.edges)):
-        total, apart = one.middle + other.middle, one.middle - other.middle
+    for (k, (begin, end, waves)), (m, (begin2, end2, waves2)) in paired(enumerate(tables.edges)):
+        centre, centre2 = (begin + end) / 2, (begin2 + end2) / 2
+        total, apart = centre + centre2, centre - centre2
         gap, mean, scale = (2 * total, apart, 2) if of_lags else (apart, total / 2, 1)
-        halves = float(scale * one.half), float(scale * other.half)
+        halves = float(scale * (end - begin) / 2), float(scale * (end2 - begin2) / 2)
         row = (*doubled(gap, double), *halves, *doubled(mean, double))
         # of lags, waves (v, w) and (w, v) of one slit are conjugate as well
-        for v, w in paired(one.waves) if k == m else product(one.waves, other.waves):
+        for v, w in paired(waves) if k == m else product(waves, waves2):
             twice = 2.0 if of_lags and not (k == m and v is w) else 1.0
             mutual = v.amplitude * complex(w.amplitude).conjugate() * twice
             (a,), (b,) = v.frequency, w.frequency
@@ -194,10 +183,10 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
 def _overlap(
     ops: Any, shift: Doubled, gap: Any, rest: Any, half: Any, other: Any
 ) -> tuple[Any, Any]:
-    """Length of the overlap, and how far its middle lies from the mean of the centres.
+    """Length of the overlap, and the offset of its centre from the mean of the centres.
 
     The centres are ``gap`` + ``rest`` - ``shift`` apart. While the shorter interval lies inside the
-    other, the middle is its centre; then it stays where the far ends were in line.
+    other, the overlap has its centre; beyond, the centre of the overlap stays fixed.
     """
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (rest - shift[1]))
@@ -218,28 +207,29 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled | None = None
         length, aside = _overlap(ops, shift, gap, rest, half, other)
         if nu is None:
             return length * real, length * imag
-        own, mutual, width = nu, Pair(real, imag), tables.coherence_width
+        detuned, mutual, width = nu, Pair(real, imag), tables.coherence_width
         if wave:
             detuning, rate = wave
-            own = (nu[0], nu[1] - detuning)
+            detuned = (nu[0], nu[1] - detuning)
             mutual = mutual * unit_wave(ops, rate * (shift[0] + shift[1]))
-        whole = own[0] + own[1]
+        frequency = detuned[0] + detuned[1]
         if width < math.inf:
             scale = 1.0 / width
-            middle, reach = (mean + (low + aside)) * scale, length * (0.5 * scale)
-            ends = middle - reach, middle + reach
-            found = Pair(*wave_over_interval(ops, *ends, whole * width)).scaled(width)
+            centre, reach = (mean + (low + aside)) * scale, length * (0.5 * scale)
+            ends = centre - reach, centre + reach
+            value = Pair(*wave_over_interval(ops, *ends, frequency * width)).scaled(width)
         else:
-            turns = phases.reduced(ops, phases.dot(ops, (own,), ((mean, low),))) + whole * aside
-            found = unit_wave(ops, -turns).scaled(sinc(ops, whole * length) * length)
-        found = found * mutual
-        return found.real, found.imag
+            turns = phases.reduced(ops, phases.dot(ops, (detuned,), ((mean, low),)))
+            turns = turns + frequency * aside
+            value = unit_wave(ops, -turns).scaled(sinc(ops, frequency * length) * length)
+        value = value * mutual
+        return value.real, value.imag
 
-    found: Values = ops.sum_over(tables.edges, term, 2, like=shift[0])
-    return found
+    total: Values = ops.sum_over(tables.edges, term, 2, like=shift[0])
+    return total
 
 
-# Rates that agree to this, in cycles per unit of the frame or of the largest, are one.
+# Rates that agree to this, in cycles per unit of the frame or relative to the largest, are equal.
 _EQUAL = 1e-14
 
 
@@ -255,8 +245,8 @@ class LineField:
     def pairs(self) -> int:
         return len(self.waves) * (len(self.waves) + 1) // 2
 
-    def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Any:
-        """W, which is real, of light that is coherent over a width in the frame."""
+    def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Number:
+        """W, which is real, for a coherence width in the frame."""
         pairs = mean_pairs(self.waves, self.waves, True)
         return _over_pairs(ops, pairs, x, nu, _length(ops, self.half - abs(x), 4.0), width).real
 
@@ -275,12 +265,12 @@ class LineField:
         return Pair(real, imag).scaled(length)
 
     def field(self, ops: Any, x: Any) -> Pair:
-        """u, which the lower end has and the upper one has not."""
-        return Interval(Fraction(-self.half), Fraction(self.half), self.waves).field(ops, x)
+        """u, which includes the lower end and excludes the upper one."""
+        return _field_between(ops, -self.half, self.half, self.waves, x)
 
 
-def _length(ops: Any, left: Any, scale: float) -> Any:
-    """Length that is left of an interval, at least 0; not a number where the place is none."""
+def _length(ops: Any, left: Any, scale: float) -> Number:
+    """Remaining length of an interval, at least 0; NaN for NaN positions."""
     return scale * ops.maximum(left, 0.0) + (left - left)
 
 
@@ -297,8 +287,8 @@ def _over_pairs(
         number = round(abs(rate) / tolerance)
         if number not in waves:
             waves[number] = unit_wave(ops, abs(rate) * place)
-        found = waves[number]
-        return found if rate >= 0.0 else found.conjugate()
+        value = waves[number]
+        return value if rate >= 0.0 else value.conjugate()
 
     total = Pair(0.0, 0.0)
     for pair in pairs:
@@ -320,9 +310,14 @@ def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
 
 
 def _both_ends(ops: Any, tables: SlitTables, turns: Any, *ends: Any) -> Values:
-    fields = [[slit.field(ops, x) for slit in tables.edges] for x in ends]
-    totals = [reduce(Pair.__add__, own) for own in fields]
-    return tuple(part for total in totals for part in (total.real, total.imag))
+    fields = (
+        reduce(
+            Pair.__add__,
+            (_field_between(ops, float(a), float(b), waves, x) for a, b, waves in tables.edges),
+        )
+        for x in ends
+    )
+    return tuple(part for field in fields for part in (field.real, field.imag))
 
 
 def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:

@@ -1,7 +1,7 @@
 """W of partly coherent light as kernels: slices cut as for coherent light, weighed by the lag.
 
 The degree of coherence exp(-xi^2/(2 width^2)) stands under the integral over the lag slice, so that
-edges are cut, and waves paired, as in `wigner`; only the term of what is left of an edge differs:
+edges are cut, and waves paired, as in `wigner`; only the term of a part of an edge differs:
 docs/theory.md, (I5).
 """
 
@@ -42,9 +42,10 @@ def _tables_of(source: Wavefront, double: bool) -> Tables:
 def term_of_lags(
     ops: Any, light: Matrix, nu: Sequence[Any], middle: Values, vector: Values
 ) -> Values:
-    """The share of a part of an edge in W over the area of a unit square, a complex number.
+    """Return the contribution of a part of an edge to W over the area of a unit square, (real,
+    imag).
 
-    The part has its middle and its vector as lags of the frame, and ``nu`` is there as well.
+    The part is given by its midpoint and its vector as lags of the frame; ``nu`` is in the frame.
     """
     (xx, xy), (yx, yy) = light
     size = determinant(light)
@@ -74,9 +75,9 @@ class _LagTerms(EdgeTerms):
         self.ops, self.light, self.nu = ops, tables.coherence, nu
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
-        found = Pair(*term_of_lags(self.ops, self.light, self.nu, (x, y), (dx, dy)))
-        found = found * Pair(real, imag)
-        return found.real, found.imag
+        term = Pair(*term_of_lags(self.ops, self.light, self.nu, (x, y), (dx, dy)))
+        term = term * Pair(real, imag)
+        return term.real, term.imag
 
     def total(self, sums: Values) -> Values:
         # the other copy's edges are the mirror images, with the conjugate terms

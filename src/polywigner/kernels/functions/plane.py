@@ -45,7 +45,8 @@ def tables_of(source: Aperture | Array, double: bool) -> Tables:
 
 
 def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """Tables as of :func:`tables_of`, built anew, with vertices numbered as in this very source.
+    """Build the tables of :func:`tables_of` without the cache, with vertices numbered as in this
+    source.
 
     Equal sources may begin their rings at other vertices.
     """
@@ -64,7 +65,8 @@ def new_outline_of(aperture: Aperture) -> OutlineTables:
 
 @lru_cache(maxsize=256)
 def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
-    """Tables for grids: of an array with all elements in one frame, unless one has a pose."""
+    """Return tables for grids, with all elements of an array in one frame; None if one has a
+    pose."""
     if isinstance(source, Aperture):
         outline = _outline_of(source, True)
         return grid_tables(outline, [1.0] * len(outline.edges))
@@ -84,8 +86,8 @@ def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
 def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
     """The frame of the plane in a pose (4, 4), whose floats are taken as exact."""
     exact = [[Fraction(value) for value in row] for row in pose.tolist()]
-    middle = [Fraction(c) for c in plane.centre]
-    centre = [row[0] * middle[0] + row[1] * middle[1] + row[3] for row in exact[:3]]
+    in_plane = [Fraction(c) for c in plane.centre]
+    centre = [row[0] * in_plane[0] + row[1] * in_plane[1] + row[3] for row in exact[:3]]
     rows = [
         [sum(Fraction(m) * row[k] for k, m in enumerate(line)) for row in exact[:3]]
         for line in plane.rows
@@ -151,7 +153,7 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 
     Every edge that crosses the horizontal line through the point to its right counts, up with its
     element's weight and down with the negative. Lower ends belong to an edge and upper ends do not,
-    so that of two polygons that share an edge exactly one has each of its points.
+    so each point of an edge shared by two polygons belongs to exactly one of them.
     """
 
     def term(ax: Any, ay: Any, bx: Any, by: Any, real: Any, imag: Any) -> tuple[Any, Any]:
@@ -166,7 +168,7 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
         rows = tables.edges[tables.names[:, 3] == group].tolist()
         weight = Pair(*ops.sum_over(rows, term, 2, like=x))
         total = total + (weight * Pair(*field_of(ops, waves, (x, y))))
-    # what is no number is so in the result: all comparisons with it are false, as outside
+    # NaN gives NaN: all comparisons with it are false, as outside
     undefined = (x - x) + (y - y)
     return total.real + undefined, total.imag + undefined
 

@@ -1,15 +1,15 @@
-"""Fields that are a product u(x, y) = f(x) g(y) on a rectangle, in its own axes.
+"""Fields that are a product u(x, y) = f(x) g(y) on a rectangle, along the axes of its sides.
 
-All transforms are then products of two in one dimension, each a sum over the pairs of a few waves
-(docs/theory.md, (I4)): a Taylor taper along both axes has 49 waves with 1225 pairs, but 7 with 28
-along either axis. Which fields are such is found out from their waves.
+All transforms are then products of two transforms in one dimension, each a sum over the pairs of a
+few waves (docs/theory.md, (I4)). A Taylor taper along both axes has 49 waves with 1225 pairs, but 7
+with 28 along either axis. Products are recognised from the waves of a field.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,68 +21,26 @@ from polywigner.kernels.functions.intervals import LineField
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.kernels.outline.frame import Frame, frame_along, power_of_two
 from polywigner.kernels.outline.wave_pairs import Wave, Waves, carrier_of, waves_in_frame
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
 
-# An outline is a rectangle if it misses one by less than this share of its shorter side,
-_ROUNDING = 1e-14
-# or by this many roundings of its largest coordinate: turning a point takes five (two products, two
-# sums, and the shift), along each axis,
-_ROUNDINGS = 8
-# but never by more than this share of the shorter side: strips of a few ulps have no shape.
-_SHAPELESS = 1e-6
+# An outline is a rectangle if it misses one by less than this fraction of its shorter side, or by
+# this many roundings of its largest coordinate: the rotation of a point takes five along each axis
+# (two products, two sums and the shift). The limit never exceeds the third fraction of the shorter
+# side, since strips of a few ulps have no shape.
+_ROUNDING, _ROUNDINGS, _SHAPELESS = 1e-14, 8, 1e-6
 
 _UNIT = np.finfo(np.float64).eps / 2
 
 Floats = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Rectangle:
-    """Its corners, and the sides from the first one."""
+def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
+    """The corners (4, 2) of a rectangular aperture, and their rounding; None for other apertures.
 
-    corners: Floats
-    """(4, 2), counter-clockwise; if the rectangle is turned, its longest side is the first."""
-    rounding: float
-    """Largest distance between the corners and a true rectangle's."""
-
-    @cached_property
-    def sides(self) -> tuple[float, float]:
-        """Length and width; along x and y if it is not turned."""
-        if not self.is_turned:
-            length, width = np.ptp(self.corners, axis=0).tolist()
-            return length, width
-        first, second = self.corners[1] - self.corners[0], self.corners[3] - self.corners[0]
-        return float(np.hypot(*first)), float(np.hypot(*second))
-
-    @property
-    def is_turned(self) -> bool:
-        return bool((self.corners[1] - self.corners[0]).all())
-
-    def frame(self) -> Frame:
-        """The frame along its sides, around its centre."""
-        low, high = self.corners.min(axis=0), self.corners.max(axis=0)
-        sizes = (power_of_two(self.sides[0]), power_of_two(self.sides[1]))
-        return frame_along(self.corners, low + (high - low) / 2, self._direction, sizes)
-
-    @property
-    def _direction(self) -> tuple[float, float]:
-        """Along both longer sides."""
-        if not self.is_turned:
-            return 1.0, 0.0
-        a, b, c, d = self.corners
-        along = (b - a) + (c - d)
-        length = np.hypot(*along)
-        return float(along[0] / length), float(along[1] / length)
-
-    def halves(self, frame: Frame) -> tuple[float, float]:
-        """Half the length and width in the frame."""
-        one, two = np.abs(frame.vertices(self.corners)).mean(axis=0).tolist()
-        return one, two
-
-
-def rectangle_of(aperture: Aperture) -> Rectangle | None:
-    """The rectangle that an aperture is, with or without vertices on its sides, or None."""
+    Corners are counter-clockwise, a longer side first. Vertices may lie on the sides. The rounding
+    is the largest distance between the corners and those of a true rectangle.
+    """
     if len(aperture.rings) != 1:
         return None
     (ring,) = aperture.rings
@@ -94,13 +52,12 @@ def rectangle_of(aperture: Aperture) -> Rectangle | None:
     long, short = sorted((float(np.hypot(*first)), float(np.hypot(*second))), reverse=True)
     skew = abs(first @ second) / long
     gap = float(np.hypot(*(corners[2] - corners[1] - second)))
-    straight = _distance_from_sides(ring, corners)
     allowed = max(_ROUNDING * short, min(rounding, _SHAPELESS * short))
-    if max(skew, gap, straight) > allowed:
+    if max(skew, gap, _distance_from_sides(ring, corners)) > allowed:
         return None
     if np.hypot(*first) < np.hypot(*second):
         corners = np.roll(corners, -1, axis=0)
-    return Rectangle(corners, allowed)
+    return corners, allowed
 
 
 def _distance_from_neighbours(ring: Floats) -> Floats:
@@ -119,13 +76,12 @@ def _distance_from_sides(ring: Floats, corners: Floats) -> float:
     return float(np.abs(apart[..., 0] * along[:, 1] - apart[..., 1] * along[:, 0]).min(1).max())
 
 
-# Amplitudes are a product if they miss one by this share of the largest: it does not move W by
-# 1e-13 of the energy. Frequencies along an axis that agree to the other, in cycles per side or of
-# the largest, are one.
+# Amplitudes are a product if they miss one by this fraction of the largest: it moves W by less than
+# 1e-13 of the energy. Frequencies along an axis are equal if they agree to the second limit, in
+# cycles per side or relative to the largest.
 _PRODUCT, _EQUAL = 4e-15, 1e-14
-# Both are known to a few roundings only: frequencies were turned (see above), and
-# amplitudes hold the phases that they have at the origin. Waves that differ by more than this, in
-# cycles per side, always are two.
+# Both limits grow with rounding: frequencies were rotated (see above), and amplitudes contain the
+# phases at the origin. Waves that differ by more than this, in cycles per side, are never equal.
 _LARGEST_ROUNDING = 1e-6
 # Cost of a pair of waves, in cuts of an edge.
 _CLIPS_PER_PAIR = 0.5
@@ -160,33 +116,33 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     illumination = aperture.illumination
     if illumination is None or len(illumination.amplitudes) < 2:
         return None
-    rectangle = rectangle_of(aperture)
+    rectangle = _rectangle_of(aperture)
     if rectangle is None:
         return None
-    frame = replace(rectangle.frame(), carrier=carrier_of([illumination], 2))
-    profiles = _profiles(waves_in_frame(illumination, frame), *_roundings(aperture, rectangle))
+    corners, rounding = rectangle
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    a, b, c, d = corners
+    (length, width), direction = (high - low).tolist(), (1.0, 0.0)
+    is_rotated = bool((b - a).all())
+    if is_rotated:  # along the mean of both longer sides
+        length, width = float(np.hypot(*(b - a))), float(np.hypot(*(d - a)))
+        along = (b - a) + (c - d)
+        direction = tuple((along / np.hypot(*along)).tolist())
+    sizes = power_of_two(length), power_of_two(width)
+    frame = frame_along(corners, low + (high - low) / 2, direction, sizes)
+    frame = replace(frame, carrier=carrier_of([illumination], 2))
+    # frequencies are rounded to some ulps of the largest one, and the angle of the rectangle by the
+    # rounding of its coordinates over its length
+    largest = float(np.hypot(*illumination.frequencies.T).max())
+    phase_rounding = 2 * np.pi * _ROUNDINGS * _UNIT * largest * float(np.abs(corners).max())
+    relative = _ROUNDINGS * _UNIT + (rounding / length if is_rotated else 0.0)
+    roundings = relative * largest * length, relative * largest * width
+    profiles = _profiles(waves_in_frame(illumination, frame), roundings, phase_rounding)
     if profiles is None:
         return None
-    halves = rectangle.halves(frame)
+    halves = np.abs(frame.vertices(corners)).mean(axis=0).tolist()
     one, two = (LineField(half, waves) for half, waves in zip(halves, profiles, strict=True))
     return SeparableTables(frame, (one, two))
-
-
-def _roundings(aperture: Aperture, rectangle: Rectangle) -> tuple[tuple[float, float], float]:
-    """Rounding of frequencies along both sides, in cycles per side, and of phases in radians.
-
-    To some ulps of the largest frequency, and to the angle of the rectangle, which is known to the
-    rounding of its coordinates over its length.
-    """
-    assert aperture.illumination is not None
-    largest = float(np.hypot(*aperture.illumination.frequencies.T).max())
-    place = float(np.abs(rectangle.corners).max())
-    length, width = rectangle.sides
-    share = _ROUNDINGS * _UNIT
-    phases = 2 * np.pi * share * largest * place
-    if rectangle.is_turned:
-        share += rectangle.rounding / length
-    return (share * largest * length, share * largest * width), phases
 
 
 def _profiles(
@@ -195,20 +151,20 @@ def _profiles(
     """Waves along either axis whose products are the given ones."""
     frequencies = np.array([wave.frequency for wave in waves])
     amplitudes = np.array([wave.amplitude for wave in waves])
-    (own, i), (other, j) = (
+    (rates_x, i), (rates_y, j) = (
         _distinct(column, rounding)
         for column, rounding in zip(frequencies.T, frequency_rounding, strict=True)
     )
-    if len(own) * len(other) != len(waves):
+    if len(rates_x) * len(rates_y) != len(waves):
         return None
-    table = np.zeros((len(own), len(other)), np.complex128)
+    table = np.zeros((len(rates_x), len(rates_y)), np.complex128)
     table[i, j] = amplitudes
     product = _rank_one(table, phase_rounding)
     if product is None:
         return None
     one, two = (
         tuple(Wave(a, (f,)) for a, f in zip(column.tolist(), rates.tolist(), strict=True))
-        for column, rates in zip(product, (own, other), strict=True)
+        for column, rates in zip(product, (rates_x, rates_y), strict=True)
     )
     return one, two
 
@@ -231,9 +187,9 @@ def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.i
     order = np.argsort(values)
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
     number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)
-    found = np.empty(len(values), np.intp)
-    found[order] = number
-    return np.bincount(found, values) / np.bincount(found), found
+    index = np.empty(len(values), np.intp)
+    index[order] = number
+    return np.bincount(index, values) / np.bincount(index), index
 
 
 def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
@@ -241,7 +197,7 @@ def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
     return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
 
-def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Any:
+def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
     """W(x, nu) in the frame. Source: (I4)."""
     one, two = tables.fields
     width_x, width_y = tables.coherence_widths
@@ -263,7 +219,7 @@ def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[An
 
 
 def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
-    """(real, imaginary) part of u at a place of the frame, less the carrier's phase.
+    """(real, imaginary) part of u at a point of the frame, less the carrier's phase.
 
     Lower ends of either axis belong to the rectangle, upper ones do not.
     """

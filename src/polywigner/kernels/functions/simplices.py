@@ -1,9 +1,9 @@
 """Fourier transforms as sums over simplices that tile a source, each with its own exact phase.
 
-A fan around one origin covers what is thin many times over with either sign, and loses as many
+A fan around one origin covers a thin shape many times over with either sign, and loses as many
 digits. The terms of a tiling are all positive at nu = 0; each has its own corner, whose phase nu.p
-is an error-free product, and its own vectors from there. So nothing is lost however thin, long or
-scattered the source is: slits always, and apertures whose fan would cancel, go this way
+is an error-free product, and its own vectors from there. So no digits are lost for thin, long or
+scattered sources. Slits always use this method, and so do apertures whose fan would cancel
 (docs/theory.md, (F5), (S1)).
 
 A body is the signed sum of the tetrahedra (origin, a, b, c) over the triangles of its faces' fans.
@@ -37,7 +37,7 @@ from polywigner.kernels.outline.frame import (
     times_doubled,
     vertices_for,
 )
-from polywigner.numerics import phases
+from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
 from polywigner.numerics.phases import Doubled, doubled
@@ -137,7 +137,7 @@ def _pairs(values: Values) -> tuple[Doubled, ...]:
     return tuple(zip(values[0::2], values[1::2], strict=True))
 
 
-def _dot(ops: Any, nu: tuple[Doubled, ...], vector: tuple[Doubled, ...]) -> Any:
+def _dot(ops: Any, nu: tuple[Doubled, ...], vector: tuple[Doubled, ...]) -> Number:
     total, rest = phases.dot(ops, nu, vector)
     return total + rest
 
@@ -152,8 +152,8 @@ def _sum(ops: Any, tables: SimplexTables, turns: Any, *nu: Any) -> Values:
         real, imag = phases.rotated(ops, phase, *wave)
         return real * row[-1], -imag * row[-1]
 
-    found: Values = ops.sum_over(tables.edges, term, 2, like=nu[0])
-    return found
+    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0])
+    return total
 
 
 def _complex_sum(ops: Any, tables: SimplexTables, turns: Any, growth: Any, *nu: Any) -> Values:
@@ -169,8 +169,8 @@ def _complex_sum(ops: Any, tables: SimplexTables, turns: Any, growth: Any, *nu: 
         total = (unit_wave(ops, phase).conjugate() * wave).scaled(row[-1])
         return total.real, total.imag
 
-    found: Values = ops.sum_over(tables.edges, term, 2, like=nu[0])
-    return found
+    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0])
+    return total
 
 
 def _vectors(row: Values, dimension: int) -> list[tuple[Doubled, ...]]:
@@ -202,7 +202,8 @@ class SolidTables:
 
     @property
     def terms(self) -> int:
-        """Terms of the sum, as plans count them: a tetrahedron takes as long as eight edges."""
+        """Terms of the sum, for the choice of an engine: a tetrahedron takes as long as eight
+        edges."""
         return 8 * len(self.edges)
 
 
@@ -226,11 +227,12 @@ def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
     World axes and one scale for all, unless the body is a needle or a plate. The box is that along
     these axes: the centre of another one would lie far outside a plate, in units of its thickness.
     """
-    middle = body.vertices.mean(axis=0)
-    # Without full_matrices=False it makes a matrix of vertices times vertices.
-    _, _, own = np.linalg.svd(body.vertices - middle, full_matrices=False)
-    own = own * np.sign(np.linalg.det(own))  # right-handed, so that volumes keep their sign
-    axes = min(np.eye(3), own, key=lambda rows: np.ptp(body.vertices @ rows.T, axis=0).prod())
+    mean = body.vertices.mean(axis=0)
+    # without full_matrices=False, NumPy makes a matrix of vertices times vertices.
+    _, _, principal = np.linalg.svd(body.vertices - mean, full_matrices=False)
+    # right-handed, so that volumes keep their sign
+    principal = principal * np.sign(np.linalg.det(principal))
+    axes = min(np.eye(3), principal, key=lambda rows: np.ptp(body.vertices @ rows.T, axis=0).prod())
     along = body.vertices @ axes.T
     low, extents = along.min(axis=0), np.ptp(along, axis=0)
     scales = [power_of_two(extent) for extent in extents.tolist()]
@@ -245,8 +247,8 @@ def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
 
 def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """det(a, b, c) of each row of corners (n, 3, 3), correctly rounded."""
-    whole, exponent = whole_numbers(corners)
-    exact: Any = determinant(list(np.moveaxis(whole, 0, 2)))
+    integers, exponent = whole_numbers(corners)
+    exact: Any = determinant(list(np.moveaxis(integers, 0, 2)))
     scale = 1 << abs(3 * exponent)
     return np.asarray(exact / scale if exponent < 0 else exact * scale, dtype=np.float64)
 

@@ -2,12 +2,12 @@
 
 The sums are (W1), (W2) and (A1) of docs/theory.md, over the cut edges of one copy for W, whose
 mirror images are the others, and of both copies for A. Fields of several waves, and elements with
-fields of their own, are sums over pairs of waves: for each pair the sum over a uniform source at a
+different fields, give sums over pairs of waves: for each pair the sum over a uniform source at a
 shifted frequency, times an amplitude that depends on position or lag alone, (I2), (I3). Each edge
 is cut once for all pairs.
 
-NumPy lists last parts of edges, from a crossing to the end, with weights that add up on each
-edge to those of the slice. Compiled code loops over edges and their cuts.
+NumPy lists last parts of edges, from a crossing to the end, with weights that add up to the weights
+of the slice on each edge. Compiled code loops over edges and their cuts.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, View
+from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Edge, View
 from polywigner.kernels.cut.pair_grid import PairGrid, cut_edges, rows_at
 from polywigner.kernels.cut.winding import PairClipper, Pass, pairs_of
 from polywigner.kernels.functions.edge_terms import (
@@ -28,7 +28,6 @@ from polywigner.kernels.functions.edge_terms import (
     times,
     wigner_terms,
 )
-from polywigner.kernels.outline.constants import Edge
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.wave_pairs import (
     WavePair,
@@ -63,10 +62,10 @@ class SliceSum:
     views: tuple[View, ...]
     """In which views edges are cut: one for W, two for A."""
     scale: float
-    """The offset T between the copies is ``scale`` times the place: 2x, or xi. A point p of an edge
-    is that of the slice at ``scale (p + side T)``."""
+    """The offset T between the copies is ``scale`` times the position or lag: 2x, or xi. A point p
+    of an edge is the point ``scale (p + side T)`` of the slice."""
     place: slice
-    """Components of the place among the arguments in the frame."""
+    """Components of the position or lag among the arguments in the frame."""
     frequency: slice
     pairings: Callable[[Tables], Sequence[Pairing]]
     terms: Callable[[Any, Tables, Values, bool, bool], EdgeTerms]
@@ -75,7 +74,8 @@ class SliceSum:
     values: int
     """1 for a real sum, or 2: cosine part and sine part, cosine - i sine."""
     arguments: slice | None = None
-    """Components of the place among the arguments of the user, if other arguments may be many."""
+    """Components of the position or lag among the user's arguments, if many other arguments may
+    meet it."""
 
     def __call__(self, ops: Any, tables: Tables, *inner: Any) -> Values:
         if ops.target == "numpy":
@@ -105,7 +105,7 @@ class SliceSum:
         return [(view, own, other) for view in views for own in fields for other in fields]
 
     def after(self, count: int) -> SliceSum:
-        """Return the sum for arguments behind so many others."""
+        """Return the sum for arguments that follow ``count`` others."""
         place, frequency = (
             slice(s.start + count, s.stop + count) for s in (self.place, self.frequency)
         )
@@ -122,8 +122,8 @@ class SliceSum:
             return TermSum(clipper, terms, pair, self.scale)
 
         totals, place = [0.0] * self.values, inner[self.place]
-        for found in self._sums_of_pairings(clipper, sum_of, place):
-            totals = [a + b for a, b in zip(totals, found, strict=True)]
+        for sums in self._sums_of_pairings(clipper, sum_of, place):
+            totals = [a + b for a, b in zip(totals, sums, strict=True)]
         return self._as_waves(totals)
 
     def _as_waves(self, totals: Sequence[Any]) -> Values:
@@ -141,13 +141,13 @@ class SliceSum:
         pairings: dict[tuple[int, int], list[tuple[Views, Sequence[WavePair]]]] = {}
         for group, other, views, pairs in self.pairings(tables):
             pairings.setdefault((group, other), []).append((views, pairs))
-        for (group, other), found in pairings.items():
-            if ops.target != "scalar" and sum(len(p) for _, p in found) > MOST_PAIRS_AS_CODE:
-                for views, pairs in found:
+        for (group, other), beats in pairings.items():
+            if ops.target != "scalar" and sum(len(p) for _, p in beats) > MOST_PAIRS_AS_CODE:
+                for views, pairs in beats:
                     yield _sum_of_rows(clipper, (group, other), views, pairs, sum_of, place, count)
                 continue
             is_even = other == group and not tables.phased
-            runs = [(views, sum_of(pair, is_even)) for views, pairs in found for pair in pairs]
+            runs = [(views, sum_of(pair, is_even)) for views, pairs in beats for pair in pairs]
 
             def term(edge: Edge, runs: Any = runs, other: int = other) -> Values:
                 cuts: dict[View, Any] = {}
@@ -182,12 +182,13 @@ class SliceSum:
     def shared_sums(
         self, ops: Any, tables: Tables, place: Sequence[Array], nu: Sequence[Array]
     ) -> Values:
-        """Sums (n, m) at places (n,), cut once each for frequencies (1, m) or (n, m)."""
+        """Sums (n, m) at points (n,), each cut once for frequencies (1, m) or (n, m)."""
         columns = np.broadcast_shapes(*(n.shape for n in nu))[1]
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
         if nu[0].shape != nu[1].shape:
             nu = np.broadcast_arrays(*nu)
-        step = max(1, _CUT // len(tables.edges))
+        # many frequencies take fewer points in each pass
+        step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
         results = [np.zeros((len(place[0]), columns)) for _ in range(self.values)]
         for k in range(0, len(place[0]), step):
             rows = slice(k, k + step)
@@ -198,23 +199,23 @@ class SliceSum:
         return self._as_waves(results)
 
     def _sums(self, ops: Any, tables: Tables, place: Any, nu: Any) -> list[Any]:
-        """Sums at places (n,): (n,) for frequencies (n,), (n, m) for (1, m) or (n, m)."""
+        """Sums at points (n,): (n,) for frequencies (n,), (n, m) for (1, m) or (n, m)."""
         is_shared, count = nu[0].ndim > 1, len(place[0])
         check = place[0] + place[1]
         check = check[:, None] + (nu[0] + nu[1]) if is_shared else check + (nu[0] + nu[1])
-        # what is lost or infinite is so in the result
+        # NaN and infinite arguments give NaN
         totals: list[Any] = [0.0 if np.isfinite(check).all() else check - check] * self.values
         for pairs, is_even, owner, part in self.parts(tables, place):
             for pair in pairs:
                 shifted = nu if pair.is_unit else pair.detuned(nu)
                 terms = self.terms(ops, tables, shifted, is_even, pair.is_real)
-                found = []
+                sums = []
                 if is_shared:
-                    found = _row_sums(terms, owner, part, count, nu[0].shape)
+                    sums = _row_sums(terms, owner, part, count, nu[0].shape)
                 else:
                     for value in terms.taken(owner).of_part(*part):
-                        found.append(np.bincount(owner, value, count))
-                total = terms.total(tuple(found))
+                        sums.append(np.bincount(owner, value, count))
+                total = terms.total(tuple(sums))
                 if not pair.is_unit:
                     points = [p[:, None] for p in place] if is_shared else place
                     total = _with_amplitude(total, pair.amplitude(ops, points))
@@ -227,7 +228,7 @@ class SliceSum:
     ) -> Iterator[tuple[Sequence[WavePair], bool, Array, tuple[Any, ...]]]:
         """Pairs of waves, whether their terms are even, and last parts of edges (theory, (K1)).
 
-        A part is the number of its place (k,); and its centre and its vector (x, y, dx, dy) in the
+        A part is the index of its point (k,); and its centre and its vector (x, y, dx, dy) in the
         slice, and its weight (real, imag). In double precision.
         """
         t = np.empty(len(place[0]), np.complex128)
@@ -258,7 +259,7 @@ class SliceSum:
                 yield pairs, is_even, grid, view.side, side
 
     def listed(self, ops: Any, tables: Tables, *place: Array) -> tuple[Array, Array, bool]:
-        """Where the parts of each place begin (n + 1,), rows of parts, whether weights are real.
+        """The first part of each point (n + 1,), rows of parts, whether weights are real.
 
         Rows are (x, y, dx, dy), and where weights are others than 1 and -1 or a frequency is
         shifted (real, imag, shift) as well; a part of weight -1 is stored reversed (terms are odd).
@@ -295,24 +296,15 @@ def _row_sums(
     terms: EdgeTerms, owner: Array, part: Sequence[Any], count: int, shape: tuple[int, ...]
 ) -> list[Array]:
     """Sums (count, columns) of terms of parts at frequencies of a shape (1 or count, columns)."""
-    own, columns = shape
+    rows, columns = shape
     results = [np.zeros((count, columns)) for _ in range(terms.values)]
-    begins = np.flatnonzero(np.diff(owner, prepend=-1))
-    ends = np.append(begins[1:], len(owner))
-    first = 0
-    while first < len(begins):  # some places at a time, of one too large some columns
-        last = max(first + 1, int(np.searchsorted(ends, begins[first] + _SUMMED // columns + 1)))
-        rows, step = slice(begins[first], ends[last - 1]), len(owner)
-        step = max(1, _SUMMED // (rows.stop - rows.start))
-        numbers = [p[rows, None] if np.ndim(p) else p for p in part]
-        which = owner[begins[first:last]]
-        for k in range(0, columns, step):
-            some = slice(k, k + step)
-            at = terms.at_columns(owner[rows] if own > 1 else None, some)
-            for result, value in zip(results, at.of_part(*numbers), strict=True):
-                sums = np.add.reduceat(value, begins[first:last] - rows.start, axis=0)
-                result[which, some] = sums
-        first = last
+    begins, step = np.flatnonzero(np.diff(owner, prepend=-1)), max(1, _SUMMED // (len(owner) or 1))
+    numbers = [p[:, None] if np.ndim(p) else p for p in part]
+    for k in range(0, columns if len(owner) else 0, step):
+        some = slice(k, k + step)
+        at = terms.at_columns(owner if rows > 1 else None, some)
+        for result, value in zip(results, at.of_part(*numbers), strict=True):
+            result[owner[begins], some] = np.add.reduceat(value, begins, axis=0)
     return results
 
 
@@ -321,8 +313,8 @@ def _with_amplitude(total: Values, amplitude: tuple[Any, Any]) -> Values:
     real, imag = amplitude
     if isinstance(imag, float) and imag == 0.0:
         return tuple(times(real, value) for value in total)
-    found = Pair(*total) * Pair(real, imag)
-    return found.real, found.imag
+    product = Pair(*total) * Pair(real, imag)
+    return product.real, product.imag
 
 
 def _sum_of_rows(
@@ -398,12 +390,12 @@ class TermSum:
                 share = scale * ops.select(remains, extent, 0.0)
                 x = ops.fma(t, edge.ex, scale * edge.ax + (0.5 * scale) * tx)
                 y = ops.fma(t, edge.ey, scale * edge.ay + (0.5 * scale) * ty)
-                found = self.function.of_part(x, y, share * edge.ex, share * edge.ey, *weight)
-                total = tuple(a + b for a, b in zip(total, found, strict=True))
+                values = self.function.of_part(x, y, share * edge.ex, share * edge.ey, *weight)
+                total = tuple(a + b for a, b in zip(total, values, strict=True))
         return total
 
     def value(self, sums: Sequence[Any], place: Values) -> Values:
-        """The share of the pair in the result."""
+        """The contribution of the pair to the result."""
         amplitude = self.pair.amplitude(self.ops, place)
         return _with_amplitude(self.function.total(tuple(sums)), amplitude)
 
@@ -421,18 +413,18 @@ class PartSum:
     def term(self, *row: Any) -> Values:
         """Contribution of a part (x, y, dx, dy), or of all columns of a row."""
         if self.is_plain:
-            found: Values = self.terms.of_part(*row, 1.0, 0.0)
-            return found
+            values: Values = self.terms.of_part(*row, 1.0, 0.0)
+            return values
         (nu_x, nu_y), (shift_x, shift_y) = self.nu, row[6:]
-        # a part with a frequency of its own
+        # a part with a shifted frequency
         terms = self._at((nu_x - shift_x, nu_y - shift_y))
         total: Values = terms.total(terms.of_part(*row[:5], 0.0 if self.is_real else row[5]))
         return total
 
     def total(self, sums: Values) -> Values:
         """The kernel's sums from the sums of all terms."""
-        found: Values = self._as_waves(self.terms.total(sums) if self.is_plain else sums)
-        return found
+        values: Values = self._as_waves(self.terms.total(sums) if self.is_plain else sums)
+        return values
 
 
 # ---- pairs of waves --------------------------------------------------------------------------
@@ -451,15 +443,15 @@ def mean_pairings(tables: Tables) -> list[Pairing]:
 
 def difference_pairings(tables: Tables) -> list[Pairing]:
     """Pairs of waves for A: the edges' field is the first factor BEHIND, the second AHEAD."""
-    found: list[Pairing] = []
+    pairings: list[Pairing] = []
     for k, own in enumerate(tables.groups):
         for n, other in enumerate(tables.groups):
             if k == n:
-                found.append((k, n, _BOTH, difference_pairs(own, own)))
+                pairings.append((k, n, _BOTH, difference_pairs(own, own)))
                 continue
-            found.append((k, n, _BOTH[:1], difference_pairs(own, other)))
-            found.append((k, n, _BOTH[1:], difference_pairs(other, own)))
-    return found
+            pairings.append((k, n, _BOTH[:1], difference_pairs(own, other)))
+            pairings.append((k, n, _BOTH[1:], difference_pairs(other, own)))
+    return pairings
 
 
 WIGNER_SUM = SliceSum(

@@ -5,9 +5,9 @@ thresholds on |nu| times diameter become absolute ones, and float32 spends its d
 source. Needles and plates are turned to their own axes and stretched there as well; the transforms
 are covariant under affine maps, so a needle of aspect 1e-6 is as harmless as a square.
 
-Of the map, the part that takes frequencies is exact: its matrix consists of floats, rounded from
-the axes, and vertices go through its exact inverse. Else the rounding of an axis, by an ulp, would
-turn the needle by as much, and move its ends by many of its widths' ulps.
+The map of frequencies is exact: its matrix consists of floats, rounded from the axes, and vertices
+are mapped by its exact inverse. Otherwise the rounding of an axis by an ulp would rotate the
+needle, and move its ends by many ulps of its width.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from polywigner.geometry.rings import whole_numbers
 from polywigner.numerics import phases
 
 # A box longer than this is stretched; below it the loss of digits (the aspect, in ulps of the
-# width) is smaller than what the kernels lose anyway, and axis-parallel edges stay so.
+# width) is smaller than the rounding errors of the kernels, and axis-parallel edges stay
+# axis-parallel.
 NEEDLE_ASPECT = 8.0
 
 Array = npt.NDArray[np.float64]
@@ -55,7 +56,7 @@ class Frame:
         cx, cy = self.centre
         if self.is_diagonal:
             return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
-        # Across a needle almost everything cancels: keep what the differences round away.
+        # Across a needle almost everything cancels: the rounding errors of the differences count.
         (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
         fine = self._cross_products(ops, lost_x, lost_y)
         coarse = self._cross_products(ops, dx, dy)
@@ -138,13 +139,13 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Arra
         return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
     points, exponent = whole_numbers(np.vstack([np.asarray(centre, np.float64), points]))
     rows, row_exponent = whole_numbers(np.asarray(matrix, np.float64))
-    cofactors, whole = _cofactors(rows.tolist()), determinant(rows.tolist())
+    cofactors, divisor = _cofactors(rows.tolist()), determinant(rows.tolist())
     sums = (points[1:] - points[0]) @ np.array(cofactors, dtype=object).T
     power = exponent - row_exponent
     if power < 0:
-        whole <<= -power
+        divisor <<= -power
     # A quotient of integers is rounded once.
-    return ((sums << max(power, 0)) / whole).astype(np.float64)
+    return ((sums << max(power, 0)) / divisor).astype(np.float64)
 
 
 def _cofactors(matrix: list[list[int]]) -> list[list[int]]:

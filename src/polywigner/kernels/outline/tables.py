@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.outline.constants import Constants, constants_of
 from polywigner.kernels.outline.frame import Frame, frame_of
 from polywigner.kernels.outline.wave_pairs import (
     UNIFORM,
@@ -49,7 +48,7 @@ class Tables:
     """The different fields on the elements, less their weights."""
     double: bool
     coherence: Any = None
-    """The degree of coherence of light that is partly coherent, by lags of the frame."""
+    """The matrix from lags in the frame to lags in coherence widths; None for coherent light."""
     pairs: dict[Any, Any] = field(default_factory=dict, repr=False)
     """Lists of the pairs of edges that can meet, as engines hold them."""
     lists: dict[Any, Any] = field(default_factory=dict, repr=False)
@@ -69,7 +68,7 @@ class Tables:
     def clips(self) -> int:
         """Number of pairs of edges: the cost of one slice.
 
-        A further wave counts as 24 edges: it is integrated over what is left of each edge.
+        A further wave counts as 24 edges: it is integrated over each part of an edge.
         """
         return len(self.edges) * (len(self.edges) + _EDGES_PER_WAVE * (self.waves_per_cut - 1))
 
@@ -87,13 +86,8 @@ class Tables:
         return is_short and self.coherence is None
 
     @cached_property
-    def constants(self) -> Constants:
-        """The edges, lines and convex pieces as constants of code."""
-        return constants_of(self)
-
-    @cached_property
     def by_element(self) -> Tables:
-        """The tables with each element as a group of its own, of weight 1."""
+        """The tables with each element as a separate group of weight 1."""
         edges, names = self.edges.copy(), self.names.copy()
         edges[:, 4:], names[:, 3] = (1.0, 0.0), names[:, 2]
         group_of = dict(zip(self.names[:, 2].tolist(), self.names[:, 3].tolist(), strict=True))
@@ -109,16 +103,13 @@ class Tables:
             lists={},
         )
 
-    def mutual(self, edge: Any, piece: Any) -> tuple[Any, Any]:
-        """Weight of the edge's element times the conjugate of the piece's: (real, imag)."""
+    def mutual(self, real: Any, imag: Any, level: Any, level_imag: Any) -> tuple[Any, Any]:
+        """The weight of an element times the conjugate of another weight: (real, imag)."""
         if self.uniform:
-            return piece.real, 0.0
+            return level, 0.0
         if not self.phased:
-            return edge.real * piece.real, 0.0
-        return (
-            edge.real * piece.real + edge.imag * piece.imag,
-            edge.imag * piece.real - edge.real * piece.imag,
-        )
+            return real * level, 0.0
+        return real * level + imag * level_imag, imag * level - real * level_imag
 
 
 def build_tables(source: Source, *, double: bool) -> Tables:
@@ -140,8 +131,8 @@ def build_tables(source: Source, *, double: bool) -> Tables:
             start = frame.vertices(ring)
             index = vertices + np.arange(len(ring))
             end, following = (np.roll(values, -1, axis=0) for values in (start, index))
-            own = np.full((len(ring), 2), (weights[number].real, weights[number].imag))
-            edges.append(np.hstack([start, end, own]))
+            weight = np.full((len(ring), 2), (weights[number].real, weights[number].imag))
+            edges.append(np.hstack([start, end, weight]))
             same = np.full((len(ring), 2), (number, group_of[number]))
             names.append(np.column_stack([index, following, same]))
             vertices += len(ring)

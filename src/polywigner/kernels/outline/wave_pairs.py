@@ -1,7 +1,7 @@
 """Sums of plane waves on a source, and contributions of their pairs to W and A.
 
 For a field sum_m c_m exp(2 pi i kappa_m.x) on the source (docs/theory.md, (I2), (I3)), W and A are
-sums over pairs of waves of those of the uniform source at a shifted frequency, times a factor that
+sums over pairs of waves: W or A of the uniform source at a shifted frequency, times a factor that
 depends on position or lag alone. Pairs with one shift are taken together, as one `WavePair`.
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 
-# Frequencies this close, in cycles per size of the frame and relative to the largest, are one:
+# Frequencies this close, in cycles per size of the frame and relative to the largest, are equal:
 # sums of the same terms in another order.
 _EQUAL = 1e-14
 
@@ -39,7 +39,7 @@ UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
 
 
 def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
-    """The middle of all frequencies, relative to which a steered source is computed."""
+    """The centre of all frequencies, relative to which a steered source is computed."""
     still = np.zeros((1, dimension))
     frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
     return tuple((frequencies.min(axis=0) / 2 + frequencies.max(axis=0) / 2).tolist())
@@ -52,10 +52,10 @@ def waves_in_frame(illumination: Any, frame: Any) -> Waves:
     else:
         pairs = list(zip(illumination.amplitudes, illumination.frequencies.tolist(), strict=True))
     waves = []
-    for amplitude, own in pairs:
-        turns = sum(Fraction(k) * Fraction(c) for k, c in zip(own, frame.centre, strict=True))
+    for amplitude, frequency in pairs:
+        turns = sum(Fraction(k) * Fraction(c) for k, c in zip(frequency, frame.centre, strict=True))
         phase = np.exp(2j * np.pi * float(turns - round(turns)))
-        relative = (k - c for k, c in zip(own, frame.carrier, strict=True))
+        relative = (k - c for k, c in zip(frequency, frame.carrier, strict=True))
         waves.append(Wave(complex(amplitude * phase), tuple(frame.exact_frequency(*relative))))
     return tuple(waves)
 
@@ -97,7 +97,7 @@ class WavePair:
 
     @cached_property
     def is_unit(self) -> bool:
-        """Whether the pair is that of a uniform source: no shift, amplitude 1."""
+        """Whether the pair belongs to a uniform source: no shift, amplitude 1."""
         return self.is_constant and not any(self.shift) and self.terms == ((1.0, (0.0, 0.0)),)
 
     @property
@@ -190,13 +190,13 @@ def _collected(
 ) -> tuple[WavePair, ...]:
     largest = max((abs(f) for shift, _, _ in pairs for f in shift), default=0.0)
     tolerance = _EQUAL * max(1.0, largest)
-    found: list[tuple[Vector, dict[Vector, complex]]] = []
+    collected: list[tuple[Vector, dict[Vector, complex]]] = []
     for shift, amplitude, rate in pairs:
-        terms = next((t for s, t in found if math.dist(s, shift) <= tolerance), None)
+        terms = next((t for s, t in collected if math.dist(s, shift) <= tolerance), None)
         if terms is None:
             terms = {}
-            found.append((shift, terms))
+            collected.append((shift, terms))
         terms[rate] = terms.get(rate, 0.0) + amplitude
     return tuple(
-        WavePair(shift, tuple((a, r) for r, a in t.items()), is_real) for shift, t in found
+        WavePair(shift, tuple((a, r) for r, a in t.items()), is_real) for shift, t in collected
     )

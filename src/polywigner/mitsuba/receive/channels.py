@@ -55,7 +55,7 @@ from polywigner.mitsuba.scenes.reflectors import (
 )
 from polywigner.mitsuba.scenes.rendering import polarised_by_default, unseen
 from polywigner.mitsuba.scenes.surfaces import receivers_of, wigner_emitters
-from polywigner.numerics.polynomials import in_band
+from polywigner.numerics.band_limited import in_band
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
 from polywigner.reception import coupling
 from polywigner.scattering.near_fields import echo

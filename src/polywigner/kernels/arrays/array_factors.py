@@ -1,20 +1,24 @@
-"""Array factors in phase space: the pairs of sites of a lattice with one midpoint or difference.
+"""Array factors: sums over the sites of an array, and over pairs of sites of a lattice.
 
-For equal elements at the sites of a lattice, W is a sum over midpoints of pairs of sites of the
-element's W there, times a factor: the discrete Wigner function of the weights at that midpoint
-(docs/theory.md, (L1)). A is the same with differences for midpoints (L2); `partner` says how both
-count. If the weights are a product of a profile along each direction, so are the factors, and along
-one direction
+The Fourier transform of an array is its element's transform times the sum of
+w_k exp(-2 pi i nu.p_k) over the sites p_k (docs/theory.md, (L3)). On a lattice whose weights are a
+product of two profiles it is the product of two sums, one along each direction; otherwise sites are
+rows of a table.
+
+W of equal elements on a lattice is a sum over midpoints of pairs of sites: W of the element there,
+times the discrete Wigner function of the weights (L1). A is the same with differences for midpoints
+(L2). For weights that are a product, so are these factors. Along one direction each is
 
     sum_k c_k exp(-2 pi i t (k - (N - 1)/2)),    0 <= k < N,
 
-with products c_k of two amplitudes. For equal amplitudes that is sin(pi N t)/sin(pi t).
+with products c_k of two amplitudes. For equal amplitudes the sum is sin(pi N t)/sin(pi t).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property, lru_cache, partial
 from typing import Any
 
@@ -22,21 +26,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.kernels.arrays.repeated import HeldTable
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.kernels.kernel import Kernel, Values, leave_parts, leave_wave
+from polywigner.numerics import Number, phases
+from polywigner.numerics.complex_pairs import Pair, plane_wave
 from polywigner.numerics.phases import cos_sin_turns, sin_turns
-from polywigner.source.lattices import Profile
+from polywigner.source.lattices import Profile, Sites, column_and_row, separated
 
+Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Pair2 = tuple[Any, Any]
+Row = tuple[float, ...]
 
-# Coefficients or samples that are read at a time: one load, where each alone would be another.
+# Coefficients that one load reads.
 _PACKET = 4
 # Terms of a temporary array: a few tens of megabytes with its intermediates.
 _BLOCK = 1 << 18
 
 
 def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
-    """The other site of a pair, along a direction of so many sites.
+    """The other site of a pair, along a direction of ``count`` sites.
 
     ``number``, 0 to 2 count - 2: the sum of both indices, or their difference plus count - 1. In
     both cases there are count - |number - (count - 1)| pairs, and the waves of a factor are
@@ -45,9 +53,9 @@ def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
     return number - index if by_mean else index - number + (count - 1)
 
 
-def _odd(ops: Any, whole: Any) -> Any:
+def _odd(ops: Any, number: Any) -> Number:
     """1 for odd numbers, 0 for even ones."""
-    return abs(whole - 2.0 * ops.round(0.5 * whole))
+    return abs(number - 2.0 * ops.round(0.5 * number))
 
 
 # ---- profiles --------------------------------------------------------------------------------
@@ -87,8 +95,8 @@ class ProfileFactor:
 
         def product(number: NDArray[np.intp], k: NDArray[np.intp]) -> Complexes:
             site = np.maximum(0, number - last) + k
-            found: Complexes = a[site] * a[partner(site, number, self.count, by_mean)].conj()
-            return found
+            products: Complexes = a[site] * a[partner(site, number, self.count, by_mean)].conj()
+            return products
 
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
@@ -115,24 +123,24 @@ def profile_factor(profile: Profile) -> ProfileFactor:
     return ProfileFactor(profile)
 
 
-def _dirichlet(ops: Any, count: Any, turns: Any) -> Any:
+def _dirichlet(ops: Any, count: Any, turns: Any) -> Number:
     """sum_k exp(-2 pi i turns (k - (count - 1)/2)), 0 <= k < count; 0 for count <= 0.
 
     sin(pi count t)/sin(pi t) with t reduced to half a turn: N t to an ulp of itself, so that the
     quotient errs by an ulp of N.
     """
     floor = 1e-30 if ops.double else 1e-20
-    whole = ops.round(turns)
-    left = turns - whole
+    nearest = ops.round(turns)
+    left = turns - nearest
     left = ops.select(abs(left) < floor, floor, left)
     quotient = sin_turns(ops, 0.5 * count * left) / sin_turns(ops, 0.5 * left)
-    odd = _odd(ops, (count - 1.0) * whole)
+    odd = _odd(ops, (count - 1.0) * nearest)
     return ops.select(count > 0.0, quotient * (1.0 - 2.0 * odd), 0.0 * turns)
 
 
 @dataclass(frozen=True, eq=False)
 class _Series:
-    """Sums of cosines and sines, coefficients by row and by term, from the middle outwards.
+    """Sums of cosines and sines, with coefficients by row and by term, from the centre outwards.
 
     In row r, p_k cos(2 pi t m_k) - i q_k sin(2 pi t m_k) with m_k = k or k + 1/2, p and q complex.
     A table of zeros only is None.
@@ -162,7 +170,7 @@ class _Series:
 
     def _sum(
         self, ops: Any, basis: _Basis, table: HeldTable | None, start: Any, nil: Any, ends: Any
-    ) -> Any:
+    ) -> Number:
         if table is None:
             return 0.0
         memory, last = table.in_memory(ops), start + (self.packets - 1)
@@ -183,7 +191,7 @@ class _Basis:
     """Clenshaw's recursion in Reinsch's form for cosines and sines of whole or half multiples.
 
     Stable where the plain form loses n^2 ulps, at whole turns and at half ones. ``cosine`` and
-    ``sine``: what the last d and the last but one b are multiplied with.
+    ``sine``: the factors of the last d and of the last b but one.
     """
 
     def __init__(self, ops: Any, turns: Any, half: Any) -> None:
@@ -205,7 +213,7 @@ class _Basis:
 def _series(
     lengths: NDArray[np.intp], product: Callable[[NDArray[np.intp], NDArray[np.intp]], Complexes]
 ) -> _Series:
-    """Rows of c_k = ``product(row, k)``, 0 <= k < length, about their middles."""
+    """Rows of c_k = ``product(row, k)``, 0 <= k < length, about their centres."""
     count, terms = len(lengths), (int(lengths.max()) + 1) // 2
     packet = min(terms, _PACKET)
     packets = -(-terms // packet)
@@ -258,3 +266,163 @@ def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
         return known[step]
 
     return of
+
+
+# ---- sites -----------------------------------------------------------------------------------
+
+# Positions that miss a lattice by more than this fraction of its extent D are not computed as a
+# lattice: the phase errs by 6e3 times that at |nu| D = 1000. Multiples of a pitch, counted from
+# anywhere in the array, miss it by less; arrays far off the origin, by more.
+_MISFIT = 2.0**-52
+# Rows and columns may cross at up to this number of points for each site; others have weight 0.
+_CROSSINGS_PER_SITE = 16
+# Fewer sites are summed one by one: as fast, and compiled at once (benchmarks/array_cost.py).
+_LEAST_SITES = 16
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """Phases are relative to the centre of the sites."""
+
+    centre: tuple[phases.Doubled, ...]
+    basis: tuple[tuple[float, ...], ...] = ()
+    """Basis of the lattice; empty if sites are summed one by one."""
+    content: float = 1.0
+
+
+@dataclass(frozen=True)
+class _Tables:
+    frame: _Frame
+    rows: tuple[tuple[Row, ...], ...] = ()
+    """Tables of sites: position relative to the centre, each number as the sum of two floats, and
+    weight. Two tables, for x and y of a grid of sites, whose sums are multiplied; none for a
+    lattice."""
+    factors: tuple[ProfileFactor, ...] = ()
+    constant: complex = 1.0
+    turns: tuple[float, ...] = ()
+
+    @property
+    def terms(self) -> int:
+        return max(1, sum(map(len, self.rows)))
+
+
+@lru_cache(maxsize=64)
+def _tables(sites: Sites, double: bool) -> _Tables:
+    lattice = sites.lattice if len(sites.positions) >= _LEAST_SITES else None
+    profiles = None if lattice is None else separated(lattice.weights)
+    if lattice is None or profiles is None:
+        return _table_of_sites(sites, double)
+    if lattice.misfit > _MISFIT:
+        return _tables_of_axes(sites, double) or _table_of_sites(sites, double)
+    centre = (Fraction(high) + Fraction(low) for high, low in lattice.middle)
+    frame = _Frame(tuple(phases.doubled(c, double) for c in centre), lattice.basis)
+    constant = complex(np.prod([profile.factor for profile in profiles]))
+    for profile, count in zip(profiles, lattice.weights.shape, strict=True):
+        # phases are 0 at the centre
+        constant *= complex(np.exp(1j * np.pi * profile.turns * (count - 1)))
+    factors, turns = map(profile_factor, profiles), (profile.turns for profile in profiles)
+    return _Tables(frame, (), tuple(factors), constant, tuple(turns))
+
+
+def _tables_of_axes(sites: Sites, double: bool) -> _Tables | None:
+    """Return tables for sites where rows and columns cross, if the weights are a product."""
+    x, i = np.unique(sites.positions[:, 0], return_inverse=True)
+    y, j = np.unique(sites.positions[:, 1], return_inverse=True)
+    if len(x) * len(y) > _CROSSINGS_PER_SITE * len(sites.positions):
+        return None
+    weights = np.zeros((len(x), len(y)), np.complex128)
+    np.add.at(weights, (i.ravel(), j.ravel()), sites.weights)
+    product = column_and_row(weights)
+    if product is None:
+        return None
+    return _summed(((x[:, None], product[0]), (y[:, None], product[1])), double)
+
+
+@lru_cache(maxsize=64)
+def _table_of_sites(sites: Sites, double: bool) -> _Tables:
+    return _summed(((sites.positions, sites.weights),), double)
+
+
+def _summed(axes: tuple[tuple[Floats, Complexes], ...], double: bool) -> _Tables:
+    """Return tables for positions (n, d) with their weights (n,)."""
+    centre: list[phases.Doubled] = []
+    tables = []
+    for positions, weights in axes:
+        low = positions.min(axis=0)
+        offset = low + np.ptp(positions, axis=0) / 2
+        centre += [phases.doubled(c, double) for c in offset.tolist()]
+        rows = zip((positions - offset).tolist(), weights.tolist(), strict=True)
+        tables.append(
+            tuple(
+                (*(part for c in site for part in phases.doubled(c, double)), w.real, w.imag)
+                for site, w in rows
+            )
+        )
+    return _Tables(_Frame(tuple(centre)), tuple(tables))
+
+
+def _enter(ops: Any, frame: _Frame, *nu: Any) -> Values:
+    turns = phases.turns_to_centre(ops, frame.centre, *nu)
+    if not frame.basis:
+        return (turns, *nu)
+    # sites are half steps from the centre: nu.b counts modulo 2
+    half = [0.5 * component for component in nu]
+    return (turns, *(2.0 * phases.turns_to_centre(ops, b, *half) for b in frame.basis))
+
+
+def _sum(ops: Any, tables: _Tables, turns: Any, *inner: Any) -> Values:
+    if len(tables.rows) == 1:
+        total = _sum_over_sites(ops, tables.rows[0], *inner)
+    elif tables.rows:
+        one, two = map(_sum_over_sites, (ops, ops), tables.rows, inner)
+        total = one * two
+    else:
+        one, two = (
+            factor.total(ops, along - turn)
+            for factor, along, turn in zip(tables.factors, inner, tables.turns, strict=True)
+        )
+        total = one * two * Pair(tables.constant.real, tables.constant.imag)
+    return total.real, -total.imag
+
+
+def _sum_over_sites(ops: Any, rows: tuple[Row, ...], *nu: Any) -> Pair:
+    def term(*row: Any) -> Values:
+        *both, real, imag = row
+        site = tuple(zip(both[0::2], both[1::2], strict=True))
+        return phases.rotated(ops, phases.reduced(ops, phases.dot(ops, nu, site)), real, -imag)
+
+    return Pair(*ops.sum_over(rows, term, 2, like=nu[0]))
+
+
+def _enter_complex(ops: Any, frame: _Frame, *parts: Any) -> Values:
+    """(real, imaginary) part of the phase of the centre; nu."""
+    real, imag = parts[0::2], parts[1::2]
+    turns = phases.turns_to_centre(ops, frame.centre, *real)
+    growth, rest = phases.dot(ops, imag, frame.centre)
+    return (turns, growth + rest, *real, *imag)
+
+
+def _complex_sum(ops: Any, tables: _Tables, turns: Any, growth: Any, *nu: Any) -> Values:
+    count = len(nu) // 2
+    waves = [Pair(real, imag) for real, imag in zip(nu[:count], nu[count:], strict=True)]
+
+    def term(*row: Any) -> tuple[Any, Any]:
+        *both, real, imag = row
+        phase = Pair(0.0, 0.0)
+        for component, high, low in zip(waves, both[0::2], both[1::2], strict=True):
+            phase = phase + component.scaled(high + low)
+        wave = plane_wave(ops, phase) * Pair(real, imag)
+        return wave.real, wave.imag
+
+    total = Pair(*ops.sum_over(tables.rows[0], term, 2, like=nu[0]))
+    total = total * plane_wave(ops, Pair(turns, growth))
+    return total.real, total.imag
+
+
+@lru_cache(maxsize=8)
+def array_factor_kernel(dimension: int, is_complex: bool) -> Kernel:
+    """The kernel of array factors of sites on a line, in the plane or in space."""
+    if is_complex:
+        steps = _table_of_sites, _enter_complex, _complex_sum, leave_parts
+        return Kernel("array factor, complex nu", dimension, *steps)
+    return Kernel("array factor", dimension, _tables, _enter, _sum, leave_wave)

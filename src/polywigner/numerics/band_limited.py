@@ -1,0 +1,104 @@
+"""Band-limited functions: interpolation in a band, and peaks between samples.
+
+|F|^2 of a source within a width D varies on scales of 1/D and more. At a distance d along an axis
+from a peak it is at least cos^2(pi d D) of the peak. So the sample next to the largest peak has at
+least that fraction of it, and windows around all such samples contain the peak.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# Numbers of Chebyshev nodes; each set contains the one before.
+_RULES = (5, 9, 17, 33, 65)
+
+
+def in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
+    """Compute smooth values (n, k) at frequencies (n,), by a polynomial if that takes fewer calls.
+
+    The number of Chebyshev nodes is doubled until the polynomial predicts the values at the next
+    nodes to ``tolerance`` of the largest value.
+    """
+    low, high = float(frequencies.min()), float(frequencies.max())
+    steps = _RULES[-1] - 1
+    nodes_in_band = (low + high) / 2 - (high - low) / 2 * np.cos(
+        np.pi * np.arange(steps + 1) / steps
+    )
+    known: dict[int, Complex] = {}
+    nodes, values = np.empty(0), np.empty((0, 0), np.complex128)
+    for count in _RULES:
+        if count >= len(frequencies):
+            break
+        numbers = range(0, steps + 1, steps // (count - 1))
+        known |= {k: compute(float(nodes_in_band[k])) for k in numbers if k not in known}
+        predicted = _interpolated(nodes, values, nodes_in_band[numbers]) if len(nodes) else None
+        nodes, values = nodes_in_band[numbers], np.array([known[k] for k in numbers])
+        if predicted is not None:
+            errors = np.abs(predicted - values).max(axis=0)
+            if (errors <= tolerance * np.abs(values).max(axis=0)).all():
+                return _interpolated(nodes, values, frequencies)
+    return np.array([compute(float(frequency)) for frequency in frequencies])
+
+
+def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
+    """Values (n, k) at frequencies (n,) of the polynomial through nodes, ends included."""
+    low, high = nodes[[0, -1]]
+    if low == high:
+        return np.repeat(values[:1], len(frequencies), axis=0)
+    scaled = [(2 * x - low - high) / (high - low) for x in (nodes, frequencies)]
+    coefficients = chebyshev.chebfit(scaled[0], values, len(nodes) - 1)
+    return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)
+
+
+# Samples of a window on either side of its centre, and the number of times that windows shrink by
+# this factor: 4^-8 of a sample leaves 1e-9 of the peak.
+_WINDOW, _ROUNDS = 4, 8
+_EQUAL = 1e-9
+# Limit of the samples that are refined: peaks and their neighbours.
+_MOST = 256
+
+
+def largest(points: Floats, values: Floats, step: Floats, width: Floats) -> tuple[Floats, Floats]:
+    """Return the samples that may be next to the largest peak, the best first.
+
+    Parameters
+    ----------
+    points, values : (n, 2) and (n,).
+    step, width : (2,) distances between samples, and the widths D; their products are at most 1/2.
+    """
+    fraction = float(np.cos(math.pi * width * step / 2).prod()) ** 2
+    best = np.argsort(-values, kind="stable")[:_MOST]
+    best = best[values[best] >= min(fraction, 1 - _EQUAL) * values[best[0]]]
+    return points[best], values[best]
+
+
+def climbed(
+    evaluate: Callable[[Floats], tuple[Floats, Any]], points: Floats, step: Floats, width: Floats
+) -> tuple[Floats, Floats]:
+    """Return the points (n, 2) of the largest peak, or of several equal ones, and its value (n,).
+
+    Parameters
+    ----------
+    evaluate : (points (n, m, 2)) -> the points moved into the function's domain, its values (n, m).
+    points : (n, 2) samples, as :func:`largest` returns them.
+    step, width : as for :func:`largest`.
+    """
+    around = np.arange(-_WINDOW, _WINDOW + 1) / _WINDOW
+    window = np.stack(np.meshgrid(around, around), axis=-1).reshape(-1, 2)
+    values = np.empty(0)
+    for _ in range(_ROUNDS):
+        near, values = evaluate(points[:, None] + step * window)
+        step = step / _WINDOW
+        best = np.arange(len(near)), values.argmax(axis=-1)
+        distinct = np.unique((near[best] / step).round(), axis=0, return_index=True)[1]
+        points, values = largest(near[best][distinct], values[best][distinct], step, width)
+    return points, values
