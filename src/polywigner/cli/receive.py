@@ -94,7 +94,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     from polywigner.figures import draw_channel
     from polywigner.mitsuba import channel, choose_variant
     from polywigner.mitsuba.plugins.polariser import is_polarised
-    from polywigner.mitsuba.receive.received import ReceiveOptions
+    from polywigner.mitsuba.receive.power_results import ReceiveOptions
     from polywigner.mitsuba.receive.received_power import arrival_map, shapes_in
     from polywigner.mitsuba.scenes import scene_renders
     from polywigner.mitsuba.scenes.surfaces import receivers_of
@@ -226,7 +226,7 @@ def _figure(
     """Draw the scattered power of each receiver over its directions, a panel for each receiver."""
     from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
-    from polywigner.mitsuba.receive.received import dbm_text
+    from polywigner.mitsuba.receive.power_results import dbm_text
 
     columns = min(len(found), _COLUMNS)
     rows = -(-len(found) // columns)
@@ -278,7 +278,7 @@ def _ranges_record(profile: Any) -> dict[str, Any]:
 
 def _ranges_text(profile: Any, found: list[Any]) -> str:
     """Describe the strongest bin of each receiver, and the power outside all bins."""
-    from polywigner.mitsuba.receive.received import dbm_text
+    from polywigner.mitsuba.receive.power_results import dbm_text
 
     edges = profile["range_edge"].values
     lines = []

@@ -153,8 +153,8 @@ Complex = NDArray[np.complex128]
 _OPS = execution.NumpyOperations(double=True)
 # Smallest tolerance: some hundred rounding errors of the sums.
 _LEAST = 1e-12
-# Errors are relative to at least this fraction of the largest coupling of sources of these areas: no
-# digits are left in a null of a pattern.
+# Errors are relative to at least this fraction of the largest coupling of sources of these areas:
+# no digits are left in a null of a pattern.
 _FLOOR = 1e-3
 # Poses of one step: their pairs of cells are refined together.
 _BLOCK = 64

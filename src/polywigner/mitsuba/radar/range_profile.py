@@ -22,7 +22,7 @@ from polywigner.mitsuba.radar.range_film import (
     sorted_by_range,
     transient_integrator,
 )
-from polywigner.mitsuba.receive.received import (
+from polywigner.mitsuba.receive.power_results import (
     DirectPath,
     ReceivedPower,
     ReceiveOptions,
@@ -170,7 +170,7 @@ def _profile_of(scene: Any, found: Received, edges: Floats) -> xarray.Dataset:
     values = _bins_of(by_light, direct) | _noise_of(powers)
     labels, paths = _paths_of(lights)
     coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
-    receivers = [place.name for place in parties.places]
+    receivers = [place.name for place in parties.receivers]
     values |= paths
     if is_single := len(receivers) == 1:
         values = {name: (array[0], *rest) for name, (array, *rest) in values.items()}
@@ -180,7 +180,7 @@ def _profile_of(scene: Any, found: Received, edges: Floats) -> xarray.Dataset:
     meaning = "light and mirrors in the order of light; none: line of sight"
     about = {
         "receiver": receivers[0] if is_single else "several",
-        "wavelength": parties.places[0].wavelength,
+        "wavelength": parties.receivers[0].wavelength,
         "polarisation": "; ".join(dict.fromkeys(power.polarisation for power in powers)),
         "samples": powers[0].samples,
         "seed": powers[0].seed,

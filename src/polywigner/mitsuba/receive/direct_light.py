@@ -32,7 +32,9 @@ from polywigner.mitsuba.plugins.placement import (
     check_obliquity,
     facing_parts,
 )
-from polywigner.mitsuba.receive.passing import (
+from polywigner.mitsuba.receive.power_results import DirectPath
+from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
+from polywigner.mitsuba.receive.specular_paths import (
     BLOCKED,
     diffracted_ratio,
     obstacles_of,
@@ -41,8 +43,6 @@ from polywigner.mitsuba.receive.passing import (
     points_on,
     traced,
 )
-from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
-from polywigner.mitsuba.receive.received import DirectPath
 from polywigner.mitsuba.scenes.reflectors import (
     Chain,
     names_of,
