@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, EngineError, SceneError
+from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import depths_of
@@ -127,17 +127,18 @@ def _batch(
     return events.view(np.recarray), power, intensity
 
 
-def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
+def _paths(sensor: Any, draws: Floats) -> tuple[list[Paths], Floats, Floats]:
     """Return paths that leave a receiver, W per radiance and solid angle, and solid angles."""
-    columns = draws[:, :2], draws[:, 2:4], draws[:, 4:]
-    ((direction, position, others),) = point_batches(*columns)
-    angles, density = sensor.directions.sample(direction)
-    ray, watts, weight = sensor.look_along(angles, 0.0, others.x, position)
-    if sensor.spec.polarisation is not None:
-        weight = sensor.weigh(weight, 1.0, angles)
-    paths = Paths.along(mi.Ray3f(ray), weight, 0.0 * density)
-    dr.eval(paths, watts, density)
-    return paths, joined([watts]), 1.0 / joined([density])
+    rows = []
+    for direction, position, others in point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:]):
+        angles, density = sensor.directions.sample(direction)
+        ray, watts, weight = sensor.look_along(angles, 0.0, others.x, position)
+        if sensor.spec.polarisation is not None:
+            weight = sensor.weigh(weight, 1.0, angles)
+        rows.append((Paths.along(mi.Ray3f(ray), weight, 0.0 * density), watts, density))
+    dr.eval(rows)
+    paths, watts, densities = zip(*rows, strict=True)
+    return list(paths), joined(watts), 1.0 / joined(densities)
 
 
 def _probabilities(measure: Floats, count: int) -> Floats:
@@ -191,8 +192,7 @@ def scatterers(
 
     Parameters
     ----------
-    scene : a ``mi.Scene`` of a compiled variant with a ``wigner_receiver`` sensor and lights,
-        without fog.
+    scene : a ``mi.Scene`` with a ``wigner_receiver`` sensor and lights, without fog.
     count : largest number of scatterers; fewer if fewer paths reach a light.
     seed : seed of the random numbers, zero or more.
     velocities : (3,) in m/s by the ids of shapes, emitters and the receiver; default: zero. Load
@@ -223,15 +223,11 @@ def scatterers(
 
     Raises
     ------
-    EngineError : a scalar variant. SceneError : no receiver, no light, fog; an emitter with a
-        different wavelength, obliquity or scene unit; infinite radiance. ArgumentError : no scene,
-        several receivers without a choice, unknown ids, other arguments out of range.
+    SceneError : no receiver, no light, fog; an emitter with a different wavelength, obliquity or
+        scene unit; infinite radiance. ArgumentError : no scene, several receivers without a choice,
+        unknown ids, other arguments out of range.
     """
-    if not dr.is_jit_v(mi.Float):
-        raise EngineError(
-            f"scatterers require a compiled variant, got {mi.variant()}; load the scene with "
-            "llvm_ad_mono or another variant that compiles"
-        )
+
     size = checked_count(count, "count", 1, _MOST)
     launched = max(_RAYS * size, _FEWEST_RAYS)
     if rays is not None:
@@ -254,7 +250,8 @@ def scatterers(
         )
     if sensor.get_medium() is not None or any(s.is_medium_transition() for s in scene.shapes()):
         raise SceneError(
-            "scatterers do not support a medium, such as fog; remove it, or use received_power"
+            "expected a scene without fog, got a medium, which scatterers do not support; remove "
+            "it, or use received_power"
         )
     names = _Names.of(scene, placed.name)
     motion = None if velocities is None else names.motion(velocities, placed.scene_unit)

@@ -223,7 +223,7 @@ def received(
 def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
     """Return receivers by their numbers, and the sources; SceneError for mismatched pairs."""
     if not scene.emitters():
-        raise SceneError("the scene has no emitters; add one")
+        raise SceneError("expected a scene with light, got no emitters; add one")
     sensors = [receivers_of(scene)[number] for number in numbers]
     emitters = [placed_emitter(e, k).touching(scene) for k, e in enumerate(wigner_emitters(scene))]
     receivers = [
