@@ -35,7 +35,7 @@ _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
 
 TRANSIENT_INTEGRATORS = (_PATH, _VOLUME)
-"""Plugins that sample receivers and cameras. ``transient_nlos_path`` needs a sensor of its own."""
+"""Plugins that sample receivers and cameras. ``transient_nlos_path`` needs a special sensor."""
 
 _OWN = ("TransientPath", "TransientPRBVolpathIntegrator")
 
@@ -117,7 +117,7 @@ def _counterpart(integrator: Any) -> mi.Integrator:
         if python_name not in _OWN:
             raise SceneError(
                 f"expected {' or '.join(TRANSIENT_INTEGRATORS)}, got {python_name} of mitransient; "
-                "it needs a sensor of its own"
+                "it needs a special sensor"
             )
         if integrator.camera_unwarp:
             raise SceneError(

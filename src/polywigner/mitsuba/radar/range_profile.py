@@ -87,7 +87,7 @@ def range_profile(
     receiver : id of the sensor, or its number among the sorted ids of receivers, from 0; None: all.
     integrator : ``transient_path`` (surfaces), ``transient_prbvolpath`` (fog too), or one of
         Mitsuba's that has the same paths: path, direct, prb; volpath, volpathmis, prbvolpath, whose
-        depths are taken over; default: the scene's own, else that of
+        depths are used; default: the scene's integrator, or else the default of
         :func:`polywigner.mitsuba.render`.
     reflections, tolerance : of direct light, as in :func:`polywigner.mitsuba.received_power`.
     bandwidth, temperature, noise_figure : as in :func:`polywigner.mitsuba.received_power`.
