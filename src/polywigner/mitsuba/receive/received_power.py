@@ -243,8 +243,8 @@ def _scattering(
     name = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator.class_name()
     if name in _NO_RADIANCE:
         raise SceneError(
-            f"the integrator {name} does not compute the radiance along rays from the receiver; "
-            'use "path" or, with fog, "volpath"'
+            "expected an integrator that computes the radiance along rays from the receiver, got "
+            f'{name}; use "path" or, with fog, "volpath"'
         )
     spp = default_spp(scene, sensor) if options.spp is None else options.spp
     lengths = None if edges is None else tuple((2.0 * edges / unit).tolist())
