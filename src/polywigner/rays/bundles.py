@@ -234,8 +234,8 @@ def rebuild(
         is_valid &= pixel >= 0
         pixel, carried = pixel[is_valid], weight[some][is_valid]
         group = 0 if batch is None else number[some][is_valid]
-        total = np.bincount(group * squares.size + pixel, carried, sums.size)
-        sums += total.reshape(sums.shape)
+        added = np.bincount(group * squares.size + pixel, carried, sums.size)
+        sums += added.reshape(sums.shape)
         if batches == 1:
             squares += np.bincount(pixel, carried**2, squares.size)
     sums[:, -1] = sums[:, :-1].sum(axis=1)

@@ -302,7 +302,8 @@ class _Link:
 
         Parts are the sources, or their elements of one polarisation each.
         """
-        values, errors, limits = np.zeros(len(poses), np.complex128), *np.zeros((2, len(poses)))
+        values: Complex = np.zeros(len(poses), np.complex128)
+        errors, limits = np.zeros((2, len(poses)))
         parts: list[Any] = [[(source, None)] for source in self.sources]
         if self.jones is not None:
             parts = list(map(parts_of_polarised, self.sources, self.jones))
@@ -312,8 +313,9 @@ class _Link:
                 for start in starts:
                     some = slice(start, start + _BLOCK)
                     terms = self._between(sent, received, poses[some], floor)
-                    for total, term in zip((values, errors, limits), terms, strict=True):
-                        total[some] += term
+                    values[some] += terms[0]
+                    errors[some] += terms[1]
+                    limits[some] += terms[2]
         # after the sums, which raise at once if they would take too long
         norm = self.norm(self.normalise)
         return values / norm, errors / norm, limits / norm

@@ -163,12 +163,11 @@ def _parts(body: Any) -> tuple[Polyhedron | Aperture | PlacedAperture, ...]:
 def _facets(parts: tuple[Polyhedron | Aperture | PlacedAperture, ...]) -> Facets:
     corners, plates = [], []
     for part in parts:
-        is_plate = not isinstance(part, Polyhedron)
-        points = _of_plate(part) if is_plate else part.vertices[part.triangles]
+        points = part.vertices[part.triangles] if isinstance(part, Polyhedron) else _of_plate(part)
         area = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
         points = points[np.abs(area).max(axis=1) > 0]
         corners.append(points)
-        plates.append(np.full(len(points), is_plate))
+        plates.append(np.full(len(points), not isinstance(part, Polyhedron)))
     triangles = np.concatenate(corners)
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     centre = low + (high - low) / 2

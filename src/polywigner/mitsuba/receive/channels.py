@@ -408,7 +408,7 @@ def _slow(
 
 def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complexes:
     """Return b (links,), with one call for each pair of sources."""
-    groups: dict[tuple[object, ...], list[int]] = {}
+    groups: dict[tuple[Any, ...], list[int]] = {}
     for k, parts in enumerate(links):
         key = parts.emitter.source, parts.receiver.source, parts.emitter.obliquity
         groups.setdefault(key, []).append(k)
