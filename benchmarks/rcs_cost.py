@@ -26,8 +26,7 @@ import polywigner as pw
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from oracles.meshes import extruded, sphere, torus
-from polywigner.scattering.facets import facets_of
-from polywigner.scattering.visibility import lit_pieces, seen_along
+from polywigner.scattering.facets import facets_of, lit_pieces, seen_along
 
 ROUNDS = 5
 

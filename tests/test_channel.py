@@ -381,7 +381,7 @@ def test_an_argument_out_of_range_is_refused(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"tx": None}, "a wigner emitter"),
+        ({"tx": None}, "no wigner emitter"),
         ({"rx": {"obliquity": "kirchhoff"}}, "one obliquity"),
         ({"tx": {"bandwidth": 1e9}}, "coherent light"),
         ({"floor": {"type": "blendbsdf", "weight": 0.5, "a": METAL, "b": BLACK}}, "has a phase"),

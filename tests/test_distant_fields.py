@@ -10,7 +10,7 @@ import polywigner as pw
 from oracles.distant import distant_fields
 from oracles.references import numpy_and_few
 from polywigner.propagation.boundary import radiator_of
-from polywigner.scattering.antennas import field_gradient
+from polywigner.scattering.near_fields import field_gradient
 
 WAVELENGTH = 299792458 / 94e9
 ASKED = 1e-12

@@ -15,7 +15,7 @@ from oracles.references import numpy_and_few
 from oracles.surface_integrals import field_by_quadrature, surface_fields
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.propagation.boundary import radiator_of
-from polywigner.scattering.antennas import field_gradient
+from polywigner.scattering.near_fields import field_gradient
 
 METHODS: tuple[Any, ...] = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff")
 methods = pytest.mark.parametrize("method", METHODS)

@@ -69,7 +69,7 @@ def test_each_slow_call_draws_a_bar_and_a_quick_one_does_not(monkeypatch):
         "radar cross sections": lambda: pw.rcs(pw.shapes.square(1.0), far / far[:, 2:], 0.3),
         "samples": lambda: pw.wigner(SQUARE, np.zeros((1 << 17, 2)), (0.0, 0.0), engine="numpy"),
     }
-    monkeypatch.setattr("polywigner.scattering.visibility._BLOCK", 64)
+    monkeypatch.setattr("polywigner.scattering.facets._AT_ONCE", 64)
     for title, call in calls.items():
         call()
         assert title in screen.getvalue()

@@ -167,7 +167,7 @@ DAMAGED = {
     "words.csv": (csv_of("1,2,3,0,0,one,1,0"), "string 'one'"),
     "no attributes.csv": (written("x,y,z,l,m,n,weight\n0,0,0,0,0,1,1\n"), "Expecting value"),
     "no vectors.csv": (csv_of("0,0,0,0,0,2,1,0"), "unit vectors"),
-    "power.csv": (csv_of("0,0,0,0,0,1,nan,0"), "no numbers"),
+    "power.csv": (csv_of("0,0,0,0,0,1,nan,0"), "NaN"),
 }
 
 

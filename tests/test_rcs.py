@@ -268,7 +268,7 @@ def test_directions_and_wavelengths_broadcast(body: Any, t: Any, bounces: int) -
 def test_a_face_below_a_wavelength_is_warned_of() -> None:
     plank = extruded([(0, 0), (2, 0), (2, 0.1), (0, 0.1)], 3.0)  # ends of 2 m x 0.1 m
     for body, wavelength in ((BOX, 10.0), (BOX, 0.8), (plank, 0.5), ([HOLED, plank], 0.5)):
-        with pytest.warns(PolywignerWarning, match="faces of some wavelengths"):
+        with pytest.warns(PolywignerWarning, match="faces of several wavelengths"):
             pw.rcs(body, (0.0, 0.0, 1.0), wavelength)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

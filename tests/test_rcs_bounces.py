@@ -225,5 +225,5 @@ def test_a_plate_with_a_hole_reflects_as_its_parts_do() -> None:
 def test_too_many_beams_are_refused_in_one_sentence() -> None:
     ball = sphere(5)
     other = pw.Polyhedron(ball.vertices + np.array([0.0, 3.0, 0.0]), ball.faces)
-    with pytest.raises(ArgumentError, match="take bounces=1, or simplify the mesh"):
+    with pytest.raises(ArgumentError, match="use bounces=1, or simplify the mesh"):
         pw.rcs([ball, other], (0.0, 0.0, 1.0), 0.05, bounces=3)

@@ -15,8 +15,7 @@ from oracles.meshes import BOX, block, drone, joined, moved, section_root, torus
 from oracles.scan_lines import visible_lengths
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.geometry import hidden_parts
-from polywigner.scattering.facets import facets_of
-from polywigner.scattering.visibility import seen_along
+from polywigner.scattering.facets import facets_of, seen_along
 
 pytestmark = pytest.mark.filterwarnings("ignore::polywigner.errors.PolywignerWarning")
 
@@ -177,7 +176,7 @@ def warns_of_reflections(body: Any, s: Any) -> bool:
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         pw.rcs(body, s, 0.01)
-    return any("light each other" in str(warning.message) for warning in found)
+    return any("illuminate each other" in str(warning.message) for warning in found)
 
 
 FLOOR, WALL = moved(block(2, 2, 0.02), 0, 0, -0.02), block(0.02, 1, 1)

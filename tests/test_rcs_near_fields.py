@@ -140,7 +140,7 @@ def test_shadows_near_a_radar_are_those_of_rays() -> None:
 def test_an_antenna_with_a_null_at_the_body_has_a_power_alone() -> None:
     halves = [FEED.moved((-0.05, 0.0)), FEED.moved((0.05, 0.0))]
     odd = pw.Array(halves, [1.0, -1.0])
-    with pytest.warns(PolywignerWarning, match="a null at the middle"):
+    with pytest.warns(PolywignerWarning, match="a null at the centre"):
         sigma, power = pw.rcs(PLATE, (0, 0, 1.0), WAVELENGTH, source=odd, return_power=True)
     assert sigma == math.inf
     assert 0 < power < 1

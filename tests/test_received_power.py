@@ -350,7 +350,7 @@ def with_integrator(name):
         (with_other(obliquity="kirchhoff"), "one obliquity"),
         (with_other(scene_unit=1e-3, to_world=facing(1e3)), "one scene_unit"),
         *(
-            (with_integrator(name), "integrator that finds the radiance along rays")
+            (with_integrator(name), "integrator that computes the radiance along rays")
             for name in ("depth", "ptracer")
         ),
     ],

@@ -72,7 +72,7 @@ def rendered(path, **options):
 
 
 def received(path, seed=0, **options):
-    from polywigner.mitsuba.receive.received import ReceiveOptions
+    from polywigner.mitsuba.receive.power_results import ReceiveOptions
     from polywigner.mitsuba.scenes.scene_renders import SceneFile, receive_parts
 
     file = SceneFile(path, "scalar_rgb")

@@ -75,9 +75,9 @@ def rcs(
 
     from polywigner.figures import draw_rcs
     from polywigner.propagation.stores import open_store, require_stores
-    from polywigner.scattering.antennas import checked_channel
     from polywigner.scattering.cross_sections import Pattern
     from polywigner.scattering.facets import facets_of
+    from polywigner.scattering.near_fields import checked_channel
 
     channel = None if polarisation is None else checked_channel(polarisation)
     metal = reading.read_body(body, open_mesh)

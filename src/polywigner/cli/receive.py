@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from polywigner.mitsuba.receive.received import ReceivedPower
+    from polywigner.mitsuba.receive.power_results import ReceivedPower
 
 # Panels in a row of the figure.
 _COLUMNS = 3
@@ -74,7 +74,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     from polywigner.figures import draw_channel
     from polywigner.mitsuba import channel, choose_variant
     from polywigner.mitsuba.plugins.polariser import is_polarised
-    from polywigner.mitsuba.receive.received import ReceiveOptions
+    from polywigner.mitsuba.receive.power_results import ReceiveOptions
     from polywigner.mitsuba.receive.received_power import arrival_map, shapes_in
     from polywigner.mitsuba.scenes import scene_renders
     from polywigner.mitsuba.scenes.surfaces import receivers_of
@@ -190,7 +190,7 @@ def _figure(
     """Draw the scattered power of each receiver over its directions, a panel for each receiver."""
     from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
-    from polywigner.mitsuba.receive.received import dbm_text
+    from polywigner.mitsuba.receive.power_results import dbm_text
 
     columns = min(len(received), _COLUMNS)
     rows = -(-len(received) // columns)
@@ -216,7 +216,7 @@ def _figure(
 
 def _ranges_text(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> str:
     """Describe the strongest bin of each receiver, and the power outside all bins."""
-    from polywigner.mitsuba.receive.received import dbm_text
+    from polywigner.mitsuba.receive.power_results import dbm_text
 
     edges = profile["range_edge"].values
     lines = []

@@ -26,7 +26,7 @@ from polywigner.mitsuba.radar.clouds import covariance, element_responses, write
 from polywigner.mitsuba.radar.range_profile import range_frames, range_profile  # noqa: E402
 from polywigner.mitsuba.radar.scatterers import scatterers  # noqa: E402
 from polywigner.mitsuba.receive.channels import channel  # noqa: E402
-from polywigner.mitsuba.receive.received import Contribution, DirectPath, ReceivedPower  # noqa: E402
+from polywigner.mitsuba.receive.power_results import Contribution, DirectPath, ReceivedPower  # noqa: E402
 from polywigner.mitsuba.receive.received_power import received_power, received_powers  # noqa: E402
 from polywigner.mitsuba.scenes.scene_renders import receiving, render, render_file  # noqa: E402
 from polywigner.mitsuba.scenes.scenes import (  # noqa: E402

@@ -1,16 +1,16 @@
 """Rays that carry the Wigner function through ray optics, and back (docs/signed_rays.md).
 
-A ray has a position, a direction and a weight in watts, which is negative where W is: single rays
-mean nothing, sums over many do. Through systems of first order, of free space and thin lenses, rays
-carry W exactly; through aberrations approximately.
+A ray has a position, a direction and a weight in watts, which is negative where W is negative. Only
+sums over many rays have a meaning. Rays carry W exactly through first-order systems, such as free
+space and thin lenses, and approximately through aberrations.
 
 ===================  ==========================================================================
-module               what is in it
+module               content
 ===================  ==========================================================================
 ``sampling``         rays drawn from W of a source: :func:`sample_rays`
-``bundles``          rays as a dataset: checked, after ray optics of your own, and rebuilt to
-                     irradiance in the pixels of a plane, with its standard error
-``files``            .npz, .csv, NetCDF and source files of OpticStudio, written and read
+``bundles``          rays as a dataset, before and after a ray tracer, and the irradiance in the
+                     pixels of a plane, with its standard error
+``files``            .npz, .csv, NetCDF and source files of OpticStudio
 ===================  ==========================================================================
 """
 

@@ -1,4 +1,4 @@
-"""Rays as a dataset, positions, directions and weights in watts, and irradiance from them."""
+"""Rays as a dataset of positions, directions and weights in watts, and irradiance from rays."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ Values = NDArray[np.float64]
 
 # Units and meanings.
 _VARIABLES = {
-    "position": ("m", "a point of the ray"),
+    "position": ("m", "point on the ray"),
     "direction": ("1", "unit vector along the ray"),
     "weight": ("W", "power of the ray, signed"),
 }
-# Of directions from ray traces in single precision.
+# Tolerance of unit vectors: ray tracers may use single precision.
 _UNIT = 1e-4
 MOST_BATCHES = 1024
-"""Independent sets: many more than scatter needs."""
+"""Limit of independent sets."""
 
 
 def bundle(
@@ -45,7 +45,7 @@ def bundle(
     batch: NDArray[Any] | None,
     attrs: dict[str, Any],
 ) -> xarray.Dataset:
-    """The dataset of rays (n, 3), (n, 3), (n,); ``batch``: which independent set each is of."""
+    """Return the dataset of rays (n, 3), (n, 3), (n,); ``batch`` (n,): numbers of sets."""
     import xarray
 
     dataset = xarray.Dataset(coords={"component": list("xyz")}, attrs=attrs)
@@ -66,23 +66,25 @@ def traced(
     direction: ArrayLike,
     weight: ArrayLike | None = None,
 ) -> xarray.Dataset:
-    """Rays after ray optics of your own: positions, directions and powers.
+    """Return rays with new positions, directions and powers from a ray tracer.
 
-    They are for :func:`rebuild`. Keep their order; a ray that is lost on the way has NaN for its
-    position, or a weight of zero.
+    Use the result in :func:`rebuild`. The order must not change. A lost ray has the position NaN,
+    or a weight of zero.
 
     Parameters
     ----------
-    rays : those that were traced, from :func:`polywigner.sample_rays` or :func:`load`.
-    position : (n, 3) in m, a point of each ray behind the optics.
+    rays : the rays before tracing, from :func:`polywigner.sample_rays` or :func:`load`.
+    position : (n, 3) in m, a point on each ray behind the optics.
     direction : (n, 3) unit vectors.
-    weight : (n,) in W, where the optics absorb; None: as before.
+    weight : (n,) in W, if the optics absorb power; None: unchanged.
 
     Returns
     -------
-    xarray.Dataset, as that of :func:`polywigner.sample_rays`.
+    xarray.Dataset, as returned by :func:`polywigner.sample_rays`.
 
-    Raises ArgumentError for anything but rays, and for arrays of other shapes.
+    Raises
+    ------
+    ArgumentError : other objects than rays, arrays of wrong shape.
 
     >>> import numpy as np
     >>> import polywigner as pw
@@ -94,16 +96,15 @@ def traced(
     True
     """
     _, _, weights, batch = checked_bundle(rays)
-    given = position, direction, weights if weight is None else weight
-    found = _columns(len(weights), given)
-    return bundle(*found, batch, {**rays.attrs, "count": count_of(rays)})
+    columns = _columns(len(weights), position, direction, weights if weight is None else weight)
+    return bundle(*columns, batch, {**rays.attrs, "count": count_of(rays)})
 
 
 def checked_bundle(rays: Any) -> tuple[Values, Values, Values, NDArray[Any] | None]:
-    """Positions, directions, weights and batches of a dataset of rays.
+    """Return positions, directions, weights and batches of a dataset of rays.
 
-    Rays with a component that is not finite are lost: they may be there. Raises ArgumentError for
-    anything but such a dataset, and for directions that are no unit vectors.
+    Lost rays have NaN. Raises ArgumentError for anything but such a dataset, and for directions
+    that are not unit vectors.
     """
     import xarray
 
@@ -112,59 +113,59 @@ def checked_bundle(rays: Any) -> tuple[Values, Values, Values, NDArray[Any] | No
             "expected rays as a dataset with position, direction and weight, got "
             f"{type(rays).__name__}; draw them by sample_rays, or read them by rays.load"
         )
-    axes, given = ("ray", "component"), [rays[name] for name in _VARIABLES]
+    axes, variables = ("ray", "component"), [rays[name] for name in _VARIABLES]
     try:
-        arrays = [own.transpose(*axes[: own.ndim]).values for own in given]
+        arrays = [variable.transpose(*axes[: variable.ndim]).values for variable in variables]
     except ValueError as error:
         raise ArgumentError(
             f"expected position and direction over ray and component, weight over ray: {error}"
         ) from None
-    found = _columns(len(arrays[2]), tuple(arrays))
-    return *found, _batch(rays) if "batch" in rays.coords else None
+    return *_columns(len(arrays[2]), *arrays), _batch(rays) if "batch" in rays.coords else None
 
 
-def _batch(rays: Any) -> NDArray[Any]:
-    """Numbers of the sets of rays, (n,)."""
-    found: NDArray[Any] = rays["batch"].values
-    whole = found.dtype.kind in "iu" and found.shape == (rays.sizes["ray"],)
-    if not whole or not (found.min(initial=0) >= 0 and found.max(initial=0) < MOST_BATCHES):
+def _batch(rays: Any) -> NDArray[np.integer[Any]]:
+    """Return the numbers (n,) of the sets of rays."""
+    batch: NDArray[np.integer[Any]] = rays["batch"].values
+    is_row = batch.dtype.kind in "iu" and batch.shape == (rays.sizes["ray"],)
+    if not is_row or not (batch.min(initial=0) >= 0 and batch.max(initial=0) < MOST_BATCHES):
         raise ArgumentError(
-            f"expected batch as whole numbers from 0 to {MOST_BATCHES - 1}, one for each ray, got "
-            f"{found.dtype} of shape {found.shape}"
+            f"expected batch as integers (ray,) from 0 to {MOST_BATCHES - 1}, got {batch.dtype} "
+            f"of shape {batch.shape}"
         )
-    return found
+    return batch
 
 
 def count_of(rays: xarray.Dataset) -> int:
-    """Number of rays drawn, including rays that a selection has left out."""
-    told = rays.attrs.get("count", 0)
-    return max(int(told) if isinstance(told, (int, np.integer)) else 0, rays.sizes["ray"])
+    """Return the number of rays drawn, including rays missing from a selection."""
+    count = rays.attrs.get("count", 0)
+    return max(int(count) if isinstance(count, (int, np.integer)) else 0, rays.sizes["ray"])
 
 
-def _columns(count: int, values: tuple[Any, ...]) -> tuple[Values, Values, Values]:
-    """Positions, directions and weights of so many rays, checked."""
-    found = []
-    for name, own, shape in zip(_VARIABLES, values, [(count, 3)] * 2 + [(count,)], strict=True):
-        found.append(checked_vectors(own, f"expected {name} of shape {shape}", ()))
-        if found[-1].shape != shape:
-            raise ArgumentError(f"expected {name} of shape {shape}, got {found[-1].shape}")
+def _columns(count: int, *values: Any) -> tuple[Values, Values, Values]:
+    """Return checked positions, directions and weights of ``count`` rays."""
+    columns = []
+    for name, value, shape in zip(_VARIABLES, values, [(count, 3)] * 2 + [(count,)], strict=True):
+        columns.append(checked_vectors(value, f"expected {name} of shape {shape}", ()))
+        if columns[-1].shape != shape:
+            raise ArgumentError(f"expected {name} of shape {shape}, got {columns[-1].shape}")
+    position, direction, weight = columns
     with np.errstate(over="ignore"):
-        wrong = np.abs(np.linalg.norm(found[1], axis=1) - 1) > _UNIT  # false for lost rays
+        wrong = np.abs(np.linalg.norm(direction, axis=1) - 1) > _UNIT  # False for lost rays
     if wrong.any():
         raise ArgumentError(
-            f"expected direction as unit vectors, got {found[1][wrong][0].tolist()}; divide by "
+            f"expected direction as unit vectors, got {direction[wrong][0].tolist()}; divide by "
             "their lengths"
         )
-    return found[0], found[1], found[2]
+    return position, direction, weight
 
 
-# Most pixels along an axis, and in all; most sums, those of 16 batches: 1 GB.
+# Limits of pixels along an axis and in total, and of sums of 16 batches: 1 GB.
 _MOST_PIXELS = 1 << 14
 _MOST_IN_ALL = 1 << 22
 _MOST_SUMS = 1 << 26
-# Rays at a time: some 100 MB.
+# Rays of one step: some 100 MB.
 _BLOCK = 1 << 20
-# Rays that end on a plane lie on it to rounding: of their largest coordinate.
+# Distance from the plane, as a fraction of the largest coordinate, at which rays still end on it.
 _ON_PLANE = 1e-9
 
 
@@ -176,37 +177,36 @@ def rebuild(
     *,
     virtual: bool = False,
 ) -> xarray.Dataset:
-    """Irradiance on a plane that rays meet: the sum of their weights in each pixel over its area.
+    """Return the irradiance on a plane: the sum of ray weights in each pixel over its area.
 
-    Without bias the mean over a pixel of |U|^2 of Wigner rays times the cosine between ray and
-    normal of the plane (docs/signed_rays.md, (Y2)). Rays go on in straight lines.
+    It is an unbiased estimate of the pixel mean of |U|^2 of Wigner rays times the cosine between
+    ray and plane normal (docs/signed_rays.md, (Y2)). Rays continue in straight lines.
 
     Parameters
     ----------
     rays : from :func:`polywigner.sample_rays`, :func:`load` or :func:`traced`.
-    plane : z in m of a plane parallel to x and y; or a (4, 4) pose whose plane z = 0 it is.
+    plane : z in m of a plane parallel to x and y; or the (4, 4) pose of the plane.
     bounds : (xmin, ymin, xmax, ymax) in m of the grid of pixels, in the frame of the plane.
-    shape : how many pixels along x and y.
-    virtual : whether rays count that would meet the plane going backwards, as those of a virtual
-        image do.
+    shape : numbers of pixels along x and y.
+    virtual : whether to include rays that meet the plane backwards, as in a virtual image.
 
     Returns
     -------
     xarray.Dataset with ``irradiance`` (y, x) and its ``standard_error`` (y, x) in W/m^2, over y and
-    x of the pixels' middles in m: rows are along x, the first at the bottom (``origin="lower"``).
-    Of independent rays the error follows from their weights, of quasi-random ones from the scatter
-    of 16 batches, to a fifth. Attributes: ``power`` and ``power_error``, the sum in the grid in W;
-    ``lost``, how many rays have NaN; ``missed``, how many do not meet the grid.
+    x of the pixel centres in m: rows are along x, the first at the bottom (``origin="lower"``).
+    The error of independent rays follows from their weights, of quasi-random rays from the scatter
+    of 16 batches, within a fifth. Attributes: ``power`` and ``power_error``, the sum over the grid
+    in W; ``lost``, the number of rays with NaN; ``missed``, the number that do not meet the grid.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; GeometryError for a pose that is
-    not rigid; MissingExtraError without xarray.
+    ArgumentError : arguments of the wrong type, shape or range. GeometryError : a pose that is not
+        rigid. MissingExtraError : no xarray.
 
     >>> import polywigner as pw
     >>> rays = pw.sample_rays(pw.shapes.square(10e-3), 3.2e-3, 4096)
-    >>> found = pw.rays.rebuild(rays, 0.1, (-0.03, -0.02, 0.03, 0.02), (6, 4))
-    >>> found.irradiance.dims, found.irradiance.shape
+    >>> image = pw.rays.rebuild(rays, 0.1, (-0.03, -0.02, 0.03, 0.02), (6, 4))
+    >>> image.irradiance.dims, image.irradiance.shape
     (('y', 'x'), (4, 6))
     """
     position, direction, weight, batch = checked_bundle(rays)
@@ -214,7 +214,7 @@ def rebuild(
     checked_flag(virtual, "virtual")
     edges = _edges(bounds, shape)
     pixels = math.prod(len(axis) - 1 for axis in edges)
-    # a selection may have left some batches out
+    # a selection may lack some batches
     known, number = np.unique([0] if batch is None else batch, return_inverse=True)
     batches = max(1, len(known))
     if batches * pixels > _MOST_SUMS:
@@ -222,38 +222,38 @@ def rebuild(
             f"expected at most {_MOST_SUMS} pixels of all batches, got {batches} batches of "
             f"{pixels} pixels; use fewer pixels"
         )
-    # and one place for the sum over all pixels
+    # the last entry is the sum over all pixels
     sums, squares = np.zeros((batches, pixels + 1)), np.zeros(pixels + 1)
     lost = missed = 0
     for start in range(0, len(weight), _BLOCK):
         some = slice(start, start + _BLOCK)
         pixel = _pixels(position[some], direction[some], pose, edges, virtual)
-        kept = np.isfinite(weight[some]) & (pixel >= -1)
-        lost += int((~kept).sum())
-        missed += int((pixel[kept] < 0).sum())
-        kept &= pixel >= 0
-        pixel, carried = pixel[kept], weight[some][kept]
-        group = 0 if batch is None else number[some][kept]
-        total = np.bincount(group * squares.size + pixel, carried, sums.size)
-        sums += total.reshape(sums.shape)
+        is_valid = np.isfinite(weight[some]) & (pixel >= -1)
+        lost += int((~is_valid).sum())
+        missed += int((pixel[is_valid] < 0).sum())
+        is_valid &= pixel >= 0
+        pixel, carried = pixel[is_valid], weight[some][is_valid]
+        group = 0 if batch is None else number[some][is_valid]
+        added = np.bincount(group * squares.size + pixel, carried, sums.size)
+        sums += added.reshape(sums.shape)
         if batches == 1:
             squares += np.bincount(pixel, carried**2, squares.size)
     sums[:, -1] = sums[:, :-1].sum(axis=1)
     squares[-1] = squares[:-1].sum()
-    found, error = _errors(sums, squares, count_of(rays))
+    total, error = _errors(sums, squares, count_of(rays))
     area = math.prod(float(axis[-1] - axis[0]) for axis in edges) / pixels
-    about = {"power": found[-1], "power_error": error[-1], "lost": lost, "missed": missed}
+    about = {"power": total[-1], "power_error": error[-1], "lost": lost, "missed": missed}
     values = {
-        "irradiance": (found[:-1], "irradiance, the mean over a pixel"),
+        "irradiance": (total[:-1], "irradiance, mean over a pixel"),
         "standard_error": (error[:-1], "standard error of the irradiance"),
     }
     size, units = (len(edges[1]) - 1, len(edges[0]) - 1), {"units": "W m-2"}
     return labelled_arrays(
         {
             name: labelled_array(
-                (own / area).reshape(size), ("y", "x"), units | {"long_name": text}
+                (value / area).reshape(size), ("y", "x"), units | {"long_name": text}
             )
-            for name, (own, text) in values.items()
+            for name, (value, text) in values.items()
         },
         {
             name: labelled_array((axis[1:] + axis[:-1]) / 2, (name,), {"units": "m"})
@@ -264,12 +264,12 @@ def rebuild(
 
 
 def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
-    """Sums over all rays, and the standard deviations of these."""
+    """Return sums over all rays, and their standard errors."""
     total = sums.sum(axis=0)
     batches = len(sums)
     if batches > 1:
         return total, math.sqrt(batches) * np.std(sums, axis=0, ddof=1)
-    # rays that miss a pixel give it zero: n variances of one ray
+    # n times the variance of one ray; rays that miss a pixel contribute zero
     variance = squares - total**2 / count
     return total, np.sqrt(np.maximum(variance, 0.0) * count / max(1, count - 1))
 
@@ -277,19 +277,19 @@ def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
 def _pixels(
     position: Values, direction: Values, pose: Values, edges: tuple[Values, Values], virtual: bool
 ) -> NDArray[np.intp]:
-    """Number of the pixel that each ray meets, -1 for a miss, -2 for a lost ray."""
+    """Return the number of the pixel that each ray meets, -1 for a miss, -2 for a lost ray."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        own = (position - pose[:3, 3]) @ pose[:3, :3]
+        local = (position - pose[:3, 3]) @ pose[:3, :3]
         along = direction @ pose[:3, :3]
-        reach = -own[:, 2] / along[:, 2]
-        place = own[:, :2] + reach[:, None] * along[:, :2]
-        largest = np.maximum(np.abs(own).max(axis=1), max(map(np.ptp, edges)))
-        meets = np.isfinite(place).all(axis=1) & (virtual | (reach >= -_ON_PLANE * largest))
+        reach = -local[:, 2] / along[:, 2]
+        point = local[:, :2] + reach[:, None] * along[:, :2]
+        largest = np.maximum(np.abs(local).max(axis=1), max(map(np.ptp, edges)))
+        meets = np.isfinite(point).all(axis=1) & (virtual | (reach >= -_ON_PLANE * largest))
     index = np.zeros(len(position), np.intp)
     for k, axis in reversed([*enumerate(edges)]):  # rows of x
         n = len(axis) - 1
-        with np.errstate(invalid="ignore", over="ignore"):  # those beyond do not meet it
-            step = (place[:, k] - axis[0]) / (axis[-1] - axis[0]) * n
+        with np.errstate(invalid="ignore", over="ignore"):  # NaN and infinity count as misses
+            step = (point[:, k] - axis[0]) / (axis[-1] - axis[0]) * n
         meets &= (step >= 0) & (step < n)
         index = index * n + np.where(meets, step, 0).astype(np.intp)
     is_lost = ~(np.isfinite(position).all(axis=1) & np.isfinite(direction).all(axis=1))
@@ -305,14 +305,14 @@ def _pose(plane: Any) -> Values:
 
 
 def _edges(bounds: Any, shape: Any) -> tuple[Values, Values]:
-    """The edges of the pixels along x and y."""
+    """Return the edges of the pixels along x and y."""
     expected = "expected bounds as (xmin, ymin, xmax, ymax) in m"
-    found = checked_row(bounds, expected)
-    if found.shape != (4,) or not np.isfinite(found).all() or not (found[2:] > found[:2]).all():
+    row = checked_row(bounds, expected)
+    if row.shape != (4,) or not np.isfinite(row).all() or not (row[2:] > row[:2]).all():
         raise ArgumentError(f"{expected}, got {np.asarray(bounds).tolist()}")
     if not isinstance(shape, (tuple, list)) or len(shape) != 2:
         raise ArgumentError(f"expected shape as two numbers of pixels, got {shape!r}")
     nx, ny = (checked_count(n, "shape", 1, _MOST_PIXELS) for n in shape)
     if nx * ny > _MOST_IN_ALL:
         raise ArgumentError(f"expected at most {_MOST_IN_ALL} pixels, got {nx} x {ny}")
-    return np.linspace(found[0], found[2], nx + 1), np.linspace(found[1], found[3], ny + 1)
+    return np.linspace(row[0], row[2], nx + 1), np.linspace(row[1], row[3], ny + 1)

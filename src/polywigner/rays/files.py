@@ -1,4 +1,4 @@
-"""Rays written to files, whole or not at all, and read back."""
+"""Ray files: NumPy, CSV, NetCDF and source files of OpticStudio."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import os
 import re
 import warnings
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -25,9 +24,11 @@ if TYPE_CHECKING:
 
 Values = NDArray[np.float64]
 
+LengthUnit = Literal["m", "in", "cm", "ft", "mm"]
 METRES = {"m": 1.0, "in": 0.0254, "cm": 0.01, "ft": 0.3048, "mm": 0.001}
 """Units of length, in the order of their numbers in DimensionUnits."""
 
+_COLUMNS = ["x", "y", "z", "l", "m", "n", "weight"]
 _IDENTIFIERS = 1010, 8675309  # the second in files of old versions
 _HEADER = np.dtype(
     [("Identifier", "<i4"), ("NbrRays", "<u4"), ("Description", "S100")]
@@ -37,23 +38,15 @@ _HEADER = np.dtype(
     + [("unused", "<f4", 4), ("ray_format_type", "<i4"), ("flux_type", "<i4")]
     + [("reserved", "<i4", 2)]
 )
+# Numbers per ray by ray_format_type.
 _NUMBERS = {0: 7, 2: 8}
-# Rays at a time.
-_BLOCK = 1 << 20
 _MICROMETRE = 1e-6
-# Our own description, from which the sign of a part and how many rays were drawn are read back.
-_PART_NAMES = {1: "signed", +2: "positive part", -2: "negative part, to be subtracted"}
+# Sign, suffix of the file name and description of the parts of a split file.
+_SIGNED = 1, "", "signed"
+_SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
+# Description of files by polywigner, which contains the sign and the number of rays drawn.
 _OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
-
-
-SUFFIXES = (".npz", ".csv", ".nc", ".dat")
-"""Suffixes of the formats."""
-
-LengthUnit = Literal["m", "in", "cm", "ft", "mm"]
-_COLUMNS = ("x", "y", "z", "l", "m", "n", "weight")
-_PARTS = {"_positive": 2, "_negative": -2}
-_MOST_COUNTED = 1 << 53
-# Of a library's message, which may quote the file.
+# Longest part of a library's message that is quoted.
 _LONGEST = 200
 
 
@@ -64,31 +57,30 @@ def save(
     split: bool = False,
     unit: LengthUnit = "mm",
 ) -> tuple[Path, ...]:
-    """Write rays to a file, whose suffix says its format.
+    """Write rays to a file in the format of its suffix.
 
     ======  ======================================================================================
-    suffix  what
+    suffix  content
     ======  ======================================================================================
-    .npz    NumPy: position (n, 3) in m, direction (n, 3), weight (n,) in W, batch if there is one,
-            and attrs, a text in JSON
+    .npz    NumPy arrays: position (n, 3) in m, direction (n, 3), weight (n,) in W, batch if there
+            is one, and attrs, a text in JSON
     .csv    a first line of ``#`` and the attributes in JSON; then columns x, y, z (m), l, m, n,
             weight (W), and batch if there is one, with 17 digits
-    .nc     NetCDF 4, the dataset as it is
-    .dat    OpticStudio's binary source file: a header of 208 bytes, then x, y, z, l, m, n and
-            power of each ray in single precision. Batches are not in it.
+    .nc     NetCDF 4: the dataset
+    .dat    binary source file of OpticStudio: a header of 208 bytes, then x, y, z, l, m, n and
+            power of each ray in single precision, without batches
     ======  ======================================================================================
 
     Programs expect positive powers in a ``.dat`` file, and may clip, ignore or reject negative
-    ones: there is a warning with their share. ``split`` writes two files, NAME_positive and
-    NAME_negative, with positive powers both: trace each, and subtract the second picture from the
-    first.
+    powers: a warning reports their fraction. ``split`` writes two files with positive powers,
+    NAME_positive and NAME_negative: trace each, and subtract the second irradiance from the first.
 
     Parameters
     ----------
     rays : from :func:`polywigner.sample_rays`, :func:`load` or :func:`traced`.
-    path : the file; one that is there is replaced.
-    split : positive and negative rays of a ``.dat`` in files of their own.
-    unit : of lengths in a ``.dat`` file.
+    path : the file; an existing file is replaced.
+    split : whether positive and negative rays of a ``.dat`` go to separate files.
+    unit : unit of length in a ``.dat`` file.
 
     Returns
     -------
@@ -96,8 +88,8 @@ def save(
 
     Raises
     ------
-    ArgumentError for anything but rays, for another suffix, and for a place that cannot be written
-    to; MissingExtraError without xarray (of ``.nc``: h5netcdf).
+    ArgumentError : other objects than rays, another suffix, a path that cannot be written.
+        MissingExtraError : no xarray (``.nc``: no h5netcdf).
 
     >>> import pathlib, tempfile
     >>> import polywigner as pw
@@ -109,28 +101,29 @@ def save(
     True
     """
     checked_choice(unit, "unit", METRES)
-    place, is_split = checked_path(path), checked_flag(split, "split")
-    suffix = _suffix_of(place)
+    target, is_split = checked_path(path), checked_flag(split, "split")
+    suffix = _suffix_of(target)
     if is_split and suffix != ".dat":
-        raise ArgumentError(f"expected split with .dat, got {suffix}, which holds signed powers")
+        raise ArgumentError(f"expected split with .dat, got {suffix}, which has signed powers")
     position, direction, weight, batch = checked_bundle(rays)
     columns = np.column_stack([position, direction, weight])
+    if suffix == ".dat" and not is_split:
+        _warn_of_negative(weight)
     try:
-        place.parent.mkdir(parents=True, exist_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
         if suffix == ".dat":
-            if not is_split:
-                _warn_of_negative(weight)
-            return _write_source_files(rays, columns, place, unit, is_split)
-        with atomic_path(place) as scratch:
+            parts = _SPLIT if is_split else (_SIGNED,)
+            return tuple(_write_dat(rays, columns, target, unit, *part) for part in parts)
+        with atomic_path(target) as scratch:
             if suffix == ".nc":
                 write_netcdf(rays, scratch)
             elif suffix == ".npz":
-                own: dict[str, Any] = {} if batch is None else {"batch": batch}
-                own |= {"position": position, "direction": direction, "weight": weight}
+                arrays: dict[str, Any] = {} if batch is None else {"batch": batch}
+                arrays |= {"position": position, "direction": direction, "weight": weight}
                 with scratch.open("wb") as file:
-                    np.savez(file, **own, attrs=np.array(_text_of(rays.attrs)))
+                    np.savez(file, **arrays, attrs=np.array(_text_of(rays.attrs)))
             else:
-                names, digits = list(_COLUMNS), ["%.17g"] * 7
+                names, digits = _COLUMNS, ["%.17g"] * 7
                 if batch is not None:
                     columns = np.column_stack([columns, batch])
                     names, digits = [*names, "batch"], [*digits, "%d"]
@@ -139,67 +132,58 @@ def save(
                 np.savetxt(scratch, columns, digits, ",", **how)
     except OSError as error:
         raise ArgumentError(
-            f"expected to write {path}, got {error.strerror or error}; choose another place"
+            f"expected to write {path}, got {error.strerror or error}; choose another path"
         ) from error
-    return (place,)
+    return (target,)
 
 
 def _suffix_of(path: Path) -> str:
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
+    if suffix not in _READERS:
         raise ArgumentError(
-            f"expected a file of rays ending with {', '.join(SUFFIXES)}, got {path.name!r}"
+            f"expected a file of rays ending with {', '.join(_READERS)}, got {path.name!r}"
         )
     return suffix
 
 
-def _write_source_files(
-    rays: Any, columns: Values, path: Path, unit: str, split: bool
-) -> tuple[Path, ...]:
-    """Write rays (n, 7), lengths in m and watts, in single precision; split ones have moduli."""
-    parts = {path: 1}
-    if split:
-        parts = {path.with_name(f"{path.stem}{k}{path.suffix}"): n for k, n in _PARTS.items()}
-    given = rays.attrs.get("wavelength")
+def _write_dat(
+    rays: Any, columns: Values, path: Path, unit: str, sign: int, suffix: str, text: str
+) -> Path:
+    """Write rays (n, 7), lengths in m and watts; with a suffix only rays of one sign."""
+    if suffix:
+        columns = columns[columns[:, 6] * sign > 0]
+        path = path.with_stem(path.stem + suffix)
+    scale = np.array([1 / METRES[unit]] * 3 + [1.0] * 3 + [sign])
     header = np.zeros((), _HEADER)
-    header["Identifier"] = _IDENTIFIERS[0]
-    if isinstance(given, (int, float, np.number)):
-        header["Wavelength"] = float(given) / _MICROMETRE
+    header["Identifier"], header["NbrRays"] = _IDENTIFIERS[0], len(columns)
+    header["Description"] = f"polywigner rays of {count_of(rays)}: {text}".encode()
+    header["SourceFlux"] = header["RaySetFlux"] = columns[:, 6].sum() * sign
+    header["Wavelength"] = float(rays.attrs.get("wavelength", 0.0)) / _MICROMETRE
     header["InclinationEnd"], header["AzimuthEnd"] = 180.0, 360.0
     header["DimensionUnits"] = list(METRES).index(unit)
     header["Scale"] = 1.0
-    with ExitStack() as stack:
-        for own, part in parts.items():
-            kept = columns if part == 1 else columns[columns[:, 6] * part > 0]
-            scale = np.array([1 / METRES[unit]] * 3 + [1.0] * 3 + [-1.0 if part < 0 else 1.0])
-            name = f"polywigner rays of {count_of(rays)}: {_PART_NAMES[part]}"
-            header["NbrRays"], header["Description"] = len(kept), name.encode()
-            header["SourceFlux"] = header["RaySetFlux"] = kept[:, 6].sum() * scale[6]
-            with stack.enter_context(atomic_path(own)).open("wb") as file:
-                file.write(header.tobytes())
-                with np.errstate(over="ignore"):  # infinite: lost
-                    for start in range(0, len(kept), _BLOCK):
-                        file.write((kept[start : start + _BLOCK] * scale).astype("<f4").tobytes())
-    return tuple(parts)
+    with atomic_path(path) as scratch, np.errstate(over="ignore"):  # lost rays may overflow
+        scratch.write_bytes(header.tobytes() + (columns * scale).astype("<f4").tobytes())
+    return path
 
 
-def _warn_of_negative(weight: Any) -> None:
+def _warn_of_negative(weight: Values) -> None:
     below = weight < 0
     if below.any():
-        share = float(np.abs(weight[below]).sum() / np.nansum(np.abs(weight)))
+        fraction = float(np.abs(weight[below]).sum() / np.nansum(np.abs(weight)))
         warn_caller(
             f"got negative powers in {100 * below.mean():.0f} % of the rays of a .dat file, "
-            f"{100 * share:.0f} % of all power by modulus, which programs may ignore or refuse; "
+            f"{100 * fraction:.0f} % of all power by modulus, which programs may ignore or refuse; "
             "try a small file, or write positive and negative rays to two files with split=True",
             stacklevel=4,
         )
 
 
 def load(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Rays of a file of :func:`polywigner.rays.save`, or of a source file of OpticStudio.
+    """Read rays written by :func:`polywigner.rays.save`, or a source file of OpticStudio.
 
-    The negative part of a ``.dat`` that was split comes back with negative weights:
-    ``xarray.concat([positive, negative], "ray", combine_attrs="override")`` is the whole.
+    The negative part of a split ``.dat`` gets negative weights:
+    ``xarray.concat([positive, negative], "ray", combine_attrs="override")`` joins both parts.
 
     Parameters
     ----------
@@ -207,12 +191,12 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     Returns
     -------
-    xarray.Dataset, as of :func:`polywigner.sample_rays`.
+    xarray.Dataset, as returned by :func:`polywigner.sample_rays`.
 
     Raises
     ------
-    ArgumentError for another suffix; FileFormatError for a file that is missing, or does not hold
-    rays; MissingExtraError without xarray (of ``.nc``: h5netcdf).
+    ArgumentError : another suffix. FileFormatError : a file that does not exist or contains no
+        rays. MissingExtraError : no xarray (``.nc``: no h5netcdf).
 
     >>> import pathlib, tempfile
     >>> import polywigner as pw
@@ -222,75 +206,59 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     True
     """
     file = checked_path(path)
-    suffix = _suffix_of(file)
+    read = _READERS[_suffix_of(file)]
     try:
         check_regular(file)
-    except FileFormatError as error:
-        raise FileFormatError(f"{file}: {error}") from None
-    read = {".npz": _read_npz, ".csv": _read_csv, ".nc": _read_netcdf, ".dat": _read_source_file}
-    try:
-        found = read[suffix](file)
-        _check_loaded(found)
-    except (FileFormatError, MissingExtraError):
+        rays = read(file)
+        position, direction, weight, _ = checked_bundle(rays)
+        is_valid = np.isfinite(position).all(axis=1)  # positions of lost rays are NaN
+        if not np.isfinite(np.column_stack([direction, weight])[is_valid]).all():
+            raise ValueError("directions or powers that are NaN")
+    except MissingExtraError:
         raise
+    except FileFormatError as error:
+        raise FileFormatError(f"{file.name}: {error}") from None
     except Exception as error:  # NumPy, zipfile and HDF5 raise many kinds for damaged files
-        said = str(error).splitlines()[0][:_LONGEST] if str(error) else type(error).__name__
+        reason = str(error).splitlines()[0][:_LONGEST] if str(error) else type(error).__name__
         raise FileFormatError(
-            f"expected rays in {file.name}, got {said}; write it by rays.save"
+            f"expected rays in {file.name}, got {reason}; write it by rays.save"
         ) from None
-    return found
+    return rays
 
 
-def _check_loaded(found: Any) -> None:
-    """Raise ArgumentError or ValueError for numbers that no program writes as rays."""
-    position, direction, weight, _ = checked_bundle(found)
-    is_there = np.isfinite(position).all(axis=1)  # of a lost ray the position is not
-    if not (np.isfinite(direction[is_there]).all() and np.isfinite(weight[is_there]).all()):
-        raise ValueError("directions or powers that are no numbers")
-    count = found.attrs.get("count", 0)
-    if not isinstance(count, (int, np.integer)) or not 0 <= count < _MOST_COUNTED:
-        raise ValueError(f"a count of {str(count)[:40]} rays drawn")
-
-
-def _read_npz(file: Path) -> Any:
+def _read_npz(file: Path) -> xarray.Dataset:
     with np.load(file, allow_pickle=False) as stored:
         position, direction, weight = (stored[k] for k in ("position", "direction", "weight"))
-        attrs = _attrs(str(stored["attrs"]))
+        attrs = json.loads(str(stored["attrs"]))
         return bundle(position, direction, weight, stored.get("batch"), attrs)
 
 
-def _read_csv(file: Path) -> Any:
+def _read_csv(file: Path) -> xarray.Dataset:
     with file.open(encoding="utf-8") as lines:
-        first, second = lines.readline(), lines.readline()
-        names = second.strip().split(",")
-        attrs = _attrs(first.removeprefix("#"))
-        if tuple(names[:7]) != _COLUMNS or names[7:] not in ([], ["batch"]):
-            raise ValueError(f"columns {second[:200].strip()!r}")
+        attrs = json.loads(lines.readline().removeprefix("#"))
+        names = lines.readline().strip().split(",")
+        if names[:7] != _COLUMNS or names[7:] not in ([], ["batch"]):
+            raise ValueError(f"columns {','.join(names)!r}")
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of no rays at all
-            table = np.loadtxt(lines, delimiter=",", ndmin=2)
-        table = table if table.size else np.empty((0, len(names)))
-    if table.shape[1] != len(names):
-        raise ValueError(f"{table.shape[1]} columns")
+            warnings.simplefilter("ignore")  # NumPy warns of a file without rays
+            table = np.loadtxt(lines, delimiter=",", ndmin=2).reshape(-1, len(names))
     batch = table[:, 7].astype(np.int32) if len(names) > 7 else None
     return bundle(table[:, :3], table[:, 3:6], table[:, 6], batch, attrs)
 
 
-def _read_netcdf(file: Path) -> Any:
+def _read_netcdf(file: Path) -> xarray.Dataset:
     import xarray
 
     required("h5netcdf")
-    with warnings.catch_warnings(), ExitStack() as stack:
-        warnings.simplefilter("ignore")  # of dimensions without names
-        return stack.enter_context(xarray.open_dataset(file, engine="h5netcdf")).load()
+    with xarray.open_dataset(file, engine="h5netcdf") as stored:
+        return stored.load()
 
 
-def _read_source_file(path: Path) -> Any:
-    """Read rays of OpticStudio's files, of other programs too, in watts and of one wavelength."""
+def _read_dat(path: Path) -> xarray.Dataset:
+    """Read rays of OpticStudio's files, also from other programs, in watts, of one wavelength."""
 
     def wrong(got: str) -> FileFormatError:
-        expected = f"expected {path.name} as a binary source file of OpticStudio"
-        return FileFormatError(f"{expected}, got {got}; export it anew")
+        return FileFormatError(f"expected a source file of OpticStudio, got {got}; export it again")
 
     content = path.read_bytes()
     if len(content) < _HEADER.itemsize:
@@ -299,29 +267,25 @@ def _read_source_file(path: Path) -> Any:
     if header["Identifier"] not in _IDENTIFIERS:
         raise wrong(f"the identifier {header['Identifier']}")
     columns, units = _NUMBERS.get(int(header["ray_format_type"])), list(METRES.values())
-    number, n = int(header["DimensionUnits"]), int(header["NbrRays"])
-    if columns is None or not 0 <= number < len(units):
-        raise wrong(f"format {header['ray_format_type']} in unit {number}")
+    unit, count = int(header["DimensionUnits"]), int(header["NbrRays"])
+    if columns is None or not 0 <= unit < len(units):
+        raise wrong(f"format {header['ray_format_type']} in unit {unit}")
     if header["flux_type"] != 0:
-        raise FileFormatError(f"expected {path.name} in watts, got lumens")
+        raise wrong("powers in lumens, not in watts")
     size = len(content) - _HEADER.itemsize
-    if size != 4 * n * columns:
-        raise wrong(f"{size} bytes for {n} rays")
-    with np.errstate(invalid="ignore"):  # of a NaN that asks for it
-        rays = np.frombuffer(content, "<f4", offset=_HEADER.itemsize).astype(np.float64)
-    rays = rays.reshape(n, columns)
+    if size != 4 * count * columns:
+        raise wrong(f"{size} bytes for {count} rays")
+    rays = np.frombuffer(content, "<f4", offset=_HEADER.itemsize).astype(np.float64)
+    rays = rays.reshape(count, columns)
     wavelengths = np.unique(rays[:, 7:])
     if len(wavelengths) > 1:
-        raise FileFormatError(
-            f"expected {path.name} with one wavelength, got {len(wavelengths)}; export a file for "
-            "each"
-        )
+        raise wrong(f"{len(wavelengths)} wavelengths in one file")
     wavelength = float([*wavelengths, header["Wavelength"]][0])
     attrs: dict[str, Any] = {"wavelength": wavelength * _MICROMETRE} if wavelength > 0 else {}
-    position, direction, weight = rays[:, :3] * units[number], rays[:, 3:6], rays[:, 6]
+    position, direction, weight = rays[:, :3] * units[unit], rays[:, 3:6], rays[:, 6]
     if not direction.any(axis=1).all():
         raise wrong("directions of no length")
-    # single precision: lengths of directions are one to 6e-8 only
+    # in single precision unit vectors have an error of 6e-8
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if ours := _OURS.match(header["Description"].decode("utf-8", "replace")):
         attrs["count"] = int(ours[1])
@@ -329,17 +293,13 @@ def _read_source_file(path: Path) -> Any:
     return bundle(position, direction, weight, None, attrs)
 
 
-def _attrs(text: str) -> dict[str, Any]:
-    found = json.loads(text)
-    if not isinstance(found, dict):
-        raise ValueError("attributes that are no table")
-    return found
+_READERS = {".npz": _read_npz, ".csv": _read_csv, ".nc": _read_netcdf, ".dat": _read_dat}
 
 
 def _text_of(attrs: Any) -> str:
-    """Attributes in JSON: NumPy's numbers as Python's, others as texts."""
+    """Return attributes in JSON; values other than numbers become texts."""
 
-    def plain(value: Any) -> Any:
+    def plain(value: Any) -> object:
         return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
     return json.dumps({str(name): value for name, value in attrs.items()}, default=plain)

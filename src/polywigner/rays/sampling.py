@@ -48,23 +48,23 @@ RaySampling = Literal["uniform", "marginal", "quasi-random"]
 
 Values = NDArray[np.float64]
 
-# Rays at a time: some 200 MB.
+# Rays of one step: some 200 MB.
 _BLOCK = 1 << 20
-# Independent sets of quasi-random numbers, from whose scatter the error follows, to a fifth.
+# Independent sets of quasi-random numbers, whose scatter gives the error within a fifth.
 BATCHES = 16
-# Cones whose axes passed through single precision may reach so far behind the source, in pi/2.
+# Cones may reach this fraction of pi/2 behind the source: axes may have single precision.
 _UNIT = 1e-6
-# Of the hemisphere a radius may round to one: factors such as 1/cos^2 stay finite.
+# Smallest cosine of the hemisphere after rounding, so that factors such as 1/cos^2 stay finite.
 _LEAST_COSINE = 1e-8
 
 
 def _numbers(
     sampling: str, count: int, seed: Any, tilts: int
 ) -> Iterator[tuple[Values, int | None]]:
-    """Numbers (m, k) in [0, 1), and the batch of quasi-random ones, which depend on each other.
+    """Yield uniform numbers (m, k) in [0, 1), and the batch of quasi-random numbers.
 
-    Two for the direction, two or with "marginal" four for the position, and those for the tilt.
-    Raises MissingExtraError for quasi-random numbers without scipy.
+    Two are for the direction, two or with "marginal" four for the position, and ``tilts`` for the
+    tilt. Raises MissingExtraError for quasi-random numbers without scipy.
     """
     generator = checked_generator(seed)
     if sampling != "quasi-random":
@@ -74,7 +74,7 @@ def _numbers(
         return
     library = require("scipy.stats.qmc", "arrays", "has quasi-random numbers (Sobol)")
     for batch in range(BATCHES):
-        size = (count + batch) // BATCHES  # as equal as whole numbers are
+        size = (count + batch) // BATCHES
         sequence = library.Sobol(4 + tilts, scramble=True, seed=generator)
         numbers = sequence.random_base2(math.ceil(math.log2(size)))[:size]
         numbers = np.minimum(numbers, 1 - 2.0**-53)  # scrambled numbers may round to 1
@@ -83,7 +83,7 @@ def _numbers(
 
 
 def _normal_numbers(numbers: Values) -> Values:
-    """Standard normal numbers (n, 2) of numbers (n, 2) in [0, 1), neighbours of neighbours.
+    """Map uniform numbers (n, 2) continuously to standard normal numbers (n, 2).
 
     The square of the radius is exponential (Box and Muller 1958).
     """
@@ -97,34 +97,34 @@ def _normal_numbers(numbers: Values) -> Values:
 
 @dataclass(frozen=True)
 class Cone:
-    """Directions of a cone, uniform in the solid angle projected along its axis."""
+    """Directions in a cone, concentrated about a beam in the solid angle projected on its axis."""
 
     frame: Values
-    """(3, 3), the axis last."""
+    """Rotation (3, 3), whose last column is the axis."""
     radius: float
-    """The sine of the half angle."""
+    """Sine of the half angle."""
     width: float
-    """The sine of the angle up to which rays are densest, of a beam; infinity: of none."""
+    """Sine of the half width of the beam; infinity: uniform directions."""
 
     def directions(self, numbers: Values, slope: Values | None = None) -> tuple[Values, Values]:
-        """Unit vectors (n, 3) for numbers (n, 2), and the inverse of their density.
+        """Return unit vectors (n, 3) for numbers (n, 2), and the inverse of their density.
 
-        Per solid angle projected along z. ``slope`` (n, 2): by which direction cosines the beam of
-        each ray is off the axis. Rays are densest there, or where the rim of the cone is nearest.
+        The density is per solid angle projected on z. ``slope`` (n, 2): direction cosines of the
+        beam of each ray relative to the axis, or None for the axis.
         """
-        middle = None if slope is None or math.isinf(self.width) else self._middle(slope)
+        centre = None if slope is None or math.isinf(self.width) else self._beam_centres(slope)
         ratio = self.width / self.radius
-        # infinity rather than an error
-        plane, share = _concentrated(_disc(numbers), ratio * ratio, middle)
+        # ratio * ratio overflows to infinity; ratio**2 would raise an error
+        plane, area = _concentrated(_disc(numbers), ratio * ratio, centre)
         plane *= self.radius
         along = np.sqrt(np.maximum(1.0 - (plane**2).sum(axis=1), 0.0))
-        found = np.column_stack([plane, along]) @ self.frame.T
-        found[:, 2] = np.maximum(found[:, 2], _LEAST_COSINE)
-        solid = math.pi * self.radius**2 * found[:, 2] / np.maximum(along, _LEAST_COSINE)
-        return found, share * solid
+        vectors = np.column_stack([plane, along]) @ self.frame.T
+        vectors[:, 2] = np.maximum(vectors[:, 2], _LEAST_COSINE)
+        solid = math.pi * self.radius**2 * vectors[:, 2] / np.maximum(along, _LEAST_COSINE)
+        return vectors, area * solid
 
-    def _middle(self, slope: Values) -> Values:
-        """Where beams are in the unit disc that directions are drawn in."""
+    def _beam_centres(self, slope: Values) -> Values:
+        """Return the beam centres in the unit disc of directions, or the nearest points of it."""
         cosines = self.frame[:2, 2] + slope
         cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]  # at most along the plane
         along = np.sqrt(np.maximum(1.0 - (cosines**2).sum(axis=1), 0.0))
@@ -133,7 +133,7 @@ class Cone:
 
 
 def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
-    """The cone of a half angle in rad about a direction; None: the hemisphere about z.
+    """Return the cone of a half angle in rad about a direction; None: the hemisphere about z.
 
     Raises ArgumentError for other arguments, and for cones that reach behind the source.
     """
@@ -141,63 +141,63 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
     angle = math.pi / 2 if half_angle is None else checked_number(half_angle, "cone", meaning)
     if not 0 < angle <= math.pi / 2:
         raise ArgumentError(f"expected cone as {meaning}, got {value_text(half_angle)}")
-    middle = checked_unit_vectors("axis", axis)
-    if middle.ndim > 1:
-        raise ArgumentError(f"expected axis as one unit vector (3,), got {middle.shape}")
-    middle = middle / np.linalg.norm(middle)
-    tilt = math.atan2(math.hypot(*middle[:2]), middle[2])
+    vector = checked_unit_vectors("axis", axis)
+    if vector.ndim > 1:
+        raise ArgumentError(f"expected axis as one unit vector (3,), got {vector.shape}")
+    vector = vector / np.linalg.norm(vector)
+    tilt = math.atan2(math.hypot(*vector[:2]), vector[2])
     if tilt + angle > math.pi / 2 * (1 + _UNIT):
         raise ArgumentError(
-            f"expected a cone in front of the source, got one of {angle:.4g} rad about an axis "
+            f"expected a cone in front of the source, got {angle:.4g} rad about an axis "
             f"{tilt:.4g} rad from the normal; use a narrower cone, or none for all directions"
         )
-    return Cone(_frame(middle), math.sin(angle), width)
+    return Cone(_frame(vector), math.sin(angle), width)
 
 
 def _frame(axis: Values) -> Values:
-    """Rotation whose last column is the axis, the identity for z."""
+    """Return a rotation whose last column is the axis, the identity for z."""
     x, y, z = axis
-    # in front of the source z >= 0: no pole (Duff and others 2017)
+    # z >= 0 in front of the source, so there is no pole (Duff and others 2017)
     a = -1.0 / (1.0 + z)
     b = x * y * a
     return np.array([[1 + x * x * a, b, x], [b, 1 + y * y * a, y], [-x, -y, z]])
 
 
-def _concentrated(plane: Values, core: float, middle: Values | None) -> tuple[Values, Values]:
-    """Points of the unit disc moved towards points of it, and the area that each is worth.
+def _concentrated(plane: Values, core: float, centre: Values | None) -> tuple[Values, Values]:
+    """Move points of the unit disc towards centres; return points and area weights (n,).
 
-    With t the square of the distance from the middle, None for that of the disc, their density is
-    in proportion to 1/(core + t), the decay of W across the edges of a polygon: its integral is
-    ln(1 + t/core), inverted here on each line from the middle to the rim.
+    With t the square of the distance from the centre, None for the disc's centre, the density is
+    proportional to 1/(core + t), the decay of W across the edges of a polygon. Its integral
+    ln(1 + t/core) is inverted on each line from the centre to the rim.
     """
     before = (plane**2).sum(axis=1)
     if math.isinf(core):
         return plane, np.ones_like(before)
-    turns = np.log1p((1.0 if middle is None else _reach(plane, middle)) / core)
-    after = core * np.expm1(turns * before)
-    least = np.broadcast_to(core * turns, before.shape).copy()
+    integral = np.log1p((1.0 if centre is None else _reach(plane, centre)) / core)
+    after = core * np.expm1(integral * before)
+    least = np.broadcast_to(core * integral, before.shape).copy()
     inward = np.sqrt(np.divide(after, before, out=least, where=before > 0))
     points = plane * inward[:, None]
-    return points if middle is None else middle + points, (core + after) * turns
+    return points if centre is None else centre + points, (core + after) * integral
 
 
-def _reach(plane: Values, middle: Values) -> Values:
-    """Squares of the distances (n,) from points of the unit disc to its rim, along ``plane``."""
+def _reach(plane: Values, centre: Values) -> Values:
+    """Return squared distances (n,) from centres in the unit disc to its rim, along ``plane``."""
     length = np.hypot(*plane.T)
     along = np.divide(
-        (plane * middle).sum(axis=1), length, out=np.zeros_like(length), where=length > 0
+        (plane * centre).sum(axis=1), length, out=np.zeros_like(length), where=length > 0
     )
-    inside = np.maximum(1.0 - (middle**2).sum(axis=1), 0.0)
+    inside = np.maximum(1.0 - (centre**2).sum(axis=1), 0.0)
     chord = np.sqrt(along**2 + inside)
-    # the difference of two near numbers loses digits: not where the rim is behind the middle
+    # avoids the cancellation in chord - along for positive values
     reach = np.divide(inside, chord + along, out=chord - along, where=along > 0)
     return np.asarray(reach**2)
 
 
 def _disc(numbers: Values) -> Values:
-    """The unit square onto the unit disc, areas kept in proportion and neighbours near.
+    """Map the unit square to the unit disc, continuously and with constant density.
 
-    Shirley and Chiu 1997: squares about the middle become circles.
+    Shirley and Chiu 1997: squares about the centre become circles.
     """
     a, b = 2 * numbers.T - 1
     is_wide = np.abs(a) > np.abs(b)
@@ -210,7 +210,7 @@ def _disc(numbers: Values) -> Values:
 
 Directions = Literal["beam", "uniform"]
 
-# 12 GB of rays; of more draw several sets.
+# 12 GB of rays.
 _MOST = 100_000_000
 # The squares of powers in W are summed for the error.
 _MOST_WATTS = 1e100
@@ -233,35 +233,35 @@ def sample_rays(
     aperture_power: float | None = None,
     engine: Engine = "auto",
 ) -> xarray.Dataset:
-    """Rays of a source, weighted by its Wigner function: positions, directions and watts.
+    """Draw rays of a source, weighted by its Wigner function: positions, directions and watts.
 
-    Each of n rays carries ``W(x, s_par/lambda) h/(lambda^2 p n)``, h = g/cos, p the density of rays
-    per area and projected solid angle: their sum is the power in the cone, without bias, and with
-    no ``cone`` :func:`radiated_power`. Source: docs/signed_rays.md, (Y1). Trace them through ray
-    optics, then :func:`polywigner.rays.rebuild` the irradiance.
+    Each of n rays has the weight ``W(x, s_par/lambda) h/(lambda^2 p n)``, with h = g/cos and p the
+    density of rays per area and projected solid angle. The sum of weights is an unbiased estimate
+    of the power in the cone, without ``cone`` of :func:`radiated_power`: docs/signed_rays.md, (Y1).
+    Trace the rays through ray optics, then :func:`polywigner.rays.rebuild` the irradiance.
 
     Parameters
     ----------
     source : Aperture, placed or not, or Array of apertures in the plane z = 0, |u|^2 on it in
-        W/m^2, with any fields; or one with a curved or partly coherent wave, of which each ray
-        has one tilt, drawn at random. It radiates to +z.
-    wavelength : in m.
-    count : how many rays, up to 100 million.
-    seed : of the numbers, or a NumPy Generator.
+        W/m^2, with any fields; or a Wavefront, curved or partially coherent. Each ray of a
+        partially coherent wave has a random tilt. The source radiates to +z.
+    wavelength : in m; or ``frequency=`` in Hz.
+    count : number of rays, up to 100 million.
+    seed : seed of the random numbers, or a NumPy Generator.
     sampling : positions "uniform" in the automean, or in proportion to the position "marginal",
         see :func:`sample_automean`, from independent random numbers; or "quasi-random", uniform
         from Sobol sequences, with about half the noise (needs scipy, of the extra ``arrays``): 16
-        independent sets, told apart by the coordinate ``batch``.
-    cone : half angle in rad of the directions that rays are drawn in; None: the hemisphere.
-    axis : unit vector (3,), the middle of the cone in the frame of the source; that of the beam,
-        where the source is steered.
-    directions : "beam" draws most of them within wavelength/diameter of the axis, or of the wave
-        where it is curved or partly coherent; "uniform" is uniform in projected solid angle.
-    to_world : (4, 4) rigid pose of the source; None: its own, or none. Units of m.
-    obliquity : as of :func:`irradiance`: None: h = cos; "paper" is
-        h = 1. Curved and partly coherent waves have these two.
-    power : radiated in W, over all directions; None: the power of the field as it is.
-    aperture_power : in place of power, int |u|^2 over the aperture in W.
+        independent sets, numbered by the coordinate ``batch``.
+    cone : half angle in rad of the cone of directions; None: the hemisphere.
+    axis : unit vector (3,), axis of the cone in the frame of the source; use the beam direction of
+        a steered source.
+    directions : "beam" draws most rays within wavelength/diameter of the axis, or of the local
+        wave of a Wavefront; "uniform" is uniform in projected solid angle.
+    to_world : (4, 4) rigid pose of the source, translation in m; None: the pose of a placed
+        aperture, or the identity.
+    obliquity : as in :func:`irradiance`; None: h = cos; "paper": h = 1. Wavefronts support these.
+    power : radiated power in W over all directions; None: the power of the unscaled source.
+    aperture_power : instead of ``power``, int |u|^2 over the aperture in W.
     engine : see :func:`fourier`.
 
     Returns
@@ -271,9 +271,9 @@ def sample_rays(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; GeometryError for a pose that is
-    not rigid, or an Array whose elements do not lie in the plane z = 0; IlluminationError for a
-    power asked of a source without any; MissingExtraError without xarray or scipy.
+    ArgumentError : arguments of the wrong type, shape or range. GeometryError : a pose that is not
+        rigid, an Array with elements outside the plane z = 0. IlluminationError : a power for a
+        source without power. MissingExtraError : no xarray or scipy.
 
     >>> import polywigner as pw
     >>> square = pw.shapes.square(10e-3)
@@ -290,7 +290,6 @@ def sample_rays(
     least = 2 * BATCHES if sampling == "quasi-random" else 1
     n = checked_count(count, "count", least, _MOST)
     checked_choice(directions, "directions", get_args(Directions))
-    # the sine of the angle up to which rays are densest
     width = math.inf if directions == "uniform" else length / largest_lag(radiator)
     where = cone_of(cone, axis, width)
     condition = obliquity_of(obliquity)
@@ -307,24 +306,25 @@ def sample_rays(
     for numbers, number in _numbers(sampling, n, seed, tilts):
         some = slice(start, start + len(numbers))
         first, tilt = np.split(numbers, [numbers.shape[1] - tilts], axis=1)
-        places, per_area = sample_automean(flat, first[:, 2:], density, engine=engine)
-        turn = None
+        points, per_area = sample_automean(flat, first[:, 2:], density, engine=engine)
+        slope = None
         if isinstance(radiator, Wavefront):
-            # W of the curved wave is that of the flat source less its slope Q (x - c), (Q2), and of
-            # partly coherent light the mean over normal tilts, (PC4), of which each ray has one
-            turn = (places - radiator.centre) @ radiator.curvature
+            # a curved wave shifts W of the flat source by its slope Q (x - c), (Q2); a partially
+            # coherent wave is a mean over normal tilts, (PC4)
+            slope = (points - radiator.centre) @ radiator.curvature
             if tilts:
-                turn += _normal_numbers(tilt) / (2 * math.pi * radiator.coherence_width)
-        own, solid_angle = where.directions(first[:, :2], None if turn is None else length * turn)
-        nu = own[:, :2] / length
-        nu = nu if turn is None else nu - turn
+                slope += _normal_numbers(tilt) / (2 * math.pi * radiator.coherence_width)
+        offsets = None if slope is None else length * slope
+        vectors, solid_angle = where.directions(first[:, :2], offsets)
+        nu = vectors[:, :2] / length
+        nu = nu if slope is None else nu - slope
         radiance = sum(
-            wigner(part, places, nu, engine=engine) * forms.radiance(own[:, 2])
+            wigner(part, points, nu, engine=engine) * forms.radiance(vectors[:, 2])
             for part, forms in parts
         )
         weight[some] = radiance * (scale / n / length**2) * solid_angle / per_area
-        position[some] = places @ pose[:3, :2].T + pose[:3, 3]
-        direction[some] = own @ pose[:3, :3].T
+        position[some] = points @ pose[:3, :2].T + pose[:3, 3]
+        direction[some] = vectors @ pose[:3, :3].T
         if batch is not None and number is not None:
             batch[some] = number
         start += len(numbers)
@@ -340,7 +340,7 @@ def sample_rays(
 
 
 def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Values]:
-    """The source in its own plane, and its pose (4, 4)."""
+    """Return the source in the plane z = 0, and its pose (4, 4)."""
     if not isinstance(source, PlacedAperture):
         radiator = checked_radiator(source, partly=True)
         return radiator, np.eye(4) if to_world is None else rigid_pose(to_world)
@@ -354,7 +354,7 @@ def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Values
 def _scale(
     source: Any, wavelength: float, obliquity: str, power: Any, aperture_power: Any
 ) -> float:
-    """Power in W that is wanted over the power that the field has as it is."""
+    """Return the requested power over the power of the unscaled source."""
     if power is not None and aperture_power is not None:
         raise ArgumentError(
             "expected power or aperture_power, got both; power leaves through the hemisphere in "

@@ -1,4 +1,4 @@
-"""Coupling of two sources, each in its own plane."""
+"""Coupling of two sources, each in the plane z = 0 of its frame."""
 
 from __future__ import annotations
 
@@ -33,13 +33,12 @@ from polywigner.propagation.vector_fields import parts_of as parts_of_polarised
 from polywigner.propagation.wigner_rays import has_few_kinks, smooth_triangles
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.reception.cell_pairs import (
-    Cells,
     Links,
     cells_of,
     link_kernel,
+    link_sums,
     polarised_kernel,
 )
-from polywigner.reception.link_sums import link_sums
 from polywigner.reception.norms import checked_normalise, root_of_norm
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
@@ -52,36 +51,35 @@ from polywigner.transforms.wavefronts import flat_of
 
 Floats = NDArray[np.float64]
 
-# How far planes may lean, as the sine of the angle: what rounding does to poses.
+# Largest sine of the angle between parallel planes: the rounding error of poses.
 _PARALLEL = 1e-9
-# Nodes along a side of a cell beyond those of the phase, rule after rule.
+# Nodes along a side of a triangle in addition to the nodes for the phase, for each rule.
 _LEVELS = (2.0, 3.0, 5.0, 7.0, 10.0, 14.0)
-# Pairs of places: a minute's work; and at a time.
+# Pairs of points: limit, a minute's work; number in one step.
 _MOST_PAIRS, _PAIRS_AT_ONCE = 1 << 24, 1 << 18
 
 
 def overlap(
     sources: tuple[Any, ...], poses: Floats, wavelength: float, tolerance: float, floor: float
 ) -> tuple[Floats, Floats, Floats]:
-    """|b|^2 of poses (n, 4, 4), errors and allowed errors, (n,) each.
+    """Return |b|^2 of poses (n, 4, 4) by Wigner functions, errors and allowed errors, (n,) each.
 
-    Raises ArgumentError for planes that are not parallel, and too many pairs of places.
+    Raises ArgumentError for planes that are not parallel, and for too many pairs of points.
     """
     values, errors, limits = (np.empty(len(poses)) for _ in range(3))
     for source in sources:
         if not has_few_kinks(source):
             raise ArgumentError(
-                'expected sources of few edges with "wigner", got one whose Wigner function has '
-                f"more kinks than can be found; use {DEFAULT!r}"
+                'expected sources of few edges with "wigner", got a source whose Wigner function '
+                f"has too many kinks; use {DEFAULT!r}"
             )
     norm = math.prod(map(energy_of, sources))
     for k, pose in enumerate(poses):
         lean = float(np.hypot(*pose[:2, 2]))
         if lean > _PARALLEL:
             raise ArgumentError(
-                'expected parallel planes with "wigner", where the overlap along rays is exact to '
-                f"Fresnel's approximation, got some at {math.degrees(math.asin(lean)):.3g} "
-                f"degrees; use {DEFAULT!r}"
+                'expected parallel planes with "wigner", which uses the Fresnel approximation, got '
+                f"an angle of {math.degrees(math.asin(lean)):.3g} degrees; use {DEFAULT!r}"
             )
         values[k], errors[k] = _adapted(sources, pose, wavelength, tolerance, floor, norm)
         limits[k] = tolerance * max(abs(values[k]), floor**2)
@@ -96,47 +94,44 @@ def _adapted(
     floor: float,
     norm: float,
 ) -> tuple[float, float]:
-    """Rule after rule on both sources until the overlap does not change."""
+    """Refine the rules on both sources until the overlap changes by less than the tolerance."""
     spread = wavelength * float(pose[2, 3])
     rate = _rate(sources, pose, spread)
-    before = math.nan
-    error = math.inf
+    triangles = [smooth_triangles(source) for source in sources]
+    value, error = math.nan, math.inf
     for extra in _LEVELS:
-        count = math.prod(node_count(smooth_triangles(s), rate, extra) for s in sources)
+        count = math.prod(node_count(part, rate, extra) for part in triangles)
         if count > _MOST_PAIRS:
-            if math.isnan(before):
+            if math.isnan(value):
                 raise ArgumentError(
-                    f'expected fewer places for "wigner", got {count:.2g} pairs of them; use '
-                    f"{DEFAULT!r}, which sums up fields instead"
+                    f'too many pairs of points for "wigner", {count:.2g}; use {DEFAULT!r}, which '
+                    "sums fields"
                 )
             break
-        rules = [gauss_rule(smooth_triangles(source), rate, extra) for source in sources]
-        value = _summed(sources, rules, pose, spread) / (norm * spread**2)
-        error, before = abs(value - before), value
+        rules = [gauss_rule(part, rate, extra) for part in triangles]
+        before, value = value, _summed(sources, rules, pose, spread) / (norm * spread**2)
+        error = abs(value - before)
         if error <= tolerance * max(abs(value), floor**2):
             break
-    return before, error if math.isfinite(error) else math.inf
+    return value, error if math.isfinite(error) else math.inf
 
 
 def _rate(sources: tuple[Aperture | Array, ...], pose: Floats, spread: float) -> float:
-    """Largest |nu - kappa| of rays between both sources, in cycles per metre."""
-    corners = []
-    for source in sources:
-        xmin, ymin, xmax, ymax = source.bounds
-        corners.append(np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)]))
-    there = corners[1] @ pose[:2, :2].T + pose[:2, 3]
-    nu = ((there[:, None] - corners[0]) / spread).reshape(-1, 2)
-    found = 0.0
-    for source, seen in zip(sources, (nu, -nu @ pose[:2, :2]), strict=True):
-        waves = normal_form(source).frequencies
-        found = max(found, float(np.linalg.norm(seen[:, None] - waves, axis=-1).max()))
-    return found
+    """Return the largest |nu - kappa| of rays between both sources, in cycles per metre."""
+    here, there = (np.array(list(product(*np.reshape(s.bounds, (2, 2)).T))) for s in sources)
+    there = there @ pose[:2, :2].T + pose[:2, 3]
+    nu = ((there[:, None] - here) / spread).reshape(-1, 2)
+    rates = [
+        np.linalg.norm(frequencies[:, None] - normal_form(source).frequencies, axis=-1).max()
+        for source, frequencies in zip(sources, (nu, -nu @ pose[:2, :2]), strict=True)
+    ]
+    return float(max(rates))
 
 
 def _summed(
     sources: tuple[Any, ...], rules: list[tuple[Floats, Floats]], pose: Floats, spread: float
 ) -> float:
-    """int int W_t(x, nu) W_r(y, -nu turned) dx dy with nu = (y' - x)/(wavelength z)."""
+    """Return int int W_t(x, nu) W_r(y, -R^T nu) dx dy with nu = (y' - x)/(wavelength z)."""
     (x, x_weights), (y, y_weights) = rules
     turn = pose[:2, :2]
     there = y @ turn.T + pose[:2, 3]
@@ -156,16 +151,16 @@ LinkMethod = Literal[BoundaryCondition, "fraunhofer", "wigner", CurrentModel]
 Complex = NDArray[np.complex128]
 
 _OPS = execution.NumpyOperations(double=True)
-# Least tolerance: some hundred roundings of the sums.
+# Smallest tolerance: some hundred rounding errors of the sums.
 _LEAST = 1e-12
-# Below this fraction of the largest coupling that sources of these areas can have, errors count
-# relative to that: in a null of a pattern no digits are left.
+# Errors are relative to at least this fraction of the largest coupling of sources of these areas:
+# no digits are left in a null of a pattern.
 _FLOOR = 1e-3
-# Poses at a time: their pairs of cells are raised together.
+# Poses of one step: their pairs of cells are refined together.
 _BLOCK = 64
-# Error of values that are closed forms, relative to them.
+# Relative error of closed forms.
 _ROUNDING = 1e-12
-# Nodes along a side of a cell for 1e-6, and more for each digit.
+# Nodes along a side of a cell for a tolerance of 1e-6, and additional nodes for each digit.
 _NODES, _NODES_PER_DIGIT = 4.0, 0.5
 
 
@@ -182,56 +177,58 @@ def coupling(
     return_error: bool = False,
     normalise: Literal["radiated", "aperture"] = "radiated",
 ) -> Any:
-    """Amplitude b that one source receives of another, |b|^2 = received/transmitted power.
+    """Return the amplitude b received from a source, |b|^2 = received/transmitted power.
 
-    Both are radiated powers, so that far away Friis' formula holds with directivities. The overlap
-    of the transmitter's field with the field that the receiver would send, without a conjugate, so
-    that it is the same in both directions (docs/links.md, (RX1) to (RX3)):
+    Both are radiated powers, so that far away Friis' formula holds with directivities. b is the
+    overlap of the transmitter's field with the field that the receiver would transmit, without a
+    conjugate, so it is the same in both directions (docs/links.md, (RX1) to (RX3)):
 
         b = 1/sqrt(N_t N_r) int int u_t(x) K(x, y) u_r(y) dx dy,   N = int g |F|^2 dOmega/lambda^2
 
-    with exp(ikR)/(i wavelength R) for K ("rayleigh-sommerfeld-2"), or this with the cosines at both
-    ends ("rayleigh-sommerfeld-1"), or the mean of both at each end ("kirchhoff"), near terms
-    included: a sum over pairs of parts, whose number grows as the sources come nearer.
+    K is exp(ikR)/(i wavelength R) ("rayleigh-sommerfeld-2"), or this times the cosines at both
+    ends ("rayleigh-sommerfeld-1"), or the mean of both at each end ("kirchhoff"), with near-field
+    terms. The integral is a sum over pairs of cells, whose number grows at short distances.
 
     Parameters
     ----------
     transmitter, receiver : Apertures, or Arrays of apertures in the plane z = 0, with any
-        illuminations, or with curved waves. Each radiates along the +z of its own frame.
+        illumination or curved wavefront. Each radiates along +z of its frame.
     to_transmitter : (..., 4, 4) rigid poses, in m, that map the receiver's frame into the
-        transmitter's. A pose is taken as the nearest rigid one.
+        transmitter's frame. The nearest rigid pose is used.
     wavelength : in m; or ``frequency=`` in Hz.
-    method : "rayleigh-sommerfeld-1" (None), "rayleigh-sommerfeld-2", "kirchhoff"; or "fraunhofer",
-        Friis' formula with the phase, of the Rayleigh-Sommerfeld I patterns; or "wigner", the
-        overlap of both Wigner functions along rays, which is |b|^2 of Fresnel's approximation: for
-        parallel planes alone, and not for large tables, since each pair of places counts.
-        Of polarised sources "huygens" (None), "magnetic" or "electric", as of
+    method : "rayleigh-sommerfeld-1" (None), "rayleigh-sommerfeld-2" or "kirchhoff"; "fraunhofer",
+        Friis' formula with phase and the Rayleigh-Sommerfeld I patterns; or "wigner", the overlap
+        of both Wigner functions along rays, which is |b|^2 in the Fresnel approximation, for
+        parallel planes; its cost grows with the number of pairs of points.
+        For polarised sources "huygens" (None), "magnetic" or "electric", as in
         :func:`polywigner.field`, with the kernel (RX9).
-    tolerance : error allowed, from 1e-12 to 0.1, relative to |b| ("wigner": to |b|^2) or, where b
-        is less, to a thousandth of the largest that sources of these areas can have at that
-        distance, min(1, sqrt(A_t A_r)/(wavelength R)). Not for "fraunhofer".
-    polarisation : a pair, the transmitter's and the receiver's, each as of
-        :func:`polywigner.field` along the axes of its own frame, and as if it transmitted; or one
-        for both; None: fields are scalar.
-    return_error : also return the estimated error of each value, |.|; "fraunhofer": rounding only.
-    normalise : "radiated": N as above, of the boundary condition ("fraunhofer" and "wigner": of
-        Rayleigh-Sommerfeld I); "aperture": N = int |u|^2, of which small sources radiate little.
+    tolerance : error allowed, from 1e-12 to 0.1, relative to |b| ("wigner": to |b|^2), or to a
+        thousandth of the largest coupling of sources of these areas at that distance,
+        min(1, sqrt(A_t A_r)/(wavelength R)), if that is larger. Not used by "fraunhofer".
+    polarisation : a pair for transmitter and receiver, each as in :func:`polywigner.field` along
+        the axes of its frame, and as if it transmitted; or one polarisation for both; None: scalar
+        fields.
+    return_error : also return the estimated absolute error of each value; "fraunhofer": rounding
+        only.
+    normalise : "radiated": N as above, with the boundary condition ("fraunhofer" and "wigner":
+        Rayleigh-Sommerfeld I); "aperture": N = int |u|^2, which exceeds the radiated power of
+        small sources.
 
     Returns
     -------
-    (...) complex; of "wigner" float, |b|^2. With ``return_error`` a pair of that and (...) of
+    (...) complex; for "wigner" float, |b|^2. With ``return_error`` a pair of values and (...)
     floats.
 
     Warns
     -----
-    PolywignerWarning where the estimated error exceeds the tolerance.
+    PolywignerWarning if the estimated error exceeds the tolerance.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or range, Dr.Jit arrays, planes that
-    are not parallel with "wigner", and links of more than some minutes' work. GeometryError
-    for poses that are not rigid, sources that are not in front of each other's plane, and an Array
-    with elements outside its plane. IlluminationError for a source that cancels itself.
+    ArgumentError : arguments of the wrong type or range, Dr.Jit arrays, planes that are not
+        parallel with "wigner", links that take longer than minutes. GeometryError : poses that are
+        not rigid, sources that are not in front of each other's plane, an Array with elements
+        outside its plane. IlluminationError : a source that cancels itself.
 
     Source: J. H. Richmond, IRE Trans. Antennas Propag. 9, 515 (1961). The paper has no links.
 
@@ -260,7 +257,7 @@ def coupling(
 
 @dataclass(frozen=True, eq=False)
 class _Link:
-    """Two sources, and how they are coupled."""
+    """Two sources and the method of their coupling."""
 
     sources: tuple[Any, Any]
     wavelength: float
@@ -271,74 +268,76 @@ class _Link:
     """Jones vectors of both; None: fields are scalar."""
 
     def norm(self, normalise: str) -> float:
-        """Root of the product of both powers."""
-        jones = self.jones or (None, None)
+        """Return the square root of the product of both powers."""
+        vectors = self.jones or (None, None)
         return math.prod(
-            root_of_norm(source, self.wavelength, self.method, normalise, own)
-            for source, own in zip(self.sources, jones, strict=True)
+            root_of_norm(source, self.wavelength, self.method, normalise, jones)
+            for source, jones in zip(self.sources, vectors, strict=True)
         )
 
-    def couplings(self, to_transmitter: Any) -> tuple[NDArray[Any], Floats]:
-        """Couplings (...) and their errors."""
+    def couplings(self, to_transmitter: Any) -> tuple[Floats | Complex, Floats]:
+        """Return couplings (...) and their errors."""
         poses = rigid_poses(to_transmitter, "to_transmitter")
         flat = poses.reshape(-1, 4, 4)
-        _check_facing(flat, *(cells_of(one, self.wavelength).corners for one in self.sources))
+        _check_facing(flat, *(cells_of(s, self.wavelength).corners for s in self.sources))
         warn_of_distance(self.sources, flat[:, :3, 3], self.wavelength)
         compute = self._overlap if self.method == "wigner" else self._summed
         values, errors, limits = compute(flat)
         warn_of_missed(errors, limits, "couplings")
         return values.reshape(poses.shape[:-2]), errors.reshape(poses.shape[:-2])
 
-    def _overlap(self, poses: Floats) -> tuple[Any, Floats, Floats]:
+    def _overlap(self, poses: Floats) -> tuple[Floats, Floats, Floats]:
         if any(isinstance(source, Wavefront) for source in self.sources):
             raise ArgumentError(
-                'expected a flat wave with method="wigner", got a curved one; use '
-                f"{DEFAULT!r}, whose sum over positions takes both"
+                'expected a flat wave with method="wigner", got a curved wave; use '
+                f"{DEFAULT!r}, which supports both"
             )
-        found = overlap(self.sources, poses, self.wavelength, self.tolerance, _FLOOR)
-        counts = (self.norm("aperture") / self.norm(self.normalise)) ** 2
-        values, errors, limits = (counts * part for part in found)
+        results = overlap(self.sources, poses, self.wavelength, self.tolerance, _FLOOR)
+        scale = (self.norm("aperture") / self.norm(self.normalise)) ** 2
+        values, errors, limits = (scale * part for part in results)
         return values, errors, limits
 
-    def _summed(self, poses: Floats) -> tuple[Any, Floats, Floats]:
-        """Couplings (n,), errors and allowed errors: sums of parts.
+    def _summed(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
+        """Return couplings (n,), errors and allowed errors: sums over parts of both sources.
 
         Parts are the sources, or their elements of one polarisation each.
         """
-        values, errors, limits = np.zeros(len(poses), np.complex128), *np.zeros((2, len(poses)))
+        values: Complex = np.zeros(len(poses), np.complex128)
+        errors, limits = np.zeros((2, len(poses)))
         parts: list[Any] = [[(source, None)] for source in self.sources]
         if self.jones is not None:
             parts = list(map(parts_of_polarised, self.sources, self.jones))
         floor = 0.0 if self.method == "fraunhofer" else _FLOOR * self.norm("aperture")
-        for sender, taker in product(*parts):
+        for sent, received in product(*parts):
             with told("links", range(0, len(poses), _BLOCK)) as starts:
                 for start in starts:
                     some = slice(start, start + _BLOCK)
-                    found = self._between(sender, taker, poses[some], floor)
-                    for total, part in zip((values, errors, limits), found, strict=True):
-                        total[some] += part
-        # after the sums, which are refused where they would take too long
+                    terms = self._between(sent, received, poses[some], floor)
+                    values[some] += terms[0]
+                    errors[some] += terms[1]
+                    limits[some] += terms[2]
+        # after the sums, which raise at once if they would take too long
         norm = self.norm(self.normalise)
         return values / norm, errors / norm, limits / norm
 
     def _between(
-        self, sender: Any, taker: Any, poses: Floats, floor: float
-    ) -> tuple[Complex, Floats, Any]:
-        """:meth:`_summed` of two sources, each with its polarisation, before both norms."""
-        sources = sender[0], taker[0]
+        self, sent: Any, received: Any, poses: Floats, floor: float
+    ) -> tuple[Complex, Floats, Floats | float]:
+        """Return couplings of two sources with their polarisations, before both norms."""
+        sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
-        # from the transmitter's centre to the receiver's
+        # from the transmitter's centre to the receiver's centre
         offset = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre
         offset[:, :2] -= cells[0].centre
         point = point_in_wavelengths(_OPS, (0.0, 0.0), self.wavelength, *offset.T)
         turn = np.exp(2j * np.pi * reduced(_OPS, distance_of(_OPS, point)))
         if self.method == "fraunhofer":
-            values = turn * self._far(sources, cells, poses, offset)
+            values = turn * self._far(sources, [c.centre for c in cells], poses, offset)
             return values, _ROUNDING * np.abs(values), np.inf
         if self.jones is None:
             kernel: Any = partial(link_kernel, CONDITIONS[self.method])
         else:
-            kernel = partial(polarised_kernel, MODELS[self.method], sender[1], taker[1])
+            kernel = partial(polarised_kernel, MODELS[self.method], sent[1], received[1])
         digits = max(0.0, -math.log10(self.tolerance) - 6)
         links = Links(
             cells[0],
@@ -353,37 +352,36 @@ class _Link:
         return scale * turn * sums.values, scale * sums.errors, scale * sums.allowed
 
     def _far(
-        self, sources: tuple[Any, ...], cells: list[Cells], poses: Floats, offset: Floats
+        self, sources: tuple[Any, ...], centres: list[Floats], poses: Floats, offset: Floats
     ) -> Complex:
-        """Friis' formula (RX4), without the phase of the distance of the centres."""
+        """Return Friis' formula (RX4) without the phase of the distance of the centres."""
         distance = np.linalg.norm(offset, axis=1)
         towards = offset / distance[:, None]
         back = -np.einsum("nji,nj->ni", poses[:, :3, :3], towards)
         result = 1j * self.wavelength / distance
-        for source, own, directions in zip(sources, cells, (towards, back), strict=True):
-            centred = normal_form(source).moved(-own.centre).public
+        for source, centre, directions in zip(sources, centres, (towards, back), strict=True):
+            centred = normal_form(source).moved(-centre).public
             result = result * far_field(centred, directions, self.wavelength, DEFAULT)
         return result
 
     def _largest(self, sources: tuple[Any, ...], offset: Floats) -> Floats:
-        """The largest coupling that sources of these areas can have there, (n,)."""
+        """Return the largest coupling (n,) of sources of these areas at their distances."""
         areas = [sum(e.area for e in flat_of(source).elements_in_plane) for source in sources]
         size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
         return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
 
 
 def _check_facing(poses: Floats, transmitter: Floats, receiver: Floats) -> None:
-    """That all of each source lies in front of the other's plane, from hulls (k, 2) of both.
+    """Check that both sources, with hulls (k, 2), are in front of each other's plane.
 
-    Then all lines between them leave the transmitter and reach the receiver on their front sides.
-    Raises GeometryError with the pose and the point otherwise.
+    All lines between them then leave and arrive on the front sides. Raises GeometryError otherwise.
     """
     turned = poses[:, :3, :3]
     faces = turned[:, 2, 2] < 0.0
     there = np.einsum("nj,kj->nk", turned[:, 2, :2], receiver) + poses[:, 2, 3, None]
     _check_heights(there, faces, receiver, "receiver", "transmitter")
-    beside = np.einsum("nij,ni->nj", turned, poses[:, :3, 3])
-    here = np.einsum("nj,kj->nk", turned[:, :2, 2], transmitter) - beside[:, 2, None]
+    height = np.einsum("ni,ni->n", turned[:, :, 2], poses[:, :3, 3])
+    here = np.einsum("nj,kj->nk", turned[:, :2, 2], transmitter) - height[:, None]
     _check_heights(here, faces, transmitter, "transmitter", "receiver")
 
 

@@ -23,14 +23,14 @@ from polywigner.transforms.wavefronts import flat_of
 Complex = NDArray[np.complex128]
 
 NORMALISATIONS = ("radiated", "aperture")
-"""Powers of sources that links count: through the hemisphere in front, or int |u|^2."""
+"""Powers of a source that links use: radiated into the half space in front, or int |u|^2."""
 
-# int |u|^2 of a source that cancels itself, relative to that of its parts.
+# Fraction of the power of its elements below which a source cancels itself.
 _DARK = 1e-12
 
 
 def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -> str:
-    """Return ``name`` itself, or raise the error with the names that there are."""
+    """Return ``name``, or raise the error with the valid names."""
     if not isinstance(name, str) or name not in NORMALISATIONS:
         names = " or ".join(f'"{known}"' for known in NORMALISATIONS)
         raise error(f"expected normalise to be {names}, got {name!r}")
@@ -40,11 +40,11 @@ def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -
 def root_of_norm(
     source: Any, wavelength: float, method: str, normalise: str, jones: Complex | None = None
 ) -> float:
-    """Root of a source's power in W for |u|^2 in W/m^2, by which couplings are divided.
+    """Return the square root of a source's power in W for |u|^2 in W/m^2, a divisor of couplings.
 
-    ``radiated``: the power that leaves by the boundary condition of the method, which takes u for
-    what it needs, as (RX1) does; with Jones vectors (2,) or (k, 2) that of its currents.
-    ``aperture``: int |u|^2.
+    ``radiated``: the power that a source radiates with the boundary condition of the method, which
+    uses u for the field or its normal derivative, as in (RX1); with Jones vectors (2,) or (k, 2)
+    the power of its currents. ``aperture``: int |u|^2.
 
     Raises IlluminationError for a source that cancels itself, or radiates nothing.
     """
@@ -70,22 +70,21 @@ def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, j
 
 
 def _check_field(source: Any) -> None:
-    norm = energy_of(flat_of(source))  # a curved wave is of the same modulus
+    norm = energy_of(flat_of(source))  # a curved wave has the same modulus
     parts: float = sum(
         (abs(e.weight) * float(np.abs(e.amplitudes).max())) ** 2 * e.shape.area
         for e in normal_form(source).in_plane.elements
     )
     if not norm > _DARK * parts:
         raise IlluminationError(
-            f"expected a source with a field on it, got one whose elements cancel, int |u|^2 = "
-            f"{norm:.3g}"
+            f"expected a source with a field, got elements that cancel, int |u|^2 = {norm:.3g}"
         )
 
 
 def _radiated(source: Any, wavelength: float, condition: Obliquity) -> float:
-    """Return int g |F|^2 dOmega/lambda^2 in W, with u as the boundary condition needs it."""
-    found = 0.0
+    """Return int g |F|^2 dOmega/lambda^2 in W, with u as the boundary condition requires it."""
+    power = 0.0
     for directions, solid_angle in directions_and_weights(largest_lag(source), wavelength):
         factor = condition.amplitude(directions[:, 2]) ** 2 * solid_angle / wavelength**2
-        found += float(np.square(np.abs(fourier(source, directions[:, :2] / wavelength))) @ factor)
-    return found
+        power += float(np.square(np.abs(fourier(source, directions[:, :2] / wavelength))) @ factor)
+    return power

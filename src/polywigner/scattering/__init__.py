@@ -1,16 +1,13 @@
 """Radar cross sections of conducting bodies.
 
 ====================  =========================================================================
-module                what is in it
+module                content
 ====================  =========================================================================
-``cross_sections``    the radar cross section by physical optics, and its patterns
-``facet_beams``       sums over lit surfaces, and over beams of polygons after two or three
-                      reflections
-``facets``            bodies and plates as triangles: which join smoothly, shadow others, or light
-                      each other
-``near_fields``       the cross section near the antennas of a radar, over pieces of plane waves
-``antennas``          antennas at their places, their fields and polarisations
-``visibility``        the parts of triangles that are seen, and their Fourier transforms
+``cross_sections``    radar cross sections by physical optics, and patterns
+``facet_beams``       sums over illuminated surfaces, and over beams after up to three reflections
+``facets``            bodies and plates as triangles: visible parts, Fourier transforms, and
+                      mutual illumination of faces
+``near_fields``       antennas and their fields near a body; cross sections from these fields
 ====================  =========================================================================
 """
 

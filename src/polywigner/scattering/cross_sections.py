@@ -1,4 +1,4 @@
-"""The radar cross section of conducting bodies and plates, by physical optics; its patterns."""
+"""Radar cross sections of conducting bodies and plates by physical optics, and patterns."""
 
 from __future__ import annotations
 
@@ -16,13 +16,16 @@ from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import (
     checked_count,
     checked_flag,
+    checked_vectors,
     checked_wavelength,
     takes_frequency,
     warn_caller,
 )
 from polywigner.propagation.places import checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.scattering.antennas import (
+from polywigner.scattering.facet_beams import sums_of_beams
+from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_reflections
+from polywigner.scattering.near_fields import (
     Channel,
     Polarisation,
     Source,
@@ -30,11 +33,8 @@ from polywigner.scattering.antennas import (
     checked_channel,
     checked_polarisations,
     checked_unit_vectors,
-    checked_wavelengths,
+    near_sections,
 )
-from polywigner.scattering.facet_beams import sums_of_beams
-from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_reflections
-from polywigner.scattering.near_fields import near_sections
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
@@ -45,7 +45,7 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
-# Three mirrors at right angles send a wave back; each reflection more multiplies the beams.
+# Three mirrors at right angles return a wave; each further reflection multiplies the beams.
 MOST_BOUNCES = 3
 
 
@@ -64,73 +64,73 @@ def rcs(
     normalise: Literal["radiated", "aperture"] = "radiated",
     bounces: int = 1,
 ) -> Any:
-    """Radar cross section of a perfect conductor, by physical optics (docs/rcs.md, (SC1)).
+    """Return the radar cross section of a perfect conductor by physical optics (docs/rcs.md).
 
-    Currents of lit faces are those of an infinite plane, 2 n x H; the field of each face is its
-    Fourier transform in closed form. The parts that transmitter and receiver see are exact
-    polygons. Valid for faces of some wavelengths or more, or fine meshes of smooth bodies, near
-    specular directions; no waves of edges.
+    The current on an illuminated face is 2 n x H, as on an infinite plane; the field of each face
+    is its Fourier transform in closed form, (SC1). The parts visible from transmitter and receiver
+    are exact polygons. Valid near specular directions for faces of several wavelengths or more, or
+    fine meshes of smooth bodies. Edge diffraction is not included.
+
+    Arrays broadcast against each other.
 
     Parameters
     ----------
-    body : a Polyhedron; an Aperture or placed Aperture, which is a plate with two sides, holes
-        and all; or an Array (without weights) or a list of these, which shadow each other.
+    body : a Polyhedron; an Aperture or placed Aperture, which is a plate with two sides and may
+        have holes; or an Array (without weights) or a list of these, which shadow each other.
     to_radar : (..., 3) unit vectors from the body towards the radar's receiver.
     wavelength : (...) in m; or ``frequency=``, one number in Hz.
-    to_transmitter : (..., 3) unit vectors towards the transmitter; None: it is with the receiver.
-    polarisation : which part of the scattered field counts, of which incident one.
-        None: all of it, mean over the incident polarisations: of a radar with one antenna the
-        co-polar cross section, which does not depend on the polarisation.
+    to_transmitter : (..., 3) unit vectors towards the transmitter; None: monostatic.
+    polarisation : received part of the scattered field, and incident polarisation.
+        None: the total scattered field, mean over incident polarisations; for a monostatic radar
+        this is the co-polar cross section, which does not depend on the polarisation.
         "vv", "hh", "vh" or "hv": receiver first, v along the polar angle from +z of the body's
-        frame, h along the azimuth, at each one's own direction (along z at azimuth 0).
-        Or a pair of unit vectors (..., 3), receiver first, across each one's direction; complex
-        ones for circular polarisations, which the receiver's antenna would radiate.
-        With ``source`` also the antennas' own: "x", "45 deg", "right" or a Jones vector, as of
-        :func:`polywigner.field` along the axes of the source, for both, or a pair of these,
-        receiver first. Then their vector fields count, of Huygens' currents.
-    source : the radar's antenna, an Aperture or Array in the plane z = 0 of its own frame, for a
-        body near it: its exact field (:func:`amplitude`) lights the body, and its field receives,
-        as in :func:`coupling` (docs/rcs.md, (SC3)). ``to_radar`` and ``to_transmitter`` then say
-        where it stands: vectors (..., 3) in m from the middle of the box around the body to the
-        source, which looks back with its y axis upwards (towards +z of the body); or poses
-        (..., 4, 4) that map the body's frame into that of the source, which radiates along its
-        +z. None: the antennas are far away.
-    receiver : another antenna that receives; None: one like ``source``.
-    tolerance : with ``source``: error allowed by splitting what is lit into plane pieces of wave
-        fronts, relative to the amplitude of all lit parts in phase, from 1e-6 to 0.1.
+        frame, h along the azimuth, at the direction of each end (along z at azimuth 0).
+        Or a pair of unit vectors (..., 3), receiver first, normal to the direction of each end;
+        complex for circular polarisations, as the receiver's antenna would radiate them.
+        With ``source`` also a polarisation of the antennas: "x", "45 deg", "right" or a Jones
+        vector, as in :func:`polywigner.field` along the axes of the source, or a pair of these,
+        receiver first. The vector fields of Huygens' currents are then used.
+    source : antenna of the radar for a body near it, an Aperture or Array in the plane z = 0 of
+        its frame: its exact field (:func:`amplitude`) illuminates the body and receives, as in
+        :func:`coupling` (docs/rcs.md, (SC3)). ``to_radar`` and ``to_transmitter`` are then vectors
+        (..., 3) in m from the centre of the body's bounding box to the source, which faces the
+        centre with its y axis upwards (towards +z of the body); or poses (..., 4, 4) that map the
+        body's frame into the source's frame. The source radiates along its +z. None: the antennas
+        are far away.
+    receiver : a different receiving antenna; None: the same as ``source``.
+    tolerance : with ``source``: error allowed by splitting illuminated parts into pieces of plane
+        waves, relative to the amplitude of all illuminated parts in phase, from 1e-6 to 0.1.
     return_power : with ``source``: also return the received over the transmitted power.
-    normalise : how these powers count, as in :func:`coupling`: "radiated", or "aperture".
-    bounces : reflections that count, 1, 2 or 3, as corner reflectors need: lit polygons go on as
-        beams, whose polygons on the faces beyond are exact (docs/rcs.md, (SC6)). Not with
-        ``source``.
-
-    All broadcast against each other.
+    normalise : power that counts, as in :func:`coupling`: "radiated" or "aperture".
+    bounces : number of reflections included, 1, 2 or 3; corner reflectors need 2 or 3. Reflected
+        beams illuminate exact polygons on other faces (docs/rcs.md, (SC6)). Not with ``source``.
 
     Returns
     -------
-    (...) floats in m^2; NaN, with a warning, in directions whose lit polygons cannot be computed.
-    With ``source``, the cross section of a small body that would send back as
-    much power from the middle of the box around the body, which tends to that of antennas far
-    away; with ``return_power`` a pair of that and of |b|^2 (...). Errors are some 1e-15 of the
-    amplitude of a plate of all lit faces, times the body's size in wavelengths where that is above
-    1; of parts that stand partly in a shadow, 1e-12 of it. A face seen edge-on, within 1e-12 rad,
-    counts as dark.
-
-    Time is linear in the triangles that faces are split into, times directions and wavelengths.
-    Bodies that are not convex cost set operations besides, once a direction; each further
-    reflection of 500 triangles takes some 0.1 s a direction (docs/rcs.md).
+    (...) floats in m^2; NaN, with a warning, in directions whose polygons cannot be computed.
+    With ``source``, the cross section of a small body at the centre of the bounding box that would
+    return the same power; it tends to the far-field cross section. With ``return_power`` a pair of
+    cross section and |b|^2 (...). The error is about 1e-15 of the amplitude of a plate of all
+    illuminated faces, times the body's size in wavelengths if that is above 1; for partly shadowed
+    faces 1e-12 of it. A face seen edge-on, within 1e-12 rad, counts as dark.
 
     Warns
     -----
-    PolywignerWarning where a face is smaller than a square
-    wavelength (facets that join smoothly are one face), and with ``bounces=1`` where the wave goes
-    from one face to another, as in corner reflectors; they need not touch.
+    PolywignerWarning if a face is smaller than a square wavelength (facets that join smoothly are
+    one face), and with ``bounces=1`` if the wave goes from one face to another, as in corner
+    reflectors.
 
     Raises
     ------
-    ArgumentError for anything but bodies and uniform plates, unit vectors, wavelengths and
-    polarisations across the directions; and for more beams than minutes can follow.
-    GeometryError for poses that are not rigid, and bodies behind the plane of an antenna.
+    ArgumentError : other bodies, vectors that are not of unit length, polarisations not normal to
+        the directions, too many beams. GeometryError : poses that are not rigid, bodies behind
+        the plane of an antenna.
+
+    Notes
+    -----
+    The time is linear in the triangles that faces are split into, times directions and wavelengths.
+    Concave bodies need polygon operations for each direction; each further reflection of 500
+    triangles takes about 0.1 s per direction (docs/rcs.md).
 
     Source: E. F. Knott, "Radar cross section", ch. 14 of M. I. Skolnik (ed.), "Radar Handbook", 3rd
     ed. (2008); W. B. Gordon, IEEE Trans. Antennas Propag. 23, 590 (1975). The paper has none.
@@ -154,7 +154,11 @@ def rcs(
     """
     check_no_drjit(to_radar=to_radar, to_transmitter=to_transmitter)
     facets = facets_of(body)
-    lengths = checked_wavelengths(wavelength)
+    expected = "expected wavelengths as numbers above zero, in m"
+    lengths = checked_vectors(wavelength, expected, ())
+    usable = (lengths > 0) & np.isfinite(lengths)
+    if not usable.all():
+        raise ArgumentError(f"{expected}, got {lengths[~usable].flat[0]:g}; check its unit")
     if lengths.size:
         warn_of_small(facets, float(lengths.min()))
     checked_flag(return_power, "return_power")
@@ -166,10 +170,10 @@ def rcs(
                 f"{reflections}; leave the source out for antennas far away"
             )
         radar = source, receiver, polarisation, tolerance, normalise
-        found = near_sections(facets, to_radar, to_transmitter, lengths, *radar)
-        return (found[0][()], found[1][()]) if return_power else found[0][()]
+        area, power = near_sections(facets, to_radar, to_transmitter, lengths, *radar)
+        return (area[()], power[()]) if return_power else area[()]
     if receiver is not None or return_power:
-        raise ArgumentError("expected a source with receiver and return_power, got none; give it")
+        raise ArgumentError("receiver and return_power require a source; pass source")
     return sections(facets, lengths, to_radar, to_transmitter, polarisation, reflections)[()]
 
 
@@ -183,7 +187,7 @@ def sections(
     *,
     warns: bool = True,
 ) -> Floats:
-    """Cross sections (...) in m^2 of a body; parameters as of :func:`rcs`.
+    """Return cross sections (...) in m^2 of a body; parameters as for :func:`rcs`.
 
     ``warns``: whether to warn of faces that illuminate each other.
     """
@@ -213,18 +217,21 @@ def warn_of_small(facets: Facets, wavelength: float) -> None:
     if facets.least_face < wavelength:
         warn_caller(
             f"got a face of {facets.least_face:.3g} m, the root of its area, at a wavelength of "
-            f"{wavelength:.3g} m: physical optics holds for faces of some wavelengths or more"
+            f"{wavelength:.3g} m: physical optics requires faces of several wavelengths or more"
         )
 
 
 def _power(
     sums: Complex, later: Complex | None, k: Floats, s: Floats, polarisations: list[Complex]
 ) -> Floats:
-    """|q.(N x h + M h)|^2 (m,) of receiver q and h = k x p; None of them: see :func:`rcs`."""
+    """Return |q.(N x h + M h)|^2 (m,) for a receiver q and h = k x p.
+
+    Without polarisations return the total, mean over incident polarisations.
+    """
 
     def field(h: Floats | Complex) -> Complex:
-        found: Complex = np.cross(sums, h)
-        return found if later is None else found + np.einsum("mij,mj->mi", later, h)
+        first: Complex = np.cross(sums, h)
+        return first if later is None else first + np.einsum("mij,mj->mi", later, h)
 
     if polarisations:
         q, p = polarisations
@@ -238,22 +245,22 @@ def _power(
 
 
 def _across(directions: Floats) -> tuple[Floats, Floats]:
-    """Two unit vectors (n, 3) across each direction (n, 3), and across each other."""
-    one = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)])
-    one /= np.linalg.norm(one, axis=1, keepdims=True)
-    return one, np.cross(directions, one)
+    """Return two orthogonal unit vectors (n, 3) normal to each direction (n, 3)."""
+    first = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return first, np.cross(directions, first)
 
 
 # ---- patterns -----------------------------------------------------------------------------------
 
 _REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections"}
-# Directions that are computed together, as beams of several directions are followed at once.
+# Directions computed together: beams of several directions are traced at once.
 _TOGETHER = 200
-# Directions for which the warning of further reflections looks.
+# Directions checked for the warning of further reflections.
 _MOST_WARNED = 4096
-# cos(pi/2) is 6e-17. Along the z axis backscatter of one reflection is the same for any azimuth.
-# Other cross sections depend on it through their polarisations and the walls that are seen. They
-# are computed at this angle in rad from the axis, where walls are not edge-on.
+# cos(pi/2) is 6e-17. Along the z axis backscatter of one reflection is independent of azimuth.
+# Other cross sections depend on it through polarisations and visible walls. They are computed at
+# this angle in rad from the axis, where walls are not edge-on.
 _AT_POLE, _NEAR_POLE = 1e-15, 1e-8
 
 
@@ -269,35 +276,34 @@ def rcs_pattern(
     bounces: int = 1,
     progress: bool | None = None,
 ) -> xarray.Dataset:
-    """Radar cross section of a body over azimuth and elevation of the radar, as a dataset.
+    """Return the radar cross section of a body over azimuth and elevation of the radar.
 
-    The values are those of :func:`rcs`, which says what they are and where they hold.
+    The values are the values of :func:`rcs`.
 
     Parameters
     ----------
     body : as for :func:`rcs`.
     wavelength : in m; or ``frequency=`` in Hz.
-    azimuth : (n,) angles in rad about z, from +x towards +y; or one.
-    elevation : (m,) angles in rad above the plane z = 0, from -pi/2 to pi/2; or one. At -pi/2 and
-        pi/2 the value is the limit for each azimuth: polarisations follow the azimuth there too.
-    to_transmitter : unit vector (3,) towards a transmitter that stays; None: it is with the radar.
+    azimuth : (n,) angles in rad about z, from +x towards +y; or a number.
+    elevation : (m,) angles in rad above the plane z = 0, from -pi/2 to pi/2; or a number. At -pi/2
+        and pi/2 the value is the limit for each azimuth, and polarisations follow the azimuth.
+    to_transmitter : unit vector (3,) towards a fixed transmitter; None: monostatic.
     polarisation : None, "vv", "hh", "vh" or "hv", as for :func:`rcs`.
-    bounces : reflections that count, 1, 2 or 3, as for :func:`rcs`.
-    progress : a bar on a terminal; None: if stderr is one.
+    bounces : number of reflections, 1, 2 or 3, as for :func:`rcs`.
+    progress : whether to show a progress bar; None: if stderr is a terminal.
 
     Returns
     -------
-    xarray.Dataset with
-    ``rcs`` (azimuth, elevation) in m^2. Attributes: wavelength, frequency, polarisation, bounces,
-    number of triangles, largest cross section, and the transmitter where it stays.
+    xarray.Dataset with ``rcs`` (azimuth, elevation) in m^2. Attributes: wavelength, frequency,
+    polarisation, bounces, number of triangles, largest cross section, and the fixed transmitter.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range, as :func:`rcs` does.
+    ArgumentError : arguments of the wrong type, shape or range, as for :func:`rcs`.
 
     >>> import polywigner as pw
-    >>> found = pw.rcs_pattern(pw.shapes.square(5.0), 0.3, 0.0, 1.5707963267948966)
-    >>> round(found["rcs"].values.item())  # 4 pi 5^4/0.3^2
+    >>> pattern = pw.rcs_pattern(pw.shapes.square(5.0), 0.3, 0.0, 1.5707963267948966)
+    >>> round(pattern["rcs"].values.item())  # 4 pi 5^4/0.3^2
     87266
     """
     pattern = Pattern(body, wavelength, azimuth, elevation, to_transmitter, polarisation, bounces)
@@ -307,7 +313,7 @@ def rcs_pattern(
 
 @dataclass(eq=False)
 class Pattern:
-    """A pattern that is computed part by part. Parameters and errors: :func:`rcs_pattern`."""
+    """A pattern computed in parts. Parameters and errors: :func:`rcs_pattern`."""
 
     body: InitVar[Body]
     wavelength: float
@@ -345,7 +351,7 @@ class Pattern:
         return max(1, _TOGETHER // max(1, len(self.elevation)))
 
     def values(self, advance: Callable[[int], None]) -> Floats:
-        """Compute all cross sections (n, m) in m^2; ``advance`` is called with numbers of them."""
+        """Return all cross sections (n, m) in m^2; ``advance`` is called with increments."""
         self.warn()
         values, step = np.empty(self.shape), self.together
         for start in range(0, len(values), step):
@@ -355,7 +361,7 @@ class Pattern:
         return values
 
     def warn(self) -> None:
-        """Warn where physical optics is a rough approximation."""
+        """Warn if physical optics is a rough approximation."""
         warn_of_small(self.facets, self.wavelength)
         if self.bounces == 1:
             warn_of_reflections(self.facets, self._some_directions())
@@ -375,7 +381,7 @@ class Pattern:
         }
 
     def part(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> Floats:
-        """Compute cross sections of a shape in m^2, from the angles with numbers ``origin`` on."""
+        """Return a block of cross sections in m^2, whose first indices are ``origin``."""
         rows, columns = (slice(o, o + n) for o, n in zip(origin, shape, strict=True))
         try:
             return self.at(self.azimuth[rows, None], self.elevation[columns])
@@ -386,7 +392,7 @@ class Pattern:
             return np.full(shape, np.nan)
 
     def at(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Cross sections (...) in m^2 at angles that broadcast."""
+        """Return cross sections (...) in m^2 at angles that broadcast."""
         lengths = np.asarray(self.wavelength)
         towards = self._towards(azimuth, elevation)
         how = self.to_transmitter, self.polarisation, self.bounces
@@ -399,7 +405,7 @@ class Pattern:
         about: dict[str, Any] = {
             "wavelength": self.wavelength,
             "frequency": SPEED_OF_LIGHT / self.wavelength,
-            "polarisation": self.polarisation or "all, mean over incident ones",
+            "polarisation": self.polarisation or "total, mean over incident polarisations",
             "bounces": self.bounces,
             "triangles": len(self.facets.corner),
             "largest_rcs": float(np.fmax.reduce(values, axis=None)),
@@ -409,7 +415,7 @@ class Pattern:
         of_values = {
             "units": "m2",
             "long_name": "radar cross section",
-            "method": f"physical optics: {_REFLECTIONS[self.bounces]}, no waves of edges",
+            "method": f"physical optics: {_REFLECTIONS[self.bounces]}, no edge diffraction",
             "polywigner_version": __version__,
         }
         axes = {
@@ -417,14 +423,14 @@ class Pattern:
             "elevation": (self.elevation, "angle above z = 0"),
         }
         angles = {
-            name: labelled_array(own, (name,), {"units": "rad", "long_name": meaning})
-            for name, (own, meaning) in axes.items()
+            name: labelled_array(angle, (name,), {"units": "rad", "long_name": meaning})
+            for name, (angle, meaning) in axes.items()
         }
         table = {"rcs": labelled_array(values, tuple(axes), of_values)}
         return labelled_arrays(table, angles, about)
 
     def _some_directions(self) -> Floats:
-        """Directions (k, 3) of travel of the incident waves: all, or evenly spaced ones."""
+        """Return directions of travel (k, 3) of the incident waves, at most 4096."""
         if self.to_transmitter is not None:
             return -self.to_transmitter[None]
         step = math.ceil(math.prod(self.shape) / _MOST_WARNED)
@@ -432,7 +438,7 @@ class Pattern:
         return -self._towards(self.azimuth[some[0]], self.elevation[some[1]])
 
     def _towards(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Unit vectors (..., 3) of angles that broadcast."""
+        """Return unit vectors (..., 3) of angles that broadcast."""
         across = np.cos(elevation)
         is_same_around = self.to_transmitter is None and self.bounces == 1
         pole = 0.0 if is_same_around else _NEAR_POLE

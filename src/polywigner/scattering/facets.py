@@ -1,9 +1,9 @@
-"""Conducting bodies and plates as triangles, and whether their faces light each other."""
+"""Conducting bodies and plates as triangles: visible parts, and mutual illumination of faces."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import product
@@ -13,144 +13,98 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from polywigner import execution
 from polywigner.errors import ArgumentError
+from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, triangulate
 from polywigner.geometry.arguments import warn_caller
+from polywigner.geometry.hidden_parts import (
+    GRID,
+    NOTHING,
+    Projected,
+    Shapes,
+    edges_around,
+    in_perspective,
+    in_triangles,
+    intersections,
+    less_shadows,
+    mended,
+)
 from polywigner.geometry.parts import connected
+from polywigner.numerics.divided_differences import simplex_plane_wave
+from polywigner.numerics.phases import rotated
 from polywigner.source import Array
 
 Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
-
-# Facets that meet at less than this are of one bent face, as in meshes of smooth bodies.
-SMOOTH = math.cos(math.radians(30))
-
-
-# Sine of the angle by which faces in one plane may bend the wrong way after rounding. A dent this
-# shallow shadows no more than this fraction of a body.
-_FLAT = 1e-9
-# Grid of normals and of heights over the body's size: planes on one point of it are one plane.
-# Their waves lose step by some of this many turns for each wavelength of the body's size.
-_ONE_PLANE = 1e-12
-# Vertices within this fraction of the size are one: STL files round to 1e-7.
-_ONE_VERTEX = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class _Faces:
-    """Faces (n,) of a body, and pairs (m,) of them that meet at edges, each in both orders."""
-
-    body: Polyhedron
-    normals: Floats
-    """(n, 3), NaN where a face has no area."""
-    areas: Floats
-    one: Indices
-    other: Indices
-    height: Floats
-    """(m,) sine of the angle by which the other face rises above the one: concave edges."""
-    is_simple: bool
-    """Whether all faces have areas, and no more than two of them meet at each edge."""
-
-    def least_area(self) -> float:
-        """The area of the smallest face in m^2; faces that join smoothly are one."""
-        smooth = (self.normals[self.one] * self.normals[self.other]).sum(axis=1) > SMOOTH
-        labels = connected(len(self.areas), self.one[smooth], self.other[smooth])
-        sums = np.bincount(labels, self.areas)
-        return float(sums[np.bincount(labels) > 0].min())
-
-    def is_convex(self) -> bool:
-        """Whether no face can stand before another; False where rounding leaves it open."""
-        if not self.is_simple or (self.height > _FLAT).any():
-            return False
-        points = self.body.vertices
-        centre = points.mean(axis=0)
-        first = np.array([face[0] for face in self.body.faces])
-        depth = ((points[first] - centre) * self.normals).sum(axis=1)
-        # a ray through the middle of the first triangle meets it alone: it passes between three
-        # planes through the centre, in front of it
-        corners = points[self.body.triangles] - centre
-        ray = corners[0].mean(axis=0)
-        sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray >= 0 for k in range(3)]
-        return bool((depth > 0).all()) and int(np.all(sides, axis=0).sum()) == 1
-
-
-def _faces_of(body: Polyhedron) -> _Faces:
-    faces, points = body.faces, body.vertices
-    counts = np.array([len(face) for face in faces])
-    owner = np.repeat(np.arange(len(faces)), counts)
-    begin = np.array([vertex for face in faces for vertex in face])
-    last = np.cumsum(counts) - 1
-    end = np.append(begin[1:], 0)
-    end[last] = begin[last - counts + 1]
-    origin = points[begin[last - counts + 1]][owner]
-    crosses = np.cross(points[begin] - origin, points[end] - origin)
-    sums = np.stack([np.bincount(owner, crosses[:, k], len(faces)) for k in range(3)], axis=1)
-    areas, along = np.linalg.norm(sums, axis=1), points[end] - points[begin]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        normals = sums / areas[:, None]
-        along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    keys, reverse = begin * len(points) + end, end * len(points) + begin
-    here, there = np.argsort(keys, kind="stable"), np.argsort(reverse, kind="stable")
-    # from an edge into the face beyond it: above the plane of this one, where it is concave
-    inwards = np.cross(normals[owner[there]], along[there])
-    height = (normals[owner[here]] * inwards).sum(axis=1)
-    is_simple = bool((np.diff(keys[here]) != 0).all() and np.isfinite(normals).all())
-    return _Faces(body, normals, areas / 2, owner[here], owner[there], height, is_simple)
-
+Sides = NDArray[np.int8]
+"""1 for the outer side of a triangle, -1 for the other side of a plate, 0 for neither."""
 
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 
 _EXPECTED = "expected a body (Polyhedron, Aperture, placed Aperture, or an Array or list of these)"
+# Facets that meet at less than this angle belong to one curved face, as in meshes of smooth bodies.
+SMOOTH = math.cos(math.radians(30))
+# Sine of the angle by which faces in one plane may be concave after rounding. So shallow a dent
+# shadows at most this fraction of a body.
+_FLAT = 1e-9
+# Grid of normals and of heights over the body's size, by which planes are compared. The phase error
+# is this many cycles per wavelength of the body's size.
+_ONE_PLANE = 1e-12
+# Vertices within this fraction of the size are the same: STL files round to 1e-7.
+_ONE_VERTEX = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """Triangles (n,) in space, about the centre of the box around all of them."""
+    """Triangles (n,) in space, relative to the centre of their bounding box."""
 
     corner: Floats
-    """(n, 3)"""
+    """First corners (n, 3) in m."""
     first: Floats
-    """(n, 3) from the corner to the next one, counter-clockwise seen from outside."""
+    """Vectors (n, 3) to the second corners, counter-clockwise seen from outside."""
     second: Floats
-    """(n, 3) from the corner to the last one."""
+    """Vectors (n, 3) to the third corners."""
     is_plate: NDArray[np.bool_]
-    """(n,) which triangles have two outer sides."""
+    """Whether each triangle (n,) has two outer sides."""
     casts_shadows: bool
-    """Whether one triangle may stand before another."""
-    middle: Floats
-    """(3,) the centre of the box, in the body's frame."""
-    least_face: float
-    """Root of the area of the smallest face; facets that join smoothly are one."""
+    """Whether one triangle may hide another."""
+    centre: Floats
+    """Centre (3,) of the bounding box in the body's frame, in m."""
 
     @cached_property
     def vector(self) -> Floats:
-        """Outward normals times twice the area, (n, 3)."""
+        """Outward normals (n, 3) times twice the areas, in m^2."""
         return np.cross(self.first, self.second)
 
     @cached_property
     def normal(self) -> Floats:
-        """Outward unit normals, (n, 3)."""
+        """Outward unit normals (n, 3)."""
         return self.vector / np.linalg.norm(self.vector, axis=1, keepdims=True)
 
     @cached_property
     def corners(self) -> Floats:
-        """(n, 3, 3): triangle, corner, component."""
+        """Corners (n, 3, 3): triangle, corner, component."""
         return self.corner[:, None] + np.stack(
             [np.zeros_like(self.first), self.first, self.second], axis=1
         )
 
     @cached_property
     def plane(self) -> Indices:
-        """(n,) numbers of planes, the same for triangles in one, after rounding."""
+        """Numbers (n,) of planes, equal for coplanar triangles."""
         height = (self.normal * self.corner).sum(axis=1, keepdims=True) / self.size
         rows = np.round(np.concatenate([self.normal, height], axis=1) / _ONE_PLANE)
         return np.asarray(np.unique(rows + 0.0, axis=0, return_inverse=True)[1].ravel())
 
     @cached_property
     def surface(self) -> Indices:
-        """(n,) numbers of surfaces, the same for triangles that join smoothly at common edges."""
-        points = np.round(self.corners.reshape(-1, 3) / (_ONE_VERTEX * self.size))
-        _, number = np.unique(points + 0.0, axis=0, return_inverse=True)
+        """Numbers (n,) of surfaces, equal for triangles that join smoothly at common edges."""
+        points = np.round(self.corners.reshape(-1, 3) / (_ONE_VERTEX * self.size)).astype(np.int64)
+        number = np.zeros(len(points), np.int64)
+        for column in points.T:
+            _, rank = np.unique(column, return_inverse=True)
+            _, number = np.unique(number * len(points) + rank.ravel(), return_inverse=True)
         begin = number.reshape(-1, 3)
         edges = np.sort(np.stack([begin, np.roll(begin, -1, axis=1)], axis=2), axis=2)
         keys = (edges[..., 0] * len(points) + edges[..., 1]).ravel()
@@ -163,26 +117,31 @@ class Facets:
         return connected(len(begin), one[smooth], other[smooth])
 
     @cached_property
+    def least_face(self) -> float:
+        """Square root of the area of the smallest surface in m."""
+        areas = np.bincount(self.surface, np.linalg.norm(self.vector, axis=1) / 2)
+        return math.sqrt(areas[np.bincount(self.surface) > 0].min())
+
+    @cached_property
     def size(self) -> float:
-        """Diagonal of the box around all triangles."""
+        """Diagonal of the bounding box in m."""
         points = self.corners.reshape(-1, 3)
         return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
 def facets_of(body: Any) -> Facets:
-    """The triangles of a body; found once for a body that is the same again.
+    """Return the triangles of a body; equal bodies share them.
 
     Raises ArgumentError for anything but bodies and plates of uniform metal.
     """
     return _facets(_parts(body))
 
 
-def _parts(body: Any) -> tuple[Any, ...]:
+def _parts(body: Any) -> tuple[Polyhedron | Aperture | PlacedAperture, ...]:
     if isinstance(body, Array):
         if not (body.weights == 1).all():
             raise ArgumentError(
-                "expected an Array of bodies with all weights 1, got others; a conductor has no "
-                "weight, so leave the weights out"
+                "expected an Array of bodies with all weights 1, got other weights; leave them out"
             )
         body = body.elements
     parts = tuple(body) if isinstance(body, Iterable) else (body,)
@@ -193,39 +152,35 @@ def _parts(body: Any) -> tuple[Any, ...]:
             raise ArgumentError(f"{_EXPECTED}, got {type(part).__name__}")
         if not isinstance(part, Polyhedron) and _outline(part).illumination is not None:
             raise ArgumentError(
-                "expected a plate without an illumination, got one with; the radar lights it, so "
-                "take it off by with_illumination(None)"
+                "expected a plate without an illumination, got one with an illumination; the radar "
+                "illuminates it, so remove the illumination by with_illumination(None)"
             )
     return parts
 
 
-# Hashes of bodies read all of their vertices, some ms for a million; building triangles takes more.
+# Hashing a body of a million vertices takes some ms; building its triangles takes longer.
 @lru_cache(maxsize=16)
-def _facets(parts: tuple[Any, ...]) -> Facets:
+def _facets(parts: tuple[Polyhedron | Aperture | PlacedAperture, ...]) -> Facets:
     corners, plates = [], []
     for part in parts:
-        found = part.vertices[part.triangles] if isinstance(part, Polyhedron) else _of_plate(part)
-        area = np.cross(found[:, 1] - found[:, 0], found[:, 2] - found[:, 0])
-        found = found[np.abs(area).max(axis=1) > 0]
-        corners.append(found)
-        plates.append(np.full(len(found), not isinstance(part, Polyhedron)))
-    every = np.concatenate(corners)
-    low, high = every.min(axis=(0, 1)), every.max(axis=(0, 1))
-    middle = low + (high - low) / 2
-    every = every - middle
-    is_plate = np.concatenate(plates)
-    bodies = [_faces_of(part) for part in parts if isinstance(part, Polyhedron)]
-    areas = [_outline(part).area for part in parts if not isinstance(part, Polyhedron)]
-    least = min(*areas, *(body.least_area() for body in bodies), math.inf)
-    shadows = len(parts) > 1 or not (is_plate.all() or bodies[0].is_convex())
+        points = part.vertices[part.triangles] if isinstance(part, Polyhedron) else _of_plate(part)
+        area = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+        points = points[np.abs(area).max(axis=1) > 0]
+        corners.append(points)
+        plates.append(np.full(len(points), not isinstance(part, Polyhedron)))
+    triangles = np.concatenate(corners)
+    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    centre = low + (high - low) / 2
+    triangles = triangles - centre
+    (single,) = parts if len(parts) == 1 else (None,)
+    shadows = single is None or (isinstance(single, Polyhedron) and not _is_convex(single))
     return Facets(
-        every[:, 0],
-        every[:, 1] - every[:, 0],
-        every[:, 2] - every[:, 0],
-        is_plate,
+        triangles[:, 0],
+        triangles[:, 1] - triangles[:, 0],
+        triangles[:, 2] - triangles[:, 0],
+        np.concatenate(plates),
         shadows,
-        middle,
-        math.sqrt(least),
+        centre,
     )
 
 
@@ -234,42 +189,283 @@ def _outline(plate: Aperture | PlacedAperture) -> Aperture:
 
 
 def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
-    """(n, 3, 3)"""
+    """Return the triangles (n, 3, 3) of a plate."""
     pose = plate.pose if isinstance(plate, PlacedAperture) else np.eye(4)
     points, triangles = triangulate(_outline(plate))
     placed: Floats = points @ pose[:3, :2].T + pose[:3, 3]
     return placed[triangles]
 
 
-# ---- faces that light each other ----------------------------------------------------------------
+def _is_convex(body: Polyhedron) -> bool:
+    """Return whether no face can hide another; False if rounding leaves it undecided."""
+    faces, points = body.faces, body.vertices
+    counts = np.array([len(face) for face in faces])
+    owner = np.repeat(np.arange(len(faces)), counts)
+    begin = np.array([vertex for face in faces for vertex in face])
+    last = np.cumsum(counts) - 1
+    end = np.append(begin[1:], 0)
+    end[last] = begin[last - counts + 1]
+    first = points[begin[last - counts + 1]]
+    origin = first[owner]
+    crosses = np.cross(points[begin] - origin, points[end] - origin)
+    sums = np.stack([np.bincount(owner, crosses[:, k], len(faces)) for k in range(3)], axis=1)
+    along = points[end] - points[begin]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normals = sums / np.linalg.norm(sums, axis=1, keepdims=True)
+        along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    # pairs of faces at common edges, in both orders
+    keys, reverse = begin * len(points) + end, end * len(points) + begin
+    here, there = np.argsort(keys, kind="stable"), np.argsort(reverse, kind="stable")
+    if not ((np.diff(keys[here]) != 0).all() and np.isfinite(normals).all()):
+        return False
+    # the direction from an edge into the other face rises above this face if the edge is concave
+    inwards = np.cross(normals[owner[there]], along[there])
+    if ((normals[owner[here]] * inwards).sum(axis=1) > _FLAT).any():
+        return False
+    centre = points.mean(axis=0)
+    depth = ((first - centre) * normals).sum(axis=1)
+    # the surface covers each direction once if a ray through the centroid of the first triangle,
+    # between three planes through the centre, meets no other triangle
+    corners = points[body.triangles] - centre
+    ray = corners[0].mean(axis=0)
+    sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray >= 0 for k in range(3)]
+    return bool((depth > 0).all()) and int(np.all(sides, axis=0).sum()) == 1
 
-# Distance that counts as none, as a fraction of the body's size: STL files round vertices to 1e-7.
-# Beams of less than the same fraction of its square are neglected.
+
+# ---- visible parts ------------------------------------------------------------------------------
+
+# Cosine below which a face is seen edge-on and counts as dark.
+_EDGE_ON = 1e-12
+_TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Parts of triangles as triangles (n,), each attribute (n, 3)."""
+
+    corner: Floats
+    first: Floats
+    """Vectors to the second corners."""
+    second: Floats
+    """Vectors to the third corners."""
+    vector: Floats
+    """Normals on the illuminated side, times twice the areas."""
+
+    def taken(self, rows: Indices | slice) -> Pieces:
+        return Pieces(self.corner[rows], self.first[rows], self.second[rows], self.vector[rows])
+
+    def __len__(self) -> int:
+        return len(self.corner)
+
+
+@dataclass(frozen=True, eq=False)
+class Visible:
+    """Visible parts of the triangles (n,) of a body."""
+
+    signs: Sides
+    """Visible side of each triangle (n,)."""
+    parts: Shapes
+    """Visible part of each triangle (n,), None for all of it.
+
+    Coordinates are along the two vectors: the corners are at (0, 0), (1, 0) and (0, 1).
+    """
+
+
+def facing(facets: Facets, direction: Floats, some: slice = slice(None)) -> Sides:
+    """Return the sides (..., n) of triangles that face an observer looking along (..., 3)."""
+    return _sides(direction @ facets.normal[some].T, facets.is_plate[some])
+
+
+def facing_point(facets: Facets, point: Floats) -> Sides:
+    """Return the sides (n,) of triangles that face an observer at a point (3,)."""
+    away = facets.corner - point
+    distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
+    return _sides((away * facets.normal).sum(axis=1) / distance, facets.is_plate)
+
+
+def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> Sides:
+    sides = (cosine < -_EDGE_ON).astype(np.int8)
+    sides -= ((cosine > _EDGE_ON) & is_plate).astype(np.int8)
+    return sides
+
+
+def axes_across(direction: Floats) -> Floats:
+    """Return the image axes (2, 3) of an observer who looks along a direction (3,)."""
+    _, _, axes = np.linalg.svd(direction[None])
+    return axes[1:] * np.array([[1.0], [-np.sign(np.linalg.det([*axes[1:], direction]))]])
+
+
+def seen_along(facets: Facets, direction: Floats) -> Visible:
+    """Return the visible parts for an observer far away who looks along a direction (3,)."""
+    across = axes_across(direction)
+
+    def projected(corners: Floats) -> Projected:
+        depth = corners @ direction
+        return Projected(corners @ across.T, depth, facets.size, np.ones_like(depth))
+
+    return _visible(facets, facing(facets, direction), projected)
+
+
+def seen_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
+    """Return the visible parts for an observer at a point (3,) with all triangles in front.
+
+    ``frame``: rows x, y, z of the observer, who looks along z. A projective map makes lines
+    through the point parallel and preserves planes.
+    """
+    distance = float(((facets.corners - point) @ frame[2]).mean())
+
+    def projected(corners: Floats) -> Projected:
+        return in_perspective(corners - point, frame, distance, facets.size)
+
+    return _visible(facets, facing_point(facets, point), projected)
+
+
+def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected]) -> Visible:
+    """Return the visible parts of facing sides, which hide as much as a closed body.
+
+    ``project``: maps corners (m, 3, 3) into the observer's image.
+    """
+    parts: Shapes = np.full(len(signs), None)
+    (rows,) = np.nonzero(signs)
+    corners = facets.corners[rows]
+    turned = signs[rows] < 0
+    corners[turned] = corners[turned][:, ::-1]  # counter-clockwise as well
+    projected = project(corners)
+    wide = projected.has_width  # triangles without width cast no shadow
+    rows, projected = rows[wide], projected.taken(wide)
+    polygons = np.asarray(shapely.polygons(projected.points), dtype=object)
+    touched, left = less_shadows(projected, polygons, polygons)
+    if not len(touched):
+        return Visible(signs, parts)
+    areas, least = shapely.area(left), NOTHING * facets.size * shapely.length(polygons[touched])
+    signs[rows[touched[areas <= least]]] = 0
+    is_cut = (areas > least) & (shapely.area(polygons[touched]) - areas > least)
+    owners = rows[touched[is_cut]]
+    points, ranges = projected.points[touched[is_cut]], projected.ranges[touched[is_cut]]
+    for corners in (points, ranges):
+        corners[signs[owners] < 0] = corners[signs[owners] < 0][:, ::-1]
+    parts[owners] = in_triangles(left[is_cut], points, ranges)
+    return Visible(signs, parts)
+
+
+def less_hidden(lit: Visible, seen: Visible, faces: Sides) -> Visible:
+    """Return illuminated parts without the parts hidden from an observer whom ``faces`` face.
+
+    Illuminated sides that face away add to the forward field, which nothing hides.
+    """
+    signs, parts = lit.signs.copy(), lit.parts.copy()
+    turned = (signs != 0) & (signs == faces)
+    signs[turned & (seen.signs == 0)] = 0
+    (cut,) = np.nonzero(turned & (seen.signs != 0) & ~shapely.is_missing(seen.parts))
+    before = parts[cut]
+    before[shapely.is_missing(before)] = _TRIANGLE
+    parts[cut] = intersections(mended(before), mended(seen.parts[cut]), GRID)
+    return Visible(signs, parts)
+
+
+def lit_pieces(facets: Facets, seen: Visible) -> Pieces:
+    """Return visible parts as triangles."""
+    (rows,) = np.nonzero(seen.signs)
+    return pieces_of(facets, rows, seen.signs[rows], seen.parts[rows])[0]
+
+
+def pieces_of(
+    facets: Facets, numbers: Indices, signs: Sides, parts: Shapes
+) -> tuple[Pieces, Indices]:
+    """Return parts (m,) of triangles as triangles (n,), and the number (n,) of the part of each.
+
+    Complete triangles stay as they are; other parts become fans around their boundaries.
+    """
+    (complete,) = np.nonzero(shapely.is_missing(parts))
+    (cut,) = np.nonzero(~shapely.is_missing(parts))
+    owner, begin, end = edges_around(parts[cut])
+    owner = cut[owner]
+    first, second = facets.first[numbers[owner]], facets.second[numbers[owner]]
+    measure = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
+    weights = np.concatenate([signs[complete], signs[owner] * measure])
+
+    def at(point: Floats) -> Floats:
+        return point[:, :1] * first + point[:, 1:] * second
+
+    rows = np.concatenate([complete, owner])
+    pieces = Pieces(
+        facets.corner[numbers[rows]],
+        np.concatenate([facets.first[numbers[complete]], at(begin)]),
+        np.concatenate([facets.second[numbers[complete]], at(end)]),
+        facets.vector[numbers[rows]] * weights[:, None],
+    )
+    return pieces, rows
+
+
+# ---- Fourier transforms with normals, N(nu) = sum_j n_j F_j(nu) ----------------------------------
+
+Signs = Callable[[slice, slice], Sides]
+
+_OPS = execution.NumpyOperations(double=True)
+_TITLE = "radar cross sections"
+# Triangles times directions of one step: some twenty arrays of this size fit into the cache.
+_AT_ONCE = 1 << 14
+
+
+def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
+    """Return N (m, 3) at frequencies (m, 3) of triangles (n,), each with a sign, 0 if dark.
+
+    ``signs``: returns the signs (i, j) of slices of frequencies and triangles; None: all are 1.
+    """
+    result = np.zeros((len(nu), 3), np.complex128)
+    columns = max(1, min(len(pieces), _AT_ONCE))
+    rows = _AT_ONCE // columns
+    of_directions = [slice(k, k + rows) for k in range(0, len(nu), rows)]
+    of_triangles = [slice(k, k + columns) for k in range(0, len(pieces), columns)]
+    with told(_TITLE, list(product(of_directions, of_triangles))) as blocks:
+        for some, part in blocks:
+            taken = pieces.taken(part)
+            shape = len(nu[some]), len(taken)
+            sides = np.ones(shape, np.int8) if signs is None else signs(some, part)
+            lit = np.nonzero(sides)
+            cycles = [(nu[some] @ v.T)[lit] for v in (taken.corner, taken.first, taken.second)]
+            values = np.zeros(shape, np.complex128)
+            values[lit] = transforms(*cycles) * sides[lit]
+            result[some] += values @ taken.vector
+    return result
+
+
+def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
+    """Return F over twice the area of triangles, from nu.p of corner and both vectors: (F5)."""
+    real, imag = rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second))
+    return np.asarray(real + 1j * imag)
+
+
+# ---- mutual illumination of faces ---------------------------------------------------------------
+
+# Distance that counts as zero, as a fraction of the body's size: STL files round vertices to 1e-7.
+# Beams narrower than the same fraction of its square are ignored.
 _NEAR = 1e-6
-# Triangles that are compared each with each, half of them the largest ones; comparisons at a time.
+# Number of triangles compared in pairs, half of them the largest; comparisons of one step.
 _MOST_TRIANGLES, _BLOCK = 1500, 1 << 18
-# Directions that are looked at, and pairs of triangles for each: a second or two in all.
+# Limits of directions and of pairs of triangles for each: a second or two in all.
 _MOST_DIRECTIONS, _MOST_BEAMS = 256, 4096
-# Rays at a time whose obstacles are looked for.
+# Rays tested for obstacles in one step.
 _RAYS = 64
-# Points of a beam: the middle of its cross section, and points near its corners.
+# Points of a beam: the centroid of its cross section, and points at this fraction of the distance
+# to its corners.
 _NEAR_CORNER = 0.9
 
 
 def warn_of_reflections(facets: Facets, travelling: Floats) -> None:
-    """Warn if waves that travel along k (m, 3) go from one face of a body to another one."""
+    """Warn if waves that travel along k (m, 3) go from one face of a body to another."""
     if lights_itself(facets, travelling):
         warn_caller(
-            "faces of the body light each other: what comes back by two or three reflections is "
-            "left out, which is most of it in corner reflectors; pass bounces=3 (docs/rcs.md)"
+            "faces of the body illuminate each other: paths with two or three reflections are left "
+            "out, which dominate in corner reflectors; pass bounces=3 (docs/rcs.md)"
         )
 
 
 def lights_itself(facets: Facets, travelling: Floats) -> bool:
-    """Whether a wave that travels along one of k (m, 3) goes from one face to another.
+    """Return whether a wave that travels along one of k (m, 3) goes from one face to another.
 
     Faces that join smoothly, or whose planes are parallel within 30 degrees, do not count: they
-    are curved, or send waves on rather than back. At most 256 directions are looked at.
+    are curved, or send waves on rather than back. At most 256 directions are tested.
     """
     if not facets.casts_shadows or not len(travelling):
         return False
@@ -288,7 +484,7 @@ _Pairs = tuple[Indices, Indices, Floats, Floats]
 
 @lru_cache(maxsize=16)
 def _facing_pairs(facets: Facets) -> _Pairs:
-    """Pairs of triangles of different surfaces that see each other if nothing is in between."""
+    """Return pairs of triangles of different surfaces that face each other."""
     rows, small = _representatives(facets), _NEAR * facets.size
     normal, surface, is_plate = facets.normal[rows], facets.surface[rows], facets.is_plate[rows]
     corners = facets.corners[rows]
@@ -316,7 +512,7 @@ def _facing_pairs(facets: Facets) -> _Pairs:
 
 
 def _representatives(facets: Facets) -> Indices:
-    """Numbers of triangles: all, or the largest ones and some of the others."""
+    """Return the numbers of all triangles, or of the largest ones and some of the others."""
     order = np.argsort(-np.linalg.norm(facets.vector, axis=1), kind="stable")
     if len(order) <= _MOST_TRIANGLES:
         return order
@@ -325,17 +521,17 @@ def _representatives(facets: Facets) -> Indices:
 
 
 def _lights(facets: Facets, pairs: _Pairs, k: Floats) -> bool:
-    """Whether a wave along k (3,) goes from the one triangle to the other of one of the pairs."""
+    """Return whether a wave along k (3,) goes from one triangle of a pair to the other."""
     one, other, normal, other_normal = pairs
     onto = normal @ k
     after = other_normal @ k - 2 * onto * (normal * other_normal).sum(axis=1)
     (rows,) = np.nonzero((onto < -_NEAR) & (after < -_NEAR))
     some = rows[:: math.ceil(max(1, len(rows)) / _MOST_BEAMS)]
-    places, ways, lengths = _beams(facets, one[some], other[some], normal[some], k)
-    for start in range(0, len(places), _RAYS):
+    points, rays, lengths = _beams(facets, one[some], other[some], normal[some], k)
+    for start in range(0, len(points), _RAYS):
         few = slice(start, start + _RAYS)
-        free = ~_blocked(facets, places[few], np.broadcast_to(-k, places[few].shape), np.inf)
-        free[free] = ~_blocked(facets, places[few][free], ways[few][free], lengths[few][free])
+        free = ~_blocked(facets, points[few], np.broadcast_to(-k, points[few].shape), np.inf)
+        free[free] = ~_blocked(facets, points[few][free], rays[few][free], lengths[few][free])
         if free.any():
             return True
     return False
@@ -344,11 +540,11 @@ def _lights(facets: Facets, pairs: _Pairs, k: Floats) -> bool:
 def _beams(
     facets: Facets, one: Indices, other: Indices, normal: Floats, k: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Points (m, 3) whose reflected rays meet the other triangle, the rays and their lengths."""
-    ways = k - 2 * (normal @ k)[:, None] * normal
-    across = np.cross(ways, np.eye(3)[np.abs(ways).argmin(axis=1)])
+    """Return points (m, 3) whose reflected rays meet the other triangle, rays and lengths."""
+    rays = k - 2 * (normal @ k)[:, None] * normal
+    across = np.cross(rays, np.eye(3)[np.abs(rays).argmin(axis=1)])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    axes = np.stack([across, np.cross(ways, across), ways], axis=2)
+    axes = np.stack([across, np.cross(rays, across), rays], axis=2)
     both = [facets.corners[rows] @ axes for rows in (one, other)]
     low = np.maximum(*(part[..., :2].min(axis=1) for part in both))
     high = np.minimum(*(part[..., :2].max(axis=1) for part in both))
@@ -357,20 +553,21 @@ def _beams(
     shared = shapely.intersection(*flat)
     wide = shapely.area(shared) > _NEAR * facets.size**2
     shared, near = shared[wide], near[wide]
-    middle = shapely.get_coordinates(shapely.centroid(shared))
+    centroids = shapely.get_coordinates(shapely.centroid(shared))
     corners, owner = shapely.get_coordinates(shared, return_index=True)
-    points = np.concatenate([middle, middle[owner] + _NEAR_CORNER * (corners - middle[owner])])
+    inner = centroids[owner] + _NEAR_CORNER * (corners - centroids[owner])
+    points = np.concatenate([centroids, inner])
     rows = near[np.concatenate([np.arange(len(near)), owner])]
     depths = [_depths(part[rows], points) for part in both]
     lengths = depths[1] - depths[0]
     ahead = lengths > _NEAR * facets.size
     rows, lengths = rows[ahead], lengths[ahead]
     there = np.column_stack([points[ahead], depths[0][ahead]])
-    return (axes[rows] @ there[:, :, None])[..., 0], ways[rows], lengths
+    return (axes[rows] @ there[:, :, None])[..., 0], rays[rows], lengths
 
 
 def _depths(triangles: Floats, points: Floats) -> Floats:
-    """Third coordinates (n,) of the planes of triangles (n, 3, 3) at points (n, 2)."""
+    """Return third coordinates (n,) of the planes of triangles (n, 3, 3) at points (n, 2)."""
     first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     normal = np.cross(first, second)
     beyond = ((points - triangles[:, 0, :2]) * normal[:, :2]).sum(axis=1)
@@ -380,7 +577,7 @@ def _depths(triangles: Floats, points: Floats) -> Floats:
 def _blocked(
     facets: Facets, start: Floats, along: Floats, lengths: Floats | float
 ) -> NDArray[np.bool_]:
-    """Whether rays (n, 3) of some lengths (n,) meet a triangle beyond where they start."""
+    """Return whether rays (n, 3) of lengths (n,) meet a triangle beyond their start."""
     small = _NEAR * facets.size
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = along @ facets.normal.T
@@ -388,10 +585,10 @@ def _blocked(
         distance = height / slope
         meets = (distance > small) & (distance < np.reshape(lengths, (-1, 1)) - small)
         ray, facet = np.nonzero(meets)
-        place = start[ray] + distance[ray, facet][:, None] * along[ray]
+        point = start[ray] + distance[ray, facet][:, None] * along[ray]
     corners = facets.corners[facet]
     sides = np.roll(corners, -1, axis=1) - corners
-    inside = np.cross(sides, place[:, None] - corners) @ facets.normal[facet][:, :, None]
+    inside = np.cross(sides, point[:, None] - corners) @ facets.normal[facet][:, :, None]
     blocked = np.zeros(len(start), np.bool_)
     blocked[ray[(inside[..., 0] > 0).all(axis=1)]] = True
     return blocked

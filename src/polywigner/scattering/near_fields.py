@@ -1,55 +1,322 @@
-"""Cross sections near a radar's antennas, from their exact fields on the lit surfaces.
+"""Cross sections near a radar's antennas, from their exact fields on the illuminated surfaces.
 
-Physical optics with the field of the transmitter and, by reciprocity, that of the receiver
-(docs/rcs.md, (SC3)). Lit parts are split until each sees of both antennas a plane wave.
+Physical optics with the field of the transmitter and, by reciprocity, the field of the receiver
+(docs/rcs.md, (SC3)). Illuminated parts are split until both fields are plane waves on each piece.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, get_args
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from shapely.errors import GEOSException
 
-from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_number, warn_caller
+from polywigner.errors import ArgumentError, GeometryError, value_text
+from polywigner.geometry import Aperture
+from polywigner.geometry.arguments import checked_number, checked_vectors, rigid_poses, warn_caller
+from polywigner.propagation import amplitude, field
+from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
+from polywigner.propagation.vector_fields import edge_integrals
 from polywigner.radiometry.directions import checked_source
-from polywigner.reception.norms import checked_normalise
-from polywigner.scattering.antennas import (
-    Antenna,
-    Channel,
-    Polarisation,
-    Source,
-    broadcast_shape,
-    checked_places,
-    checked_polarisations,
-    directions_of,
-    spherical_axes,
-)
+from polywigner.reception.norms import checked_normalise, root_of_norm
 from polywigner.scattering.facet_beams import sums_of_beams
-from polywigner.scattering.facets import Facets, warn_of_reflections
-from polywigner.scattering.visibility import (
+from polywigner.scattering.facets import (
+    Facets,
     Pieces,
-    Seen,
-    facing_place,
+    Visible,
+    facing_point,
     less_hidden,
     lit_pieces,
     seen_from,
     transforms,
+    warn_of_reflections,
 )
+from polywigner.source import Array
+from polywigner.source.obliquities import DEFAULT, DERIVATIVE_OF, OBLIQUITIES, BoundaryCondition
 from polywigner.source.polarisation import checked_pair, is_pair
+from polywigner.source.tapers import checked_unit_vectors as unit_vectors_as_given
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Pieces at a time, and most of them: 4 GB.
+Channel = Literal["vv", "hh", "vh", "hv"]
+Polarisation = Channel | str | Sequence[Any]
+Source = Aperture | Array
+
+_EXPECTED = "expected polarisation as None, or one of 'vv', 'hh', 'vh', 'hv' (receiver first)"
+# Tolerance of unit vectors: single precision passes.
+_UNIT = 1e-6
+
+
+def checked_unit_vectors(name: str, vectors: Any) -> Floats:
+    """Return unit vectors (..., 3), normalised after rounding; ArgumentError for other values."""
+    array = unit_vectors_as_given(name, vectors)
+    return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))
+
+
+def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape of results; ArgumentError if the arguments do not broadcast."""
+    try:
+        return np.broadcast_shapes(*shapes)
+    except ValueError:
+        raise ArgumentError(
+            "expected wavelengths, directions and polarisations that broadcast, got shapes "
+            f"{', '.join(map(str, shapes))}; add axes of length 1"
+        ) from None
+
+
+def checked_channel(polarisation: Any) -> Channel:
+    """Return the name of a channel; ArgumentError for other values."""
+    if not isinstance(polarisation, str) or polarisation not in get_args(Channel):
+        raise ArgumentError(f"{_EXPECTED}, got {value_text(polarisation)}")
+    return cast(Channel, polarisation)
+
+
+def checked_polarisations(
+    polarisation: Polarisation, to_radar: Floats, to_transmitter: Floats
+) -> tuple[Complex, Complex]:
+    """Return polarisations (..., 3) of receiver and transmitter, normal to their directions.
+
+    Raises ArgumentError for anything but names of channels and pairs of such vectors.
+    """
+    ends = to_radar, to_transmitter
+    if isinstance(polarisation, str):
+        names = zip(checked_channel(polarisation), ends, strict=True)
+        q, p = (spherical_axes(towards)[name].astype(np.complex128) for name, towards in names)
+        return q, p
+    expected = f"{_EXPECTED}, or a pair of unit vectors (..., 3) normal to the directions"
+    try:
+        q, p = (np.array(vectors, np.complex128) for vectors in polarisation)
+        if q.shape[-1:] != (3,) or p.shape[-1:] != (3,):
+            raise ValueError
+        along = [(v * towards).sum(axis=-1) for v, towards in zip((q, p), ends, strict=True)]
+    except (TypeError, ValueError):
+        raise ArgumentError(f"{expected}, got {value_text(polarisation)}") from None
+    for name, vectors, part in zip(("receiver", "transmitter"), (q, p), along, strict=True):
+        lengths, lean = np.linalg.norm(vectors, axis=-1), np.abs(part).max(initial=0.0)
+        wrong = ~(np.abs(lengths - 1) <= _UNIT)
+        if wrong.any():
+            raise ArgumentError(f"{expected}, got a {name} of length {lengths[wrong][0]:.6g}")
+        if lean > _UNIT:
+            angle = np.degrees(np.arcsin(min(1, lean)))
+            raise ArgumentError(f"{expected}, got a {name} that leans by {angle:.3g} degrees")
+    return q, p
+
+
+def spherical_axes(towards: Floats) -> dict[str, Floats]:
+    """Return unit vectors of the polar angle from +z (v) and of the azimuth (h) at (..., 3).
+
+    Along z the azimuth counts as 0.
+    """
+    x, y, z = np.moveaxis(towards, -1, 0)
+    across = np.hypot(x, y)
+    at_pole = across == 0
+    divisor = np.where(at_pole, 1.0, across)
+    cosine, sine = np.where(at_pole, 1.0, x / divisor), y / divisor
+    return {
+        "v": np.stack([z * cosine, z * sine, -across], axis=-1),
+        "h": np.stack([-sine, cosine, np.zeros_like(z)], axis=-1),
+    }
+
+
+# ---- antennas -----------------------------------------------------------------------------------
+
+# Currents of polarised antennas.
+_MODEL = "huygens"
+
+
+@dataclass(frozen=True, eq=False)
+class Antenna:
+    """A source near a body; lengths in m in the body's frame, relative to the body's centre."""
+
+    source: Source
+    pose: Floats
+    """Pose (4, 4) that maps the body's frame into the source's frame."""
+    wavelength: float
+    normalise: str
+    """Power by which fields are divided: "radiated" or "aperture"."""
+    tolerance: float
+    """Error of fields, relative to a field whose parts all arrive in phase."""
+    jones: Complex | None = None
+    """Jones vector (2,) in the source's axes, or (k, 2) of its elements; None: scalar fields."""
+    condition: BoundaryCondition = DEFAULT
+    """Boundary condition of scalar fields."""
+
+    @cached_property
+    def extent(self) -> float:
+        """Diagonal of the source's bounding box."""
+        radiator = radiator_of(self.source)
+        return float(np.linalg.norm(radiator.high - radiator.low))
+
+    @cached_property
+    def position(self) -> Floats:
+        """Centre (3,) of the source in the body's frame."""
+        centre = np.append(radiator_of(self.source).centre, 0.0)
+        return np.asarray((centre - self.pose[:3, 3]) @ self.frame)
+
+    @property
+    def frame(self) -> Floats:
+        """Rows x, y and z of the source in the body's frame."""
+        return self.pose[:3, :3]
+
+    @cached_property
+    def root_of_power(self) -> float:
+        """Square root of the power in W for |u|^2 in W/m^2."""
+        method = self.condition if self.jones is None else _MODEL
+        return root_of_norm(self.source, self.wavelength, method, self.normalise, self.jones)
+
+    def inside(self, points: Floats) -> Floats:
+        """Map points (n, 3) of the body's frame into the source's frame."""
+        return np.asarray(points @ self.frame.T + self.pose[:3, 3])
+
+    def field(self, points: Floats) -> Complex:
+        """Return the scalar field (n,) per square root of watts."""
+        return np.asarray(self._amplitude(points)[0] / self.root_of_power)
+
+    def _amplitude(self, points: Floats) -> tuple[Complex, Floats]:
+        """Return the field and its error for |u|^2 in W/m^2."""
+        how: Any = self.wavelength, self.condition
+        options: Any = {"tolerance": self.tolerance, "return_error": True}
+        field, error = amplitude(self.source, self.inside(points), *how, **options)
+        return np.asarray(field), np.asarray(error)
+
+    def wave(self, points: Floats) -> tuple[Complex, Complex, Floats]:
+        """Return field, slope and direction of the wave per square root of watts at (n, 3).
+
+        Scalar antennas have a field (n,) and its gradient over ik (n, 3); polarised antennas have
+        E, and H times the impedance of free space, (n, 3). The direction (n, 3) has length 1, or
+        less near nulls and at crossing waves.
+        """
+        if self.jones is None:
+            how = self.wavelength, self.condition, self.tolerance
+            gradient = field_gradient(radiator_of(self.source), self.inside(points), *how)
+            scale = self.wavelength / (2j * np.pi * self.root_of_power)
+            field, slope = self.field(points), (gradient @ self.frame) * scale
+            strength, flow = np.abs(field) ** 2, field.conj()[:, None] * slope
+        else:
+            field, slope = self._vectors(points)
+            strength, flow = np.square(np.abs(field)).sum(axis=1), np.cross(field, slope.conj())
+        rate = flow.real / np.maximum(strength, np.finfo(float).tiny)[:, None]
+        return field, slope, rate / np.maximum(np.linalg.norm(rate, axis=1, keepdims=True), 1.0)
+
+    def _vectors(self, points: Floats) -> tuple[Complex, Complex]:
+        assert self.jones is not None
+        # H of currents is E of the dual currents, and Huygens' currents are their own dual
+        turned = np.stack([-self.jones[..., 1], self.jones[..., 0]], axis=-1)
+        electric, magnetic = (
+            field(self.source, self.inside(points), self.wavelength, p, tolerance=self.tolerance)
+            for p in (self.jones, turned)
+        )
+        scale = self.frame / self.root_of_power
+        return electric @ scale, magnetic @ scale
+
+    def power_at_centre(self) -> float:
+        """Return |U|^2 per watt at the body's centre; 0 if it is below its own error."""
+        if self.jones is not None:
+            return float(np.square(np.abs(self._vectors(np.zeros(3))[0])).sum())
+        value, error = self._amplitude(np.zeros(3))
+        return float(abs(value) / self.root_of_power) ** 2 if abs(value) > error else 0.0
+
+    def check_in_front(self, facets: Facets, name: str) -> None:
+        """Raise GeometryError unless the complete body is in front of the source's plane."""
+        lowest = float(self.inside(facets.corners.reshape(-1, 3))[:, 2].min())
+        if not lowest > 0:
+            raise GeometryError(
+                f"expected all of the body in front of the {name}'s plane, got a part at z = "
+                f"{lowest:.6g} m of its frame; it radiates along its own +z, so turn it towards "
+                "the body, or move it back"
+            )
+
+
+def checked_poses(name: str, given: ArrayLike, centre: Floats) -> Floats:
+    """Return poses (..., 4, 4) that map the frame at the body's centre into the source's frame.
+
+    ``given``: rigid poses that map the body's frame into the source's; or vectors (..., 3) from the
+    body's centre to the source, which faces the centre with its y axis upwards.
+    Raises ArgumentError or GeometryError for other values.
+    """
+    expected = (
+        f"expected {name} with a source as vectors (..., 3) in m from the body's centre to the "
+        "source, or poses (..., 4, 4) that map the body's frame into the source's"
+    )
+    array = checked_vectors(given, expected, ())
+    if array.shape[-2:] == (4, 4):
+        poses = rigid_poses(array, name)
+        poses[..., :3, 3] += poses[..., :3, :3] @ centre
+        return poses
+    array = checked_vectors(array, expected, (3,))
+    distance = np.linalg.norm(array, axis=-1, keepdims=True)
+    if not (np.isfinite(distance) & (distance > 0)).all():
+        raise ArgumentError(f"{expected}, got a vector that is zero or not finite")
+    poses = np.zeros((*array.shape[:-1], 4, 4))
+    towards = array / distance
+    axes = spherical_axes(towards)
+    poses[..., :3, :3] = -np.stack([axes["h"], axes["v"], towards], axis=-2)
+    poses[..., 2, 3] = distance[..., 0]
+    poses[..., 3, 3] = 1.0
+    return poses
+
+
+def directions_of(poses: Any) -> Floats:
+    """Return unit vectors (..., 3) from the body's centre towards the origins of source frames."""
+    away = -np.einsum("...ji,...j->...i", poses[..., :3, :3], poses[..., :3, 3])
+    with np.errstate(invalid="ignore"):  # check_in_front refuses sources at the centre
+        return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
+
+
+def field_gradient(
+    radiator: Radiator, points: Floats, wavelength: float, method: str, tolerance: float
+) -> Complex:
+    """Return the gradient (n, 3) in 1/m of the exact field at points (n, 3): (G6), (G7).
+
+    ``method``: a boundary condition; ``tolerance``: as for :func:`boundary_field`.
+    """
+    gradient = np.zeros((len(points), 3), np.complex128)
+    for axis in range(3):
+        carried = _carried(radiator, wavelength, axis)
+        if any(element.amplitudes.any() for element in carried.elements):
+            name = method if axis < 2 else DERIVATIVE_OF.get(method, method)
+            how = (wavelength, name, tolerance, True, "auto")
+            gradient[:, axis] = boundary_field(carried, points, *how)[0]
+    condition = OBLIQUITIES[method]
+    of_field = condition.field / (2 * math.pi)
+    for sums in edge_integrals(radiator, points, wavelength, tolerance):
+        z, inward = sums.points[:, 2:], -sums.normal
+        kernel = of_field * z * sums.rise - 1j * condition.slope * sums.cosine * sums.wave
+        gradient[sums.where, :2] += kernel @ inward / wavelength
+        distance = (sums.begin * inward).sum(axis=1) - sums.points[:, :2] @ inward.T
+        across = (sums.plane * inward).sum(axis=1)
+        height = distance * sums.rise + 2j * math.pi * across * sums.wave
+        gradient[sums.where, 2] += of_field * height.sum(axis=1) / wavelength
+    return gradient
+
+
+def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
+    """Return a source with waves multiplied by 2 pi i times their frequencies along an axis."""
+    elements = []
+    for element in radiator.elements:
+        rates = (
+            element.frequencies.T[axis]
+            if axis < 2
+            else (cosines_of(element.frequencies, wavelength, False) / wavelength)
+        )
+        elements.append(replace(element, amplitudes=element.amplitudes * (2j * math.pi * rates)))
+    return replace(radiator, elements=tuple(elements))
+
+
+# ---- sums over pieces ---------------------------------------------------------------------------
+
+# Pieces of one step, and their largest number: 4 GB.
 _BLOCK = 1 << 15
 _MOST = 1 << 24
 # Extrapolation from pieces and their quarters leaves about the square of a departure.
 _SHARE = 0.7
-# Variances of places over an equilateral triangle along an axis, in squares of its side, and of
+# Variances of positions over an equilateral triangle along an axis, in squares of its side, and of
 # points across an antenna, in squares of its extent.
 _OF_TRIANGLE, _OF_ANTENNA = 1 / 24, 1 / 12
 
@@ -61,18 +328,18 @@ def near_sums(
     polarisations: tuple[Complex, Complex],
     tolerance: float,
 ) -> Complex:
-    """Received over transmitted amplitudes of polarisations (..., 3), broadcast (...): (SC3).
+    """Return received over transmitted amplitudes (...) of polarisations (..., 3): (SC3).
 
-    ``polarisations`` of the receiver and of the transmitter, across the directions from the body's
-    middle; elsewhere what of them stands across the ray from each antenna's centre. The fields of
-    one antenna that sends and receives are computed once.
+    ``polarisations`` of the receiver and of the transmitter, normal to the directions from the
+    body's centre; elsewhere they are projected normal to the ray from each antenna's centre. Pass
+    one object for an antenna that transmits and receives: its fields are computed once.
     """
     try:
         lit = _lit(facets, transmitter, receiver)
     except GEOSException as error:
         warn_caller(
-            f"the lit polygons could not be computed and the result is NaN ({error}); turn the "
-            "body slightly, or simplify its mesh"
+            f"the illuminated polygons could not be computed and the result is NaN ({error}); turn "
+            "the body slightly, or simplify its mesh"
         )
         shape = np.broadcast_shapes(*(vectors.shape for vectors in polarisations))
         return np.full(shape[:-1], complex(np.nan, np.nan))
@@ -89,20 +356,22 @@ def echo(
     tolerance: float,
     bounces: int,
 ) -> complex:
-    """Received over transmitted amplitude by a body, with the phase of :func:`coupling`.
+    """Return received over transmitted amplitude by a body, with the phase of :func:`coupling`.
 
-    ``polarisations`` (3,) as of :func:`near_sums`, of scalar antennas. The second and later ones of
-    ``bounces`` reflections are those of the plane waves at the body's middle, (SC6).
+    ``polarisations`` (3,) as for :func:`near_sums`, of scalar antennas. The second and later of
+    ``bounces`` reflections use the plane waves at the body's centre, (SC6).
     """
     total = near_sums(facets, transmitter, receiver, polarisations, tolerance)
     if bounces > 1:
-        ahead, back = (one.place / -np.linalg.norm(one.place) for one in (transmitter, receiver))
+        ahead, back = (
+            end.position / -np.linalg.norm(end.position) for end in (transmitter, receiver)
+        )
         lengths = np.array([transmitter.wavelength])
         _, later = sums_of_beams(facets, ahead[None], -back[None], lengths, False, bounces)
         if later is not None:
             q, p = (
-                _across(vector, way[None])[0]
-                for vector, way in zip(polarisations, (back, ahead), strict=True)
+                _across(vector, ray[None])[0]
+                for vector, ray in zip(polarisations, (back, ahead), strict=True)
             )
             there = transmitter.field(np.zeros(3)) * receiver.field(np.zeros(3))
             total = total + there * (q @ later[0] @ np.cross(ahead, p))
@@ -116,7 +385,7 @@ def _summed(
     receiver: Antenna,
     polarisations: tuple[Complex, Complex],
 ) -> Complex:
-    """The sum over pieces, or over the quarters of each."""
+    """Return the sum over pieces, or over the quarters of each."""
     q, p = polarisations
     total = np.zeros(np.broadcast_shapes(q.shape, p.shape)[:-1], np.complex128)
     for start in range(0, len(pieces), _BLOCK):
@@ -129,8 +398,8 @@ def _summed(
         if transmitter.jones is not None:  # E of the receiver in currents n x H
             parts = (back * np.cross(some.vector, slope)).sum(axis=-1)
         else:
-            q_there = _across(q, centre - receiver.place)
-            p_there = _across(p, centre - transmitter.place)
+            q_there = _across(q, centre - receiver.position)
+            p_there = _across(p, centre - transmitter.position)
             parts = (q_there * slope).sum(axis=-1) * (p_there * some.vector).sum(axis=-1)
             parts -= (q_there * p_there).sum(axis=-1) * (slope * some.vector).sum(axis=-1)
             parts = parts * back
@@ -142,19 +411,18 @@ def _summed(
 
 
 def _lit(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pieces:
-    place = transmitter.place
     if not facets.casts_shadows:
-        signs = facing_place(facets, place)
-        return lit_pieces(facets, Seen(signs, np.full(len(signs), None)))
-    seen = seen_from(facets, place, transmitter.frame)
+        signs = facing_point(facets, transmitter.position)
+        return lit_pieces(facets, Visible(signs, np.full(len(signs), None)))
+    seen = seen_from(facets, transmitter.position, transmitter.frame)
     if receiver is not transmitter:
-        there = seen_from(facets, receiver.place, receiver.frame)
-        seen = less_hidden(seen, there, facing_place(facets, receiver.place))
+        there = seen_from(facets, receiver.position, receiver.frame)
+        seen = less_hidden(seen, there, facing_point(facets, receiver.position))
     return lit_pieces(facets, seen)
 
 
 def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
-    """Pieces split in four until the field of both antennas is a plane wave on each."""
+    """Split pieces in four until the field of both antennas is a plane wave on each."""
     done, count = [pieces.taken(slice(0))], 0
     while len(pieces):
         coarse = _departure(pieces, transmitter, receiver) > tolerance
@@ -163,20 +431,19 @@ def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: fl
         count += len(done[-1])
         if count + 4 * len(pieces) > _MOST:
             raise ArgumentError(
-                f"expected a body whose lit parts split into {_MOST:g} pieces or fewer, got more; "
-                "raise the tolerance, or move the source away from the body"
+                f"the illuminated parts split into more than {_MOST:g} pieces; raise the "
+                "tolerance, or move the source away from the body"
             )
         pieces = _quartered(pieces)
-    return Pieces(
-        *(np.concatenate(own) for own in zip(*(vars(one).values() for one in done), strict=True))
-    )
+    columns = zip(*(vars(part).values() for part in done), strict=True)
+    return Pieces(*map(np.concatenate, columns))
 
 
 def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:
-    """Mean relative departure of the fields on pieces (n,) from plane waves (docs/rcs.md, (SC4)).
+    """Return the mean relative departure (n,) of the fields from plane waves (docs/rcs.md, (SC4)).
 
-    By curvature, to first order, and by the angles under which points of an antenna are seen, whose
-    waves lose step within a piece, to second order.
+    Curvature counts to first order. The angles between waves from different points of an antenna,
+    whose phases differ within a piece, count to second order.
     """
     sides = (pieces.first, pieces.second, pieces.second - pieces.first)
     longest = np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0)
@@ -184,10 +451,10 @@ def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
     total = np.zeros(len(pieces))
     for antenna in (transmitter, receiver):
         wave_number = 2 * np.pi / antenna.wavelength
-        middle = np.linalg.norm(centre - antenna.place, axis=1)
+        to_centre = np.linalg.norm(centre - antenna.position, axis=1)
         height = np.abs(antenna.inside(centre)[:, 2])
         # to the nearest point of the antenna
-        distance = np.maximum(middle - antenna.extent / 2, height)
+        distance = np.maximum(to_centre - antenna.extent / 2, height)
         total += wave_number * longest**2 * _OF_TRIANGLE / distance
         spread = antenna.extent / np.hypot(distance, antenna.extent)
         total += (wave_number * longest * spread) ** 2 * _OF_TRIANGLE * _OF_ANTENNA
@@ -195,7 +462,7 @@ def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
 
 
 def _quartered(pieces: Pieces) -> Pieces:
-    """Each piece as four, through the middles of its sides."""
+    """Split each piece in four at the midpoints of its sides."""
     corner, first, second = pieces.corner, pieces.first / 2, pieces.second / 2
     return Pieces(
         np.concatenate([corner, corner + first, corner + second, corner + first + second]),
@@ -206,15 +473,17 @@ def _quartered(pieces: Pieces) -> Pieces:
 
 
 def _across(polarisation: Complex, ray: Floats) -> Complex:
-    """Unit vectors (..., n, 3) of fields across rays (n, 3)."""
+    """Return unit vectors (..., n, 3) of fields normal to rays (n, 3)."""
     along = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     vectors = polarisation[..., None, :]
     vectors = vectors - (vectors * along).sum(axis=-1, keepdims=True) * along
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
+# ---- cross sections -----------------------------------------------------------------------------
+
 _LEAST, _LARGEST = 1e-6, 0.1
-# Tolerance of fields, as a share of the whole.
+# Tolerance of fields, as a fraction of the total tolerance.
 _OF_FIELD = 1e-2
 
 
@@ -229,19 +498,19 @@ def near_sections(
     tolerance: float,
     normalise: str,
 ) -> tuple[Floats, Floats]:
-    """Apparent cross sections (...) in m^2, and received over transmitted powers (...): (SC3)."""
+    """Return apparent cross sections (...) in m^2, and power ratios |b|^2 (...): (SC3)."""
     meaning = f"a number from {_LEAST:g} to {_LARGEST:g}"
     allowed = checked_number(tolerance, "tolerance", meaning)
     if not _LEAST <= allowed <= _LARGEST:
         raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}")
-    counted = checked_normalise(normalise)
+    checked_normalise(normalise)
     for antenna in (source, receiver):
         if antenna is not None:
             checked_source(antenna)
-    here = checked_places("to_radar", to_radar, facets.middle)
+    here = checked_poses("to_radar", to_radar, facets.centre)
     there = here
     if to_transmitter is not None:
-        there = checked_places("to_transmitter", to_transmitter, facets.middle)
+        there = checked_poses("to_transmitter", to_transmitter, facets.centre)
     to_sender = directions_of(there)
     warn_of_reflections(facets, -to_sender.reshape(-1, 3))
     ends = receiver or source, source
@@ -250,30 +519,30 @@ def near_sections(
         wavelengths.shape, here.shape[:-2], there.shape[:-2], q.shape[:-2], p.shape[:-2]
     )
     lengths = np.broadcast_to(wavelengths, shape)
-    poses = [np.broadcast_to(own, (*shape, 4, 4)) for own in (here, there)]
+    poses = [np.broadcast_to(pose, (*shape, 4, 4)) for pose in (here, there)]
     q, p = (np.broadcast_to(v, (*shape, *v.shape[-2:])) for v in (q, p))
     sections, powers = np.empty(shape), np.empty(shape)
     same = jones[0] is jones[1] or np.array_equal(*jones)
-    alone = receiver is None and to_transmitter is None and same
+    is_single = receiver is None and to_transmitter is None and same
     for k in np.ndindex(*shape):
-        how = float(lengths[k]), counted, _OF_FIELD * allowed
+        how = float(lengths[k]), normalise, _OF_FIELD * allowed
         back, transmitter = (
-            Antenna(end, pose[k], *how, own)
-            for end, pose, own in zip(ends, poses, jones, strict=True)
+            Antenna(end, pose[k], *how, vector)
+            for end, pose, vector in zip(ends, poses, jones, strict=True)
         )
         transmitter.check_in_front(facets, "source")
         back.check_in_front(facets, "receiver")
-        back = transmitter if alone else back
+        back = transmitter if is_single else back
         sums = near_sums(facets, transmitter, back, (q[k][:, None], p[k][None]), allowed)
-        # of all that is received, mean over what is sent
+        # sum over received polarisations, mean over transmitted ones
         powers[k] = (np.abs(sums) ** 2).sum() / sums.shape[1]
-        there_and_back = transmitter.power_at_middle() * back.power_at_middle()
+        there_and_back = transmitter.power_at_centre() * back.power_at_centre()
         with np.errstate(divide="ignore", invalid="ignore"):
             sections[k] = 4 * np.pi / lengths[k] ** 2 * powers[k] / there_and_back
     if not np.isfinite(sections[np.isfinite(powers)]).all():
         warn_caller(
-            "got an antenna with a null at the middle of the body, of whose cross section it says "
-            "nothing; take the power, with return_power=True"
+            "the cross section is undefined: an antenna has a null at the centre of the body; use "
+            "the power, with return_power=True"
         )
     return sections, powers
 
@@ -284,25 +553,25 @@ Pair = tuple[Complex, Complex]
 def _polarisations(
     polarisation: Any, receiver: Source, transmitter: Source, to_radar: Floats, to_sender: Floats
 ) -> tuple[Pair | tuple[None, None], Pair]:
-    """Polarisations of the receiver and of the transmitter.
+    """Return the polarisations of receiver and transmitter.
 
-    Jones vectors in the antennas' axes, None of scalar ones; and vectors (..., k, 3) of scalar
-    ones, two each without a polarisation.
+    Jones vectors in the antennas' axes, None for scalar antennas; and vectors (..., k, 3) of scalar
+    antennas, two each without a polarisation.
     """
     both = [spherical_axes(towards) for towards in (to_radar, to_sender)]
     q, p = (np.stack([axes["v"], axes["h"]], axis=-2).astype(np.complex128) for axes in both)
     if polarisation is None:
         return (None, None), (q, p)
     is_named = isinstance(polarisation, str) and polarisation in get_args(Channel)
-    if is_named or (is_pair(polarisation) and any(_is_in_space(one) for one in polarisation)):
+    if is_named or (is_pair(polarisation) and any(map(_is_in_space, polarisation))):
         q, p = checked_polarisations(polarisation, to_radar, to_sender)
         return (None, None), (q[..., None, :], p[..., None, :])
-    # one sum, whatever the directions
+    # vector fields need one sum, whatever the directions
     return checked_pair(polarisation, receiver, transmitter), (q[..., :1, :], p[..., :1, :])
 
 
 def _is_in_space(vectors: Any) -> bool:
-    """Whether vectors have three components."""
+    """Return whether vectors have three components."""
     try:
         return np.shape(vectors)[-1:] == (3,)
     except ValueError:  # lists of unequal lengths

@@ -1,4 +1,4 @@
-"""Responses of arrays to clouds of scatterers, and clouds as files for other programs."""
+"""Responses of arrays to clouds of scatterers, and files of clouds for other programs."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ from polywigner.propagation.stores import in_place, write_netcdf
 from polywigner.reception.norms import NORMALISATIONS
 from polywigner.source import Array
 
+Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# Places at a time: the responses of all elements to them take some tens of megabytes.
+# Scatterers of one step: the responses of all elements take some tens of megabytes.
 _CHUNK = 1 << 16
-# Fields are those of float32 sensors, but finer: 1e-6 of the incident field.
+# Relative tolerance of fields.
 _TOLERANCE = 1e-6
 
 
@@ -40,32 +41,32 @@ def element_responses(
     """Return the complex response of each element of a receiving array to each scatterer.
 
     e_kn = lambda U_k(y_n)/sqrt(N_k), with U_k the exact field (docs/received_power.md, (RX8)) that
-    element k would send to the scatterer's place y_n, by the obliquity of the cloud's receiver, and
-    N_k the power that it would radiate, or int abs(u_k)^2 if the receiver counts by it. By
-    reciprocity the element receives the power intensity_n abs(e_kn)^2 of the scatterer, and
-    sqrt(intensity_n) e_kn times a random number of variance 1 is a draw of its amplitude: speckle.
-    The phase is that of the way from the first surface, exp(+ikR).
+    element k would transmit to the position y_n, with the obliquity of the cloud's receiver, and
+    N_k the power that it would radiate, or int abs(u_k)^2 according to the receiver's
+    ``normalise``. By reciprocity the element receives the power intensity_n abs(e_kn)^2, and
+    sqrt(intensity_n) e_kn times a random number of variance 1 is a sample of its amplitude
+    (speckle). The phase exp(+ikR) is the phase of the path from the first surface.
 
     Parameters
     ----------
     cloud : a dataset of :func:`scatterers`.
-    elements : an Array, each element of which counts alone and with its own illumination but
-        without its weight; or a sequence of apertures.
-    to_world : (4, 4) pose of the plane of the elements, translation in m; default: that of the
-        receiver of the cloud.
+    elements : an Array, whose elements are used with their illuminations but without weights; or a
+        sequence of apertures.
+    to_world : (4, 4) pose of the plane of the elements, translation in m; default: the pose of the
+        cloud's receiver.
 
     Returns
     -------
-    (elements, scatterers) complex, in m: its squared modulus times W/sr is W.
-
-    Scatterers behind the plane, or that the obliquity leaves in the dark, have responses of zero.
+    (elements, scatterers) complex, in m: the squared modulus times W/sr gives W. Scatterers behind
+    the plane, or at angles with zero obliquity, have responses of zero.
 
     Raises
     ------
-    ArgumentError : no cloud, no elements, no pose; SceneError for elements that cannot radiate.
+    ArgumentError : other objects than a cloud, elements or a pose. SceneError : elements that
+        cannot radiate.
     """
-    places, _, attrs = _checked(cloud)
-    return _responses(places, _sources(elements), to_world, attrs)
+    positions, _, attrs = _checked(cloud)
+    return _responses(positions, _sources(elements), to_world, attrs)
 
 
 def covariance(
@@ -75,31 +76,29 @@ def covariance(
     to_world: ArrayLike | None = None,
     ranges: ArrayLike | None = None,
 ) -> Complexes:
-    """Return the covariance of the elements' signals of an array in a scene, by range gates.
+    """Return the covariance matrix of the signals of an array's elements, by range gates.
 
     R_kl = sum_n intensity_n e_kn conj(e_ln) with the responses e of :func:`element_responses`: the
-    mean of a_k conj(a_l) over draws of speckle a. R_kk is the power that element k receives in W
-    and the trace that of all of them; an array with weights w receives, of one field,
-    w^T R conj(w) / sum(abs(w)^2), if its elements are alike.
+    mean of a_k conj(a_l) over samples of speckle a. R_kk is the power in W received by element k.
+    An array of equal elements with weights w receives w^T R conj(w) / sum(abs(w)^2).
+
+    Use a cloud of a receiver like one element, so that scatterers sample the element's beam.
 
     Parameters
     ----------
     cloud, elements, to_world : as for :func:`element_responses`.
-    ranges : (gates + 1,) edges of the gates in m of range, half of ``path_length``, ascending;
-        None: all of the cloud.
+    ranges : (gates + 1,) ascending edges of the gates in m of range, half of ``path_length``; None:
+        the complete cloud.
 
     Returns
     -------
     (elements, elements) complex, Hermitian, in W; with ``ranges`` (gates, elements, elements).
 
-    A cloud that was drawn for a receiver like one element serves best: scatterers are where that
-    one receives from.
-
     Raises
     ------
-    ArgumentError : as :func:`element_responses`, and for ranges that do not ascend.
+    ArgumentError : as for :func:`element_responses`; ranges that do not ascend.
     """
-    places, intensity, attrs = _checked(cloud)
+    positions, intensity, attrs = _checked(cloud)
     sources = _sources(elements)
     if ranges is None:
         gates, count = np.zeros(len(intensity), np.intp), 1
@@ -111,43 +110,43 @@ def covariance(
         gates = np.searchsorted(edges, half, side="right") - 1
         gates[half == edges[-1]] = count - 1
         inside = (gates >= 0) & (gates < count)
-        places, intensity, gates = places[inside], intensity[inside], gates[inside]
+        positions, intensity, gates = positions[inside], intensity[inside], gates[inside]
     order = np.argsort(gates, kind="stable")
     result = np.zeros((count, len(sources), len(sources)), np.complex128)
     for start in range(0, len(order), _CHUNK):
         part = order[start : start + _CHUNK]
-        found = _responses(places[part], sources, to_world, attrs)
+        responses = _responses(positions[part], sources, to_world, attrs)
         bounds = np.searchsorted(gates[part], np.arange(count + 1))
         for gate in np.flatnonzero(np.diff(bounds)):
             within = slice(bounds[gate], bounds[gate + 1])
-            own = found[:, within]
-            result[gate] += (own * intensity[part][within]) @ own.conj().T
+            some = responses[:, within]
+            result[gate] += (some * intensity[part][within]) @ some.conj().T
     return result[0] if ranges is None else result
 
 
 def _responses(
-    places: Any, sources: list[Aperture], to_world: Any, attrs: dict[str, Any]
+    positions: Floats, sources: list[Aperture], to_world: Any, attrs: dict[str, Any]
 ) -> Complexes:
     pose = _pose(attrs["to_world"] if to_world is None else to_world)
-    own = (places - pose[:3, 3]) @ pose[:3, :3]
-    front = own[:, 2] > 0.0
-    result = np.zeros((len(sources), len(places)), np.complex128)
+    local = (positions - pose[:3, 3]) @ pose[:3, :3]
+    front = local[:, 2] > 0.0
+    result = np.zeros((len(sources), len(positions)), np.complex128)
     if not front.any():
         return result
     wavelength, obliquity = attrs["wavelength"], attrs["obliquity"]
     for row, source in zip(result, sources, strict=True):
-        region_of(source, obliquity)  # or its error
+        region_of(source, obliquity)  # raises SceneError for sources that cannot radiate
         norm = norm_of(source, wavelength, obliquity, normalise=attrs["normalise"])
-        field = amplitude(source, own[front], wavelength, obliquity, tolerance=_TOLERANCE)
+        field = amplitude(source, local[front], wavelength, obliquity, tolerance=_TOLERANCE)
         row[front] = field * (wavelength / math.sqrt(norm))
     return result
 
 
-def _checked(cloud: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], dict[str, Any]]:
-    """Places, intensities and attributes of a cloud."""
+def _checked(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
+    """Return positions, intensities and attributes of a cloud."""
     names = ("position", "intensity", "path_length")
     try:
-        places, intensity, _ = (np.asarray(cloud[name].values, np.float64) for name in names)
+        positions, intensity, _ = (np.asarray(cloud[name].values, np.float64) for name in names)
         attrs = {name: cloud.attrs[name] for name in ("wavelength", "obliquity", "to_world")}
         attrs["normalise"] = cloud.attrs.get("normalise", NORMALISATIONS[0])
     except (AttributeError, KeyError, TypeError, IndexError, ValueError):
@@ -155,28 +154,28 @@ def _checked(cloud: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], dict
             f"expected a cloud of polywigner.mitsuba.scatterers, got {type(cloud).__name__} "
             "without its variables and attributes"
         ) from None
-    return places, intensity, attrs
+    return positions, intensity, attrs
 
 
 def _sources(elements: Any) -> list[Aperture]:
     if isinstance(elements, Array):
         return list(elements.elements_in_plane)
-    found = [elements] if isinstance(elements, Aperture) else elements
+    parts = [elements] if isinstance(elements, Aperture) else elements
     if (
-        not isinstance(found, Sequence)
-        or not found
-        or not all(isinstance(element, Aperture) for element in found)
+        not isinstance(parts, Sequence)
+        or not parts
+        or not all(isinstance(element, Aperture) for element in parts)
     ):
         raise ArgumentError(
             f"expected elements as an Array or a sequence of apertures, got {elements!r}"
         )
-    return list(found)
+    return list(parts)
 
 
-def _pose(value: Any) -> NDArray[np.float64]:
+def _pose(value: Any) -> Floats:
     try:
-        given = real_numbers(value)
-        return rigid_pose(given.reshape(4, 4) if given.shape == (16,) else given)
+        pose = real_numbers(value)
+        return rigid_pose(pose.reshape(4, 4) if pose.shape == (16,) else pose)
     except GeometryError as error:
         raise ArgumentError(str(error)) from None
     except ValueError:
@@ -185,51 +184,46 @@ def _pose(value: Any) -> NDArray[np.float64]:
         ) from None
 
 
-def _edges(ranges: Any) -> NDArray[np.float64]:
+def _edges(ranges: Any) -> Floats:
     expected = "expected ranges as two or more ascending edges in m"
-    found = checked_row(ranges, expected)
-    if len(found) < 2 or not (np.diff(found) > 0.0).all():
+    edges = checked_row(ranges, expected)
+    if len(edges) < 2 or not (np.diff(edges) > 0.0).all():
         raise ArgumentError(f"{expected}, got {ranges!r}")
-    return found
+    return edges
 
 
 SUFFIXES = (".vtp", ".csv", ".nc")
 
 
 def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
-    """Write a cloud of scatterers to a file, whole or not at all.
+    """Write a cloud of scatterers to a file; no file remains after an error.
 
     Parameters
     ----------
     cloud : a dataset of :func:`scatterers`.
-    path : ``.vtp``, points with their values for ParaView, VisIt and PyVista (ids of shapes and
-        emitters as numbers, and their names in the order of these); ``.csv``, a row each with
-        position_x, position_y, position_z, ... ; ``.nc``, NetCDF, which needs the extra
-        ``volume``. A file that is there is replaced.
+    path : ``.vtp``: points with values for ParaView, VisIt and PyVista (ids of shapes and emitters
+        as numbers, with a list of names); ``.csv``: one row per scatterer with position_x,
+        position_y, position_z, ...; ``.nc``: NetCDF, which needs the extra ``datasets``. An
+        existing file is replaced.
 
     Raises
     ------
-    ArgumentError : no cloud, another suffix, a place that cannot be written to;
-        MissingExtraError without what NetCDF needs.
+    ArgumentError : other objects than a cloud, another suffix, a path that cannot be written.
+        MissingExtraError : no library for NetCDF.
     """
-    place = checked_path(path)
-    columns = _columns(cloud)
-    kind = place.suffix.lower()
-    if kind not in SUFFIXES:
-        raise ArgumentError(
-            f"expected a file of {', '.join(SUFFIXES)} for scatterers, got {str(place)!r}"
-        )
-    if kind == ".nc":
-        write_netcdf(cloud, place)
-        return
-    with in_place(place) as scratch:
-        (_write_points if kind == ".vtp" else _write_table)(columns, scratch)
-
-
-def _columns(cloud: Any) -> dict[str, NDArray[Any]]:
-    """(n,) or (n, 3) values by their names."""
+    file = checked_path(path)
     _checked(cloud)
-    return {str(name): np.asarray(array.values) for name, array in cloud.data_vars.items()}
+    suffix = file.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise ArgumentError(
+            f"expected a file of {', '.join(SUFFIXES)} for scatterers, got {str(file)!r}"
+        )
+    if suffix == ".nc":
+        write_netcdf(cloud, file)
+        return
+    columns = {str(name): np.asarray(array.values) for name, array in cloud.data_vars.items()}
+    with in_place(file) as scratch:
+        (_write_points if suffix == ".vtp" else _write_table)(columns, scratch)
 
 
 def _write_table(columns: dict[str, NDArray[Any]], path: Path) -> None:
@@ -255,7 +249,7 @@ def _write_points(columns: dict[str, NDArray[Any]], path: Path) -> None:
         of_points[name] = numbers.reshape(-1)
     lines = ["<FieldData>"]
     for name, known in names.items():
-        # VTK's texts: bytes that end with zero
+        # texts in VTK are bytes that end with zero
         codes = " ".join(map(str, "".join(f"{word}\0" for word in known.tolist()).encode()))
         about = f'Name="{name}_names" type="String" NumberOfTuples="{len(known)}" format="ascii"'
         lines.append(f"<DataArray {about}>{codes}</DataArray>")
@@ -273,7 +267,7 @@ def _write_points(columns: dict[str, NDArray[Any]], path: Path) -> None:
 
 
 def _numbers(name: str, values: NDArray[Any]) -> str:
-    """An array, (n,) or (n, 3), of VTK's XML: its number of bytes, and these, in base64."""
+    """Return an array (n,) or (n, 3) in VTK's XML: the number of bytes and the bytes in base64."""
     kind, dtype = ("Float64", "<f8") if values.dtype.kind == "f" else ("Int64", "<i8")
     parts = 1 if values.ndim == 1 else values.shape[1]
     content = values.astype(dtype).tobytes()

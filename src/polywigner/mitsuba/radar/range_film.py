@@ -1,4 +1,4 @@
-"""A film that sorts light by the length of its path, and a sensor that looks as another."""
+"""A film that sorts light by path length, and a sensor with the rays of another sensor."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
 
 TRANSIENT_INTEGRATORS = (_PATH, _VOLUME)
-"""Plugins that sample receivers and cameras. ``transient_nlos_path`` needs a sensor of its own."""
+"""Plugins that sample receivers and cameras. ``transient_nlos_path`` needs a special sensor."""
 
 _OWN = ("TransientPath", "TransientPRBVolpathIntegrator")
 
-# The same light transport, by the class of the integrator without path lengths.
+# Integrators of mitransient with the same paths as Mitsuba's integrators, by class names.
 _COUNTERPARTS = {
     "PathIntegrator": _PATH,
     "DirectIntegrator": _PATH,
@@ -49,54 +49,54 @@ _COUNTERPARTS = {
     "VolpathMisIntegratorImpl": _VOLUME,
     "PRBVolpathIntegrator": _VOLUME,
 }
-# Mitsuba's `direct` has no depth to tell: emitter, surface, receiver.
+# Mitsuba's `direct` has no depth parameter: emitter, surface, receiver.
 _DEPTH_OF_DIRECT = 2
 
 
 def require_transients(variant: str | None = None) -> ModuleType:
-    """mitransient for the variant that is set, its plugins registered."""
+    """Return mitransient with its plugins registered for the current variant."""
     if variant is not None:
         mi.set_variant(variant)
     variant = mi.variant()
     if variant is None or variant.startswith("scalar"):
         raise EngineError(
             f"expected a compiled variant such as llvm_ad_mono, got {variant}: ranges need "
-            "mitransient, which has no integrators for others; set one that compiles"
+            "mitransient, which has no integrators for scalar variants"
         )
-    found, films = (sys.modules.get(name) for name in (_NAME, f"{_NAME}.films.transient_hdr_film"))
-    if found is not None:
+    loaded, films = (sys.modules.get(name) for name in (_NAME, f"{_NAME}.films.transient_hdr_film"))
+    if loaded is not None:
         if films is not None and issubclass(films.TransientHDRFilm, mi.Film):
-            return found
+            return loaded
         for name in [name for name in sys.modules if name.split(".")[0] == _NAME]:
-            del sys.modules[name]  # it was imported for another variant
-    # an import of it chooses a variant for child processes too
+            del sys.modules[name]  # imported for another variant
+    # importing mitransient also sets the variant of child processes
     chosen = os.environ.get("MI_DEFAULT_VARIANT")
     try:
-        return require(_NAME, "radar", "tells ranges")
+        return require(_NAME, "radar", "measures ranges")
     finally:
         if chosen is None:
             os.environ.pop("MI_DEFAULT_VARIANT", None)
 
 
 def is_transient(integrator: Any) -> bool:
-    """Whether an integrator is one of mitransient."""
+    """Return whether an integrator belongs to mitransient."""
     return type(integrator).__module__.startswith(f"{_NAME}.")
 
 
 def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integrator:
-    """The integrator that follows the same paths as this one and tells their lengths."""
+    """Return an integrator with the same paths as this one that measures their lengths."""
     require_transients()
     checked_scene(scene)
-    for emitter in scene.emitters():  # Mitsuba puts lights without a place on a sphere
+    for emitter in scene.emitters():  # Mitsuba moves infinite lights to a sphere
         if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite):
             raise SceneError(
-                "expected lights at places for ranges, got one that is infinitely far "
-                f"({emitter.class_name()}); leave it out"
+                "expected lights at finite distances for ranges, got one that is infinitely far "
+                f"({emitter.class_name()}); remove it"
             )
-    found = _counterpart(integrator)
-    if type(found).__name__ != _OWN[1]:
-        return found
-    # mitransient leaves out fog around the sensor, and measures paths in uneven fog too short
+    counterpart = _counterpart(integrator)
+    if type(counterpart).__name__ != _OWN[1]:
+        return counterpart
+    # mitransient ignores fog around the sensor, and underestimates paths in heterogeneous fog
     if sensor.get_medium() is not None:
         raise SceneError(
             "expected a sensor outside of fog for ranges, got one with a medium; take the medium "
@@ -105,10 +105,10 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integra
     media = [m for s in scene.shapes() for m in (s.interior_medium(), s.exterior_medium())]
     if not all(medium is None or medium.is_homogeneous() for medium in media):
         raise SceneError(
-            "expected even fog for ranges, got a heterogeneous medium, in which mitransient "
-            "measures paths too short; use homogeneous ones"
+            "expected even fog for ranges, got a heterogeneous medium, whose paths mitransient "
+            "underestimates; use homogeneous media"
         )
-    return found
+    return counterpart
 
 
 def _counterpart(integrator: Any) -> mi.Integrator:
@@ -117,16 +117,16 @@ def _counterpart(integrator: Any) -> mi.Integrator:
         if python_name not in _OWN:
             raise SceneError(
                 f"expected {' or '.join(TRANSIENT_INTEGRATORS)}, got {python_name} of mitransient; "
-                "it needs a sensor of its own"
+                "it needs a special sensor"
             )
         if integrator.camera_unwarp:
             raise SceneError(
-                "expected whole lengths of paths, got camera_unwarp, which leaves the last way "
-                "out; leave it out of the integrator"
+                "camera_unwarp removes the last leg from the length of paths; leave it out of the "
+                "integrator"
             )
         return integrator
-    known = integrator.class_name()  # the same of all that are written in Python
-    name = known if known in _COUNTERPARTS else python_name
+    class_name = integrator.class_name()  # the same for all integrators written in Python
+    name = class_name if class_name in _COUNTERPARTS else python_name
     if name not in _COUNTERPARTS:
         raise SceneError(
             f"expected an integrator whose paths have lengths, got {name}; use path, direct, prb, "
@@ -150,10 +150,10 @@ _MOST_SUMS = 2**28
 def sorted_by_range(
     scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
 ) -> Floats:
-    """Render a sensor by lengths of paths: (height, width, bins + 2), in its own unit.
+    """Render a sensor by path lengths: (height, width, bins + 2), in the sensor's unit.
 
-    ``edges``: of bins, in units of the scene; the first number is of shorter, the last of longer
-    paths. Films of receivers are summed up to one pixel.
+    ``edges``: edges of bins in scene units. The first value is for shorter paths, the last for
+    longer paths. Films of receivers are summed to one pixel.
     """
     width, height = sensor.film().crop_size()
     passes = math.ceil(spp / max(1, WAVEFRONT // (int(width) * int(height))))
@@ -165,8 +165,8 @@ def sorted_by_range(
     bad = int(np.count_nonzero(~np.isfinite(total)))
     if bad:
         raise SceneError(
-            f"expected power that is finite, got {bad} bins of it that are not; check frequency, "
-            "power and radiances of the scene, and their units"
+            f"the power of {bad} bins is not finite; check frequency, power and radiances of the "
+            "scene, and their units"
         )
     return np.asarray(total)
 
@@ -174,24 +174,24 @@ def sorted_by_range(
 def _rendered(
     scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
 ) -> Floats:
-    """Render in one go, with the samples of :func:`polywigner.mitsuba.render`."""
+    """Render in one pass, with the samples of :func:`polywigner.mitsuba.render`."""
     factor = fineness(sensor, spp)
     ranged = _ranged(sensor, edges, factor)
     try:
         with rendering_errors(type(integrator).__name__), scene_known(scene):
             samples = accepted_samples(ranged.sampler(), math.ceil(spp / factor**2))
             integrator.render(scene, ranged, seed=seed, spp=samples)
-            found = ranged.film().found()
+            sums = ranged.film().sums()
     finally:
         ranged.release()
     if is_receiver(sensor):
-        return np.asarray(found.sum(axis=(0, 1), keepdims=True) / factor**2)
-    return np.asarray(found)
+        return np.asarray(sums.sum(axis=(0, 1), keepdims=True) / factor**2)
+    return sums
 
 
-def _ranged(own: Any, edges: Floats, factor: int) -> RangeSensor:
-    """A sensor that looks as this one and has a film by range, of so many times the pixels."""
-    size, window, offset = film_sizes(own, factor)
+def _ranged(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
+    """Return a sensor with the rays of another one and a film by range, with finer pixels."""
+    size, window, offset = film_sizes(sensor, factor)
     check_sums(window, edges)
     about = mi.Properties("range_film")
     for name, pair in (("", size), ("crop_", window)):
@@ -201,12 +201,12 @@ def _ranged(own: Any, edges: Floats, factor: int) -> RangeSensor:
     base = require_transients().films.transient_hdr_film.TransientHDRFilm
     ranged_film = variant_class(RangeFilm, base, mi.variant())(about, edges)
     props = mi.Properties("range_sensor")
-    props["film"], props["sampler"] = ranged_film, own.sampler()
-    return variant_class(RangeSensor, "Sensor", mi.variant())(own, ranged_film, props)
+    props["film"], props["sampler"] = ranged_film, sensor.sampler()
+    return variant_class(RangeSensor, "Sensor", mi.variant())(sensor, ranged_film, props)
 
 
 def check_sums(size: Sequence[int], edges: Floats) -> None:
-    """ArgumentError for more bins of all pixels than fit into memory."""
+    """Raise ArgumentError for more bins of all pixels than fit into memory."""
     count = int(size[0]) * int(size[1]) * (len(edges) + 1)
     if count > _MOST_SUMS:
         raise ArgumentError(
@@ -216,7 +216,7 @@ def check_sums(size: Sequence[int], edges: Floats) -> None:
 
 
 class RangeFilm(VariantPlugin):
-    """Film with sums of double precision for each pixel: before the bins, in each, behind them."""
+    """Film with sums in double precision for each pixel: before all bins, in each, after all."""
 
     crop_size: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -229,7 +229,7 @@ class RangeFilm(VariantPlugin):
         self._count = len(edges)
         self._sums: Drjit = None
         self.late: Drjit = 0.0
-        """Length of each path before its ray starts."""
+        """Length of each path before the start of its ray."""
 
     def prepare_transient_(self, aovs: Any) -> int:
         size = self.crop_size()
@@ -255,19 +255,19 @@ class RangeFilm(VariantPlugin):
         column, row = m.Int32(pos.x) - int(offset[0]), m.Int32(pos.y) - int(offset[1])
         pixel = m.UInt32(row * self._shape[1] + column)
         value = m.Float64(_luminance(m, m.Spectrum(ray_weight) * spec, wavelengths))
-        place = pixel * self._shape[2] + passed
-        dr.scatter_reduce(dr.ReduceOp.Add, self._sums, value, place, active)
+        index = pixel * self._shape[2] + passed
+        dr.scatter_reduce(dr.ReduceOp.Add, self._sums, value, index, active)
 
     def develop(self, raw: bool = False) -> tuple[None, Drjit]:
         return None, self._sums
 
-    def found(self) -> Floats:
-        """(height, width, bins + 2)."""
+    def sums(self) -> Floats:
+        """Return the sums (height, width, bins + 2)."""
         return np.array(self._sums, dtype=np.float64).reshape(self._shape)
 
 
 def _luminance(m: Any, value: Drjit, wavelengths: Drjit) -> Drjit:
-    """Luminance, the one channel that a film keeps."""
+    """Return the luminance, the single channel of the film."""
     plain = m.unpolarized_spectrum(value)
     if mi.is_monochromatic:
         return plain.x
@@ -275,7 +275,7 @@ def _luminance(m: Any, value: Drjit, wavelengths: Drjit) -> Drjit:
 
 
 class RangeSensor(VariantPlugin):
-    """Sensor with the rays and weights of another one, and a film by range."""
+    """Sensor with the rays and weights of another sensor, and a film by range."""
 
     film: Callable[[], RangeFilm]
     """Method of Mitsuba's base class."""
@@ -284,39 +284,39 @@ class RangeSensor(VariantPlugin):
     world_transform: Callable[[], Any]
     """Method of Mitsuba's base class."""
 
-    def __init__(self, looks: mi.Sensor, film: RangeFilm, props: mi.Properties) -> None:
+    def __init__(self, sensor: mi.Sensor, film: RangeFilm, props: mi.Properties) -> None:
         self.base.__init__(self, props)
-        self._looks, self._sorts = looks, film
-        self.m_needs_sample_3 = looks.needs_aperture_sample()
+        self._sensor, self._film = sensor, film
+        self.m_needs_sample_3 = sensor.needs_aperture_sample()
 
     def sample_ray_differential(
         self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit]:
-        ray, weight = self._looks.sample_ray_differential(time, sample1, sample2, sample3, active)
-        self._sorts.late = self._late(ray)
-        if is_receiver(self._looks) and self.m.is_polarized:
-            weight = weight * self._turned_back(ray.d)
+        ray, weight = self._sensor.sample_ray_differential(time, sample1, sample2, sample3, active)
+        self._film.late = self._late(ray)
+        if is_receiver(self._sensor) and self.m.is_polarized:
+            weight = weight * self._inverse_rotation(ray.d)
         return ray, weight
 
-    def _turned_back(self, d: Drjit) -> Drjit:
-        """Inverse of the turn into the sensor's axes with which mitransient starts paths."""
+    def _inverse_rotation(self, d: Drjit) -> Drjit:
+        """Return the inverse of mitransient's rotation into the sensor's axes."""
         m = self.m
         upright = m.Vector3f(self.world_transform() @ m.Vector3f(0.0, 1.0, 0.0))
         axes = dr.cross(d, upright), m.mueller.stokes_basis(-d)
         return m.Spectrum(m.mueller.rotate_stokes_basis(-d, *axes))
 
     def _late(self, ray: mi.Ray3f) -> Drjit:
-        """Distance from the sensor at which a ray starts: near clip, or receiver's step."""
-        if is_receiver(self._looks):
-            return dr.dot(self._looks.lift, ray.d)
-        if self._looks.class_name() not in CAMERAS:
+        """Return the distance from the sensor at which a ray starts: near clip, or lift."""
+        if is_receiver(self._sensor):
+            return dr.dot(self._sensor.lift, ray.d)
+        if self._sensor.class_name() not in CAMERAS:
             return 0.0
-        middle = self._looks.world_transform().translation()
-        return dr.dot(ray.o - self.m.Point3f(middle), ray.d)
+        centre = self._sensor.world_transform().translation()
+        return dr.dot(ray.o - self.m.Point3f(centre), ray.d)
 
     def bbox(self) -> mi.BoundingBox3f:
-        return self._looks.bbox()
+        return self._sensor.bbox()
 
     def release(self) -> None:
-        """Let go of the sensor and its film."""
-        del self._looks, self._sorts
+        """Delete the references to the sensor and its film."""
+        del self._sensor, self._film

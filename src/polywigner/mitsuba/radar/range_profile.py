@@ -1,4 +1,4 @@
-"""Received power by range: half the length of its path from a source to the receiver."""
+"""Received power by range, half the length of the path from a source to the receiver."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from polywigner.mitsuba.radar.range_film import (
     sorted_by_range,
     transient_integrator,
 )
-from polywigner.mitsuba.receive.received import (
+from polywigner.mitsuba.receive.power_results import (
     DirectPath,
     ReceivedPower,
     ReceiveOptions,
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-# Of 16 batches they take 0.1 GB for each light and receiver, and a few times as much at the end.
+# For 16 batches these take 0.1 GB for each light and receiver, and temporarily a few times as much.
 _MOST_BINS = 2**20
 
 
@@ -87,7 +87,7 @@ def range_profile(
     receiver : id of the sensor, or its number among the sorted ids of receivers, from 0; None: all.
     integrator : ``transient_path`` (surfaces), ``transient_prbvolpath`` (fog too), or one of
         Mitsuba's that has the same paths: path, direct, prb; volpath, volpathmis, prbvolpath, whose
-        depths are taken over; default: the scene's own, else that of
+        depths are used; default: the scene's integrator, or else the default of
         :func:`polywigner.mitsuba.render`.
     reflections, tolerance : of direct light, as in :func:`polywigner.mitsuba.received_power`.
     bandwidth, temperature, noise_figure : as in :func:`polywigner.mitsuba.received_power`.
@@ -130,13 +130,13 @@ def range_profile(
 def received_by_range(
     scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
-    """Received powers of receivers by their numbers, and the same by range."""
+    """Return received powers of receivers by their numbers, and the same by range."""
     found = received(scene, numbers, options, sample, edges)
     return found.powers, _profile_of(scene, found, edges)
 
 
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
-    """Edges of bins; ArgumentError unless two or more finite ones that rise from zero or more."""
+    """Return edges of bins; ArgumentError unless they are finite, rising and not negative."""
     try:
         edges = real_numbers(ranges)
     except ValueError:
@@ -170,7 +170,7 @@ def _profile_of(scene: Any, found: Received, edges: Floats) -> xarray.Dataset:
     values = _bins_of(by_light, direct) | _noise_of(powers)
     labels, paths = _paths_of(lights)
     coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
-    receivers = [place.name for place in parties.places]
+    receivers = [place.name for place in parties.receivers]
     values |= paths
     if is_single := len(receivers) == 1:
         values = {name: (array[0], *rest) for name, (array, *rest) in values.items()}
@@ -180,7 +180,7 @@ def _profile_of(scene: Any, found: Received, edges: Floats) -> xarray.Dataset:
     meaning = "light and mirrors in the order of light; none: line of sight"
     about = {
         "receiver": receivers[0] if is_single else "several",
-        "wavelength": parties.places[0].wavelength,
+        "wavelength": parties.receivers[0].wavelength,
         "polarisation": "; ".join(dict.fromkeys(power.polarisation for power in powers)),
         "samples": powers[0].samples,
         "seed": powers[0].seed,
@@ -189,7 +189,7 @@ def _profile_of(scene: Any, found: Received, edges: Floats) -> xarray.Dataset:
 
 
 def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
-    """Direct power in W nearer than all bins, in each, and farther.
+    """Return direct power in W before all bins, in each, and after all bins.
 
     Paths that interfere add as amplitudes in each bin.
     """
@@ -207,14 +207,14 @@ Values = dict[str, tuple[Any, tuple[str, ...], str, str]]
 
 
 def _bins_of(by_light: Floats, direct: Floats) -> Values:
-    """Powers of bins; W (receivers, lights, batches, values) and (receivers, lights, values)."""
+    """Return powers of bins from W (receivers, lights, batches, values) and direct power."""
     each = by_light.sum(axis=1)
     scattered, error = each.mean(axis=1), standard_error(each, axis=1)
     of_direct, all_bins = direct.sum(axis=1), each.sum(axis=-1)
     total = of_direct + scattered
     of_light = direct + by_light.mean(axis=2)
     bins, everywhere = ("range",), "from all ranges"
-    found: list[tuple[str, Any, tuple[str, ...], str]] = [
+    rows: list[tuple[str, Any, tuple[str, ...], str]] = [
         ("power", total[:, 1:-1], bins, "power of a bin"),
         ("standard_error", error[:, 1:-1], bins, "standard error of the power"),
         (
@@ -236,7 +236,7 @@ def _bins_of(by_light: Floats, direct: Floats) -> Values:
             f"standard error of the scattered power {everywhere}",
         ),
     ]
-    return {name: (array, dims, "W", meaning) for name, array, dims, meaning in found}
+    return {name: (array, dims, "W", meaning) for name, array, dims, meaning in rows}
 
 
 def _noise_of(powers: list[ReceivedPower]) -> Values:
@@ -250,18 +250,18 @@ def _noise_of(powers: list[ReceivedPower]) -> Values:
     }
 
 
-def _paths_of(found: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np.str_], Values]:
-    """Labels of the paths of direct light, and their powers and ranges by receivers and lights."""
+def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np.str_], Values]:
+    """Return labels of the paths, and their powers and ranges by receivers and lights."""
     labels: dict[str, int] = {}
     entries = []
-    for (i, lights), j in product(enumerate(found), range(len(found[0]))):
+    for (i, lights), j in product(enumerate(links), range(len(links[0]))):
         for path in lights[j]:
             label = ", ".join([path.light, *path.mirrors] if path.light else path.mirrors)
             entries.append(((i, j, labels.setdefault(label, len(labels))), path))
-    shape = len(found), len(found[0]), len(labels)
+    shape = len(links), len(links[0]), len(labels)
     powers, ranges = np.zeros(shape), np.full(shape, np.nan)
-    for place, path in entries:
-        powers[place], ranges[place] = path.power, path.length / 2
+    for index, path in entries:
+        powers[index], ranges[index] = path.power, path.length / 2
     each = ("emitter", "path")
     return np.array(list(labels), np.str_), {
         "path_power": (powers, each, "W", "power of a path of direct light"),
@@ -270,18 +270,17 @@ def _paths_of(found: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np
 
 
 def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
-    """Middles and edges of bins as coordinates."""
+    """Return centres and edges of bins as coordinates."""
     length = {"units": "m", "long_name": "range, half the length of the path"}
-    middles = (edges[1:] + edges[:-1]) / 2
     return {
-        "range": labelled_array(middles, ("range",), length),
+        "range": labelled_array((edges[1:] + edges[:-1]) / 2, ("range",), length),
         "range_edge": labelled_array(edges, ("range_edge",), {**length, "long_name": "bin edges"}),
     }
 
 
 Progress = Callable[[int, int], None]
 
-# Renders of which the mean is taken, so that progress can be told.
+# Number of renders in the mean, for progress reports.
 _PARTS = 4
 
 
@@ -298,30 +297,29 @@ def range_frames(
 ) -> xarray.Dataset:
     """Render the radiance of a camera by range, one frame for each bin.
 
-    Range is half the length of the way from a place on a source to the camera, as in
-    :func:`range_profile`; a camera's near clip counts. Here sources are seen, as in
+    Range is half the length of the path from a point on a source to the camera, as in
+    :func:`range_profile`, including the camera's near clip. Sources are visible, as in
     :func:`polywigner.mitsuba.render`. Pixels have a box filter. docs/range.md.
 
     Parameters
     ----------
-    scene : a ``mi.Scene`` of a compiled variant; its camera brings size, crop and sampler.
+    scene : a ``mi.Scene`` of a compiled variant; its camera specifies size, crop and sampler.
     ranges : (n + 1,) rising edges of n bins, in m, zero or more.
-    spp : samples per pixel; default: the sampler's own.
-    seed : of the random numbers, zero or more.
+    spp : samples per pixel; default: the value of the sampler.
+    seed : seed of the random numbers, zero or more.
     sensor : index of the scene's camera.
-    integrator : as of :func:`range_profile`.
-    progress : called after each of 4 parts with the number of those done, and of all.
+    integrator : as for :func:`range_profile`.
+    progress : called after each of 4 parts with the number done and the total number.
 
     Returns
     -------
-    xarray.Dataset with
-    ``radiance`` (range, row, column), ``before`` and ``after`` (row, column) in W m^-2 sr^-1, of
-    nearer and of farther than all bins. All of them add up to the picture, its luminance where it
-    has colours. Coordinates ``range`` and ``range_edge`` in m.
+    xarray.Dataset with ``radiance`` (range, row, column), ``before`` and ``after`` (row, column) in
+    W m^-2 sr^-1; the latter are nearer and farther than all bins. Their sum is the luminance of
+    the image. Coordinates ``range`` and ``range_edge`` in m.
 
     Raises
     ------
-    As :func:`range_profile`, and ArgumentError for a receiver, or more than 2^28 numbers.
+    As :func:`range_profile`; ArgumentError for a receiver, or more than 2^28 values.
     """
     how = {"spp": spp, "seed": seed, "sensor": sensor, "integrator": integrator}
     return prepared_frames(scene, ranges, **how)(progress)
@@ -330,7 +328,7 @@ def range_frames(
 def prepared_frames(
     scene: Any, ranges: npt.ArrayLike, *, spp: int | None, seed: int, sensor: int, integrator: Any
 ) -> Callable[[Progress | None], xarray.Dataset]:
-    """Return the function that renders the frames of :func:`range_frames`, arguments checked."""
+    """Return a function that renders the frames of :func:`range_frames`, with checked arguments."""
     edges = checked_ranges(ranges)
     require_transients()
     entropy = check_seed(seed)
@@ -341,7 +339,7 @@ def prepared_frames(
             f"expected a camera, got sensor {sensor}, which is a receiver; use range_profile"
         )
     total = check_spp(default_spp(scene, sensor) if spp is None else spp)
-    own = transient_integrator(exposure.integrator, scene, camera)
+    method = transient_integrator(exposure.integrator, scene, camera)
     units = {emitter.spec.scene_unit for emitter in wigner_emitters(scene)} or {1.0}
     if len(units) > 1:
         raise ArgumentError(f"expected one scene_unit of all sources, got {sorted(units)} m")
@@ -351,26 +349,22 @@ def prepared_frames(
 
     def rendered(progress: Progress | None) -> xarray.Dataset:
         checked_callable(progress, "progress")
-        found: Any = 0.0
-        with told("renders", range(parts)) as each:
-            for part in each:
+        sums: Any = 0.0
+        with told("renders", range(parts)) as numbers:
+            for part in numbers:
                 samples = total // parts + (part < total % parts)
                 seed = seed_of(entropy, part)
-                image = sorted_by_range(scene, camera, own, lengths, samples, seed)
-                found = found + samples / total * image
+                image = sorted_by_range(scene, camera, method, lengths, samples, seed)
+                sums = sums + samples / total * image
                 if progress is not None:
                     progress(part + 1, parts)
-        return _labelled(np.asarray(found), edges, total, entropy)
+        pixels, unit = ("row", "column"), "W m-2 sr-1"
+        frames = np.moveaxis(sums[..., 1:-1], -1, 0)
+        values = {
+            "radiance": (frames, ("range", *pixels), unit, "radiance of a bin"),
+            "before": (sums[..., 0], pixels, unit, "radiance from nearer than all bins"),
+            "after": (sums[..., -1], pixels, unit, "radiance from farther than all bins"),
+        }
+        return described(values, range_axes(edges), {"samples": total, "seed": entropy})
 
     return rendered
-
-
-def _labelled(found: Floats, edges: Floats, spp: int, seed: int) -> xarray.Dataset:
-    picture, unit = ("row", "column"), "W m-2 sr-1"
-    frames = np.moveaxis(found[..., 1:-1], -1, 0)
-    values = {
-        "radiance": (frames, ("range", *picture), unit, "radiance of a bin"),
-        "before": (found[..., 0], picture, unit, "radiance from nearer than all bins"),
-        "after": (found[..., -1], picture, unit, "radiance from farther than all bins"),
-    }
-    return described(values, range_axes(edges), {"samples": spp, "seed": seed})

@@ -1,4 +1,4 @@
-"""The lit scene as a cloud of scatterers, for programs that make radar signals."""
+"""Clouds of scatterers from an illuminated scene, for programs that generate radar signals."""
 
 from __future__ import annotations
 
@@ -13,19 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.execution import Drjit
 from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import depths_of
 from polywigner.mitsuba.plugins.placement import placed_emitter
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
 from polywigner.mitsuba.plugins.registration import one_at_a_time
-from polywigner.mitsuba.receive.passing import even_points
+from polywigner.mitsuba.receive.power_results import ReceiveOptions, described
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
-from polywigner.mitsuba.receive.received import ReceiveOptions, described
 from polywigner.mitsuba.receive.received_power import chosen, matched
 from polywigner.mitsuba.receive.scattered import BATCHES, aimed
 from polywigner.mitsuba.receive.scattering_steps import Events, Motion, Paths, events_of, number_of
+from polywigner.mitsuba.receive.specular_paths import even_points
 from polywigner.mitsuba.scenes.rendering import unseen
 from polywigner.mitsuba.scenes.surfaces import (
     is_source,
@@ -44,7 +43,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# Rays in flight, with some hundred bytes each.
+# Rays of one step, with some hundred bytes each.
 _WAVEFRONT = 2**17
 
 
@@ -54,38 +53,34 @@ class Cloud:
 
     events: Events
     power: Floats
-    """W, of each."""
+    """Power of each event in W."""
     intensity: Floats
-    """W/sr, towards the receiver."""
+    """Radiant intensity towards the receiver in W/sr."""
     standard_error: float
-    """W, of the sum of powers."""
+    """Standard error of the sum of powers in W."""
 
     def thinned(self, count: int, rng: np.random.Generator, for_elements: bool) -> Cloud:
-        """At most ``count`` of the events, with values that stand for all.
+        """Select at most ``count`` events, with values scaled to represent all events.
 
-        An event is kept with a probability in proportion to its power, at most 1, and its values
-        are divided by that. ``for_elements``: in proportion to the mean of its shares of all power
-        and all intensity, so that what elements of an array receive does not rest on a few events
-        in the nulls of the whole. Systematic sampling along the paths keeps their distribution.
-        Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
+        The probability of an event is proportional to its power, at most 1, and its values are
+        divided by the probability. ``for_elements``: proportional to the mean of its fractions of
+        total power and total intensity, so that signals of array elements do not depend on a few
+        events in the nulls of the array. Systematic sampling along the paths preserves their
+        distribution. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
         """
         if len(self.power) <= count:
             return self
         measure = np.abs(self.power) / np.abs(self.power).sum()
         if for_elements:
             measure += np.abs(self.intensity) / np.abs(self.intensity).sum()
-        shares = _shares(measure, count)
+        probabilities = _probabilities(measure, count)
         order = np.argsort(self.events.length, kind="stable")
-        steps = np.floor(np.cumsum(shares[order]) + rng.random())
-        chosen = np.sort(order[np.diff(steps, prepend=0.0) > 0])
-        kept = shares[chosen]
-        power, intensity = self.power[chosen] / kept, self.intensity[chosen] / kept
-        return Cloud(
-            self.events[chosen],
-            power,
-            intensity,
-            math.hypot(self.standard_error, _thinning_error(power, kept)),
-        )
+        steps = np.floor(np.cumsum(probabilities[order]) + rng.random())
+        selected = np.sort(order[np.diff(steps, prepend=0.0) > 0])
+        chance = probabilities[selected]
+        power, intensity = self.power[selected] / chance, self.intensity[selected] / chance
+        error = math.hypot(self.standard_error, _thinning_error(power, chance))
+        return Cloud(self.events[selected], power, intensity, error)
 
 
 def cloud_of(
@@ -96,7 +91,7 @@ def cloud_of(
     rng: np.random.Generator,
     motion: Motion | None,
 ) -> Cloud:
-    """The events of ``count`` rays or a few more, in a scene whose sources are unseen."""
+    """Return the events of ``count`` rays or a few more, in a scene whose sources are hidden."""
     size = -(-count // BATCHES)
     parts = [_batch(scene, sensor, size, depth, rng, motion) for _ in range(BATCHES)]
     sums = [float(power.sum()) for _, power, _ in parts]
@@ -110,9 +105,9 @@ def cloud_of(
 
 
 def _batch(
-    scene: Any, sensor: Any, count: int, depth: int, rng: Any, motion: Motion | None
+    scene: Any, sensor: Any, count: int, depth: int, rng: np.random.Generator, motion: Motion | None
 ) -> tuple[Events, Floats, Floats]:
-    """Events with power and intensity that estimate the whole."""
+    """Return events with powers and intensities, whose sums estimate the totals."""
     meets_lights = len(wigner_emitters(scene)) < len(scene.emitters())
     unit = sensor.spec.scene_unit
     # six of seven columns, so that seeds keep their draws
@@ -120,67 +115,57 @@ def _batch(
     draws = np.minimum(draws, np.nextafter(np.float32(1.0), np.float32(0.0)))
     parts = []
     for start in range(0, count, _WAVEFRONT):
-        own = draws[start : start + _WAVEFRONT]
-        paths, watts, solid_angle = _paths(sensor, own)
-        for events in events_of(scene, paths, rng, own[:, 4:], depth - 1, meets_lights, motion):
+        numbers = draws[start : start + _WAVEFRONT]
+        paths, watts, solid_angle = _paths(sensor, numbers)
+        for events in events_of(scene, paths, rng, numbers[:, 4:], depth - 1, meets_lights, motion):
             value = events.radiance * (solid_angle / count)[events.ray]
             power = value * watts[events.ray]
             if not np.isfinite(power).all():
-                raise SceneError(
-                    "expected radiance that is finite, got some from the scene that is not; "
-                    "check its materials"
-                )
+                raise SceneError("the radiance of the scene is not finite; check its materials")
             parts.append((events, power, value * (unit * events.distance) ** 2))
-    found = np.concatenate([events for events, _, _ in parts]).view(np.recarray)
-    power, intensity = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
-    return found, power, intensity
+    events, power, intensity = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return events.view(np.recarray), power, intensity
 
 
-def _paths(sensor: Any, draws: Floats) -> tuple[Paths | list[Paths], Floats, Floats]:
-    """Paths that leave a receiver; W per radiance and solid angle; the solid angle of each."""
-    columns = draws[:, :2], draws[:, 2:4], draws[:, 4:]
-    looks = [_looking(sensor, *points) for points in point_batches(*columns)]
-    if dr.is_jit_v(mi.Float):
-        dr.eval(looks)
-    paths, watts, densities = zip(*looks, strict=True)
-    first = paths[0] if dr.is_jit_v(mi.Float) else list(paths)
-    return first, joined(watts), 1.0 / joined(densities)
+def _paths(sensor: Any, draws: Floats) -> tuple[list[Paths], Floats, Floats]:
+    """Return paths that leave a receiver, W per radiance and solid angle, and solid angles."""
+    rows = []
+    for direction, position, others in point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:]):
+        angles, density = sensor.directions.sample(direction)
+        ray, watts, weight = sensor.look_along(angles, 0.0, others.x, position)
+        if sensor.spec.polarisation is not None:
+            weight = sensor.weigh(weight, 1.0, angles)
+        rows.append((Paths.along(mi.Ray3f(ray), weight, 0.0 * density), watts, density))
+    dr.eval(rows)
+    paths, watts, densities = zip(*rows, strict=True)
+    return list(paths), joined(watts), 1.0 / joined(densities)
 
 
-def _looking(sensor: Any, direction: Any, place: Any, others: Any) -> tuple[Paths, Drjit, Drjit]:
-    """A path by uniform numbers, W per radiance and solid angle, and density per solid angle."""
-    angles, density = sensor.directions.sample(direction)
-    ray, watts, share = sensor.look_along(angles, 0.0, others.x, place)
-    if sensor.spec.polarisation is not None:
-        share = sensor.weigh(share, 1.0, angles)
-    return Paths.along(mi.Ray3f(ray), share, 0.0 * density), watts, density
-
-
-def _shares(measure: Floats, count: int) -> Floats:
-    """Probabilities, in proportion to a measure but at most 1, that add up to ``count``."""
+def _probabilities(measure: Floats, count: int) -> Floats:
+    """Return probabilities, proportional to a measure but at most 1, that add up to ``count``."""
     ordered = np.sort(measure)
-    rest = np.cumsum(ordered)
-    # with the k largest kept for certain, the others share count - k
+    sums = np.cumsum(ordered)
+    # with the k largest certain, the sum of the others is count - k
     certain = np.arange(count)
-    left = rest[len(rest) - 1 - certain]
+    left = sums[len(sums) - 1 - certain]
     scale = (count - certain) / np.where(left > 0.0, left, 1.0)
     fits = scale * ordered[len(ordered) - 1 - certain] <= 1.0
     return np.asarray(np.clip(measure * scale[np.argmax(fits)], 0.0, 1.0))
 
 
-def _thinning_error(power: Floats, shares: Floats) -> float:
-    """W, of sums over events that were kept with these probabilities: Hajek's approximation."""
-    away = 1.0 - shares
-    if not away.any():
+def _thinning_error(power: Floats, probabilities: Floats) -> float:
+    """Return the standard error in W of sums over selected events: Hajek's approximation."""
+    missing = 1.0 - probabilities
+    if not missing.any():
         return 0.0
-    middle = float((away * power).sum() / away.sum())
-    return math.sqrt(float((away * (power - middle) ** 2).sum()))
+    mean = float((missing * power).sum() / missing.sum())
+    return math.sqrt(float((missing * (power - mean) ** 2).sum()))
 
 
-# Rays for each scatterer: more find more to choose from.
+# Default number of rays per scatterer: more rays give more events to select from.
 _RAYS = 4
 _FEWEST_RAYS = 4096
-# A gigabyte or two of events.
+# One or two gigabytes of events.
 _MOST = 1_000_000
 _MOST_RAYS = 10_000_000
 _NO_LIMIT = 2**20
@@ -197,52 +182,52 @@ def scatterers(
     receiver: int | str | None = None,
     rays: int | None = None,
 ) -> xarray.Dataset:
-    """A lit scene as its receiver gets it: a cloud of points with power, path length and velocity.
+    """Return a cloud of scatterers: points with power, path length and velocity at a receiver.
 
-    Rays leave the receiver and are scattered from surface to surface; at each a light is sampled.
-    Each light found is a scatterer: it stands at the first surface that the receiver sees, and its
-    path is the whole one. Of these, ``count`` are kept by chance, strong rather than weak ones: the
-    sum over the cloud is an unbiased estimate of ``received_power(...).scattered``, without what
-    comes straight from a coherent source. docs/scatterers.md.
+    Rays leave the receiver and are scattered from surface to surface; at each surface a light is
+    sampled. Each sampled light gives a scatterer at the first surface of the path. ``count`` of
+    them are selected at random, with probabilities proportional to power: the sum over the cloud
+    is an unbiased estimate of ``received_power(...).scattered``. Line-of-sight radiation from
+    coherent sources is excluded. docs/scatterers.md.
 
     Parameters
     ----------
     scene : a ``mi.Scene`` with a ``wigner_receiver`` sensor and lights, without fog.
-    count : scatterers wanted; there are fewer where rays find fewer.
-    seed : of the random numbers, zero or more.
-    velocities : (3,) in m/s by the ids of shapes, emitters and the receiver; others stand still.
-        Load the scene with :func:`load_scene`, which keeps ids; ``mi.load_dict`` merges meshes of
-        equal BSDFs into one without an id.
-    max_depth : longest path as Mitsuba's integrators count, 2 is one reflection; -1: no limit.
-        Default: that of the scene's integrator.
+    count : largest number of scatterers; fewer if fewer paths reach a light.
+    seed : seed of the random numbers, zero or more.
+    velocities : (3,) in m/s by the ids of shapes, emitters and the receiver; default: zero. Load
+        the scene with :func:`load_scene`, which keeps ids; ``mi.load_dict`` merges meshes of equal
+        BSDFs into a mesh without an id.
+    max_depth : longest path as in Mitsuba's integrators, 2 is one reflection; -1: no limit.
+        Default: the value of the scene's integrator.
     receiver : as for :func:`received_power`.
-    rays : from the receiver; default: four times ``count``, at least 4096.
+    rays : number of rays from the receiver; default: four times ``count``, at least 4096.
 
     Returns
     -------
     xarray.Dataset over ``scatterer`` with
 
-    - ``position``, ``normal`` (scatterer, axis): of the first surface, in m; the normal is on the
-      receiver's side
-    - ``power`` in W that the receiver gets; with the estimator ``wigner`` some are negative
-    - ``intensity`` in W/sr towards the receiver: :func:`element_responses` says what others in its
-      place would receive
-    - ``path_length`` in m, from the emitter over all bounces to the receiver; half of it is the
-      range. Infinite for the light of an environment
-    - ``bounces``: surfaces on the path; 0 for a light that the receiver sees itself
+    - ``position``, ``normal`` (scatterer, axis): position in m and normal of the first surface; the
+      normal is on the receiver's side
+    - ``power``: received power in W; with the estimator ``wigner`` some are negative
+    - ``intensity``: radiant intensity in W/sr towards the receiver, for :func:`element_responses`
+    - ``path_length`` in m, from the emitter through all bounces to the receiver; the range is half
+      of it. Infinite for the light of an environment
+    - ``bounces``: number of surfaces on the path; 0 for a light in view of the receiver
     - ``shape``, ``emitter``: ids of the first surface and of the light
-    - with ``velocities``: ``velocity`` (scatterer, axis) of the first surface, and ``path_rate``
-      in m/s, by which the whole path grows: minus the Doppler shift times the wavelength
+    - with ``velocities``: ``velocity`` (scatterer, axis) of the first surface, and ``path_rate``,
+      the growth rate of the path in m/s: minus the Doppler shift times the wavelength
 
     Attributes: wavelength, frequency, receiver, to_world (16 numbers, the translation in m),
     obliquity, normalise, estimator, rays, seed, and ``standard_error`` of the sum of powers in W.
 
     Raises
     ------
-    SceneError : no receiver, no light, fog; an emitter of another wavelength, obliquity or scene
-        unit; radiance that is not finite. ArgumentError : no scene, several receivers and none
-        named, ids that are not there, other arguments out of range.
+    SceneError : no receiver, no light, fog; an emitter with a different wavelength, obliquity or
+        scene unit; infinite radiance. ArgumentError : no scene, several receivers without a choice,
+        unknown ids, other arguments out of range.
     """
+
     size = checked_count(count, "count", 1, _MOST)
     launched = max(_RAYS * size, _FEWEST_RAYS)
     if rays is not None:
@@ -253,46 +238,46 @@ def scatterers(
         depth = _NO_LIMIT if is_endless else checked_count(depth, "max_depth", 1, _NO_LIMIT)
     options = ReceiveOptions(seed=seed)
     rng = np.random.default_rng(options.seed)
-    found = receivers_of(scene)
-    number = chosen(found, receiver)
-    sensor = found[number][1]
+    receivers = receivers_of(scene)
+    number = chosen(receivers, receiver)
+    sensor = receivers[number][1]
     parties = matched(scene, [number], options)
-    (place,) = parties.places
+    (placed,) = parties.receivers
     if sensor.spec.has_several:
         raise SceneError(
-            "expected one polarisation of all elements of a receiver for scatterers, got several; "
-            "give it one"
+            "scatterers require the same polarisation for all elements of a receiver; set one "
+            "polarisation"
         )
     if sensor.get_medium() is not None or any(s.is_medium_transition() for s in scene.shapes()):
         raise SceneError(
-            "expected a scene without fog, whose drops are no scatterers here, got one with a "
-            "medium; leave it out, or use received_power"
+            "expected a scene without fog, got a medium, which scatterers do not support; remove "
+            "it, or use received_power"
         )
-    names = _Names.of(scene, place.name)
-    motion = None if velocities is None else names.motion(velocities, place.scene_unit)
+    names = _Names.of(scene, placed.name)
+    motion = None if velocities is None else names.motion(velocities, placed.scene_unit)
     depth = _longest_path(scene.integrator()) if depth is None else depth
     with unseen(scene), aimed(scene), scene_known(scene):
         cloud = cloud_of(scene, sensor, launched, depth, rng, motion)
-    cloud = cloud.thinned(size, rng, isinstance(place.source, Array))
+    cloud = cloud.thinned(size, rng, isinstance(placed.source, Array))
     about = {
-        "receiver": place.name,
-        "wavelength": place.wavelength,
-        "frequency": SPEED_OF_LIGHT / place.wavelength,
-        "to_world": place.pose.ravel().tolist(),
-        "obliquity": place.obliquity,
+        "receiver": placed.name,
+        "wavelength": placed.wavelength,
+        "frequency": SPEED_OF_LIGHT / placed.wavelength,
+        "to_world": placed.pose.ravel().tolist(),
+        "obliquity": placed.obliquity,
         "normalise": sensor.spec.normalise,
-        "polarisation": polarisation_summary([*parties.emitters, place], False),
+        "polarisation": polarisation_summary([*parties.emitters, placed], False),
         "estimator": sensor.spec.estimator,
         "rays": -(-launched // BATCHES) * BATCHES,
         "seed": options.seed,
         "standard_error": cloud.standard_error,
     }
-    return _described(cloud, names, motion, place.scene_unit, about)
+    return _described(cloud, names, motion, placed.scene_unit, about)
 
 
 @dataclass(frozen=True)
 class _Names:
-    """Ids of shapes and lights by the numbers that rays know them by."""
+    """Ids of shapes and lights by their numbers in rays."""
 
     shapes: dict[int, str]
     lights: dict[int, str]
@@ -316,14 +301,14 @@ class _Names:
         return cls(shapes, lights, receiver)
 
     def motion(self, velocities: Mapping[str, ArrayLike], unit: float) -> Motion:
-        """Velocities in scene units by numbers; ArgumentError for unknown ids and other values."""
+        """Return velocities in scene units by numbers; ArgumentError for unknown ids."""
         if not isinstance(velocities, Mapping):
             raise ArgumentError(
                 f"expected velocities as a mapping of ids to (vx, vy, vz), got {velocities!r}"
             )
-        found = {name: _velocity(name, value) / unit for name, value in velocities.items()}
+        speeds = {name: _velocity(name, value) / unit for name, value in velocities.items()}
         known = {*self.shapes.values(), *self.lights.values(), self.receiver}
-        for name in found:
+        for name in speeds:
             if name not in known:
                 raise ArgumentError(
                     f"expected velocities of {', '.join(map(repr, sorted(known)))}, got one of "
@@ -331,9 +316,9 @@ class _Names:
                     "polywigner.mitsuba.load_scene, which keeps ids"
                 )
         return Motion(
-            {number: found[name] for number, name in self.shapes.items() if name in found},
-            {number: found[name] for number, name in self.lights.items() if name in found},
-            found.get(self.receiver, np.zeros(3)),
+            {number: speeds[name] for number, name in self.shapes.items() if name in speeds},
+            {number: speeds[name] for number, name in self.lights.items() if name in speeds},
+            speeds.get(self.receiver, np.zeros(3)),
         )
 
 
@@ -343,18 +328,18 @@ def _number(kind: str, thing: Any) -> int:
 
 def _velocity(name: str, value: ArrayLike) -> Floats:
     try:
-        found = real_numbers(value)
+        velocity = real_numbers(value)
     except (TypeError, ValueError):
-        found = np.empty(0)
-    if found.shape != (3,) or not np.isfinite(found).all():
+        velocity = np.empty(0)
+    if velocity.shape != (3,) or not np.isfinite(velocity).all():
         raise ArgumentError(
             f"expected the velocity of {name!r} as three finite numbers in m/s, got {value!r}"
         )
-    return found
+    return velocity
 
 
 def _longest_path(integrator: Any) -> int:
-    """Longest path of an integrator, by its own parameters."""
+    """Return the longest path of an integrator according to its parameters."""
     if integrator is None:
         return _NO_LIMIT
     if integrator.class_name() == "DirectIntegrator":
@@ -369,11 +354,11 @@ def _described(
     events, along, in_space = cloud.events, ("scatterer",), ("scatterer", "axis")
     shapes, lights = _named(names.shapes, events.first_shape), _named(names.lights, events.light)
     values: dict[str, tuple[Any, tuple[str, ...], str, str]] = {
-        "position": (unit * events.place, in_space, "m", "first surface that the receiver sees"),
+        "position": (unit * events.position, in_space, "m", "position on the first surface"),
         "normal": (events.normal, in_space, "1", "normal of the first surface"),
     }
     if motion is not None:
-        speeds = np.zeros_like(events.place)
+        speeds = np.zeros_like(events.position)
         for number, velocity in motion.shapes.items():
             speeds[events.first_shape == number] = unit * velocity
         values["velocity"] = (speeds, in_space, "m/s", "velocity of the first surface")

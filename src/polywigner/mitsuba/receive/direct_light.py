@@ -1,13 +1,12 @@
-"""Direct light of a receiver: line-of-sight paths, and paths by flat mirrors alone.
+"""Direct light at a receiver: line-of-sight paths, and specular paths by flat mirrors.
 
-No ray meets point, spot, projector and directional lights by chance, so that samples of a receiver
-never find them. A light of radiant intensity I at the point y, and a plane wave of irradiance E
-from the direction s, give
+Rays from a receiver do not meet point, spot, projector and directional lights. A light of radiant
+intensity I at the point y, and a plane wave of irradiance E from the direction s, give
 
     P = (lambda^2/N) |U(y)|^2 I                   P = (g |F(s)|^2/N) E = D(s) lambda^2/(4 pi) E
 
-with U the field that the receiver would send to y, F its spectrum, N the power that it would
-radiate and D its directivity: (RX8) of a point. A mirror shows an image of the light. The
+with U the field that the receiver would transmit to y, F its spectrum, N the power that it would
+radiate and D its directivity: (RX8) at a point. A mirror produces an image of the light. The
 transmission is the mean over rays from positions on the receiver, drawn in proportion to |u|^2.
 """
 
@@ -32,7 +31,9 @@ from polywigner.mitsuba.plugins.placement import (
     facing_parts,
 )
 from polywigner.mitsuba.plugins.source_parameters import norm_of
-from polywigner.mitsuba.receive.passing import (
+from polywigner.mitsuba.receive.power_results import DirectPath
+from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
+from polywigner.mitsuba.receive.specular_paths import (
     BLOCKED,
     diffracted_ratio,
     obstacles_of,
@@ -41,8 +42,6 @@ from polywigner.mitsuba.receive.passing import (
     points_on,
     traced,
 )
-from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
-from polywigner.mitsuba.receive.received import DirectPath
 from polywigner.mitsuba.scenes.reflectors import (
     Chain,
     names_of,
@@ -57,28 +56,28 @@ from polywigner.source.polarisation import Stokes
 Floats = NDArray[np.float64]
 
 
-def coupled_share(parts: FacingParts, tolerance: float) -> float:
-    """Received over radiated power with nothing in between, as the receiver counts it."""
+def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
+    """Return received over radiated power in free space, with the receiver's normalisation."""
     emitter, receiver = parts.emitter, parts.receiver
     link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
     check_obliquity(link, emitter.obliquity, receiver.obliquity)
     pose = emitter.pose_of(receiver)
     method: Any = emitter.obliquity
-    share = 0.0
-    # mixtures take no slopes, by which the fields of links and of patterns differ in scale
+    total = 0.0
+    # normal derivatives change the scale of u between links and patterns, but not for mixtures
     is_plain = emitter.mixture.is_plain and receiver.mixture.is_plain
-    counted: Any = "radiated" if is_plain else "aperture"
+    normalise: Any = "radiated" if is_plain else "aperture"
     try:
         for sent, wavelength, weight in emitter.mixture.parts(emitter.source, emitter.wavelength):
             for taken, _, other in receiver.mixture.parts(receiver.source, wavelength):
-                b = coupling(sent, taken, pose, wavelength, method, tolerance, normalise=counted)
-                share += weight * other * abs(b) ** 2
+                b = coupling(sent, taken, pose, wavelength, method, tolerance, normalise=normalise)
+                total += weight * other * abs(b) ** 2
     except PolywignerError as error:
         raise SceneError(f"{link}: {error}") from None
     for placed in (emitter, receiver):
-        mine = norm_of(placed.source, placed.wavelength, method, normalise=counted)
-        share *= mine / placed.norm
-    return float(share)
+        norm = norm_of(placed.source, placed.wavelength, method, normalise=normalise)
+        total *= norm / placed.norm
+    return float(total)
 
 
 @dataclass(frozen=True)
@@ -88,18 +87,18 @@ class DirectLight:
     paths: tuple[DirectPath, ...] = ()
     notes: tuple[str, ...] = ()
     interfering: float | None = None
-    """W of all paths as they interfere; None: their powers add."""
+    """Power in W of all paths if they interfere; None: powers add."""
 
     @property
     def power(self) -> float:
-        """W."""
+        """Power in W."""
         if self.interfering is not None:
             return self.interfering
         return math.fsum(path.power for path in self.paths)
 
 
 Term = tuple[float, Stokes, Stokes]
-"""|b|^2 of a pair of fields, and their Stokes numbers at the emitter and at the receiver."""
+"""|b|^2 of a pair of fields, and their Stokes parameters at the emitter and at the receiver."""
 
 
 def direct_light(
@@ -109,31 +108,32 @@ def direct_light(
     chains: list[Chain],
     tolerance: float,
 ) -> DirectLight:
-    """Paths that bring power, in a scene whose sources are unseen."""
+    """Return paths that transmit power, in a scene whose sources are hidden."""
     meshes = obstacles_of(scene, emitter, receiver, receiver.wavelength)
 
     def find(chain: Chain) -> tuple[DirectPath, list[str]] | str:
-        found = open_path(scene, emitter, receiver, chain, meshes)
-        if isinstance(found, str):
-            return found
-        image, matrix = emitter.image(chain), found.rays.power
+        result = open_path(scene, emitter, receiver, chain, meshes)
+        if isinstance(result, str):
+            return result
+        image, matrix = emitter.image(chain), result.rays.power
         if meshes is not None:
-            ratio = diffracted_ratio(meshes, found.facing, found.parts.receiver, chain)
+            ratio = diffracted_ratio(meshes, result.facing, result.parts.receiver, chain)
             matrix = matrix * abs(ratio) ** 2
         passing = float(matrix[0, 0])
         if passing == 0.0:
             return BLOCKED
-        coupling, matched = _received(_shares(image, receiver, tolerance), receiver, matrix)
+        terms = _terms(image, receiver, tolerance)
+        coupling, matched = _received(terms, receiver, matrix)
         path = DirectPath(
             names_of(chain),
             emitter.power * coupling * passing * matched,
             coupling,
             passing,
-            found.parts.receiver.cosines_to(found.parts.emitter.middle),
+            result.parts.receiver.cosines_to(result.parts.emitter.middle),
             matched,
             length=math.dist(image.middle, receiver.middle),
         )
-        return path, found.notes
+        return path, result.notes
 
     paths, notes = paths_by(chains, f"from {emitter.name!r} to {receiver.name!r}", find)
     if paths and paths[0].mirrors:
@@ -141,24 +141,24 @@ def direct_light(
     return DirectLight(tuple(paths), tuple(notes))
 
 
-def _shares(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
-    """Return |b|^2 of all pairs of polarised fields of both ends with nothing in between."""
+def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
+    """Return |b|^2 of all pairs of polarised fields of both ends in free space."""
     terms = []
-    for (sent, leaves), (taken, wanted) in product(image.fields, receiver.fields):
+    for (sent, stokes_sent), (taken, stokes_taken) in product(image.fields, receiver.fields):
         parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
-        assert parts is not None  # as of the whole sources
-        terms.append((coupled_share(parts, tolerance), leaves, wanted))
+        assert parts is not None  # the complete sources face each other
+        terms.append((free_space_coupling(parts, tolerance), stokes_sent, stokes_taken))
     return terms
 
 
 def _received(terms: list[Term], receiver: PlacedSource, passing: Floats) -> tuple[float, float]:
-    """Return the sum over all polarisations, and the received fraction of what passes."""
+    """Return the sum over all polarisations, and the received fraction of the passing power."""
     size = len(passing)
     weight = 1.0 if receiver.polarisation is None else 0.5
-    total = math.fsum(share * leaves[0] * wanted[0] for share, leaves, wanted in terms)
+    total = math.fsum(b_squared * sent[0] * taken[0] for b_squared, sent, taken in terms)
     received = weight * math.fsum(
-        share * float(np.array(wanted[:size]) @ passing @ np.array(leaves[:size]))
-        for share, leaves, wanted in terms
+        b_squared * float(np.array(taken[:size]) @ passing @ np.array(sent[:size]))
+        for b_squared, sent, taken in terms
     )
     passed = total * float(passing[0, 0])
     return total, max(received / passed, 0.0) if passed > 0 else 0.0  # rounding of crossed ends
@@ -166,7 +166,7 @@ def _received(terms: list[Term], receiver: PlacedSource, passing: Floats) -> tup
 
 # ---- point, spot, projector and directional lights -----------------------------------------------
 
-# Distance of the point that stands for a direction: reaches squared over wavelengths, or reaches.
+# Distance of a point in place of a direction, in far-field distances or sizes of the receiver.
 _FAR = 1e6
 _TOLERANCE = 1e-6
 
@@ -180,26 +180,26 @@ class DeltaLight(NamedTuple):
 
 
 def delta_lights(scene: Any) -> list[DeltaLight]:
-    """Return the lights of a scene that no ray meets by chance, coherent sources left out."""
-    found = []
+    """Return the lights of a scene that rays cannot meet, except coherent sources."""
+    lights = []
     for number, emitter in enumerate(sorted_emitters(scene)):
         flags, name = emitter.flags(), emitter.id() or f"light {number}"
         is_infinite = mi.has_flag(flags, mi.EmitterFlags.Infinite)
-        has_place = mi.has_flag(flags, mi.EmitterFlags.DeltaPosition)
+        has_position = mi.has_flag(flags, mi.EmitterFlags.DeltaPosition)
         has_direction = mi.has_flag(flags, mi.EmitterFlags.DeltaDirection)
-        if is_source(emitter) or not (has_place or has_direction):
+        if is_source(emitter) or not (has_position or has_direction):
             continue
-        if not (has_place or is_infinite):
+        if not (has_position or is_infinite):
             raise SceneError(
                 f"the light {name!r} ({emitter.class_name()}) shines in a single direction from a "
                 "surface, which receivers cannot take; use a spot or an area light"
             )
-        found.append(DeltaLight(name, emitter, is_infinite))
-    return found
+        lights.append(DeltaLight(name, emitter, is_infinite))
+    return lights
 
 
 def light_of_points(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> DirectLight:
-    """Direct light of point, spot, projector and directional lights."""
+    """Return the direct light of point, spot, projector and directional lights."""
     paths, notes = delta_paths(scene, receiver, chains), []
     if paths and receiver.diffraction:
         notes.append(
@@ -213,11 +213,11 @@ def delta_paths(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> list
     lights = delta_lights(scene)
     if lights and receiver.obliquity not in CONDITIONS:
         raise SceneError(
-            f"the receiver {receiver.name!r} has the obliquity {receiver.obliquity!r}, by which it "
-            f"cannot take the light of {lights[0].name!r}; use one of {', '.join(CONDITIONS)}"
+            f"the receiver {receiver.name!r} has the obliquity {receiver.obliquity!r}, which does "
+            f"not support the light {lights[0].name!r}; use one of {', '.join(CONDITIONS)}"
         )
-    found = (_delta_path(scene, receiver, *each) for each in product(lights, chains))
-    return [path for path in found if path is not None and path.power > 0.0]
+    paths = (_delta_path(scene, receiver, *pair) for pair in product(lights, chains))
+    return [path for path in paths if path is not None and path.power > 0.0]
 
 
 def _delta_path(
@@ -229,13 +229,13 @@ def _delta_path(
     arrives = (points[1] - points[0]) @ receiver.normal > 0
     if not arrives.any():
         return None
-    points = [place[arrives] for place in points]
+    points = [point[arrives] for point in points]
     emission = _emission(light, points[-2] / receiver.scene_unit, receiver.scene_unit)
     strength = float(emission.mean())
     if strength == 0.0:
         return None
-    shares, _ = traced(scene, points, receiver, None, chain)
-    matrix = np.einsum("n,nij->ij", emission, shares) / (strength * len(end))
+    transmission, _ = traced(scene, points, receiver, None, chain)
+    matrix = np.einsum("n,nij->ij", emission, transmission) / (strength * len(end))
     terms = _areas(receiver, image, light.is_infinite)
     coupling, matched = _received(terms, receiver, matrix)
     passing = float(matrix[0, 0])
@@ -255,26 +255,26 @@ def _delta_path(
 def _starts(
     scene: Any, receiver: PlacedSource, light: DeltaLight, end: Floats, chain: Chain
 ) -> tuple[Floats, Floats]:
-    """Points (n, 3) in m where rays to ``end`` start; the image of the light, (3,).
+    """Return points (n, 3) in m where rays to ``end`` start, and the image (3,) of the light.
 
-    A point at a distance of 1 m from the receiver's centre stands for the image of a direction.
+    The image of a direction is represented by a point at 1 m from the receiver's centre.
     """
     unit = receiver.scene_unit
     ((centre,),) = point_batches(receiver.middle[None] / unit)
     sample, _ = _sampled(light, centre)
     if not light.is_infinite:
-        place = _row(sample.p) * unit
-        return np.broadcast_to(place, end.shape), _image(place, chain)
-    # outside of all that the scene and the mirrors' images of it have
+        point = _row(sample.p) * unit
+        return np.broadcast_to(point, end.shape), _image(point, chain)
+    # outside the scene and all its images
     shapes = [np.abs(bounds_of(shape)).max() for shape in scene.shapes()]
     size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
     turned = _image(_row(sample.d), chain) - _image(np.zeros(3), chain)
-    seen = end + size * (2 * len(chain) + 1) * turned
-    return _image(seen, chain[::-1]), receiver.middle + turned
+    image = end + size * (2 * len(chain) + 1) * turned
+    return _image(image, chain[::-1]), receiver.middle + turned
 
 
-def _row(point: Any) -> Floats:
-    """(3,) of a point or of the first of an array of them."""
+def _row(point: Drjit) -> Floats:
+    """Return the coordinates (3,) of a point, or of the first of an array."""
     return np.array(point, np.float64).reshape(3, -1)[:, 0]
 
 
@@ -287,7 +287,7 @@ def _image(points: Floats, chain: Chain) -> Floats:
 def _sampled(
     light: DeltaLight, point: Any, wavelengths: Any = None
 ) -> tuple[mi.DirectionSample3f, Drjit]:
-    """Sample of the light from a point in scene units, and its irradiance there."""
+    """Return a sample of the light from a point in scene units, and its irradiance there."""
     it = dr.zeros(mi.SurfaceInteraction3f)
     if wavelengths is not None:
         it.wavelengths = wavelengths
@@ -296,28 +296,29 @@ def _sampled(
 
 
 def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
-    """Radiant intensity (n,) in W/sr towards points in scene units; or irradiance in W/m^2.
+    """Return the radiant intensity (n,) in W/sr towards points in scene units.
 
-    The luminance of all colours, as films of one channel have it.
+    Directional lights: the irradiance in W/m^2. It is the luminance of all colours, as in films of
+    one channel.
     """
     total: Any = 0.0
     white = 0.0
     for wavelengths in _colours():
-        found = [_sampled(light, point, wavelengths) for (point,) in point_batches(points)]
-        values = [mi.luminance(mi.unpolarized_spectrum(v), wavelengths) for _, v in found]
+        samples = [_sampled(light, point, wavelengths) for (point,) in point_batches(points)]
+        values = [mi.luminance(mi.unpolarized_spectrum(v), wavelengths) for _, v in samples]
         total = total + joined(values)
         white += float(joined([mi.luminance(dr.ones(mi.UnpolarizedSpectrum), wavelengths)])[0])
     if not light.is_infinite:
-        total = total * (joined([sample.dist for sample, _ in found]) * unit) ** 2
+        total = total * (joined([sample.dist for sample, _ in samples]) * unit) ** 2
     return np.broadcast_to(total / white, len(points))
 
 
-# Sets of wavelengths that integrate the luminance of smooth spectra.
+# Number of sets of wavelengths for the luminance of smooth spectra.
 _SETS = 24
 
 
 def _colours() -> list[Drjit]:
-    """Wavelengths in nm of spectral variants, in sets of a sample each; others have none."""
+    """Return sets of wavelengths in nm of spectral variants; other variants have one empty set."""
     none = dr.zeros(mi.SurfaceInteraction3f).wavelengths
     kind, count = type(none), dr.size_v(type(none))
     if not count:
@@ -328,23 +329,23 @@ def _colours() -> list[Drjit]:
 
 
 def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
-    """Received power over 4 pi times the intensity, or over the irradiance, of each field."""
+    """Return received power over 4 pi times the intensity, or over the irradiance, by field."""
     axes = receiver.pose[:3, :3]
-    place, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)
+    point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)
     if is_infinite:
         reach = float(np.abs(receiver.source.bounds).max())
         distance = _FAR * reach * max(reach / receiver.wavelength, 1.0)
-        place, scale = axes.T @ (image - receiver.middle), distance**2
-        place *= distance / float(np.linalg.norm(place))
+        point, scale = axes.T @ (image - receiver.middle), distance**2
+        point *= distance / float(np.linalg.norm(point))
     method: Any = receiver.obliquity
     terms = []
     try:
-        for taken, wanted in receiver.fields:
+        for taken, stokes in receiver.fields:
             area = 0.0
             for part, wavelength, weight in receiver.mixture.parts(taken, receiver.wavelength):
-                field = amplitude(part, place, wavelength, method, tolerance=_TOLERANCE)
+                field = amplitude(part, point, wavelength, method, tolerance=_TOLERANCE)
                 area += weight * wavelength**2 * abs(complex(field)) ** 2
-            terms.append((area * scale / receiver.norm, (1.0, 0.0, 0.0, 0.0), wanted))
+            terms.append((area * scale / receiver.norm, (1.0, 0.0, 0.0, 0.0), stokes))
     except PolywignerError as error:
         raise SceneError(f"the receiver {receiver.name!r}: {error}") from None
     return terms

@@ -1,7 +1,7 @@
-"""Power and polarisation that pass along paths of straight legs, by rays through a scene.
+"""Transmission of power and polarisation along paths, by rays through a scene.
 
-Rays run from the receiver to the emitter. They pass null surfaces, fog, masks and thin panes, and
-are reflected by the flat mirrors of the path.
+Rays run from the receiver to the emitter. Null surfaces, fog, masks and thin panes transmit them,
+and the flat mirrors of the path reflect them.
 
 Mitsuba's ``thindielectric`` uses the mean R of the reflectances of both polarisations. Here each
 polarisation has its own 2R/(1 + R), the sum of all internal reflections in power.
@@ -30,18 +30,18 @@ Floats = NDArray[np.float64]
 
 # A path that passes more null surfaces than this counts as blocked.
 _MOST_PASSED = 64
-# Points in fog between two surfaces, over which uneven fog is averaged.
+# Points between two surfaces at which the density of fog is sampled.
 _IN_FOG = 32
-# Directions agree within this, in rad.
-_STRAIGHT = 1e-3
-# Wavelengths of colours, in nm, of variants that have some.
+# Tolerance of directions in rad.
+_SAME_DIRECTION = 1e-3
+# Wavelengths of colours in nm, for spectral variants.
 _COLOURS = (450.0, 520.0, 590.0, 660.0)
-# BSDFs that act on the polarisation of what they let through.
+# BSDFs that change the polarisation of transmitted light.
 _FILTERS = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
 
 
 def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Drjit, ...]]:
-    """Yield rows (n, 2) or (n, 3) as Mitsuba's points: all at once, in scalar variants one by one.
+    """Yield rows (n, 2) or (n, 3) as Mitsuba's points: one array, or rows in scalar variants.
 
     The coordinates are copied from lists, since Dr.Jit compiles the alignment of NumPy memory into
     kernels.
@@ -49,7 +49,7 @@ def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Drjit, ...]]:
     kinds = [{2: mi.Point2f, 3: mi.Point3f}[array.shape[1]] for array in arrays]
     if dr.is_jit_v(mi.Float):
         columns = [[mi.Float(column.tolist()) for column in array.T] for array in arrays]
-        yield tuple(kind(*own) for kind, own in zip(kinds, columns, strict=True))
+        yield tuple(kind(*part) for kind, part in zip(kinds, columns, strict=True))
         return
     for rows in zip(*(array.tolist() for array in arrays), strict=True):
         yield tuple(kind(*row) for kind, row in zip(kinds, rows, strict=True))
@@ -61,44 +61,47 @@ def joined(values: Iterable[Drjit]) -> Floats:
 
 
 class Plane(NamedTuple):
-    """The plane of a mirror as rays meet it, in units of the scene."""
+    """Plane of a mirror in scene units."""
 
     shape: Any
-    normal: Any
+    normal: Drjit
     offset: float
     rounding: float
     """Largest distance of a hit on the mirror from its plane."""
     surfaces: tuple[Surface, Surface] | None
-    """Surfaces on the side of the normal and behind it; None: Mitsuba's reflectance counts."""
+    """Surfaces on the side of the normal and behind it; None: use Mitsuba's reflectance."""
 
 
 class Transmission(NamedTuple):
     """Transmission of rays along a path."""
 
-    share: Any
-    """Transmitted power; a Mueller matrix between Mitsuba's axes for polarised rays."""
-    first: Any
+    share: Drjit
+    """Transmitted fraction; a Mueller matrix between Mitsuba's axes for polarised rays."""
+    first: Drjit
     """Direction of a ray at the first point."""
-    last: Any
+    last: Drjit
     """Direction of a ray towards the last point."""
-    panes: list[list[Any]]
+    panes: list[list[Drjit]]
     """Images of x, y and z under the transmission of the thin panes of each leg."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Pane:
-    """A shape of thin glass, perhaps masked in part."""
+    """A shape of thin glass, with optional masks."""
 
     shape: Any
     surface: Surface
     masks: list[Any]
 
     def transmittances(self, si: Any, total: Any, active: Any) -> tuple[Drjit, Drjit]:
-        """Transmitted power across and in the plane of incidence; ``total``: Mitsuba's mean."""
+        """Return transmittances normal to and in the plane of incidence.
+
+        ``total``: Mitsuba's mean transmittance.
+        """
         cosine = dr.abs(dr.dot(si.to_world(si.wi), si.n))
         covered = _opacity(self.masks, si, active)
         mean = _on_host(lambda c: 1.0 - self.surface.reflectance_in_mitsuba(c), cosine)
-        # what the texture of the transmittance leaves, and the part of the surface that is glass
+        # factor of the texture and of the part of the surface that is glass
         scale = dr.select(mean > 0.0, (total - 1.0 + covered) / dr.select(mean > 0.0, mean, 1.0), 0)
         across, along = (
             _on_host(partial(_transmittance, number, self.surface), cosine) for number in (0, 1)
@@ -130,9 +133,9 @@ class RayTracer:
                 self._filters.append(shape)
 
     def trace(self, medium: Any, planes: Sequence[Plane], points: list[Any]) -> Transmission:
-        """Transmission from the last to the first of the points.
+        """Return the transmission from the last to the first of the points.
 
-        ``medium``: fog at the first point. ``planes``: of the mirrors at the points between.
+        ``medium``: fog at the first point. ``planes``: planes of the mirrors at the points between.
         """
         share, panes = self._all(), []
         first = direction = dr.normalize(points[1] - points[0])
@@ -158,21 +161,21 @@ class RayTracer:
         return Transmission(share, first, direction, panes)
 
     def unobstructed(self, si: Any, point: Any) -> Drjit:
-        """Transmission to a surface from the point of a light that it has sampled, without fog."""
+        """Return the transmission from a sampled point of a light to a surface, without fog."""
         medium = mi.MediumPtr(None) if dr.is_jit_v(mi.Float) else None
         it, passed, _, _ = self._first_surface(si.spawn_ray_to(point), medium)
         return dr.select(it.is_valid(), 0.0, passed)
 
     def _all(self) -> Drjit:
-        """All of the power, in its polarisation if there is one."""
+        """Return unit transmission, as a Mueller matrix for polarised rays."""
         return mi.Spectrum(1.0) if self._polarised else mi.Float(1.0)
 
     def _first_surface(
         self, ray: Any, medium: Any, plane: Plane | None = None
     ) -> tuple[Drjit, Drjit, Drjit, list[Drjit]]:
-        """First surface that is not null or lies in the plane of a mirror.
+        """Trace rays to the first surface that is not null or lies in the plane of a mirror.
 
-        Returns the interaction, the transmission to there, the fog behind it, and the images of x,
+        Returns the interaction, the transmission up to it, the fog behind it, and the images of x,
         y and z under the transmission of thin panes.
         """
         share, moves = self._all(), mi.Bool(True)
@@ -199,7 +202,7 @@ class RayTracer:
     def _passed(
         self, si: Any, d: Any, columns: list[Any], active: Any
     ) -> tuple[Drjit, list[Drjit]]:
-        """Transmission of a null surface, and the columns behind it."""
+        """Return the transmission of a null surface, and the columns behind it."""
         passed = si.bsdf().eval_null_transmission(si, active)
         total = _mean(passed, False)
         if self._polarised:
@@ -224,16 +227,16 @@ class RayTracer:
                     for column in columns
                 ]
                 columns = [dr.select(here, a, b) for a, b in zip(turned, columns, strict=True)]
-                own: Any = 1.0
+                of_pane: Any = 1.0
             elif self._polarised:
-                own = _mueller(roots, normal, -d, -d)
+                of_pane = _mueller(roots, normal, -d, -d)
             else:
-                own = (across + along) / 2
-            share = dr.select(here, own, share)
+                of_pane = (across + along) / 2
+            share = dr.select(here, of_pane, share)
         return share, columns
 
     def _reflectance(self, si: Any, active: Any, plane: Plane) -> Drjit:
-        """Reflectance of the smooth lobe, in power; zero where a normal map turns it."""
+        """Return the reflectance of the smooth lobe; zero if a normal map changes its direction."""
         nodes = bsdfs_in(plane.shape.bsdf())
         masks = list(takewhile(lambda node: node.class_name() == MASK, nodes))
         bsdf = nodes[len(masks)]
@@ -242,13 +245,13 @@ class RayTracer:
         sample, weight = bsdf.sample(context, si, 0.5, mi.Point2f(0.5), active)
         arrived = si.to_world(si.wi)
         mirrored = 2 * dr.dot(arrived, si.n) * si.n - arrived
-        is_there = active & (dr.norm(si.to_world(sample.wo) - mirrored) < _STRAIGHT)
+        is_there = active & (dr.norm(si.to_world(sample.wo) - mirrored) < _SAME_DIRECTION)
         covered = dr.select(is_there, _opacity(masks, si, active), 0.0)
         if plane.surfaces is None:
             if self._polarised:
                 weight = si.to_world_mueller(weight, -sample.wo, si.wi)
             return covered * _mean(weight, self._polarised)
-        # the part of Mitsuba's reflectance that is not Fresnel's
+        # the factor of Mitsuba's reflectance in addition to Fresnel's coefficients
         cosine = dr.dot(arrived, si.n)
         scale = covered * _mean(weight, False) * _on_sides(_inverse, plane, cosine)
         if self._coherent:
@@ -268,12 +271,12 @@ def _coefficient(number: int, surface: Surface, cosine: Floats) -> Floats:
 
 
 def _inverse(surface: Surface, cosine: Floats) -> Floats:
-    found = surface.reflectance_in_mitsuba(cosine)
-    return 1.0 / np.where(found > 0.0, found, 1.0)
+    reflectance = surface.reflectance_in_mitsuba(cosine)
+    return 1.0 / np.where(reflectance > 0.0, reflectance, 1.0)
 
 
 def _on_sides(function: Callable[[Surface, Floats], Floats], plane: Plane, cosine: Any) -> Drjit:
-    """A function of the surface that a ray meets, and of the cosine there."""
+    """Evaluate a function of the surface that a ray meets, and of the cosine there."""
     before, behind = plane.surfaces  # type: ignore[misc]
 
     def both(value: Floats) -> Floats:
@@ -284,13 +287,13 @@ def _on_sides(function: Callable[[Surface, Floats], Floats], plane: Plane, cosin
 
 
 def _on_host(function: Callable[[Floats], Floats], value: Any) -> Drjit:
-    """A function of NumPy arrays, for a number of Mitsuba."""
-    found = function(np.array(value, np.float64))
-    return mi.Float(found.tolist()) if dr.is_jit_v(mi.Float) else float(found)
+    """Evaluate a function of NumPy arrays for numbers of Mitsuba."""
+    result = function(np.array(value, np.float64))
+    return mi.Float(result.tolist()) if dr.is_jit_v(mi.Float) else float(result)
 
 
 def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
-    """Fraction of a surface that masks, one in the other, leave there."""
+    """Return the opacity of nested masks."""
     result: Any = mi.Float(1.0)
     for mask in masks:
         texture = next(child for child in children_of(mask) if isinstance(child, mi.Texture))
@@ -299,7 +302,7 @@ def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
 
 
 def _across(normal: Any, direction: Any) -> Drjit:
-    """Unit vector across the plane of incidence; any at normal incidence."""
+    """Return the unit vector normal to the plane of incidence; arbitrary at normal incidence."""
     across = dr.cross(mi.Vector3f(normal), direction)
     length = dr.norm(across)
     known = length > _ALONG
@@ -308,26 +311,26 @@ def _across(normal: Any, direction: Any) -> Drjit:
     )
 
 
-# |n x k| of a wave along the normal, in single precision.
+# |n x k| in single precision at normal incidence.
 _ALONG = 1e-6
 
 
 def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Drjit:
-    """Mueller matrix between Mitsuba's axes of real amplitudes across and in a plane of incidence.
+    """Return a Mueller matrix between Mitsuba's axes from real s and p amplitudes.
 
     ``arrives`` and ``leaves`` : directions of travel. Axes are ``across`` and direction x across.
     """
     s, p = roots
-    both, less, turned = (s * s + p * p) / 2, (s * s - p * p) / 2, s * p
-    entries = {(0, 0): both, (0, 1): less, (1, 0): less, (1, 1): both}
-    entries |= {(2, 2): turned, (3, 3): turned}
+    mean, difference = (s * s + p * p) / 2, (s * s - p * p) / 2
+    entries = {(0, 0): mean, (0, 1): difference, (1, 0): difference, (1, 1): mean}
+    entries |= {(2, 2): s * p, (3, 3): s * p}
     matrix = mueller_matrix(mi, entries)
     ends = [(d, across, mi.mueller.stokes_basis(d)) for d in (arrives, leaves)]
     return mi.mueller.rotate_mueller_basis(matrix, *ends[0], *ends[1])
 
 
 def _is(pointer: Any, shape: Any) -> Drjit:
-    """Whether rays have met this shape."""
+    """Return whether rays have met this shape."""
     return pointer == (mi.ShapePtr(shape) if dr.is_jit_v(mi.Float) else shape)
 
 
@@ -336,28 +339,28 @@ def _is_apart(point: Any, plane: Plane) -> Drjit:
 
 
 def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
-    """Transmission of fog between the start of a ray and its first surface."""
+    """Return the transmission of fog between the start of a ray and its first surface."""
     is_jit = dr.is_jit_v(mi.Float)
-    is_there = medium != mi.MediumPtr(None) if is_jit else medium is not None
+    is_foggy = medium != mi.MediumPtr(None) if is_jit else medium is not None
     length = dr.minimum(si.t, ray.maxt)
-    is_there = is_there & (length < dr.largest(mi.Float32) if is_jit else dr.isfinite(length))
-    if not dr.any(is_there):
+    is_foggy = is_foggy & (length < dr.largest(mi.Float32) if is_jit else dr.isfinite(length))
+    if not dr.any(is_foggy):
         return mi.Float(1.0)
-    length = dr.select(is_there, length, 0.0)
-    place = dr.zeros(mi.MediumInteraction3f)
-    place.wavelengths = ray.wavelengths
+    length = dr.select(is_foggy, length, 0.0)
+    interaction = dr.zeros(mi.MediumInteraction3f)
+    interaction.wavelengths = ray.wavelengths
     depth: Any = 0.0
     for step in range(_IN_FOG):
         along = (step + 0.5) / _IN_FOG
-        place.p = ray.o + ray.d * (length * (dr.opaque(mi.Float, along) if is_jit else along))
-        depth = depth + medium.get_scattering_coefficients(place, is_there)[2]
-        dr.eval(depth)  # one small kernel, again and again
-    left = dr.mean(dr.exp(-depth * (length / _IN_FOG)))
-    return dr.select(is_there, left, 1.0)
+        scale = dr.opaque(mi.Float, along) if is_jit else along
+        interaction.p = ray.o + ray.d * (length * scale)
+        depth = depth + medium.get_scattering_coefficients(interaction, is_foggy)[2]
+        dr.eval(depth)  # every step uses the same small kernel
+    return dr.select(is_foggy, dr.mean(dr.exp(-depth * (length / _IN_FOG))), 1.0)
 
 
 def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Drjit:
-    """The fog behind a surface."""
+    """Return the fog behind a surface."""
     changes = active & si.is_medium_transition()
     if not dr.is_jit_v(mi.Float):
         return si.target_medium(direction) if changes else medium
@@ -365,7 +368,7 @@ def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Drjit:
 
 
 def _mean(spectrum: Any, polarised: bool) -> Drjit:
-    """Mean over colours, as of images and received powers."""
+    """Return the mean over colours, as in images and received powers."""
     if not polarised:
         return dr.mean(mi.unpolarized_spectrum(spectrum))
-    return mueller_matrix(mi, {place: dr.mean(spectrum[place]) for place in np.ndindex(4, 4)})
+    return mueller_matrix(mi, {entry: dr.mean(spectrum[entry]) for entry in np.ndindex(4, 4)})

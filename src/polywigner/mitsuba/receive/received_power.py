@@ -1,4 +1,4 @@
-"""The power that receivers get from a scene: exact links, and scattered light by samples."""
+"""Power at the receivers of a scene: exact links, and scattered light by samples."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from polywigner.mitsuba.plugins.source_parameters import RECEIVER
 from polywigner.mitsuba.radar.range_film import is_transient
 from polywigner.mitsuba.receive.channels import amplitudes_of, paths_between
 from polywigner.mitsuba.receive.direct_light import DirectLight, direct_light, light_of_points
-from polywigner.mitsuba.receive.ray_transmission import point_batches
-from polywigner.mitsuba.receive.received import (
+from polywigner.mitsuba.receive.power_results import (
     OTHER_LIGHTS,
     Contribution,
     DirectPath,
     ReceivedPower,
     ReceiveOptions,
 )
+from polywigner.mitsuba.receive.ray_transmission import point_batches
 from polywigner.mitsuba.receive.scattered import (
     BATCHES,
     Scattering,
@@ -85,33 +85,34 @@ def received_power(
     bodies: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> ReceivedPower:
-    """The power that a receiver of a scene gets, in W, with its standard error.
+    """Return the power at a receiver of a scene in W, with its standard error.
 
-    The sum of direct light of each emitter, straight and by flat mirrors, exact by
-    :func:`polywigner.coupling` in the poses of both or of images, times the share of rays that pass
-    obstacles; and of what surfaces and fog scatter, by samples of the ``wigner_receiver`` sensor.
-    Powers add without interference, unless ``coherent`` is true. docs/received_power.md.
+    Direct light of each emitter, line of sight and by flat mirrors, is exact by
+    :func:`polywigner.coupling` in the poses of both ends or of images, times the fraction of rays
+    that pass obstacles. Light scattered by surfaces and fog is sampled by the ``wigner_receiver``
+    sensor. Powers add without interference, unless ``coherent`` is true. docs/received_power.md.
 
     Parameters
     ----------
     scene : a ``mi.Scene`` with a ``wigner_receiver`` sensor and lights.
-    spp : samples of the scattered part, in 16 batches, for each emitter; rounded up to a multiple
-        of 16. Default: the sensor's own.
-    seed : of the random numbers, zero or more. What is direct has none.
+    spp : samples of scattered light for each emitter, in 16 batches; rounded up to a multiple of
+        16. Default: the value of the sensor.
+    seed : seed of the random numbers, zero or more. Direct light uses none.
     receiver : id of the sensor, or its number among the sorted ids of receivers, from 0; None: the
-        only one.
-    integrator : of the scattered part, as in :func:`polywigner.mitsuba.render`.
-    reflections : most flat mirrors on a direct way, 0 to 3.
-    tolerance : of couplings, as in :func:`polywigner.coupling`.
-    bandwidth, temperature, noise_figure : of the noise k T B F, in Hz, K and dB or as texts such
-        as "1 GHz", in place of the receiver's own; without a noise figure, F is 1. The
-        bandwidth also says which emitters the receiver takes.
-    coherent : True: the direct ways of one emitter add as amplitudes, with fringes, as in
-        :func:`polywigner.mitsuba.channel`; what is scattered, and several emitters, add as powers.
-    polarisation : with ``coherent``: of ends for which the scene specifies none, default "y", as
-        there; in polarised variants for scattered power as well.
-    bodies : with ``coherent``: perfect conductors beside the scene by their names, as there.
-    progress : called after each render with the number of those done, and of all.
+        only receiver.
+    integrator : integrator of scattered light, as in :func:`polywigner.mitsuba.render`.
+    reflections : maximum number of specular reflections per path, 0 to 3.
+    tolerance : tolerance of couplings, as in :func:`polywigner.coupling`.
+    bandwidth, temperature, noise_figure : of the noise k T B F, in Hz, K and dB or texts such as
+        "1 GHz", instead of the receiver's parameters; without a noise figure, F is 1. The
+        bandwidth also determines which emitters are received.
+    coherent : True: direct paths of one emitter add as amplitudes, with fringes, as in
+        :func:`polywigner.mitsuba.channel`; scattered light and several emitters add as powers.
+    polarisation : with ``coherent``: of ends without a polarisation in the scene, default "y", as
+        in :func:`polywigner.mitsuba.channel`; in polarised variants for scattered power as well.
+    bodies : with ``coherent``: perfect conductors by their names, in addition to the scene, as in
+        :func:`polywigner.mitsuba.channel`.
+    progress : called after each render with the number done and the total number.
 
     Returns
     -------
@@ -120,10 +121,10 @@ def received_power(
 
     Raises
     ------
-    SceneError : no receiver, no light; an emitter of another wavelength, obliquity or scene unit;
-        links or chains of mirrors that are too much work; what :func:`polywigner.mitsuba.render`
-        refuses. ArgumentError : no scene, several receivers and none named, other arguments out of
-        range; QuantityError : a quantity that is none.
+    SceneError : no receiver, no light; an emitter with a different wavelength, obliquity or scene
+        unit; too many paths; errors of :func:`polywigner.mitsuba.render`. ArgumentError : no
+        scene, several receivers without a choice, other arguments out of range. QuantityError : a
+        text that is not a quantity.
     """
     noise = bandwidth, temperature, noise_figure
     waves = coherent, polarisation, bodies
@@ -157,15 +158,15 @@ def received_powers(
     return received(scene, numbers, options, partial(scattered_here, scene, progress)).powers
 
 
-def chosen(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
-    """The number of a receiver among receivers."""
-    names = [sensor.id() for _, sensor in found]
-    if receiver is None and len(found) == 1:
+def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
+    """Return the number of a receiver among receivers."""
+    names = [sensor.id() for _, sensor in receivers]
+    if receiver is None and len(receivers) == 1:
         return 0
     if isinstance(receiver, str) and names.count(receiver) == 1:
         return names.index(receiver)
     is_number = isinstance(receiver, int) and not isinstance(receiver, bool)
-    if is_number and 0 <= receiver < len(found):  # type: ignore[operator]
+    if is_number and 0 <= receiver < len(receivers):  # type: ignore[operator]
         return int(receiver)  # type: ignore[arg-type]
     listed = ", ".join(f"{number} ({name!r})" for number, name in enumerate(names))
     raise ArgumentError(
@@ -179,14 +180,14 @@ class Parties(NamedTuple):
 
     sensors: list[int]
     """Numbers of the receivers among the scene's sensors."""
-    places: list[PlacedSource]
+    receivers: list[PlacedSource]
     noises: list[dict[str, Any]]
     """Bandwidth, temperature and noise figure of each receiver."""
     emitters: list[PlacedSource]
 
 
 class Received(NamedTuple):
-    """The power at receivers, and what it is made of."""
+    """Powers at receivers, and the samples of scattered light."""
 
     powers: list[ReceivedPower]
     parties: Parties
@@ -201,51 +202,48 @@ def received(
     sample: Sampled,
     edges: Floats | None = None,
 ) -> Received:
-    """The power at receivers by their numbers; see :func:`received_power`.
+    """Return the power at receivers by their numbers; see :func:`received_power`.
 
-    ``edges``: of bins of range in m, by which the scattered light is sampled; None: all in one.
+    ``edges``: edges of range bins in m, by which scattered light is sampled; None: one bin.
     """
     with polarised_by_default(scene, options.polarisation), unseen(scene), aimed(scene):
         parties = matched(scene, numbers, options)
-        plans = [
-            _scattering(scene, index, options, place.scene_unit, edges)
-            for index, place in zip(parties.sensors, parties.places, strict=True)
-        ]
-        direct = [
-            _direct(scene, *each, parties.emitters, options)
-            for each in zip(parties.sensors, parties.places, strict=True)
-        ]
+        ends = list(zip(parties.sensors, parties.receivers, strict=True))
+        plans = [_scattering(scene, k, options, end.scene_unit, edges) for k, end in ends]
+        direct = [_direct(scene, *end, parties.emitters, options) for end in ends]
         batches = np.asarray(sample(plans), np.float64)
         batches = batches.reshape(*batches.shape[:3], -1)
-        each = zip(parties.places, parties.noises, direct, plans, batches.sum(axis=-1), strict=True)
-        powers = [_result(scene, parties.emitters, options, *one) for one in each]
+        rows = zip(
+            parties.receivers, parties.noises, direct, plans, batches.sum(axis=-1), strict=True
+        )
+        powers = [_result(scene, parties.emitters, options, *row) for row in rows]
     return Received(powers, parties, batches)
 
 
 def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
-    """Receivers by their numbers, and the sources; SceneError for pairs that do not match."""
+    """Return receivers by their numbers, and the sources; SceneError for mismatched pairs."""
     if not scene.emitters():
-        raise SceneError("expected a scene with light, got one without emitters; add one")
-    receivers = [receivers_of(scene)[number] for number in numbers]
+        raise SceneError("expected a scene with light, got no emitters; add one")
+    sensors = [receivers_of(scene)[number] for number in numbers]
     emitters = [placed_emitter(e, k).touching(scene) for k, e in enumerate(wigner_emitters(scene))]
-    places = [
-        placed_receiver(s, n).touching(scene) for n, (_, s) in zip(numbers, receivers, strict=True)
+    receivers = [
+        placed_receiver(s, n).touching(scene) for n, (_, s) in zip(numbers, sensors, strict=True)
     ]
-    noises = [options.noise_of(sensor.spec) for _, sensor in receivers]
-    for place, noise in zip(places, noises, strict=True):
+    noises = [options.noise_of(sensor.spec) for _, sensor in sensors]
+    for receiver, noise in zip(receivers, noises, strict=True):
         for emitter in emitters:
-            check_match(emitter, place, noise["bandwidth"])
-    return Parties([index for index, _ in receivers], places, noises, emitters)
+            check_match(emitter, receiver, noise["bandwidth"])
+    return Parties([index for index, _ in sensors], receivers, noises, emitters)
 
 
 def _scattering(
     scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
-    """Sampling of the light that is scattered to a sensor, by its number."""
+    """Return the sampling of light scattered to a sensor, by its number."""
     name = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator.class_name()
     if name in _NO_RADIANCE:
         raise SceneError(
-            f"expected an integrator that finds the radiance along rays from the receiver, got "
+            "expected an integrator that computes the radiance along rays from the receiver, got "
             f'{name}; use "path" or, with fog, "volpath"'
         )
     spp = default_spp(scene, sensor) if options.spp is None else options.spp
@@ -256,18 +254,12 @@ def _scattering(
 def scattered_here(
     scene: Any, progress: Progress | None, plans: Sequence[Scattering]
 ) -> NDArray[np.float64]:
-    """Power in W (receivers, batches, lights, ...) of all batches, one after the other."""
+    """Return powers in W (receivers, batches, lights, ...) of all batches, in turn."""
     done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
     checked_callable(progress, "progress")
     with slow_bar("renders", total) as advance:
-
-        def tell() -> None:
-            if progress is None:
-                advance()
-            else:
-                progress(next(done), total)
-
-        return np.array([[p.batch(scene, k, tell) for k in range(BATCHES)] for p in plans])
+        report = advance if progress is None else lambda: progress(next(done), total)
+        return np.array([[p.batch(scene, k, report) for k in range(BATCHES)] for p in plans])
 
 
 def _direct(
@@ -277,16 +269,15 @@ def _direct(
     emitters: list[PlacedSource],
     options: ReceiveOptions,
 ) -> tuple[list[DirectLight], list[str]]:
-    """Direct light of each emitter, then of other lights, and notes. Sources are hidden."""
+    """Return direct light of each emitter, then of other lights, and notes. Sources are hidden."""
     chains, echoes, notes = ways_in(scene, receiver.scene_unit, options.reflections, options.bodies)
+    routes: list[Way] = [*chains, *echoes]
     links = []
     for emitter in emitters:
-        ends = scene, emitter, receiver
         if options.coherent:
-            ways: list[Way] = [*chains, *echoes]
-            links.append(_coherent_light(*ends, ways, options.tolerance, options.polarisation))
+            links.append(_coherent_light(scene, emitter, receiver, routes, options))
         else:
-            links.append(direct_light(*ends, chains, options.tolerance))
+            links.append(direct_light(scene, emitter, receiver, chains, options.tolerance))
     method = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator
     hides_lights = method.hide_emitters
     links.append(DirectLight() if hides_lights else light_of_points(scene, receiver, chains))
@@ -297,32 +288,33 @@ def _coherent_light(
     scene: Any,
     emitter: PlacedSource,
     receiver: PlacedSource,
-    ways: list[Way],
-    tolerance: float,
-    polarisation: Any = None,
+    routes: list[Way],
+    options: ReceiveOptions,
 ) -> DirectLight:
-    """Direct light of an emitter whose ways interfere, in a scene whose sources are unseen."""
+    """Return direct light of an emitter whose paths interfere, in a scene with hidden sources."""
     wavelength = emitter.wavelength
-    paths, notes = paths_between(scene, emitter, receiver, ways, polarisation, wavelength)
+    ends = scene, emitter, receiver
+    paths, notes = paths_between(*ends, routes, options.polarisation, wavelength)
     frequency = np.array([SPEED_OF_LIGHT / wavelength])
-    found = []
-    for path, amplitude in zip(paths, amplitudes_of(paths, frequency, tolerance)[0], strict=True):
+    amplitudes = amplitudes_of(paths, frequency, options.tolerance)[0]
+    direct = []
+    for path, amplitude in zip(paths, amplitudes, strict=True):
         passing = path.passing * (1.0 if path.edges is None else abs(path.edges(wavelength)))
-        way = path.way
-        place = way.place if isinstance(way, Echo) else emitter.image(way).middle
-        found.append(
+        route = path.route
+        origin = route.place if isinstance(route, Echo) else emitter.image(route).middle
+        direct.append(
             DirectPath(
-                names_of(path.way),
+                names_of(route),
                 emitter.power * abs(amplitude) ** 2,
                 (abs(amplitude) / passing) ** 2 if passing else 0.0,
                 passing**2,
-                receiver.cosines_to(place),
+                receiver.cosines_to(origin),
                 amplitude=complex(amplitude),
                 length=path.distance,
             )
         )
-    power = emitter.power * abs(sum(path.amplitude or 0.0 for path in found)) ** 2
-    return DirectLight(tuple(found), tuple(notes), power)
+    power = emitter.power * abs(amplitudes.sum()) ** 2
+    return DirectLight(tuple(direct), tuple(notes), power)
 
 
 def _result(
@@ -333,10 +325,10 @@ def _result(
     noise: dict[str, Any],
     direct: tuple[list[DirectLight], list[str]],
     plan: Scattering,
-    found: Floats,
+    scattered: Floats,
 ) -> ReceivedPower:
     links, notes = direct
-    of_sources, others = shares_of(scene, found)
+    of_sources, others = shares_of(scene, scattered)
     parts = [
         _contribution(emitter.name, batches, link)
         for emitter, batches, link in zip(emitters, of_sources, links[:-1], strict=True)
@@ -357,7 +349,7 @@ def _result(
     )
 
 
-def _contribution(name: str, batches: Any, link: DirectLight) -> Contribution:
+def _contribution(name: str, batches: Floats, link: DirectLight) -> Contribution:
     return Contribution(
         name=name,
         direct=link.power,
@@ -367,66 +359,64 @@ def _contribution(name: str, batches: Any, link: DirectLight) -> Contribution:
     )
 
 
-# Pixels on a side, and samples of each: some seconds at most, in scalar variants too.
+# Pixels on a side, and samples of each: a few seconds, in scalar variants too.
 _FINE, _COARSE = (64, 64), (24, 4)
 
 
 def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]:
-    """W (n, n) that surfaces, fog and incoherent lights send from each direction."""
-    _, own = receivers_of(scene)[receiver]
+    """Return the power in W (n, n) of scattered and incoherent light from each direction."""
+    _, original = receivers_of(scene)[receiver]
     size, spp = _FINE if dr.is_jit_v(mi.Float) else _COARSE
     props = mi.Properties(RECEIVER)
-    props.set_id(own.id())
+    props.set_id(original.id())
     props["film"] = mi.load_dict(film_of(size, size))
-    sensor = receiver_class(mi.variant())(own.spec, props)
+    sensor = receiver_class(mi.variant())(original.spec, props)
     sensor.scene = scene
     try:
         with scene_known(scene), unseen(scene), silent():
             integrator = scene.integrator()
             if integrator is None or is_transient(integrator):
                 integrator = mi.load_dict({"type": default_integrator(scene)})
-            own = seed_of(seed)
-            found = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=own)
-            image = np.array(found, dtype=np.float64)
+            how = {"integrator": integrator, "spp": spp, "seed": seed_of(seed)}
+            image = np.array(mi.render(scene, sensor=sensor, **how), dtype=np.float64)
     finally:
         sensor.scene = None  # or it would keep the scene alive
     return mean_of_colours(image)
 
 
-# Shapes named in a picture, and the least share of its power that each sends.
+# Number of shapes labelled in a map, and the least fraction of its power from each.
 _MOST_NAMED, _LEAST_NAMED = 5, 0.01
 
 
 def shapes_in(
-    scene: Any, receiver: int, picture: NDArray[np.float64]
+    scene: Any, receiver: int, image: NDArray[np.float64]
 ) -> dict[str, tuple[float, float]]:
-    """Direction cosines of the middle of each shape that sends much of :func:`arrival_map`."""
-    own = receivers_of(scene)[receiver][1]
-    place = placed_receiver(own, receiver)
-    axis = (np.arange(len(picture)) + 0.5) * 2 / len(picture) - 1
+    """Return mean direction cosines of the shapes that send most of :func:`arrival_map`."""
+    placed = placed_receiver(receivers_of(scene)[receiver][1], receiver)
+    axis = (np.arange(len(image)) + 0.5) * 2 / len(image) - 1
     x, y = (part.ravel() for part in np.meshgrid(axis, axis))
-    power = np.where(x * x + y * y < 1, picture.ravel(), 0.0).clip(min=0)
+    power = np.where(x * x + y * y < 1, image.ravel(), 0.0).clip(min=0)
     lit = np.flatnonzero(power)
-    if not len(lit):  # Dr.Jit ends the process for arrays without elements
+    if not len(lit):  # arrays without elements crash Dr.Jit
         return {}
     x, y, power = x[lit], y[lit], power[lit]
-    ways = place.pose[:3, :3] @ [x, y, np.sqrt(1 - x * x - y * y)]
+    directions = placed.pose[:3, :3] @ [x, y, np.sqrt(1 - x * x - y * y)]
     with unseen(scene):
-        numbers = _first_shapes(scene, place.pose[:3, 3] / place.scene_unit, ways)
-    found = []
+        numbers = _first_shapes(scene, placed.pose[:3, 3] / placed.scene_unit, directions)
+    labels = []
     for shape in sorted_shapes(scene):
-        shares = np.where(numbers == np.ravel(number_of("Shape", shape))[0], power, 0.0)
-        sent = shares.sum()
+        parts = np.where(numbers == np.ravel(number_of("Shape", shape))[0], power, 0.0)
+        sent = parts.sum()
         if shape.id() and sent > _LEAST_NAMED * power.sum():
-            found.append((sent, shape.id(), (shares @ x / sent, shares @ y / sent)))
-    return {name: at for _, name, at in sorted(found, reverse=True)[:_MOST_NAMED]}
+            labels.append((sent, shape.id(), (parts @ x / sent, parts @ y / sent)))
+    return {name: at for _, name, at in sorted(labels, reverse=True)[:_MOST_NAMED]}
 
 
-def _first_shapes(scene: Any, origin: Floats, ways: Floats) -> NDArray[np.uint32]:
-    """Numbers (n,) of the shapes that rays of the directions (3, n) meet first."""
+def _first_shapes(scene: Any, origin: Floats, directions: Floats) -> NDArray[np.uint32]:
+    """Return the numbers (n,) of the shapes that rays of directions (3, n) meet first."""
     start, numbers = mi.Point3f(*origin.tolist()), []
-    for (way,) in point_batches(ways.T):
-        hit = scene.ray_intersect_preliminary(mi.Ray3f(start, mi.Vector3f(way)))
+    for (direction,) in point_batches(directions.T):
+        hit = scene.ray_intersect_preliminary(mi.Ray3f(start, mi.Vector3f(direction)))
         is_met = dr.is_jit_v(mi.Float) or hit.is_valid()
         numbers.append(np.ravel(np.array(number_of("Shape", hit.shape if is_met else None))))
     return np.concatenate(numbers)

@@ -1,16 +1,16 @@
-"""The power that surfaces and fog scatter to a receiver, with its standard error.
+"""Power that surfaces and fog scatter to a receiver, with its standard error.
 
-Samples come in batches with seeds of their own, and the spread of the batches is the error. Paths
-do not depend on the power of a source: with one seed, the render by one source and the other
-lights, less the render by the other lights alone, is what that source gives, sample by sample.
+Samples come in batches with different seeds, and the spread of the batches gives the error. Paths
+do not depend on the power of a source: for one seed, the render with one source and the other
+lights, minus the render with the other lights, is the contribution of the source, sample by sample.
 
-The far pattern seldom leads to a shape that is small or off the beam. A share S of the samples goes
-to boxes about such shapes, in the receiver's angles (alpha, psi), of which dalpha dpsi is a solid
-angle; the rest goes as before. Samples of both weigh by the density of the mixture,
+Samples of the far pattern rarely meet shapes that are small or off the beam. A fraction S of the
+samples goes to boxes around such shapes, in the receiver's angles (alpha, psi), whose dalpha dpsi
+is a solid angle. All samples are weighted by the density of the mixture,
 
     S sum_k p_k [in box k]/Omega_k + (1 - S) p(alpha, psi),
 
-the balance heuristic, so that means stay as they are. Source: E. Veach and L. J. Guibas,
+the balance heuristic, which leaves means unchanged. Source: E. Veach and L. J. Guibas,
 "Optimally combining sampling techniques for Monte Carlo rendering", SIGGRAPH 1995.
 """
 
@@ -47,25 +47,25 @@ Complexes = NDArray[np.complex128]
 
 # ---- rays towards small shapes ------------------------------------------------------------------
 
-# Share S of the samples: what is in no box has errors larger by 1/(1 - S), 1.14, where samples in
-# strata gain as their number, and by 1.07 where they gain as its root.
+# Fraction S of the samples. Errors outside of boxes grow by 1/(1 - S), 1.14, if stratified errors
+# fall with the number of samples, and by 1.07 if they fall with its root.
 _SHARE = 1 / 8
-# Of these, so much goes to all boxes alike, so that each has some in a profile of range.
+# Fraction of these samples that is the same for all boxes, so that each has some in range profiles.
 _ALIKE = 0.5
-# Boxes of one receiver: each sample is looked for in all. Pieces of a mesh that are told apart.
+# Boxes of one receiver: each sample is tested against all. Separate pieces and faces of a mesh.
 _MOST_BOXES, _MOST_PIECES, _MOST_FACES = 64, 64, 1 << 17
-# A box that gets more of the samples without any aim needs none.
+# Fraction of unaimed samples above which a box is not aimed at.
 _OFTEN = 1 / 16
-# Widths in angle below which single precision leaves too few directions; margin about a box, for
-# its sides look bent from the receiver.
+# Angular width below which single precision has too few directions; margin around a box, whose
+# sides are curved in angles.
 _NARROWEST, _MARGIN = 1e-5, 0.02
-# Places along each side of boxes, and along each axis of angles.
-_PLACES = 3
+# Points along each side of boxes, and along each axis of angles.
+_POINTS = 3
 _LOOKS = 5
 
 
 def aimed(scene: Any) -> AbstractContextManager[None]:
-    """Within, receivers of one pixel look towards small shapes more often, with smaller weights."""
+    """Aim rays of receivers with one pixel at small shapes within a ``with`` block."""
     sources = [emitter.get_shape() for emitter in wigner_emitters(scene)]
     shapes = [shape for shape in sorted_shapes(scene) if shape not in sources]
     boxes = np.reshape([box for shape in shapes for box in _boxes(shape)], (-1, 2, 3))
@@ -79,45 +79,44 @@ def aimed(scene: Any) -> AbstractContextManager[None]:
 
 
 def _boxes(shape: Any) -> list[Floats]:
-    """Least and largest corners (2, 3) of a shape, or of the pieces of a mesh."""
-    whole = [bounds_of(shape)]
+    """Return smallest and largest coordinates (2, 3) of a shape, or of the pieces of a mesh."""
+    shape_box = [bounds_of(shape)]
     if not shape.is_mesh() or not 1 < shape.face_count() <= _MOST_FACES:
-        return whole
+        return shape_box
     if "faces" not in mi.traverse(shape):  # a rectangle
-        return whole
-    faces, places = faces_of(shape), vertices_of(shape)
-    # corners of one place are one, as of meshes with normals
-    places, numbers = np.unique(places, axis=0, return_inverse=True)
-    faces = numbers.ravel()[faces]
+        return shape_box
+    # meshes with normals repeat vertices
+    points, numbers = np.unique(vertices_of(shape), axis=0, return_inverse=True)
+    faces = numbers.ravel()[faces_of(shape)]
     first, second, third = faces.T
-    labels = connected(len(places), np.append(first, first), np.append(second, third))
+    labels = connected(len(points), np.append(first, first), np.append(second, third))
     pieces, owner = np.unique(labels[first], return_inverse=True)
     if not 1 < len(pieces) <= _MOST_PIECES:
-        return whole
-    corners = (places[faces[owner == k]].reshape(-1, 3) for k in range(len(pieces)))
-    return [np.array([own.min(axis=0), own.max(axis=0)]) for own in corners]
+        return shape_box
+    corners = (points[faces[owner == k]].reshape(-1, 3) for k in range(len(pieces)))
+    return [np.array([part.min(axis=0), part.max(axis=0)]) for part in corners]
 
 
-def _seen(sensor: Any, boxes: Floats) -> Floats:
-    """Ways (n, m, 3) in a receiver's frame to places in boxes, of those wholly in front of it."""
-    grid = np.linspace(0.0, 1.0, _PLACES)
+def _vectors(sensor: Any, boxes: Floats) -> Floats:
+    """Return vectors (n, m, 3) in a receiver's frame to points in the boxes in front of it."""
+    grid = np.linspace(0.0, 1.0, _POINTS)
     inner = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
-    places = boxes[:, None, 0] + np.diff(boxes, axis=1) * inner
+    points = boxes[:, None, 0] + np.diff(boxes, axis=1) * inner
     spec = sensor.spec
-    own = (places - spec.pose[:3, 3]) @ spec.pose[:3, :3] - np.append(spec.centre, 0.0)
+    local = (points - spec.pose[:3, 3]) @ spec.pose[:3, :3] - np.append(spec.centre, 0.0)
     corners = np.reshape(spec.at_origin.bounds, (2, 2)) / spec.scene_unit
     starts = [[x, y, 0.0] for x in corners[:, 0] for y in corners[:, 1]]  # of rays
-    ways = np.concatenate([own - start for start in starts], axis=1)
-    return np.asarray(ways[(ways[..., 2] > 0.0).all(axis=1)])
+    vectors = np.concatenate([local - start for start in starts], axis=1)
+    return np.asarray(vectors[(vectors[..., 2] > 0.0).all(axis=1)])
 
 
 def _targets(sensor: Any, boxes: Floats) -> Floats:
-    """(n, 5): least alpha and psi, largest alpha and psi, and share of the samples, of boxes."""
-    seen = _seen(sensor, boxes)
-    if not len(seen):
+    """Return rows (n, 5) of boxes: least and largest (alpha, psi), and fraction of the samples."""
+    vectors = _vectors(sensor, boxes)
+    if not len(vectors):
         return np.empty((0, 5))
-    distance = np.linalg.norm(seen, axis=-1)
-    angles = np.stack([seen[..., 0] / distance, np.arctan2(seen[..., 1], seen[..., 2])], axis=-1)
+    distance, (x, y, z) = np.linalg.norm(vectors, axis=-1), np.moveaxis(vectors, -1, 0)
+    angles = np.stack([x / distance, np.arctan2(y, z)], axis=-1)
     low, high = angles.min(axis=1), angles.max(axis=1)
     added = np.maximum(_MARGIN * (high - low), _NARROWEST / 2)
     limit = np.array([1.0, np.pi / 2])
@@ -134,7 +133,7 @@ def _targets(sensor: Any, boxes: Floats) -> Floats:
 
 
 def _often(directions: Any, rows: Floats) -> Floats:
-    """(n,): share of the samples of directions that boxes get without any aim."""
+    """Return the fraction (n,) of unaimed samples in each box."""
     steps = (np.arange(_LOOKS) + 0.5) / _LOOKS
     inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     low, size = rows[:, None, :2], np.diff(rows.reshape(-1, 2, 2), axis=1)
@@ -145,10 +144,10 @@ def _often(directions: Any, rows: Floats) -> Floats:
 
 
 class AimedDirections:
-    """Samples boxes of angles and other ``directions`` in turns, for one variant's arrays."""
+    """Mixture of boxes of angles and other ``directions``, for the arrays of one variant."""
 
     def __init__(self, m: Any, directions: Any, rows: Floats) -> None:
-        """``rows`` (n, 5): least alpha and psi, largest, and share of each box."""
+        """``rows`` (n, 5): least and largest (alpha, psi), and fraction of each box."""
         self._m, self._jit, self._others = m, dr.is_jit_v(m.Float), directions
         self._ops = ops_for(m.Float)
         low, high, share = rows[:, :2], rows[:, 2:4], rows[:, 4]
@@ -158,7 +157,7 @@ class AimedDirections:
         density = share / (high - low).prod(axis=1)
         table = np.column_stack([low, high, starts, 1.0 / (ends - starts), ends, density])
         self._count: Any = len(table)
-        # of one length, so that scenes with other shapes compile no other kernels
+        # constant length, so that kernels do not depend on the number of shapes
         table = np.pad(table, ((0, _MOST_BOXES - len(table)), (0, 0)))
         self._columns: Any = [column.tolist() for column in table.T]
         if self._jit:
@@ -166,37 +165,34 @@ class AimedDirections:
             self._columns = [m.Float(column) for column in self._columns]
 
     def sample(self, sample: Any) -> tuple[Drjit, Drjit]:
-        """Angles for a uniform point of the unit square, and their density."""
+        """Return angles for a uniform point of the unit square, and their density."""
         m = self._m
         aims = sample.x < _SHARE
-        rest = dr.select(aims, 0.5, (sample.x - _SHARE) * (1 / (1 - _SHARE)))
-        others, density = self._others.sample(m.Point2f(rest, sample.y))
-        place = dr.select(aims, sample.x * (1 / _SHARE), 0.0)
-        number = self._sum(lambda k: dr.select(place >= self._at(6, k), 1.0, 0.0))
+        unaimed = dr.select(aims, 0.5, (sample.x - _SHARE) * (1 / (1 - _SHARE)))
+        others, density = self._others.sample(m.Point2f(unaimed, sample.y))
+        u = dr.select(aims, sample.x * (1 / _SHARE), 0.0)
+        number = self._sum(lambda k: dr.select(u >= self._at(6, k), 1.0, 0.0))
         number = m.UInt32(number) if self._jit else min(int(number), self._count - 1)
-        place = (place - self._at(4, number)) * self._at(5, number)
-        found = [
-            dr.select(aims, self._between(number, axis, u), other)
-            for axis, (u, other) in enumerate([(place, others.x), (sample.y, others.y)])
-        ]
-        angles = m.Point2f(*found)
-        own = dr.select(aims, self._others.density(angles), density)
-        return angles, self._mixed(angles, own)
+        u = (u - self._at(4, number)) * self._at(5, number)
+        alpha = dr.select(aims, self._between(number, 0, u), others.x)
+        angles = m.Point2f(alpha, dr.select(aims, self._between(number, 1, sample.y), others.y))
+        density = dr.select(aims, self._others.density(angles), density)
+        return angles, self._mixed(angles, density)
 
     def density(self, angles: Any) -> Drjit:
-        """Per solid angle."""
+        """Return the density per solid angle."""
         return self._mixed(angles, self._others.density(angles))
 
     def _mixed(self, angles: Any, others: Any) -> Drjit:
         return _SHARE * self._sum(lambda k: self._inside(angles, k)) + (1 - _SHARE) * others
 
-    def _between(self, number: Any, axis: int, share: Any) -> Drjit:
-        """An angle in a box, on its bounds where rounding takes it out."""
+    def _between(self, number: Any, axis: int, u: Any) -> Drjit:
+        """Return an angle in a box, clipped to its bounds after rounding."""
         low, high = self._at(axis, number), self._at(axis + 2, number)
-        return dr.clip(low + (high - low) * share, low, high)
+        return dr.clip(low + (high - low) * u, low, high)
 
     def _inside(self, angles: Any, number: Any) -> Drjit:
-        """The density of a box at angles."""
+        """Return the density of a box at angles."""
         in_alpha, in_psi = (
             (angle >= self._at(axis, number)) & (angle <= self._at(axis + 2, number))
             for axis, angle in enumerate((angles.x, angles.y))
@@ -209,33 +205,32 @@ class AimedDirections:
         return self._columns[column][number]
 
     def _sum(self, term: Callable[[Any], Any]) -> Drjit:
-        """The sum over all boxes, whose number is data."""
+        """Return the sum over all boxes, whose number is data of the kernel."""
         return self._ops.fold(0, self._count, (0.0,), lambda k, total: (total + term(k),))[0]
 
 
 # ---- batches ------------------------------------------------------------------------------------
 
-# Their spread tells the standard error to 18 %.
+# The spread of 16 batches gives the standard error within 18 %.
 BATCHES = 16
 
 
 def batches_of(spp: int) -> int:
-    """Samples in each of 16 batches, for ``spp`` or a few more in all."""
+    """Return the samples in each of 16 batches, for ``spp`` or a few more in total."""
     return -(-check_spp(spp) // BATCHES)
 
 
 @dataclass(frozen=True)
 class Scattering:
-    """Sampling of the light scattered to one receiver, in a scene whose sources are unseen."""
+    """Sampling of the light scattered to one receiver, in a scene whose sources are hidden."""
 
     sensor: int
     integrator: Any
     spp: int
-    """Samples of all batches, as asked."""
+    """Requested samples of all batches."""
     seed: int
-
     edges: tuple[float, ...] | None = None
-    """Edges of bins of range: lengths of paths in units of the scene; None: all in one number."""
+    """Edges of range bins: lengths of paths in scene units; None: one sum."""
 
     @property
     def values(self) -> tuple[int, ...]:
@@ -245,15 +240,14 @@ class Scattering:
     def batch(
         self, scene: Any, number: int, done: Callable[[], None] = lambda: None
     ) -> NDArray[np.float64]:
-        """W (lights, values) that one batch finds of each of :func:`lights_of`."""
-        own, samples = seed_of(self.seed, number), batches_of(self.spp)
-        exposure = exposed(
-            scene, self.integrator, samples, own, self.sensor, self.edges is None or number == 0
-        )
+        """Return the power in W (lights, values) of one batch from each of :func:`lights_of`."""
+        seed, samples = seed_of(self.seed, number), batches_of(self.spp)
+        warn = self.edges is None or number == 0
+        exposure = exposed(scene, self.integrator, samples, seed, self.sensor, warn)
         if self.edges is not None:
             camera, edges = exposure.camera, np.array(self.edges)
             integrator = transient_integrator(exposure.integrator, scene, camera)
-        found = []
+        powers = []
         for light in lights_of(scene):
             with lit_by(wigner_emitters(scene), light):
                 if self.edges is None:
@@ -261,26 +255,26 @@ class Scattering:
                     check_is_whole(exposure.integrator)
                     power = mean_of_colours(image).sum()
                 else:
-                    ranged = sorted_by_range(scene, camera, integrator, edges, samples, own)
+                    ranged = sorted_by_range(scene, camera, integrator, edges, samples, seed)
                     power = ranged.sum(axis=(0, 1))
-            found.append(power)
+            powers.append(power)
             done()
-        return np.array(found)
+        return np.array(powers)
 
 
 def lights_of(scene: Any) -> list[mi.Emitter | None]:
-    """Lights that shine in turns: None for all incoherent ones, then each coherent source."""
+    """Return the lights of separate renders: None for incoherent lights, then each source."""
     sources = wigner_emitters(scene)
     return ([None] if len(sources) < len(scene.emitters()) else []) + sources
 
 
-def shares_of(scene: Any, found: NDArray[np.float64]) -> tuple[Floats, Floats]:
-    """W of each coherent source (emitters, batches), and of other lights (batches,)."""
+def shares_of(scene: Any, powers: NDArray[np.float64]) -> tuple[Floats, Floats]:
+    """Return powers in W of coherent sources (emitters, batches) and other lights (batches,)."""
     if len(lights_of(scene)) == len(wigner_emitters(scene)):
-        return np.moveaxis(found, 1, 0), np.zeros_like(found[:, 0])
-    return np.moveaxis(found[:, 1:] - found[:, :1], 1, 0), found[:, 0]
+        return np.moveaxis(powers, 1, 0), np.zeros_like(powers[:, 0])
+    return np.moveaxis(powers[:, 1:] - powers[:, :1], 1, 0), powers[:, 0]
 
 
 def standard_error(batches: Floats, axis: int = 0) -> Floats:
-    """Standard error of the mean of equal batches."""
+    """Return the standard error of the mean of equal batches."""
     return np.std(batches, ddof=1, axis=axis) / math.sqrt(batches.shape[axis])

@@ -16,9 +16,9 @@ from polywigner.geometry.arguments import checked_count
 from polywigner.geometry.shapes import square
 from polywigner.mitsuba.scenes.surfaces import faces_of, sorted_shapes, vertices_of
 from polywigner.reception.norms import NORMALISATIONS
-from polywigner.scattering.antennas import Antenna
 from polywigner.scattering.cross_sections import MOST_BOUNCES
 from polywigner.scattering.facets import Facets, facets_of, lights_itself
+from polywigner.scattering.near_fields import Antenna
 
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.placement import PlacedSource
@@ -284,18 +284,18 @@ class Body:
 
     def standing_in(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
         """Return a square at its centre that faces the image of a source, for rays between both."""
-        z = image.middle - self.facets.middle
+        z = image.middle - self.facets.centre
         z /= np.linalg.norm(z)
         x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
         x /= np.linalg.norm(x)
         pose = np.eye(4)
-        pose[:3] = np.stack([x, np.cross(z, x), z, self.facets.middle], axis=-1)
+        pose[:3] = np.stack([x, np.cross(z, x), z, self.facets.centre], axis=-1)
         return replace(like, source=square(self.facets.size / 2), pose=pose)
 
     def antenna(self, image: PlacedSource, wavelength: float) -> Antenna:
         """Return the image of a source in the frame of the body's facets."""
         pose: Floats = np.asarray(np.linalg.inv(image.pose), np.float64)
-        pose[:3, 3] += pose[:3, :3] @ self.facets.middle
+        pose[:3, 3] += pose[:3, :3] @ self.facets.centre
         condition: Any = image.obliquity
         return Antenna(
             image.source, pose, wavelength, NORMALISATIONS[0], 0.1 * OF_ECHO, condition=condition
@@ -303,7 +303,7 @@ class Body:
 
     def is_in_front(self, image: PlacedSource) -> bool:
         """Return whether all of it is in front of the plane of the image of a source."""
-        corners = self.facets.corners + self.facets.middle
+        corners = self.facets.corners + self.facets.centre
         return bool(((corners - image.pose[:3, 3]) @ image.normal > 0.0).all())
 
     def doubts(self, wavelength: float, paths: list[Floats]) -> list[str]:
@@ -341,7 +341,7 @@ class Echo:
     @property
     def place(self) -> Floats:
         """Centre (3,) of the body as the receiver sees it."""
-        point = self.body.facets.middle
+        point = self.body.facets.centre
         for mirror in self.after:
             point = mirror.image_of(point)
         return point

@@ -32,7 +32,7 @@ from polywigner.mitsuba.plugins.registration import (
 )
 from polywigner.mitsuba.radar.range_profile import checked_ranges, received_by_range
 from polywigner.mitsuba.receive.direct_light import delta_lights, delta_paths
-from polywigner.mitsuba.receive.received import ReceivedPower, ReceiveOptions
+from polywigner.mitsuba.receive.power_results import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.receive.received_power import received, scattered_here
 from polywigner.mitsuba.receive.scattered import BATCHES, Scattering, aimed, batches_of, lights_of
 from polywigner.mitsuba.scenes.reflectors import chains_of, mirrors_in

@@ -1,4 +1,4 @@
-"""Received power of a scene in W, its contributions and their standard errors."""
+"""Results and options of received power: contributions in W, standard errors, noise."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ _MILLIWATT = 1e-3
 
 
 def dbm_of(watts: float) -> float | None:
-    """Power in dBm; None for powers not above zero, which noise may leave."""
+    """Return a power in dBm; None for powers of zero or less, which noise may cause."""
     return 10 * math.log10(watts / _MILLIWATT) if watts > 0 else None
 
 
 def dbm_text(watts: float) -> str:
-    """A power in dBm as tables have it."""
+    """Return a power in dBm as text."""
     level = dbm_of(watts)
     if level is not None:
         return f"{level:.2f} dBm"
@@ -44,103 +44,103 @@ def dbm_text(watts: float) -> str:
 
 @dataclass(frozen=True)
 class DirectPath:
-    """Light that comes straight from an emitter, or by flat mirrors and bodies."""
+    """Line-of-sight or specular path from an emitter to a receiver."""
 
     mirrors: tuple[str, ...]
-    """Names of shapes and bodies in the light's order; none: the straight line."""
+    """Names of shapes and bodies in the order of light; empty: line of sight."""
     power: float
-    """W."""
+    """Received power in W."""
     coupling: float
-    """|b|^2 with nothing in between: received over emitted power."""
+    """|b|^2 in free space: received over emitted power."""
     passing: float
-    """Share of the power that obstacles and mirrors let through, a mean over rays."""
+    """Fraction of the power that obstacles and mirrors transmit, a mean over rays."""
     arrives_from: tuple[float, float]
-    """Direction cosines to the middle of the emitter or its image, in the receiver's frame."""
+    """Direction cosines to the centre of the emitter or its image, in the receiver's frame."""
     polarisation: float = 1.0
-    """Share of the passing power in the receiver's polarisation."""
+    """Fraction of the passing power in the receiver's polarisation."""
     amplitude: complex | None = None
-    """Amplitude where ways interfere: its power is ``coupling`` times ``passing``; else None."""
+    """Amplitude of paths that interfere, with power ``coupling`` times ``passing``; else None."""
     length: float = math.nan
-    """m, between the centres of both ends along the path; infinite for a directional light."""
+    """Length in m between the centres of both ends; infinite for a directional light."""
     light: str = ""
-    """Id of the point, spot, projector or directional light; of those ``coupling`` is received
-    power over 4 pi times the intensity, or over the irradiance, in m^2."""
+    """Id of the point, spot, projector or directional light. For these lights ``coupling`` is
+    received power over 4 pi times the intensity, or over the irradiance, in m^2."""
 
 
 @dataclass(frozen=True)
 class Contribution:
-    """Power in W that a receiver gets from one emitter, or from all incoherent lights."""
+    """Power received from one emitter, or from all incoherent lights."""
 
     name: str
     direct: float
-    """W, straight and by flat mirrors: exact but for the share that passes."""
+    """Power in W of line-of-sight and specular paths, exact except for their transmission."""
     scattered: float
-    """W, by surfaces and fog."""
+    """Power in W scattered by surfaces and fog."""
     standard_error: float
-    """W, of ``scattered``."""
+    """Standard error of ``scattered`` in W."""
     paths: tuple[DirectPath, ...] = ()
 
     @property
     def power(self) -> float:
-        """W."""
+        """Total power in W."""
         return self.direct + self.scattered
 
 
 @dataclass(frozen=True)
 class ReceivedPower:
-    """The power that one receiver gets from a scene; ``float()`` gives it in W.
+    """Power at one receiver of a scene; ``float()`` returns it in W.
 
-    Direct ways of one emitter interfere with ``coherent=True``; else powers add.
+    Direct paths of one emitter interfere with ``coherent=True``; otherwise powers add.
     """
 
     receiver: str
     wavelength: float
-    """m."""
+    """Wavelength in m."""
     contributions: tuple[Contribution, ...]
     standard_error: float
-    """W, of ``scattered``; the rest has none."""
+    """Standard error in W of ``scattered``; direct light has none."""
     samples: int
-    """Samples of the scattered part, for each of its renders."""
+    """Samples of scattered light, for each render."""
     seed: int
     bandwidth: float | None = None
-    """Hz."""
+    """Bandwidth in Hz."""
     temperature: float | None = None
-    """K."""
+    """Noise temperature in K."""
     noise_figure: float | None = None
-    """dB; None counts as 0."""
+    """Noise figure in dB; None: 0."""
     notes: tuple[str, ...] = ()
-    """Sentences about effects in this scene that the numbers leave out."""
+    """Sentences about effects in this scene that are not included."""
     polarisation: str = ""
-    """Polarisations that count, with the names of the ends that have them."""
+    """Polarisations used, with the names of their ends."""
 
     @property
     def direct(self) -> float:
-        """W, straight from emitters and by flat mirrors."""
+        """Power in W of line-of-sight and specular paths."""
         return math.fsum(part.direct for part in self.contributions)
 
     @property
     def scattered(self) -> float:
-        """W, by surfaces and fog; noise may take it below zero (estimator ``wigner``)."""
+        """Power in W scattered by surfaces and fog; may be negative (estimator ``wigner``)."""
         return math.fsum(part.scattered for part in self.contributions)
 
     @property
     def power(self) -> float:
-        """W."""
+        """Total power in W."""
         return self.direct + self.scattered
 
     @property
     def dbm(self) -> float | None:
-        """The power in dBm; None where it is not above zero."""
+        """The power in dBm; None for zero or less."""
         return dbm_of(self.power)
 
     @property
     def noise_power(self) -> float | None:
-        """W, k T B F; None without a temperature and a bandwidth."""
+        """Noise power k T B F in W; None without a temperature and a bandwidth."""
         return noise_power_of(self.bandwidth, self.temperature, self.noise_figure)
 
     @property
     def snr(self) -> float | None:
-        """Power over noise power, not in dB; None where either is not there."""
+        """Ratio of power to noise power, not in dB; None without noise."""
         noise = self.noise_power
         return None if noise is None else self.power / noise
 
@@ -148,7 +148,7 @@ class ReceivedPower:
         return self.power
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as numbers and texts, for JSON."""
+        """Return all values as numbers and texts, for JSON."""
         return {
             "receiver": self.receiver,
             "wavelength_m": self.wavelength,
@@ -201,7 +201,7 @@ class ReceivedPower:
 def noise_power_of(
     bandwidth: float | None, temperature: float | None, noise_figure: float | None
 ) -> float | None:
-    """W, k T B F of Hz, K and dB; None without a temperature and a bandwidth."""
+    """Return k T B F in W from Hz, K and dB; None without a temperature and a bandwidth."""
     if temperature is None or bandwidth is None:
         return None
     return BOLTZMANN * temperature * bandwidth * 10 ** ((noise_figure or 0.0) / 10)
@@ -219,11 +219,11 @@ def _dict_of(part: Contribution) -> dict[str, Any]:
 
 
 def _path_dict(path: DirectPath) -> dict[str, Any]:
-    shared = asdict(path)
-    power, length, light = (shared.pop(name) for name in ("power", "length", "light"))
-    wave = shared.pop("amplitude")
+    fields = asdict(path)
+    power, length, light = (fields.pop(name) for name in ("power", "length", "light"))
+    wave = fields.pop("amplitude")
     return {
-        **{name: list(own) if isinstance(own, tuple) else own for name, own in shared.items()},
+        **{name: list(v) if isinstance(v, tuple) else v for name, v in fields.items()},
         "power_w": power,
         "length_m": length if math.isfinite(length) else None,
         **({"light": light} if light else {}),
@@ -235,7 +235,7 @@ def _watts(value: float) -> str:
     return f"{value:.4g} W"
 
 
-# Ways by more mirrors are not searched.
+# Paths by more mirrors are not searched.
 MOST_REFLECTIONS = 3
 
 
@@ -244,7 +244,7 @@ class ReceiveOptions:
     """Checked arguments of :func:`polywigner.mitsuba.received_power`."""
 
     spp: int | None = None
-    """None: as the scene specifies."""
+    """None: the value of the scene."""
     seed: int = 0
     integrator: Any = None
     reflections: int = 0
@@ -255,15 +255,15 @@ class ReceiveOptions:
     coherent: bool = False
     """Whether paths of one emitter interfere."""
     polarisation: Any = None
-    """Jones vector of ends that have none; None: the default."""
+    """Jones vector of ends without a polarisation; None: the default."""
     bodies: Any = None
-    """Conducting bodies: a tuple of :class:`Body` after the check."""
+    """Conducting bodies; a tuple of :class:`Body` after the check."""
 
     def __post_init__(self) -> None:
         is_coherent = checked_flag(self.coherent, "coherent")
         for name in ("polarisation", "bodies"):
             if not is_coherent and getattr(self, name) is not None:
-                raise ArgumentError(f"expected {name} with coherent=True, got it alone; give both")
+                raise ArgumentError(f"expected {name} with coherent=True, got coherent=False")
         checked: dict[str, Any] = {
             "spp": None if self.spp is None else check_spp(self.spp),
             "seed": check_seed(self.seed),
@@ -278,14 +278,14 @@ class ReceiveOptions:
             object.__setattr__(self, name, value)
 
     def noise_of(self, spec: Any) -> dict[str, Any]:
-        """Noise of a receiver: the caller's numbers, else its own."""
+        """Return the noise of a receiver: these options, or else its parameters."""
         noise = {name: getattr(self, name) for name in NOISE_PARSERS}
         noise = {n: spec.noise[n] if value is None else value for n, value in noise.items()}
         power = noise_power_of(**noise)
         if power is not None and not 0 < power < math.inf:
             raise ArgumentError(
-                f"expected noise k T B F of a number of watts, got {power} W from {noise}; check "
-                "the units of bandwidth (Hz) and temperature (K)"
+                f"expected a positive, finite noise power k T B F, got {power} W from {noise}; "
+                "check the units of bandwidth (Hz) and temperature (K)"
             )
         return noise
 
@@ -295,7 +295,7 @@ def described(
     coords: Mapping[str, Any],
     about: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """A dataset of values by their names: array, dimensions, unit (none: a text), meaning."""
+    """Return a dataset of values by name: array, dimensions, unit ("" for texts), meaning."""
     from polywigner import __version__
 
     return labelled_arrays(

@@ -1,4 +1,4 @@
-"""Parts of two sources that face each other, and the power that passes between them by mirrors."""
+"""Specular paths between two sources: points, transmission along rays, and edge diffraction."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ Mesh = tuple[Floats, NDArray[np.intp]]
 """Corners (n, 3) and triangles (t, 3)."""
 
 RAYS = 4096
-# A hit lies in the plane of a mirror within this, relative to the coordinates.
+# Largest distance of a hit from the plane of its mirror, relative to the coordinates.
 _IN_PLANE = 4 * ROUNDING
 
 
@@ -60,22 +60,21 @@ class PassingRays(NamedTuple):
     points: list[Floats]
     """Points (n, 3) in m on the receiver, on mirrors from the last to the first, on the emitter."""
     shares: Floats
-    """(n, k, k) transmitted power; k is 4 in polarised variants: Mueller matrices between the axes
+    """Transmission (n, k, k); with k = 4 in polarised variants Mueller matrices between the axes
     x and y of both ends."""
     panes: list[Floats]
-    """Matrix (3, 3) of each leg, in the order of light, by which thin panes change a field: the
-    mean over rays."""
+    """Mean matrices (3, 3) of thin panes for the field on each leg, in the order of light."""
 
     @property
     def power(self) -> Floats:
-        """Mean transmitted power (k, k) of all 4096 rays."""
+        """Mean transmission (k, k) of all 4096 rays."""
         return np.asarray(self.shares.sum(axis=0) / RAYS)
 
     @property
     def amplitude(self) -> float:
-        """Mean root of the transmitted power.
+        """Mean root of the transmission.
 
-        Rays that a corner of mirrors splits among orders of its mirrors add up to all of them.
+        A corner of mirrors splits rays among the orders of its mirrors; the means add up.
         """
         return float(np.sqrt(self.shares[:, 0, 0]).sum() / RAYS)
 
@@ -89,14 +88,14 @@ def passing_rays(
 ) -> PassingRays:
     """Trace 4096 rays from one source to another by flat mirrors.
 
-    ``emitter`` is the source itself, not its image. ``coherent``: without the polarisation and the
+    ``emitter`` is the source, not its image. ``coherent``: without the polarisation and the
     Fresnel reflectance of mirrors and thin panes.
     """
     points = _rays_between(emitter, receiver, chain)
     leaves = (points[-2] - points[-1]) @ emitter.normal > 0
     arrives = (points[1] - points[0]) @ receiver.normal > 0
-    points = [place[leaves & arrives] for place in points]
-    if not len(points[0]):  # Dr.Jit ends the process for arrays without elements
+    points = [point[leaves & arrives] for point in points]
+    if not len(points[0]):  # arrays without elements crash Dr.Jit
         size = 4 if mi.is_polarized else 1
         return PassingRays(points, np.zeros((0, size, size)), [np.eye(3)] * (len(chain) + 1))
     return PassingRays(points, *traced(scene, points, receiver, emitter, chain, coherent))
@@ -105,13 +104,13 @@ def passing_rays(
 def _rays_between(
     emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Floats]:
-    """Points of up to 4096 rays between two sources, as of :func:`points_by`."""
+    """Return points of up to 4096 rays between two sources, as :func:`points_by` does."""
     start = _points_on(emitter, even_points(RAYS, 4)[:, :2])
     return points_by(start, points_on(receiver), chain)
 
 
 def points_on(receiver: PlacedSource) -> Floats:
-    """Points (4096, 3) in m on a receiver in proportion to |u|^2."""
+    """Return points (4096, 3) in m on a receiver, drawn in proportion to |u|^2."""
     return _points_on(receiver, even_points(RAYS, 4)[:, 2:])
 
 
@@ -125,35 +124,35 @@ def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Float
         images.append(mirror.image_of(images[-1]))
     points = [end]
     for mirror, image in zip(reversed(chain), reversed(images[1:]), strict=True):
-        here, there = (place @ mirror.normal - mirror.offset for place in (points[-1], image))
+        here, there = (point @ mirror.normal - mirror.offset for point in (points[-1], image))
         crosses = here * there < 0
         along = np.where(crosses, here / np.where(crosses, here - there, 1.0), np.nan)
         points.append(points[-1] + along[:, None] * (image - points[-1]))
     meets_all = np.isfinite(points[-1]).all(axis=1)
-    return [place[meets_all] for place in (*points, start)]
+    return [point[meets_all] for point in (*points, start)]
 
 
 class CentralPath(NamedTuple):
     """The central path between two ends."""
 
     points: Floats
-    """(n, 3) in m, in the order of light."""
+    """Points (n, 3) in m, in the order of light."""
     panes: list[Floats]
-    """Matrix (3, 3) of each leg, by which its thin panes change the field."""
+    """Matrices (3, 3) of thin panes for the field on each leg."""
 
     @classmethod
     def between(
         cls, facing: PlacedSource, taking: PlacedSource, chain: Sequence[Mirror], rays: PassingRays
     ) -> CentralPath:
-        """Return the path between the midpoints of both ends, or a ray if there is none."""
+        """Return the path between the centres of both ends, or a ray if it does not exist."""
         points = points_by(facing.middle[None], taking.middle[None], chain)
         if not len(points[0]):
             points = rays.points
-        return cls(np.array([place[0] for place in reversed(points)]), rays.panes)
+        return cls(np.array([point[0] for point in reversed(points)]), rays.panes)
 
     @property
     def length(self) -> float:
-        """m."""
+        """Length in m."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
     @property
@@ -165,7 +164,7 @@ class CentralPath(NamedTuple):
         return float(np.linalg.norm(across) / math.sqrt(2.0))
 
     def arriving(self, jones: Complex, axes: Floats, chain: Sequence[Mirror] = ()) -> Complex:
-        """E (3,) at its end, of the unit vector that a source with a Jones vector sends."""
+        """Return E (3,) at the end for a unit vector with a Jones vector at the start."""
         steps = np.diff(self.points, axis=0)
         steps /= np.linalg.norm(steps, axis=1)[:, None]
         field = self.panes[0] @ (axes @ (jones @ np.array(ludwig_axes(*(steps[0] @ axes)))))
@@ -175,18 +174,18 @@ class CentralPath(NamedTuple):
         return np.asarray(field)
 
 
-# Error of |F|^2 over its peak, of points in place of either end.
+# Error of |F|^2 over its peak for points that replace either end.
 _OF_POINTS = 1e-6
-# Mirrors are looked at from so near, as a share of the way.
+# Distance from which rays meet a mirror, as a fraction of the leg.
 _CLOSE = 1e-3
-# Half the distance in wavelengths of values whose difference is a derivative: errors of 7e-8.
-_OFF = 1e-4
+# Half the step of a central difference in wavelengths: errors of 7e-8.
+_STEP = 1e-4
 
 
 def diffracted_ratio(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> complex:
-    """b/b_0 of the links with obstacles and without, by points in place of both ends."""
+    """Return b/b_0 of the links with and without obstacles, with points in place of both ends."""
     wavelength = receiver.wavelength
     image = emitter.image(chain)
     if chain:
@@ -202,27 +201,27 @@ def diffracted_ratio(
         ]
     except ArgumentError as error:
         raise SceneError(f"with diffraction: {error}") from None
-    mine, taken = ends
-    places, weights = _receiving(taken, pose[:3, :3], pose[:3, 3] / wavelength)
-    seen = [before_plane(one) for one in bodies.silhouettes([p.place for p in mine])]
-    change, free, _ = diffracted(bodies, mine, seen, places, "auto")
-    with_edges = np.where(bodies.inside(places), 0.0, free + change)
+    sent, taken = ends
+    positions, weights = _receiving(taken, pose[:3, :3], pose[:3, 3] / wavelength)
+    silhouettes = [before_plane(part) for part in bodies.silhouettes([p.place for p in sent])]
+    change, free, _ = diffracted(bodies, sent, silhouettes, positions, "auto")
+    with_edges = np.where(bodies.inside(positions), 0.0, free + change)
     return complex((weights @ with_edges) / (weights @ free))
 
 
 def _receiving(
     points: Sequence[RadiatingPoint], axes: Floats, origin: Floats
 ) -> tuple[Floats, Complex]:
-    """Places (n, 3) at which points take a field, and the weights of its values there.
+    """Return positions (n, 3) of receiving points, and the weights of field values there.
 
-    By reciprocity the weight of a point's field takes the field's derivative along the normal.
+    By reciprocity the weight of a point's field multiplies the normal derivative of the field.
     """
-    places = np.array([p.place for p in points]) @ axes.T + origin
+    positions = np.array([p.place for p in points]) @ axes.T + origin
     field, slope = (np.array(w) for w in zip(*((p.field, p.slope) for p in points), strict=True))
     if not field.any():
-        return places, slope
-    rate, off = field * (0.25j / math.pi) / _OFF, _OFF * axes[:, 2]
-    return np.concatenate([places + off, places - off]), np.concatenate(
+        return positions, slope
+    rate, step = field * (0.25j / math.pi) / _STEP, _STEP * axes[:, 2]
+    return np.concatenate([positions + step, positions - step]), np.concatenate(
         [0.5 * slope + rate, 0.5 * slope - rate]
     )
 
@@ -234,62 +233,61 @@ def meeting_rays(
     chain: Sequence[Mirror],
     coherent: bool = False,
 ) -> PassingRays:
-    """`passing_rays` that meet all mirrors, as they reflect, whatever is between."""
+    """Return `passing_rays` with the reflectance of all mirrors, but without obstacles."""
     plain = replace(receiver, medium=None)
     if not chain:
         return passing_rays(mi.load_dict({"type": "scene"}), emitter, plain, coherent=coherent)
     if mi.is_polarized and not coherent:
         raise SceneError(
             f"expected no flat mirrors with diffraction in polarised light, got {chain[0].name!r}; "
-            "leave diffraction out, use a variant without polarisation, or let ways interfere"
+            "leave diffraction out, use an unpolarised variant, or set coherent=True"
         )
     rays = _rays_between(emitter, receiver, chain)
-    share = np.ones((len(rays[0]), 1, 1))
-    for k, mirror in enumerate(reversed(chain if len(share) else ()), 1):
-        before, place, after = rays[k - 1 : k + 2]
-        near = [place + _CLOSE * (before - place), place, place + _CLOSE * (after - place)]
-        share = share * traced(scene, near, plain, None, [mirror], coherent)[0]
-    return PassingRays(rays, share, [np.eye(3)] * (len(chain) + 1))
+    transmission = np.ones((len(rays[0]), 1, 1))
+    for k, mirror in enumerate(reversed(chain if len(transmission) else ()), 1):
+        before, point, after = rays[k - 1 : k + 2]
+        near = [point + _CLOSE * (before - point), point, point + _CLOSE * (after - point)]
+        transmission = transmission * traced(scene, near, plain, None, [mirror], coherent)[0]
+    return PassingRays(rays, transmission, [np.eye(3)] * (len(chain) + 1))
 
 
 def _unfolded(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Mesh]:
-    """Meshes beside each leg of the way, as the receiver sees them in the last mirror."""
+    """Return the meshes next to each leg, as images in all mirrors behind the leg."""
     points = points_by(emitter.middle[None], receiver.middle[None], chain)
     if not len(points[0]):
         points = _rays_between(emitter, receiver, chain)
-    way = [place[0] for place in reversed(points)]
-    found = []
+    path = [point[0] for point in reversed(points)]
+    unfolded = []
     for leg in range(len(chain) + 1):
-        own = meshes
+        parts = meshes
         for k in (leg - 1, leg):
             if 0 <= k < len(chain):
-                # the side of the mirror where this leg begins or ends
-                other = way[leg] if k == leg else way[leg + 1]
+                # the side of the mirror where this leg starts or ends
+                other = path[leg] if k == leg else path[leg + 1]
                 side = math.copysign(1.0, float(other @ chain[k].normal) - chain[k].offset)
-                own = [
-                    _in_front(*mesh, side * chain[k].normal, side * chain[k].offset) for mesh in own
-                ]
+                plane = side * chain[k].normal, side * chain[k].offset
+                parts = [_in_front(*mesh, *plane) for mesh in parts]
         for mirror in chain[leg:]:
-            own = [(mirror.image_of(p), f[:, ::-1]) for p, f in own]
-        found += [(p, f) for p, f in own if len(f)]
-    return found
+            parts = [(mirror.image_of(p), f[:, ::-1]) for p, f in parts]
+        unfolded += [(p, f) for p, f in parts if len(f)]
+    return unfolded
 
 
 def _in_front(points: Floats, faces: Any, normal: Floats, offset: float) -> Mesh:
-    """The part of a mesh in front of a plane, cut at it."""
+    """Return the part of a mesh in front of a plane."""
     height = points @ normal - offset
     height = np.where(np.abs(height) <= _IN_PLANE * np.abs(points).max(initial=1.0), 0.0, height)
-    places, number = list(points), {}
-    kept = []
+    corners, number = list(points), {}
+    triangles = []
 
     def cut(a: int, b: int) -> int:
         a, b = min(a, b), max(a, b)
         if (a, b) not in number:
-            number[a, b] = len(places)
-            share = height[a] / (height[a] - height[b])
-            places.append(points[a] + share * (points[b] - points[a]))
+            number[a, b] = len(corners)
+            fraction = height[a] / (height[a] - height[b])
+            corners.append(points[a] + fraction * (points[b] - points[a]))
         return number[a, b]
 
     for face in faces[(height[faces] > 0.0).any(axis=1)].tolist():
@@ -299,26 +297,24 @@ def _in_front(points: Floats, faces: Any, normal: Floats, offset: float) -> Mesh
                 ring.append(a)
             if height[a] * height[b] < 0.0:
                 ring.append(cut(a, b))
-        kept += [[ring[0], ring[k], ring[k + 1]] for k in range(1, len(ring) - 1)]
-    return np.array(places), np.array(kept, np.intp).reshape(-1, 3)
+        triangles += [[ring[0], ring[k], ring[k + 1]] for k in range(1, len(ring) - 1)]
+    return np.array(corners), np.array(triangles, np.intp).reshape(-1, 3)
 
 
 def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Floats:
-    """Points (count, dimensions) that fill the unit cube evenly: multiples of powers of one number.
+    """Return quasi-random points (count, dimensions) in the unit cube.
 
     Source: M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
     """
     root = 1.0
-    for _ in range(64):  # of x^(dimensions + 1) = x + 1
+    for _ in range(64):  # solves x^(dimensions + 1) = x + 1
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
-    result: Floats = (
-        shift + np.arange(count)[:, None] * root ** -np.arange(1.0, dimensions + 1)
-    ) % 1
-    return result
+    steps = np.arange(count)[:, None] * root ** -np.arange(1.0, dimensions + 1)
+    return np.asarray((shift + steps) % 1)
 
 
 def _points_on(source: PlacedSource, draws: Floats) -> Floats:
-    """Points (n, 3) in m on a source in proportion to |u|^2."""
+    """Return points (n, 3) in m on a source for uniform numbers, in proportion to |u|^2."""
     cells = cells_with_field(mi, source.source, 1.0)
     batches = [np.array(cells.sample(draw), np.float64) for (draw,) in point_batches(draws)]
     return source.points(np.concatenate([batch.reshape(2, -1).T for batch in batches]))
@@ -339,51 +335,51 @@ def traced(
     scene : the ``mi.Scene``, whose sources are hidden.
     points : (n, 3) each in m: on the receiver, on the mirrors from the last to the first, on the
         emitter.
-    receiver, emitter : rays start and end a little in front of the planes of both; None: the last
-        point is free.
+    receiver, emitter : rays start and end slightly in front of the planes of both; None: the last
+        point is not on a plane.
     chain : mirrors in the order of light.
-    coherent : as of :func:`passing_rays`.
+    coherent : as for :func:`passing_rays`.
 
     Returns
     -------
-    The transmission (n, k, k), and the matrices of thin panes as of :class:`PassingRays`.
+    The transmission (n, k, k), and the matrices of thin panes as in :class:`PassingRays`.
     """
     unit = receiver.scene_unit
     ends = [receiver] if emitter is None else [receiver, emitter]
-    way = [point / unit for point in points]
-    reach = max(float(np.abs(point).max()) for point in way)
+    path = [point / unit for point in points]
+    reach = max(float(np.abs(point).max()) for point in path)
     height = ROUNDING * max(reach, *(end.reach / unit for end in ends))
     for end, k in zip(ends, (0, -1), strict=False):
-        way[k] = way[k] + height * end.normal
+        path[k] = path[k] + height * end.normal
     planes = [_plane(mirror, unit, reach, coherent) for mirror in reversed(chain)]
     polarised = mi.is_polarized and not coherent
     tracer = RayTracer(scene, polarised, coherent)
-    size, count = 4 if polarised else 1, len(way[0]) if dr.is_jit_v(mi.Float) else 1
-    shares, panes = [], []
-    for rays in point_batches(*way):
-        found = tracer.trace(receiver.medium, planes, list(rays))
-        share = found.share
+    size, count = 4 if polarised else 1, len(path[0]) if dr.is_jit_v(mi.Float) else 1
+    powers, panes = [], []
+    for rays in point_batches(*path):
+        result = tracer.trace(receiver.medium, planes, list(rays))
+        power = result.share
         if polarised:
-            share = _between_axes(found, receiver, emitter, not chain)
+            power = _between_axes(result, receiver, emitter, not chain)
         colours = dr.size_v(mi.UnpolarizedSpectrum) if polarised else 1
-        values = np.array(share, np.float64).reshape(size, size, colours, -1)[:, :, 0]
-        shares.append(np.broadcast_to(np.moveaxis(values, -1, 0), (count, size, size)))
+        values = np.array(power, np.float64).reshape(size, size, colours, -1)[:, :, 0]
+        powers.append(np.broadcast_to(np.moveaxis(values, -1, 0), (count, size, size)))
         legs = [
-            [np.array(column, np.float64).reshape(3, -1) for column in leg] for leg in found.panes
+            [np.array(column, np.float64).reshape(3, -1) for column in leg] for leg in result.panes
         ]
-        legs += [legs[0]] * (len(chain) + 1 - len(legs))  # of rays that miss a mirror
+        legs += [legs[0]] * (len(chain) + 1 - len(legs))  # for rays that miss a mirror
         columns = [[np.broadcast_to(column, (3, count)) for column in leg] for leg in legs]
         panes.append(np.moveaxis(np.array(columns), -1, 0))
-    transmission, matrices = np.concatenate(shares), np.concatenate(panes)
+    transmission, matrices = np.concatenate(powers), np.concatenate(panes)
     weights = np.sqrt(np.maximum(transmission[:, 0, 0], 0.0))
     total = weights.sum()
-    # rays run against the light: first leg last, and their images of x, y and z are rows for it
+    # rays run backwards: legs are reversed, and images of x, y and z are rows instead of columns
     mean = np.einsum("n,nlij->lij", weights, matrices)[::-1] / total if total > 0 else matrices[0]
     return transmission, list(mean)
 
 
 def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
-    """The plane of a mirror on paths with coordinates up to ``reach`` in scene units."""
+    """Return the plane of a mirror on paths with coordinates up to ``reach`` in scene units."""
     rounding = _IN_PLANE * max(reach, float(np.abs(bounds_of(mirror.shape)).max()))
     normal = mi.Vector3f(*mirror.normal.tolist())
     surfaces = None
@@ -393,33 +389,33 @@ def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
 
 
 def _between_axes(
-    found: Transmission, receiver: PlacedSource, emitter: PlacedSource | None, is_direct: bool
+    result: Transmission, receiver: PlacedSource, emitter: PlacedSource | None, is_direct: bool
 ) -> Drjit:
-    """A Mueller matrix between the axes of both ends; of an end without axes, as it is."""
+    """Return a Mueller matrix between the axes of both ends, or of the receiver only."""
     frames = [
         Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
         for end in (receiver, emitter)
         if end is not None
     ]
-    first, last = found.first, found.last
+    first, last = result.first, result.last
     if is_direct and emitter is not None:
-        # along the line between the centres, as amplitudes count it
+        # along the line between the centres, as for amplitudes
         across = emitter.middle - receiver.middle
         first = last = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
     leaves = None if emitter is None else (frames[1], -last)
-    return turned(mi, found.share, (frames[0], first), leaves)
+    return turned(mi, result.share, (frames[0], first), leaves)
 
 
 BLOCKED = "no line-of-sight path: obstacles block it (ray test, without diffraction)"
 
 
 class OpenPath(NamedTuple):
-    """A path by flat mirrors that some rays pass."""
+    """A path by flat mirrors with some transmission."""
 
     parts: FacingParts
-    """Of the emitter's image and the receiver."""
+    """Parts of the emitter's image and of the receiver that face each other."""
     facing: PlacedSource
-    """The part of the emitter itself."""
+    """The part of the emitter."""
     rays: PassingRays
     notes: list[str]
 
@@ -432,14 +428,14 @@ def open_path(
     meshes: list[Mesh] | None,
     coherent: bool = False,
 ) -> OpenPath | str:
-    """Trace rays from an emitter by mirrors; return the reason if nothing arrives.
+    """Trace rays from an emitter by mirrors; return the reason if no power arrives.
 
-    ``meshes``: of obstacles whose edges diffract; rays then only meet the mirrors.
+    ``meshes``: obstacles whose edges diffract; rays then only meet the mirrors.
     """
     parts = facing_parts(emitter.image(chain), receiver)
     if parts is None:
         return "no line-of-sight path: one end lies in the plane of the other or behind it"
-    # rays leave the emitter itself, from the part whose image faces the receiver
+    # rays leave the emitter, from the part whose image faces the receiver
     facing = parts.emitter.image(chain[::-1])
     send = passing_rays if meshes is None else meeting_rays
     rays = send(scene, facing, parts.receiver, chain, coherent)
@@ -454,27 +450,21 @@ def open_path(
             f"{passing:.1%} of the line-of-sight {'amplitude' if coherent else 'power'} passes "
             "obstacles (ray test, without diffraction)"
         )
-    notes += _narrow(chain, parts.emitter, receiver)
-    return OpenPath(parts, facing, rays, notes)
-
-
-def _narrow(chain: Chain, image: PlacedSource, receiver: PlacedSource) -> list[str]:
-    """Return notes on mirrors so narrow that diffraction at their edges matters."""
-    zone = math.sqrt(receiver.wavelength * float(np.linalg.norm(image.middle - receiver.middle)))
-    unit = receiver.scene_unit
-    return [
+    zone = math.sqrt(receiver.wavelength * math.dist(parts.emitter.middle, receiver.middle))
+    notes += [
         f"{mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: diffraction at its "
-        "edges changes its reflection, which is that of rays here"
+        "edges, which is not included, changes its reflection"
         for mirror in chain
-        # at most the side of a square of the mirror's diagonal
-        if math.dist(*bounds_of(mirror.shape)) / math.sqrt(2) * unit < zone
+        # at most the side of a square with the mirror's diagonal
+        if math.dist(*bounds_of(mirror.shape)) / math.sqrt(2) * receiver.scene_unit < zone
     ]
+    return OpenPath(parts, facing, rays, notes)
 
 
 def obstacles_of(
     scene: Any, emitter: PlacedSource, receiver: PlacedSource, wavelength: float
 ) -> list[Mesh] | None:
-    """Meshes in m of the obstacles between two ends; None if neither end counts diffraction."""
+    """Return meshes in m of the obstacles; None if neither end includes diffraction."""
     if not (emitter.diffraction or receiver.diffraction):
         return None
     unit = receiver.scene_unit
