@@ -46,12 +46,23 @@ _TERMS_PER_FAMILY = 1 << 10
 
 @dataclass(frozen=True)
 class Plan:
-    """Strategy and engine of a call."""
+    """Strategy and engine of a call, and the sizes that decided."""
 
     strategy: str
     engine: str
     """``"numpy"``, ``"llvm"`` or ``"cuda"``."""
-    reason: str
+    samples: int
+    terms: int
+    requested: str = "auto"
+    """The engine that the caller has requested."""
+    detail: str = ""
+
+    @property
+    def reason(self) -> str:
+        """The sizes by which the strategy was chosen."""
+        parts = [f"{self.samples} samples of {self.terms} terms"]
+        parts += [f"engine={self.requested!r}"] if self.requested != "auto" else []
+        return ", ".join([*parts, self.detail] if self.detail else parts)
 
     def __str__(self) -> str:
         return f"strategy: {self.strategy}\nengine: {self.engine}\nbecause: {self.reason}"
@@ -82,7 +93,7 @@ def resolved(engine: str, samples: int, terms: int = 1) -> str:
     return _engine_for(engine, samples * terms >= _LEAST_TERMS)
 
 
-def chosen(
+def planned(
     kernel: Kernel,
     tables: Any,
     samples: int,
@@ -90,7 +101,7 @@ def chosen(
     engine: str,
     shape: tuple[int, int] | None = None,
     families: int | None = None,
-) -> tuple[str, str]:
+) -> Plan:
     """Return the strategy and the engine of a call on this machine.
 
     Parameters
@@ -105,43 +116,25 @@ def chosen(
     per_sample, as_data = terms_of(kernel, tables), takes_data(kernel, tables)
     terms = samples * per_sample
     is_large = samples >= _LEAST_SAMPLES if as_data else terms >= _LEAST_TERMS
-    found = _engine_for(engine, is_large)
-    if families is not None and engine in ("auto", "numpy"):
-        is_short = 2 * families <= per_sample or found == "numpy"
+    actual = _engine_for(engine, is_large)
+    sizes = samples, per_sample, engine
+    if families is not None:
+        is_short = 2 * families <= per_sample or actual == "numpy"
         if is_short and _TERMS_PER_FAMILY * families <= terms:
-            return GRID, "numpy"
+            detail = f"{families} families of parallel edges on a grid"
+            return Plan(GRID, "numpy", *sizes, detail)
     if kernel.slices is None:
-        is_outline = as_data and found != "numpy" and samples < _LEAST_SAMPLES_AS_CODE
-        return DATA if is_outline else SUM, found
+        is_outline = as_data and actual != "numpy" and samples < _LEAST_SAMPLES_AS_CODE
+        return Plan(DATA if is_outline else SUM, actual, *sizes)
     if shape is not None:
         is_wide = shape[1] >= _LEAST_COLUMNS and len(tables.edges) >= _LEAST_LISTED_EDGES
-        if found == "numpy" or is_wide:
-            return LISTED, found
-    if found == "numpy":
-        return PAIRS, found
+        if actual == "numpy" or is_wide:
+            detail = f"{shape[0]} positions x {shape[1]} frequencies"
+            return Plan(LISTED, actual, *sizes, detail)
+    if actual == "numpy":
+        return Plan(PAIRS, actual, *sizes)
     is_code = tables.fits_code and samples >= _LEAST_SAMPLES_AS_CODE
-    return CODE if is_code else DATA, found
-
-
-def reason_for(
-    strategy: str,
-    kernel: Kernel,
-    tables: Any,
-    samples: int,
-    *,
-    engine: str,
-    shape: tuple[int, int] | None = None,
-    families: int | None = None,
-) -> str:
-    """Return the sizes by which :func:`chosen` has chosen a strategy."""
-    reason = f"{samples} samples of {terms_of(kernel, tables)} terms"
-    if engine != "auto":
-        reason += f", engine={engine!r}"
-    if strategy == GRID:
-        return f"{reason}, {families} families of parallel edges on a grid"
-    if strategy == LISTED and shape is not None:
-        return f"{reason}, {shape[0]} positions x {shape[1]} frequencies"
-    return reason
+    return Plan(CODE if is_code else DATA, actual, *sizes)
 
 
 def _engine_for(engine: str, is_large: bool) -> str:

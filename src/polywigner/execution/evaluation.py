@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,18 +20,12 @@ from polywigner.execution.choice import (
     GRID,
     LISTED,
     Plan,
-    chosen,
-    reason_for,
+    planned,
     resolved,
     terms_of,
 )
-from polywigner.execution.chunks import (
-    Launched,
-    parts_of_results,
-    ready,
-    store,
-)
-from polywigner.execution.frequency_grids import GridPlan, plan_for_grid
+from polywigner.execution.chunks import Launched, parts_of_results, ready, store
+from polywigner.execution.frequency_grids import plan_for_grid
 from polywigner.execution.on_drjit import OnDrjit, OnDrjitData, row_sums
 from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import Kernel
@@ -66,20 +61,20 @@ def evaluate(
     into: Sequence[Array] | None = None,
     shear: Shear | None = None,
 ) -> tuple[Array, ...]:
-    """Results of a kernel for float64 or float32 components that broadcast to one shape.
+    """Return the results of a kernel for float64 or float32 components that broadcast.
 
-    Arguments enter the frame in float64 whatever the precision of the sums. ``into``: arrays of
-    that shape and precision for the results, such as both parts of a complex one. ``shear``: maps
-    the components to those of the kernel; where slices are listed, block by block.
+    Arguments enter the frame in float64 whatever the precision of the sums. ``into``: arrays of the
+    broadcast shape for the results, such as both parts of a complex array. ``shear`` maps the
+    components to those of the kernel; listed slices apply it block by block.
     """
     shape = np.broadcast_shapes(*[c.shape for c in components])
     dtype = np.float64 if double else np.float32
     results = tuple(into or [np.empty(shape, dtype) for _ in range(outputs)])
-    samples = math.prod(shape)
-    if not samples:
+    samples, is_explained = math.prod(shape), _is_explained.get()
+    if not samples and not is_explained:
         return results
-    if samples < _LEAST_COLUMNS and engine in ("auto", "numpy"):
-        values = on_numpy(kernel, kernel.tables_for(source, True), components, shear)
+    if samples < _LEAST_COLUMNS and engine in ("auto", "numpy") and not is_explained:
+        values = _on_numpy(kernel, kernel.tables_for(source, True), components, shear)
         for result, value in zip(results, values, strict=False):
             result[...] = value.reshape(shape)
         return results
@@ -87,9 +82,9 @@ def evaluate(
     if shear is not None and (rows is None or rows.rows == 1):
         components, shear = shear(components), None
         rows = shared_rows(kernel.edge_sum, components, shape)
-    grid = grid_of(kernel, source, components, shape, double, engine)
+    grid = plan_for_grid(kernel, source, components, double, engine)
     tables = kernel.tables_for(source, double)
-    strategy, found = chosen(
+    plan = planned(
         kernel,
         tables,
         samples,
@@ -97,44 +92,55 @@ def evaluate(
         shape=None if rows is None else (rows.rows, rows.columns),
         families=None if grid is None else grid.families,
     )
-    if strategy != LISTED and shear is not None:
+    if is_explained:
+        raise _ExplainedError(plan)
+    if plan.strategy != LISTED and shear is not None:
         components = shear(components)
-    if strategy == GRID:
-        assert grid is not None
-        grid.fill(results, lambda points: on_numpy(kernel, kernel.tables_for(source, True), points))
-    elif strategy == LISTED:
-        assert rows is not None
-        store(_shared(kernel, source, double, found, rows, results, shear), samples)
-    elif found == "numpy":
+    if plan.strategy == GRID and grid is not None:
+        exact = kernel.tables_for(source, True)
+        grid.fill(results, lambda points: _on_numpy(kernel, exact, points))
+    elif plan.strategy == LISTED and rows is not None:
+        store(_shared(kernel, source, double, plan.engine, rows, results, shear), samples)
+    elif plan.engine == "numpy":
         tables = kernel.tables_for(source, True)
         store(_in_chunks(kernel, tables, components, results), samples)
-    elif strategy == DATA:
-        data = OnDrjitData(kernel, tables, double, found, results[0].size, len(results))
-        store(data.points(components, results), samples)
     else:
-        compiled = OnDrjit(kernel, tables, double, found)
+        compiled: OnDrjit | OnDrjitData
+        if plan.strategy == DATA:
+            size = results[0].size
+            compiled = OnDrjitData(kernel, tables, double, plan.engine, size, len(results))
+        else:
+            compiled = OnDrjit(kernel, tables, double, plan.engine)
         store(compiled.points(components, results), samples)
     return results
 
 
-def explained(
-    kernel: Kernel, source: Any, components: Sequence[Array], *, double: bool, engine: str
-) -> Plan:
-    """Return how :func:`evaluate` computes a call; nothing is computed."""
-    shape = np.broadcast_shapes(*[c.shape for c in components])
-    rows = shared_rows(kernel.edge_sum, components, shape)
-    grid = grid_of(kernel, source, components, shape, double, engine)
-    how: dict[str, Any] = {
-        "engine": engine,
-        "shape": None if rows is None else (rows.rows, rows.columns),
-        "families": None if grid is None else grid.families,
-    }
-    tables, samples = kernel.tables_for(source, double), math.prod(shape)
-    strategy, found = chosen(kernel, tables, samples, **how)
-    return Plan(strategy, found, reason_for(strategy, kernel, tables, samples, **how))
+class _ExplainedError(Exception):
+    """Ends a call that is explained, not computed."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
 
 
-def on_numpy(
+_is_explained: ContextVar[bool] = ContextVar("_is_explained", default=False)
+
+
+def explained(call: Callable[[], object]) -> Plan | None:
+    """Return the plan of the first kernel that ``call()`` evaluates; nothing is computed.
+
+    None if it evaluates no kernel on NumPy arrays.
+    """
+    token = _is_explained.set(True)
+    try:
+        call()
+    except _ExplainedError as error:
+        return error.plan
+    finally:
+        _is_explained.reset(token)
+    return None
+
+
+def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
     """Results of a kernel by NumPy, in double precision, in one dimension where they are few."""
@@ -155,21 +161,7 @@ def _in_chunks(
     kernel: Kernel, tables: Any, components: Sequence[Array], results: Sequence[Array]
 ) -> Launched:
     for arguments, targets in parts_of_results(components, results, _CHUNK):
-        yield targets, ..., ready(on_numpy(kernel, tables, arguments)[: len(results)])
-
-
-def grid_of(
-    kernel: Kernel,
-    source: Any,
-    components: Sequence[Array],
-    shape: tuple[int, ...],
-    double: bool,
-    engine: str,
-) -> GridPlan | None:
-    """How F is computed from the axes of a grid; None where that cannot be done."""
-    if engine not in ("auto", "numpy") or len(shape) != 2 or components[-1].shape != shape:
-        return None
-    return plan_for_grid(kernel, source, components, double)
+        yield targets, ..., ready(_on_numpy(kernel, tables, arguments)[: len(results)])
 
 
 # ---- slices that many frequencies share --------------------------------------------------------

@@ -14,6 +14,7 @@ coincide. Of thin outlines, and of those that run to and fro (combs, spirals), W
 to 6e-7 diameter perimeter in float32 where that is more (docs/accuracy.md, "Limits").
 """
 
+from polywigner.execution import Differentiable
 from polywigner.transforms.automean_samples import Weights, sample_automean
 from polywigner.transforms.calls import explain
 from polywigner.transforms.checked_calls import PhaseSpaceSource, Source
@@ -31,7 +32,7 @@ from polywigner.transforms.phase_space import (
 from polywigner.transforms.projection import PhaseSpaceFunction, projections
 from polywigner.transforms.pupil import mtf, otf
 from polywigner.transforms.spectrum import array_factor, fourier
-from polywigner.transforms.traced_sources import Differentiable, differentiable
+from polywigner.transforms.traced_sources import differentiable
 
 __all__ = [
     "Differentiable",

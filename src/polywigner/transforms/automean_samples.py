@@ -20,9 +20,9 @@ from polywigner.geometry.arguments import (
 from polywigner.geometry.convex import point_in_trapezoid, trapezoids
 from polywigner.kernels import kernel_for
 from polywigner.source import Array
+from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import PhaseSpaceSource
 from polywigner.transforms.phase_space import position_marginal
-from polywigner.transforms.sections import field_bound
 from polywigner.transforms.wavefronts import flat_of
 
 Weights = Literal["uniform", "marginal"]
@@ -96,13 +96,13 @@ def sample_automean(
     return points, position_marginal(bound, points, engine=engine) / content**2
 
 
-def in_phase(source: Any) -> Any:
-    """The source with a constant field on each element, no smaller than its own and in phase."""
+def in_phase(source: Aperture | Slits | Array) -> Aperture | Slits | Array:
+    """Return the source with a constant field in phase on each element, a bound on its field."""
     if not isinstance(source, Array):
         return source.with_illumination(None)
-    elements = [element.with_illumination(None) for element in source.elements_in_plane]
-    largest = [field_bound(element) for element in source.elements_in_plane]
-    return Array(elements, abs(source.weights) * largest)
+    elements = normal_form(source).in_plane.elements
+    bounds = [abs(e.weight) * np.abs(e.amplitudes).sum() for e in elements]
+    return Array([element.outline for element in elements], bounds)
 
 
 # More numbers fill any memory.

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
@@ -15,6 +16,7 @@ from polywigner.source import Array
 
 PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
+Points = TypeVar("Points")
 _COMPLEX = ("fourier", "array factor")  # of real and complex nu
 
 # Frequencies at a time where several arrays of their number are held: some 60 MiB.
@@ -22,13 +24,14 @@ _BLOCK = 1 << 19
 _LEAST_ROWS = 8
 
 
-def in_plane(nu: Any) -> Any:
-    """The first two components of three: an aperture without a pose lies in the plane z = 0."""
+def in_plane(nu: Points) -> Points:
+    """Return the first two of three components: an aperture without a pose lies in z = 0."""
     if execution.is_drjit(nu):
-        return execution.in_plane(nu)
+        components = execution.split(nu)
+        return execution.joined(components[:2]) if len(components) == 3 else nu
     try:
         shape = np.shape(nu)
-    except ValueError:  # lists of unequal lengths: checked_points says what is expected
+    except ValueError:  # lists of unequal lengths; checked_points raises the error
         return nu
     return np.asanyarray(nu)[..., :2] if shape and shape[-1] == 3 else nu
 
@@ -79,14 +82,14 @@ def checked_call(
 
 def array_on_grid(
     array: Array,
-    nu: Any,
+    nu: Points,
     precision: str | None,
     engine: str,
-    point_by_point: Callable[[Any], Any],
-) -> Any:
-    """F of a whole array of apertures without poses on a grid of real nu; None if that is none.
+    point_by_point: Callable[[NDArray[np.float64]], NDArray[np.complexfloating[Any]]],
+) -> NDArray[np.complexfloating[Any]] | None:
+    """Return F of an array of apertures without poses on a grid of real nu; None for other nu.
 
-    ``point_by_point``: nu (..., 2) -> F, for the points that the grid's formula is not for.
+    ``point_by_point``: nu (..., 2) -> F, for points where the formula for grids loses digits.
     """
     if execution.is_drjit(nu) or array.dimension != 2:
         return None
@@ -95,21 +98,21 @@ def array_on_grid(
     if np.iscomplexobj(points):
         return None
 
-    def parts(components: Sequence[Any]) -> tuple[Any, Any]:
+    def parts(components: Sequence[NDArray[np.float64]]) -> Sequence[NDArray[np.floating[Any]]]:
         values = point_by_point(np.stack(components, axis=-1))
         return values.real, values.imag
 
     value, into = empty_result(points.shape[:-1], precision, 2)
-    found = execution.evaluate_on_grid(
+    is_grid = execution.evaluate_on_grid(
         kernels.kernel_for("fourier", array),
         array,
         [points[..., 0], points[..., 1]],
         parts,
+        into,
         double=precision != "single",
         engine=execution.checked_engine(engine),
-        into=into,
     )
-    return None if found is None else value
+    return value if is_grid else None
 
 
 def empty_result(

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 
 from polywigner import kernels
-from polywigner.execution import Engine, Precision
+from polywigner.execution import Differentiable, Engine, Precision
 from polywigner.geometry.arguments import Points
 from polywigner.optics import FirstOrder
 from polywigner.transforms.calls import compute, public
 from polywigner.transforms.checked_calls import PhaseSpaceSource
-from polywigner.transforms.traced_sources import Differentiable
 from polywigner.transforms.wavefronts import flat_of
 
 

@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.execution import Engine, Precision
+from polywigner.execution import Differentiable, Drjit, Engine, Precision
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Wavefront
 from polywigner.geometry.arguments import Points
 from polywigner.kernels import is_separable
 from polywigner.source import Array
 from polywigner.source.lattices import Sites, checked_sites
 from polywigner.source.waves import exact_turns
-from polywigner.transforms.calls import compute, public
+from polywigner.transforms.calls import Values, compute, public
 from polywigner.transforms.checked_calls import (
     Source,
     array_on_grid,
@@ -26,7 +26,7 @@ from polywigner.transforms.checked_calls import (
     in_blocks,
     in_plane,
 )
-from polywigner.transforms.traced_sources import Differentiable, fourier_of
+from polywigner.transforms.traced_sources import fourier_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 
@@ -94,13 +94,26 @@ def fourier(
     if isinstance(source, Differentiable):
         if obliquity is not None:
             raise ArgumentError("expected no obliquity for a differentiable source")
-        return fourier_of(source, nu, precision, engine, fourier)
+        plain = partial(fourier, precision=precision, engine=engine)
+
+        def of_components(points: dict[str, Drjit]) -> Drjit:
+            return fourier_of(source, in_plane(points["nu"]), plain)
+
+        numbers = source.numbers
+        return execution.on_components(of_components, {"nu": nu}, numbers, precision, engine)
     how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
+    if execution.is_drjit(nu):
+        call = partial(_on_components, source, how)
+        return execution.on_components(call, {"nu": nu}, {}, precision, engine)
     with np.errstate(invalid="ignore", over="ignore"):  # waves of complex nu may overflow
         return _fourier(source, nu, how)
 
 
-def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Any:
+def _on_components(source: Source, how: dict[str, Any], points: dict[str, Drjit]) -> Drjit:
+    return _fourier(source, points["nu"], how)
+
+
+def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
     """Return F; NaN or inf where parts of it overflow."""
     obliquity, precision, engine = how["obliquity"], how["precision"], how["engine"]
     if isinstance(source, Array):
@@ -160,7 +173,7 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Any:
 def _less(nu: Any, kappa: Any) -> tuple[Any, Any]:
     """nu - kappa and its rounding error, which matters to sources far off the origin."""
     if execution.is_drjit(nu):
-        return execution.shifted_points(nu, -kappa), None
+        return execution.shifted(nu, -kappa), None
     array = checked_points("nu", nu, len(kappa), complex_allowed=True)
     difference = array - kappa
     real = array.real
@@ -184,7 +197,7 @@ def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Any:
             factor = array_factor(
                 shifts, weights, plane, precision=how["precision"], engine=how["engine"]
             )
-            term = execution.product_of_complex(term, factor)
+            term = term * factor
         total = term if total is None else total + term
     return total
 

@@ -22,10 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
-from polywigner.execution import is_drjit, kernel_threads
+from polywigner.execution import Differentiable, is_drjit, kernel_threads
 from polywigner.geometry import Polyhedron, Slits, Wavefront
 from polywigner.source import Array
-from polywigner.transforms.traced_sources import Differentiable
 
 
 def labelled_array(
