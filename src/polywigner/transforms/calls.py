@@ -116,43 +116,34 @@ def compute(
     *,
     through: FirstOrder | None = None,
     wavelength: float | None = None,
+    shear: execution.Shear | None = None,
+    has_kernel: bool = False,
 ) -> Values:
     """Return a transform of any source at points of any kind.
 
     For F of sources with waves and of arrays see :func:`polywigner.fourier`, a sum over elements
-    and waves.
+    and waves. ``has_kernel`` states that the source has a kernel and the points are NumPy arrays;
+    ``shear`` then maps their components, as :func:`polywigner.execution.evaluate` takes it.
     """
-    if execution.has_drjit(points.values()) or isinstance(source, Differentiable):
-        call = partial(_before, name, source, through, wavelength, (precision, engine))
-        numbers = source.numbers if isinstance(source, Differentiable) else {}
-        return execution.on_components(call, points, numbers, precision, engine)
-    if through is not None or wavelength is not None or isinstance(source, Wavefront):
-        return _before(name, source, through, wavelength, (precision, engine), points)
-    return _flat(name, source, points, (precision, engine))
-
-
-def _flat(
-    name: str, source: Any, points: Points, how: Options, shear: execution.Shear | None = None
-) -> Values:
-    """Return a transform that has a kernel, at NumPy points or Dr.Jit component arrays.
-
-    ``shear`` maps the components of all points, as :func:`polywigner.execution.evaluate` takes it.
-    """
-    declared = TRANSFORMS[name]
-    is_real = declared.is_real
-    if declared.full is not None:  # the lag marginal is real if the field is 1 on the source
-        is_real |= not isinstance(source, Array) and getattr(source, "illumination", None) is None
-        dimension = kernel_of(declared.full, source, *how).dimension
-        name, points = _of_full(name, dimension, points)
-    if execution.has_drjit(points.values()):
-        return _traced(name, source, points, is_real, shear)
-    kernel, components = checked_call(name, source, points, *how)
+    if not has_kernel:
+        is_numpy = not isinstance(source, Differentiable)
+        for value in points.values():
+            is_numpy &= type(value) is np.ndarray or not execution.is_drjit(value)
+        if not is_numpy:
+            call = partial(_before, name, source, through, wavelength, (precision, engine))
+            numbers = source.numbers if isinstance(source, Differentiable) else {}
+            return execution.on_components(call, points, numbers, precision, engine)
+        if through is not None or wavelength is not None or isinstance(source, Wavefront):
+            return _before(name, source, through, wavelength, (precision, engine), points)
+    is_real = TRANSFORMS[name].is_real
+    if TRANSFORMS[name].full is not None:
+        is_real, name, points = _of_full(name, source, points)
+    kernel, components = checked_call(name, source, points, precision, engine)
     try:
         shape = np.broadcast_shapes(*[c.shape for c in components])
     except ValueError:
         broadcast_shape([np.asarray(value) for value in points.values()])
         raise
-    precision, engine = how
     result, parts = empty_result(shape, precision, 1 if is_real else 2)
     execution.evaluate(
         kernel,
@@ -167,25 +158,43 @@ def _flat(
     return result[()]
 
 
-def _traced(
-    name: str, source: Any, points: Points, is_real: bool, shear: execution.Shear | None
-) -> Drjit:
-    """Return a transform at Dr.Jit component arrays."""
+def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
+    """Return a marginal as its full function: whether it is real, the name and the points."""
+    declared = TRANSFORMS[name]
+    assert declared.full is not None
+    # The lag marginal is real if the field is 1 on the source.
+    is_array = isinstance(source, Array)
+    is_uniform = not is_array and getattr(source, "illumination", None) is None
+    flat = source.source if isinstance(source, Wavefront) else source
+    zero = np.zeros(kernel_of(declared.full, flat, None, "auto").dimension)
+    full = {label: points.get(label, zero) for label in TRANSFORMS[declared.full].points}
+    return declared.is_real or is_uniform, declared.full, full
+
+
+def _flat(
+    name: str, source: Any, points: Points, how: Options, shear: execution.Shear | None = None
+) -> Values:
+    """Return a transform that has a kernel, at NumPy points or Dr.Jit component arrays."""
+    if not execution.has_drjit(points.values()):
+        return compute(name, source, points, *how, shear=shear, has_kernel=True)
     if isinstance(source, Differentiable) and source.intervals is not None:
         slits = source.source
-        value = _traced(name, slits, points, is_real, shear)
+        value = _flat(name, slits, points, how, shear)
         return execution.with_end_slopes(value, name, slits, source.intervals, points)
-    # Arrays with differentiable numbers use the kernel of all outlines; others may have their own.
-    numbered = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
+    is_real = TRANSFORMS[name].is_real
     if isinstance(source, Differentiable):
-        if name not in numbered:
+        # Kernels that arrays share with other outlines: their own have no derivatives.
+        kernels_of_all = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
+        if name not in kernels_of_all:
             raise ArgumentError(
                 f"expected an Aperture, Slits or Array for {name}, got a Differentiable; use "
                 "fourier, wigner or ambiguity"
             )
-        kernel = numbered[name]
+        kernel = kernels_of_all[name]
     else:
-        kernel = kernel_of(name, source, None, "auto")
+        if TRANSFORMS[name].full is not None:
+            is_real, name, points = _of_full(name, source, points)
+        kernel = kernel_of(name, source, *how)
         points = {
             label: p if execution.is_drjit(p) else _like(points, p) for label, p in points.items()
         }
@@ -368,7 +377,9 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
         values = compute(name, coherent, points, *how)
         degree = degree_of_coherence(wave, list(points.values())[-1])
         return values * degree.astype(np.asarray(values).real.dtype)
-    x, nu = _of_full(name, wave.dimension, points)[1].values()
+    if TRANSFORMS[name].full is not None:
+        _, name, points = _of_full(name, wave, points)
+    x, nu = points.values()
     if traced:
         double = type(execution.split(points[traced[0]])[0]).__name__.endswith("64")
     else:
@@ -393,15 +404,6 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
 # --- curved waves
 
 
-def _of_full(name: str, dimension: int, points: Points) -> tuple[str, Points]:
-    """Return the full function of a marginal, and its points, the other one zero."""
-    full = TRANSFORMS[name].full
-    if full is None:
-        return name, points
-    zero = np.zeros(dimension)
-    return full, {label: points.get(label, zero) for label in TRANSFORMS[full].points}
-
-
 def _checked(wave: Wavefront, points: Points) -> dict[str, Values]:
     dimension = kernels.kernel_for("wigner", wave.source).dimension
     return {label: _checked_point(label, p, dimension) for label, p in points.items()}
@@ -418,7 +420,8 @@ def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
     if name == "fourier":
         return _curved_spectrum(wave, points["nu"], how)
     d, q = wave.dimension, wave.curvature
-    name, points = _of_full(name, d, points)
+    if TRANSFORMS[name].full is not None:
+        _, name, points = _of_full(name, wave, points)
     points, flat = _checked(wave, points), wave.source
     if not wave.is_coherent:
         flat = Wavefront(flat, coherence_width=wave.coherence_width)
