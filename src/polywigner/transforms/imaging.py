@@ -9,6 +9,7 @@ are linear in x.
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -47,8 +48,6 @@ _BLOCK = 1 << 22
 _PAIRS = 1 << 15
 # Orders, and parts of an image relative to the largest, below which they are rounding errors.
 _ROUNDING = 1e-15
-# Squares of it are finite.
-_MOST_AMPLITUDE = 1e100
 # Overlaps of elements of a mask below this fraction of an element's area are rounding errors.
 _OVERLAP = 1e-9
 
@@ -105,7 +104,11 @@ def transmission_cross_coefficient(
     both = [_lags(name, xi) for name, xi in (("xi_1", xi_1), ("xi_2", xi_2))]
     shape = broadcast_shape(both)
     pairs = [np.broadcast_to(xi, (*shape, 2)).reshape(-1, 2) for xi in both]
-    _check_work(len(pairs[0]) * system.size)
+    if len(pairs[0]) * system.size > _MOST:
+        raise ArgumentError(
+            f"too many pairs of lags: {len(pairs[0])}, at most {_MOST // system.size} for this "
+            "pupil and condenser"
+        )
     lags, number = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
     found = system.coefficients(lags, *number.reshape(2, -1))
     return found.reshape(shape)[()]
@@ -172,7 +175,7 @@ def partially_coherent_image(
     scale = checked_wavelength(wavelength) * checked_length(distance, "distance")
     lattice = _checked_lattice(period)
     cell = abs(np.linalg.det(lattice))
-    _check_overlaps(mask, lattice, cell)
+    _check_overlaps(mask, lattice)
     orders = _orders_within_reach(system, lattice, scale)
     amplitudes = _amplitudes(mask, orders, cell, transmission, background)
     kept = np.abs(amplitudes) > _ROUNDING * np.abs(amplitudes).max(initial=0.0)
@@ -304,127 +307,94 @@ def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floa
     numbers = corners @ lattice.T
     first, last = np.floor(numbers.min(axis=0)), np.ceil(numbers.max(axis=0))
     count = math.prod((last - first + 1).tolist())
-    if not count <= _MOST:
-        _refuse(count, system.size)
+    if count > _MOST:
+        _check_orders(count, system.size)
     grid = np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(first, last, strict=True)))
     return np.asarray(np.stack([g.ravel() for g in grid], axis=-1) @ reciprocal)
 
 
 def _passing(system: _System, lags: Floats) -> NDArray[np.bool_]:
-    """Whether light of some point of the condenser passes the pupil at lags (n, 2).
-
-    Raises ArgumentError for too many such lags, which are counted before they are intersected: at
-    the least, those at which a point inside the pupil lies on the condenser, or the other way
-    round.
-    """
-    pairs = [(s.polygon, p.polygon) for s in system.condenser for p in system.pupil]
+    """Return whether radiation of any point of the condenser passes the pupil at lags (n, 2)."""
     passes = np.zeros(len(lags), bool)
-    for light, pupil in pairs:
-        bright, open_ = (part.representative_point().coords[0] for part in (light, pupil))
-        passes |= shapely.contains_xy(light, *(np.asarray(open_) - lags).T)
-        passes |= shapely.contains_xy(pupil, *(np.asarray(bright) + lags).T)
-    _check_orders(int(np.count_nonzero(passes)), system.size)
-    for light, pupil in pairs:
-        rest = np.flatnonzero(~passes)
-        passes[rest] = shapely.area(_overlap(light, pupil, lags[rest])) > 0.0
+    for term in system.condenser:
+        for pupil in system.pupil:
+            others = np.flatnonzero(~passes)
+            common = _overlap(term.polygon, pupil.polygon, lags[others])
+            passes[others] = shapely.area(common) > 0.0
     return passes
 
 
-def _check_orders(count: int, size: int) -> None:
-    """Raise ArgumentError if the pairs of ``count`` orders make too many intersections."""
+def _check_orders(count: float, size: int) -> None:
+    """Raise ArgumentError if the pairs of ``count`` orders need too many intersections."""
     if not 0.5 * count * (count + 1.0) * size <= _MOST:
-        _refuse(count, size)
+        most = int(math.sqrt(2.0 * _MOST / size))
+        raise ArgumentError(
+            f"too many orders of the mask pass: {count:.6g}, at most {most} for this pupil and "
+            "condenser; use a smaller condenser or pupil, or a shorter period"
+        )
 
 
-def _refuse(count: float, size: int) -> None:
-    most = int(math.sqrt(2.0 * _MOST / size))
-    raise ArgumentError(
-        f"too many orders of the mask pass: {count:.6g}, at most {most} for this pupil and "
-        "condenser (some minutes of intersections of polygons); take a smaller condenser or pupil, "
-        "or a shorter period"
-    )
-
-
-def _check_overlaps(mask: Any, lattice: Floats, cell: float) -> None:
+def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
     """Raise GeometryError if elements of a mask overlap each other, or copies of the mask."""
     if not isinstance(mask, Aperture | Array):
         raise ArgumentError(
             f"expected mask as an Aperture, or an Array of apertures, got {type(mask).__name__}"
         )
     elements = np.array([element.polygons for element in mask.elements_in_plane], object)
-    tree = shapely.STRtree(elements)
-    found = _overlap_of(elements, tree, np.zeros(2))
-    if found is not None:
-        a, b, common = found
-        raise GeometryError(
-            f"elements {a} and {b} of the mask overlap in {common:.4g} m², where their "
-            "transmissions would add; pass their union as one Aperture (a | b)"
-        )
-    area = float(shapely.area(elements).sum())
-    if area > (1.0 + _OVERLAP) * cell:
-        raise GeometryError(
-            f"the mask overlaps its copies: its area is {area:.4g} m², and that of a period "
-            f"{cell:.4g} m²; pass a longer period, or cut the mask to one period"
-        )
+    areas, tree = shapely.area(elements), shapely.STRtree(elements)
     low, high = np.reshape(shapely.total_bounds(elements), (2, 2))
     size = high - low
     corners = np.array([size, size * [1, -1]])
     most = np.ceil(abs(corners @ np.linalg.inv(lattice)).max(axis=0)).astype(int)
     numbers = np.stack(np.meshgrid(*(np.arange(-n, n + 1) for n in most)), axis=-1).reshape(-1, 2)
-    shifts = numbers[: len(numbers) // 2] @ lattice  # of each pair of opposite shifts one
-    for shift in shifts[(abs(shifts) < size).all(axis=1)]:
-        found = _overlap_of(elements, tree, shift)
-        if found is not None:
-            a, b, common = found
+    shifts = numbers[: len(numbers) // 2 + 1] @ lattice  # one of each pair of opposite shifts
+    for shift in shifts[(abs(shifts) < size).all(axis=1)][::-1]:
+        copies = shapely.transform(elements, lambda x, shift=shift: x + shift)
+        second, first = tree.query(copies)
+        if not shift.any():
+            first, second = first[first < second], second[first < second]
+        common = shapely.area(shapely.intersection(elements[first], copies[second]))
+        overlapping = np.flatnonzero(common > _OVERLAP * np.minimum(areas[first], areas[second]))
+        for k in overlapping[:1]:
+            pair = f"elements {first[k]} and {second[k]} of the mask overlap in {common[k]:.4g} m²"
+            if shift.any():
+                raise GeometryError(
+                    f"the mask overlaps its copy at ({shift[0]:.4g}, {shift[1]:.4g}) m: {pair}; "
+                    "pass a longer period, or cut the mask to one period"
+                )
             raise GeometryError(
-                f"the mask overlaps its copy at ({shift[0]:.4g}, {shift[1]:.4g}) m: element {a} of "
-                f"the mask and element {b} of the copy, in {common:.4g} m²; pass a longer period, "
-                "or cut the mask to one period"
+                f"{pair}, where their transmissions would add; pass their union as one Aperture "
+                "(a | b)"
             )
 
 
-def _overlap_of(elements: Any, tree: Any, shift: Floats) -> tuple[int, int, float] | None:
-    """Two elements (k, j) that overlap, j in a copy at ``shift``, and their common area."""
-    copies = shapely.transform(elements, lambda x: x + shift)
-    second, first = tree.query(copies)
-    if not shift.any():
-        first, second = first[first < second], second[first < second]
-    common = shapely.area(shapely.intersection(elements[first], copies[second]))
-    least = np.minimum(shapely.area(elements[first]), shapely.area(elements[second]))
-    worst = np.flatnonzero(common > _OVERLAP * least)
-    if not len(worst):
-        return None
-    k = worst[0]
-    return int(first[k]), int(second[k]), float(common[k])
-
-
 def _amplitudes(
-    mask: Any, orders: Floats, cell: float, transmission: Any, background: Any
+    mask: Aperture | Array, orders: Floats, cell: float, transmission: complex, background: complex
 ) -> Complex:
-    """Amplitudes (n,) of a mask's orders."""
-    within = _checked_amplitude("transmission", transmission)
-    around = _checked_amplitude("background", background)
+    """Return the amplitudes (n,) of a mask's orders."""
+    inside, around = (
+        _checked_amplitude(name, value)
+        for name, value in (("transmission", transmission), ("background", background))
+    )
     weights = mask.weights if isinstance(mask, Array) else np.ones(1)
-    found = np.zeros(len(orders), np.complex128)
+    amplitudes = np.zeros(len(orders), np.complex128)
     for element, weight in zip(mask.elements_in_plane, weights.tolist(), strict=True):
-        found += within * weight * fourier(element, orders)
+        amplitudes += inside * weight * fourier(element, orders)
         if around:
-            found -= around * fourier(element.with_illumination(None), orders)
-    found /= cell
-    found[(orders == 0.0).all(axis=1)] += around
-    return found
+            amplitudes -= around * fourier(element.with_illumination(None), orders)
+    amplitudes /= cell
+    amplitudes[(orders == 0.0).all(axis=1)] += around
+    return amplitudes
 
 
-def _checked_amplitude(name: str, value: Any) -> complex:
+def _checked_amplitude(name: str, value: complex) -> complex:
     try:
-        found = complex(value)
-    except (TypeError, ValueError, OverflowError):
-        found = complex("nan")
-    if isinstance(value, str) or not abs(found) <= _MOST_AMPLITUDE:
-        raise ArgumentError(
-            f"expected {name} as a number of size {_MOST_AMPLITUDE:g} or less, got {value!r:.100}"
-        )
-    return found
+        amplitude = complex("nan" if isinstance(value, str) else value)
+    except (TypeError, ValueError):
+        amplitude = complex("nan")
+    if not cmath.isfinite(amplitude):
+        raise ArgumentError(f"expected {name} as a finite number, got {value!r:.100}")
+    return amplitude
 
 
 def _lags(name: str, values: Any) -> Floats:
@@ -444,11 +414,3 @@ def _checked_lattice(period: Any) -> Floats:
             f"got {period!r}"
         )
     return np.asarray(lattice, np.float64)
-
-
-def _check_work(count: float) -> None:
-    if not count <= _MOST:
-        raise ArgumentError(
-            f"expected at most {_MOST:.1e} intersections of polygons, got {count:.1e}; take fewer "
-            "lags, a shorter period, or fewer waves"
-        )

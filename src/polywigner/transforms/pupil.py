@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -79,12 +78,7 @@ def otf(
     kernel = kernels.kernel_for("ambiguity", flat_of(_checked_pupil(source)))
     radius = checked_pupil_radius(source, pupil_radius)
     waves = checked_waves(defocus)
-    # Two divisions: the square of a radius may be too small or too large for a float.
-    slope = -2.0 * waves / radius / radius
-    if not np.isfinite(slope):
-        raise ArgumentError(
-            f"expected a defocus of fewer waves, got {waves:g} at a pupil_radius of {radius:g}"
-        )
+    slope = -2.0 * waves / radius**2
     if execution.is_drjit(xi):
         raise ArgumentError("expected xi as a NumPy array, got a Dr.Jit array; use xi.numpy()")
     lags = checked_points("xi", xi, kernel.dimension, complex_allowed=False)
@@ -159,11 +153,7 @@ def mtf(
     aberration = checked_waves(defocus) * float(share @ lengths)
     total: Any = 0.0
     for part, length in zip(share, lengths.tolist(), strict=True):
-        scale = length * distance
-        if not math.isfinite(scale):
-            raise ArgumentError(f"expected focal_length in m, got {distance:g}; check its unit")
-        with np.errstate(over="ignore"):  # beyond all light
-            lags = np.asarray(cycles) * scale
+        lags = np.asarray(cycles) * (length * distance)
         pupil = source.at_wavelength(length)
         total = total + part * otf(pupil, lags, aberration / length, pupil_radius, **how)
     seen = np.sinc(np.asarray(cycles) * sides).prod(axis=-1)
@@ -193,17 +183,12 @@ def shares_of(weights: Any, count: int) -> NDArray[np.float64]:
             f"expected weights ({count},), one for each wavelength, of zero or more and not all "
             f"zero, got {value_text(weights)}"
         )
-    shares = given / given.max()  # so that the sum does not overflow
-    return np.asarray(shares / shares.sum())
+    return np.asarray(given / given.sum())
 
 
-# Fewer waves change no digit, and make lengths that are no floats.
-_LEAST_WAVES = 1e-30
-
-
-def checked_waves(defocus: Any) -> float:
-    waves = checked_number(defocus, "defocus", "a finite defocus in waves")
-    return waves if abs(waves) > _LEAST_WAVES else 0.0
+def checked_waves(defocus: float) -> float:
+    """Return a defocus in waves. Raises ArgumentError if it is not a finite number."""
+    return checked_number(defocus, "defocus", "a finite defocus in waves")
 
 
 def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
