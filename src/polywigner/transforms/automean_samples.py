@@ -96,7 +96,7 @@ def sample_automean(
     return points, position_marginal(bound, points, engine=engine) / content**2
 
 
-def in_phase(source: Aperture | Slits | Array) -> Aperture | Slits | Array:
+def in_phase(source: PhaseSpaceSource) -> Aperture | Slits | Array:
     """Return the source with a constant field in phase on each element, a bound on its field."""
     if not isinstance(source, Array):
         return source.with_illumination(None)

@@ -34,6 +34,7 @@ from polywigner.optics import FirstOrder
 from polywigner.source import Array
 from polywigner.transforms.checked_calls import (
     PhaseSpaceSource,
+    Values,
     broadcast_shape,
     checked_call,
     checked_points,
@@ -57,7 +58,6 @@ _EXPLAINED = (
     "wigner", "ambiguity", "autocorrelation", "fourier", "position_marginal", "lag_marginal",
 )  # fmt: skip
 
-Values = NDArray[Any] | Drjit
 Points = Mapping[str, Any]
 Options = tuple[str | None, str]
 """Precision and engine of a call."""

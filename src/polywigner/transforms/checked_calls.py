@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
+from polywigner.execution import Drjit
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.source import Array
 
 PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
-Points = TypeVar("Points")
+Values = NDArray[Any] | Drjit
 _COMPLEX = ("fourier", "array factor")  # of real and complex nu
 
 # Frequencies at a time where several arrays of their number are held: some 60 MiB.
@@ -24,7 +25,7 @@ _BLOCK = 1 << 19
 _LEAST_ROWS = 8
 
 
-def in_plane(nu: Points) -> Points:
+def in_plane(nu: Any) -> Values:
     """Return the first two of three components: an aperture without a pose lies in z = 0."""
     if execution.is_drjit(nu):
         components = execution.split(nu)
@@ -82,7 +83,7 @@ def checked_call(
 
 def array_on_grid(
     array: Array,
-    nu: Points,
+    nu: Any,
     precision: str | None,
     engine: str,
     point_by_point: Callable[[NDArray[np.float64]], NDArray[np.complexfloating[Any]]],

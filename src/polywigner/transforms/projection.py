@@ -196,7 +196,11 @@ def _axes(
     """Return the values along every coordinate of the tiles."""
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
     counts = samples if isinstance(samples, Mapping) else dict.fromkeys(names, samples)
-    options = {"samples": counts, "extent": extent or {}, "coordinates": coordinates or {}}
+    options: dict[str, Any] = {
+        "samples": counts,
+        "extent": extent or {},
+        "coordinates": coordinates or {},
+    }
     for option, values in options.items():
         if not isinstance(values, Mapping):
             raise ArgumentError(
@@ -216,7 +220,7 @@ def _axes(
             raise ArgumentError(
                 f"expected the extent of {name} as (lowest, highest), got {value_text(ends)}"
             )
-        axes[name] = np.linspace(*interval, count)
+        axes[name] = np.linspace(float(interval[0]), float(interval[1]), count)
     return axes
 
 
@@ -336,8 +340,8 @@ class Tile:
     """(source, points of a grid, engine=...) or (field, first values, second values) -> (n, m)."""
     scale: Scale
     """Unit of the rounding error, in the tile's units."""
-    takes: Literal["source", "field", "transposed"] = "source"
-    """First argument of ``compute``; x and y are exchanged in a transposed field."""
+    takes: str = "source"
+    """Argument of ``compute``: "source", "field", or "transposed", a field with x and y exchanged."""
 
     def values(
         self, source: PhaseSpaceSource, first: Values, second: Values, engine: Engine
@@ -512,11 +516,10 @@ def _tiles_of(dimension: int, kind: str) -> dict[str, Tile]:
         if "{" not in over:
             tiles.append(Tile(first, second, units, meaning, label, compute, scale))
             continue
-        names = [text.format("x", "y") for text in (first, second, units, meaning)]
-        tiles.append(Tile(*names, label, compute, scale, "field"))
-        names = [text.format("y", "x") for text in (first, second, units, meaning)]
-        turned = partial(_transposed, scale)
-        tiles.append(Tile(*names, label, compute, turned, "transposed"))
+        for takes, letters in (("field", "xy"), ("transposed", "yx")):
+            x, y, over_both = (text.format(*letters) for text in (first, second, meaning))
+            scaled = partial(_transposed, scale) if takes == "transposed" else scale
+            tiles.append(Tile(x, y, units, over_both, label, compute, scaled, takes))
     return {f"{tile.first}_{tile.second}": tile for tile in tiles}
 
 

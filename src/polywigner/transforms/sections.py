@@ -246,7 +246,8 @@ def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
 
 def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> NDArray[Any]:
     """Return polygons (n, elements)."""
-    polygons = np.array([element.outline.polygons for element in field.elements], object)  # type: ignore[union-attr]
+    outlines: list[Any] = [element.outline for element in field.elements]
+    polygons: NDArray[Any] = np.array([outline.polygons for outline in outlines], dtype=object)
     copies = np.tile(polygons, (len(shifts), 1))
     points, number = shapely.get_coordinates(copies, return_index=True)
     moved = points * scale + shifts[number // len(polygons)]
