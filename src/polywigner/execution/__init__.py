@@ -32,9 +32,8 @@ from polywigner.execution.drjit_operations import DrjitOperations, UnrolledOpera
 from polywigner.execution.evaluation import Shear, evaluate, evaluate_rows, evaluate_sums, explained
 from polywigner.execution.frequency_grids import evaluate_on_grid
 from polywigner.execution.on_drjit import without_collection
-from polywigner.execution.operations import NumpyOperations, ScalarOperations
+from polywigner.execution.operations import Drjit, NumpyOperations, ScalarOperations
 from polywigner.execution.points import (
-    Drjit,
     columns_of,
     complex_numbers,
     components_of,

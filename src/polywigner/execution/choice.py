@@ -29,16 +29,15 @@ CODE = "edges as code"
 SUM = "sum of terms"
 
 # Thresholds, from benchmarks/default_regret.py.
-# Samples from which on compiled code is faster in a process that has compiled a kernel before; all
-# sources are data of that kernel.
+# Samples from which on compiled code with sources as data is faster, once the kernel is compiled.
 _LEAST_SAMPLES = 1000
-# Terms (samples times edges, waves and copies) from which on a kernel of its own for each source
-# is worth its compilation.
+# Terms (samples times edges, waves and copies) from which on a kernel for each source is worth its
+# compilation.
 _LEAST_TERMS = 1 << 18
 # Samples from which on edges as code pay for being compiled.
 _LEAST_SAMPLES_AS_CODE = 1 << 18
-# Frequencies at a position from which on compiled code sums listed slices; up to four edges are cut
-# as fast as they are looked up.
+# Frequencies at a position from which on compiled code sums listed slices. Cutting up to four edges
+# is as fast as reading a list.
 _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
 # Terms for each family of parallel edges from which on F on a grid is computed from its axes.
 _TERMS_PER_FAMILY = 1 << 10
@@ -82,7 +81,7 @@ def checked_precision(precision: str | None) -> str | None:
 
 
 def resolved(engine: str, samples: int, terms: int = 1) -> str:
-    """Return the engine that sums so many terms for each of so many samples.
+    """Return the engine for a number of samples and of terms of each sample.
 
     ``"auto"`` is NumPy or LLVM; CUDA is used on request only.
 
@@ -166,9 +165,10 @@ def takes_data(kernel: Kernel, tables: Any) -> bool:
 
 @contextmanager
 def uncompiled() -> Iterator[None]:
-    """Within, ``"auto"`` is NumPy: where code runs in a thread that belongs to Dr.Jit itself.
+    """Make ``"auto"`` NumPy within the block, for code that runs in a thread of Dr.Jit.
 
-    Mitsuba loads scenes in Dr.Jit's threads. One that waits there for a kernel has ended a process.
+    Mitsuba loads scenes in Dr.Jit's threads. A thread that waits there for a kernel can end the
+    process.
     """
     token = _is_uncompiled.set(True)
     try:
@@ -188,12 +188,13 @@ def _require_cuda() -> None:
         )
 
 
-def drjit_float(engine: str, double: bool) -> Any:
-    """Dr.Jit's array type of an engine that :func:`resolved` has accepted."""
+def drjit_float(engine: str, double: bool) -> type:
+    """Return Dr.Jit's array type of an engine that :func:`resolved` has accepted."""
     import importlib
 
-    # Only this import waits for another thread's: a submodule is there before it is filled.
+    # This import waits for an import in another thread; a submodule exists before it is complete.
     import drjit  # noqa: F401
 
     module = importlib.import_module(f"drjit.{engine}")
-    return module.Float64 if double else module.Float32
+    kind: type = module.Float64 if double else module.Float32
+    return kind

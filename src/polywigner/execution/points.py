@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,10 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations
+from polywigner.execution.operations import Drjit, Numbers
 from polywigner.geometry.arguments import real_numbers
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.toolchain import llvm
-
-Drjit: TypeAlias = Any
-"""A Dr.Jit array of any variant of Mitsuba, whose classes depend on the variant; in scalar variants
-a Python number or a vector of them."""
 
 Points = Mapping[str, Any]
 """Points by the names of the arguments."""
@@ -244,7 +241,7 @@ def split(point: Any) -> list[Any]:
     return [point] if sys.modules["drjit"].depth_v(point) == 1 else list(point)
 
 
-def joined(components: Sequence[Any]) -> Any:
+def joined(components: Sequence[Any]) -> Numbers:
     """Return points of these components, the inverse of :func:`split`."""
     if not is_drjit(components[0]):
         return np.stack(np.broadcast_arrays(*components), axis=-1)
@@ -267,7 +264,7 @@ def matrix_times(matrix: NDArray[np.float64], components: Sequence[Any]) -> list
     ]
 
 
-def unit_wave(turns: Any) -> Any:
+def unit_wave(turns: Numbers) -> Numbers:
     """Return exp(2 pi i turns), as NumPy's complex numbers or a ``Complex2f``."""
     if not is_drjit(turns):
         return np.exp(2j * np.pi * (turns - np.round(turns)))
@@ -275,7 +272,7 @@ def unit_wave(turns: Any) -> Any:
     return sibling(type(turns), "Complex2f")(cosine, sine)
 
 
-def times_complex(value: Any, factor: complex) -> Any:
+def times_complex(value: Numbers, factor: complex) -> Numbers:
     """Return a complex result, NumPy's or a ``Complex2f``, times a number."""
     if is_drjit(value):
         return value * type(value)(factor.real, factor.imag)

@@ -35,7 +35,7 @@ Numbers = tuple[Any, Any]
 class Traced:
     """Numbers of a source in its frame that are Dr.Jit arrays; None: they are constants.
 
-    While a kernel is traced each number is an array of its own, and the pairs are of tuples.
+    While a kernel is traced each number is a separate array, and the pairs consist of tuples.
     """
 
     vertices: Numbers | None = None
@@ -97,7 +97,7 @@ def _scaled(numbers: Drjit, factors: NDArray[np.complex128]) -> Numbers:
 
 
 class _Accumulator:
-    """Sums up slopes in vertices and fields, times these."""
+    """Sums of slopes in vertices and fields, times the changes of these."""
 
     def __init__(self, ops: DrjitOperations, traced: Traced) -> None:
         import drjit as dr
@@ -136,19 +136,21 @@ class _Accumulator:
         kind = self.ops.float_type
         is_constant = isinstance(number, int | float)
         index = dr.uint32_array_t(kind)(int(number)) if is_constant else self.ops.truncated(number)
-        if not is_constant or dr.flag(dr.JitFlag.SymbolicScope):  # a loop's do not exist after it
+        if not is_constant or dr.flag(
+            dr.JitFlag.SymbolicScope
+        ):  # arrays of a loop do not exist after it
             return tuple(dr.gather(kind, values, index) for values in pair)
-        # once for all edges, or each would add up gradients in memory for itself
+        # Once for all edges; otherwise each edge would accumulate gradients in memory.
         key = id(pair), int(number)
         if key not in self.known:
             self.known[key] = tuple(dr.gather(kind, values, index) for values in pair)
         return self.known[key]
 
 
-def _followed(pair: Any, kind: Any) -> Any:
-    """Zeros with the derivatives of arrays of numbers, which are not looked up themselves.
+def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
+    """Return zeros with the derivatives of arrays of numbers.
 
-    They are in memory, since loops drop constants that they would add up.
+    The zeros are in memory, because loops drop constants.
     """
     import drjit as dr
 
@@ -160,7 +162,7 @@ def _followed(pair: Any, kind: Any) -> Any:
 def kernel_with_derivatives(
     kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], traced: Traced
 ) -> tuple[Any, ...]:
-    """Results of a kernel with derivatives in its arguments and in ``traced`` numbers."""
+    """Return results of a kernel with derivatives in its arguments and in ``traced`` numbers."""
     import drjit as dr
 
     slopes = slope_kernel_of(kernel)
@@ -172,9 +174,9 @@ def kernel_with_derivatives(
     values = kernel.edge_sum(ops, tables, *fixed)
     # Derivatives depend on the last arguments.
     summed = map(real, fixed[-slopes.arguments :])
-    found = slopes.slopes(ops, tables, _Accumulator(ops, traced), *summed)
+    derivatives = slopes.slopes(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]
-    parts = slopes.parts(slopes.changed(ops, tables.frame, found, change))
+    parts = slopes.parts(slopes.changed(ops, tables.frame, derivatives, change))
     sums = tuple(
         dr.replace_grad(real(value), real(part)) for value, part in zip(values, parts, strict=True)
     )

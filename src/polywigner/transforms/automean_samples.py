@@ -81,22 +81,22 @@ def sample_automean(
     >>> places.shape, round(float(weights.sum()), 6)
     ((100, 2), 100.0)
     """
-    source = flat_of(source)  # a curved wave has the same support and modulus
-    dimension = kernel_for("wigner", source).dimension
+    flat: Any = flat_of(source)  # a curved wave has the same support and modulus
+    dimension = kernel_for("wigner", flat).dimension
     checked_choice(weights, "weights", get_args(Weights))
     if weights == "uniform":
         numbers = _numbers(samples, dimension, seed)
-        points, content = _uniform_map([(_support(source), 1.0)])(numbers)
+        points, content = _uniform_map([(_support(flat), 1.0)])(numbers)
         return points, np.full(len(points), 1.0 / content)
     numbers = _numbers(samples, 2 * dimension, seed)
-    bound = in_phase(source)
+    bound = in_phase(flat)
     place = _uniform_map(_elements(bound))
     (first, content), (second, _) = place(numbers[:, :dimension]), place(numbers[:, dimension:])
     points = first / 2 + second / 2
     return points, position_marginal(bound, points, engine=engine) / content**2
 
 
-def in_phase(source: PhaseSpaceSource) -> Aperture | Slits | Array:
+def in_phase(source: Aperture | Slits | Array) -> Aperture | Slits | Array:
     """Return the source with a constant field in phase on each element, a bound on its field."""
     if not isinstance(source, Array):
         return source.with_illumination(None)

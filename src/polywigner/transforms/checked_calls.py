@@ -1,4 +1,4 @@
-"""Arguments of all transforms: checked once; then kernel and engine are found."""
+"""Checks of the arguments of all transforms, and the kernel of a call."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
 from polywigner.execution import Drjit
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
+from polywigner.kernels import Kernel
 from polywigner.source import Array
 
 PhaseSpaceSource = Aperture | Slits | Array | Wavefront
@@ -20,7 +21,7 @@ Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 Values = NDArray[Any] | Drjit
 _COMPLEX = ("fourier", "array factor")  # of real and complex nu
 
-# Frequencies at a time where several arrays of their number are held: some 60 MiB.
+# Frequencies at a time for sums that use several arrays of this length: some 60 MiB.
 _BLOCK = 1 << 19
 _LEAST_ROWS = 8
 
@@ -37,10 +38,10 @@ def in_plane(nu: Any) -> Values:
     return np.asanyarray(nu)[..., :2] if shape and shape[-1] == 3 else nu
 
 
-def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Any:
-    """The kernel of a transform of a source, kept with it; options are checked.
+def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Kernel:
+    """Return the kernel of a transform, cached with the source, and check the options.
 
-    Raises ArgumentError for options that are none, and as `kernels.kernel_for`.
+    Raises ArgumentError for unknown options, and as `kernels.kernel_for` does.
     """
     if precision is not None:
         execution.checked_precision(precision)
@@ -48,14 +49,15 @@ def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Any
         execution.checked_engine(engine)
     known = getattr(source, "__dict__", {}).setdefault("_kernels", {})
     if name not in known:
-        found = kernels.kernel_for(name, source)
+        kernel = kernels.kernel_for(name, source)
         source.__dict__.setdefault("_tables", {})
-        known[name] = found
-    return known[name]
+        known[name] = kernel
+    result: Kernel = known[name]
+    return result
 
 
 def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
-    """The shape of a call with points (..., d); ArgumentError if they do not broadcast."""
+    """Return the broadcast shape of points (..., d). Raises ArgumentError."""
     try:
         return np.broadcast_shapes(*[a.shape[:-1] for a in arrays])
     except ValueError:
@@ -119,7 +121,7 @@ def array_on_grid(
 def empty_result(
     shape: tuple[int, ...], precision: str | None, outputs: int
 ) -> tuple[Any, list[Any]]:
-    """An array for a real or complex result, and its parts to write into."""
+    """Return an array for a real or complex result, and views of its parts."""
     single = precision == "single"
     if outputs == 1:
         value = np.empty(shape, np.float32 if single else np.float64)
@@ -128,30 +130,30 @@ def empty_result(
     return value, [value.real, value.imag]
 
 
-def in_blocks(evaluate: Callable[[Any], Any], nu: Any) -> Any:
-    """``evaluate(nu)``, of many frequencies some rows at a time.
+def in_blocks(evaluate: Callable[[Any], Values], nu: Any) -> Values:
+    """Return ``evaluate(nu)``, computed in blocks of rows if there are many frequencies.
 
-    For sums of transforms, which hold several arrays as large as what they are given.
+    This bounds the memory of sums of transforms, which use several arrays of the size of nu.
     """
     if not isinstance(nu, np.ndarray) or nu.ndim < 2 or nu.size <= nu.shape[-1] * _BLOCK:
         return evaluate(nu)
-    # of grids not fewer rows than a grid has
+    # Blocks of a grid keep enough rows to be grids.
     rows = max(_LEAST_ROWS, _BLOCK // math.prod(nu.shape[1:-1]))
     values: Any = None
     for start in range(0, len(nu), rows):
-        found = evaluate(nu[start : start + rows])
+        block = evaluate(nu[start : start + rows])
         if values is None:
-            values = np.empty(nu.shape[:-1], found.dtype)
-        values[start : start + rows] = found
+            values = np.empty(nu.shape[:-1], block.dtype)
+        values[start : start + rows] = block
     return values
 
 
 def checked_points(
     name: str, value: Any, dimension: int, complex_allowed: bool, keep_single: bool = False
-) -> Any:
-    """An array (..., dimension) of float64 or complex128.
+) -> NDArray[Any]:
+    """Return an array (..., dimension) of float64 or complex128. Raises ArgumentError.
 
-    ``keep_single``: one of float32 as it is; a copy in double precision may not fit into memory.
+    ``keep_single`` returns float32 unchanged; a copy in double precision may not fit into memory.
     """
     if type(value) is np.ndarray and value.dtype == np.float64 and value.shape[-1:] == (dimension,):
         return value  # most calls

@@ -67,7 +67,7 @@ def transmission_cross_coefficient(
     xi_2: ArrayLike,
     defocus: float = 0.0,
     pupil_radius: float | None = None,
-) -> Any:
+) -> Complex:
     """Transmission cross coefficient of an imaging system, T(xi_1, xi_2).
 
     ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx / int S dx``, with P the field in the pupil and S
@@ -128,7 +128,7 @@ def partially_coherent_image(
     *,
     transmission: complex = 1.0,
     background: complex = 0.0,
-) -> Any:
+) -> Floats:
     """Image of a periodic mask of polygons in light of a condenser, as a share of clear light.
 
     The mask's orders are its Fourier transform at the lattice's frequencies, in closed form; each
@@ -274,7 +274,7 @@ def _elements(source: Aperture | Array) -> list[list[_Term]]:
     return found
 
 
-def _overlap(light: Any, pupil: Any, lags: Floats) -> Any:
+def _overlap(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
     """Polygons (n,) of the places of a condenser whose light passes a pupil, at lags (n, 2)."""
     shifted = np.full(len(lags), pupil, object)
     corners, owner = shapely.get_coordinates(shifted, return_index=True)

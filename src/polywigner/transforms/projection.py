@@ -341,7 +341,7 @@ class Tile:
     scale: Scale
     """Unit of the rounding error, in the tile's units."""
     takes: str = "source"
-    """Argument of ``compute``: "source", "field", or "transposed", a field with x and y exchanged."""
+    """Argument of ``compute``: "source", "field", or "transposed" (x and y exchanged)."""
 
     def values(
         self, source: PhaseSpaceSource, first: Values, second: Values, engine: Engine

@@ -39,7 +39,7 @@ def otf(
     *,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> Any:
+) -> NDArray[Any]:
     """Optical transfer function of a pupil of this shape, in or out of focus, 1 at xi = 0.
 
     ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function of the pupil in focus:
@@ -101,7 +101,7 @@ def mtf(
     pixel: float | ArrayLike = 0.0,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> Any:
+) -> NDArray[Any]:
     """Modulation transfer function of a lens with a pupil of this shape, |OTF| in the focal plane.
 
     The lag in the pupil is wavelength times focal length times frequency. Of several wavelengths it
@@ -160,16 +160,17 @@ def mtf(
     return np.abs(total * seen).astype(np.float64)[()]
 
 
-def _checked_pupil(source: Any) -> Any:
-    """Return the source; IlluminationError for a partly coherent one."""
+def _checked_pupil(source: Any) -> PhaseSpaceSource:
+    """Return the source. Raises IlluminationError if it is partly coherent."""
+    pupil: PhaseSpaceSource = source
     if is_partly_coherent(source):
         raise IlluminationError(
             "expected a pupil in coherent light, got one that is coherent over "
             f"{source.coherence_width:g} m: there is no transfer function of images in partly "
-            "coherent light; use its .coherent for that of the pupil, or polywigner.lag_marginal "
-            "for the coherence of the light"
+            "coherent light; use its .coherent, or polywigner.lag_marginal for the degree of "
+            "coherence"
         )
-    return source
+    return pupil
 
 
 def shares_of(weights: Any, count: int) -> NDArray[np.float64]:

@@ -39,7 +39,7 @@ def fourier(
     obliquity: Literal["paper"] | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> Any:
+) -> Values:
     """Fourier transform (SFT) of a source, F(nu) = integral of u(x) exp(-2 pi i nu.x) over it.
 
     The transform is a closed form at any nu, zero included (docs/theory.md, (F2), (F3), (F5), (S1),
@@ -148,8 +148,9 @@ def _field_of(source: Source) -> Illumination | None:
 
 def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
     """Return sum_m c_m F(nu - kappa_m) of the uniform source, (I1)."""
-    field, uniform, total = _field_of(source), source, 0.0
+    field, uniform = _field_of(source), source
     assert field is not None
+    total: Values = 0.0
     d = field.frequencies.shape[1]
     rotation, shift = np.eye(d), np.zeros(d)
     if isinstance(source, PlacedAperture):
@@ -187,7 +188,7 @@ def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Values:
 
     Elements that are shifted copies of one another are one element times an array factor, (L3).
     """
-    total = 0.0
+    total: Values = 0.0
     for element, shifts, weights in _copies(array):
         term = fourier(element, nu, **how)
         if shifts is None:
@@ -231,10 +232,10 @@ def array_factor(
     *,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> Any:
+) -> Values:
     """Array factor sum_k w_k exp(-2 pi i nu.p_k) of isotropic sources at the positions.
 
-    The Fourier transform of a `phased_array` is that of its element times this factor
+    The Fourier transform of a `phased_array` is F of its element times this factor
     (docs/theory.md, (L3)). On lattices whose weights are a product of two profiles, the sums along
     the two directions are taken one after the other.
 
