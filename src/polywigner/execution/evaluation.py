@@ -106,8 +106,7 @@ def evaluate(
     else:
         compiled: OnDrjit | OnDrjitData
         if plan.strategy == DATA:
-            size = results[0].size
-            compiled = OnDrjitData(kernel, tables, double, plan.engine, size, len(results))
+            compiled = OnDrjitData(kernel, tables, double, plan.engine, samples)
         else:
             compiled = OnDrjit(kernel, tables, double, plan.engine)
         store(compiled.points(components, results), samples)

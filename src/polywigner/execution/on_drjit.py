@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.execution.choice import drjit_float
-from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results, store
+from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results
 from polywigner.execution.drjit_operations import MOST_TERMS_AS_CODE, DrjitOperations
 from polywigner.execution.operations import Drjit, NumpyOperations
 from polywigner.kernels import Kernel
@@ -129,17 +129,6 @@ def is_recording(kind: Any) -> bool:
 
     scopes = (drjit.JitFlag.SymbolicScope, drjit.JitFlag.FreezingScope)
     return drjit.backend_v(kind) != drjit.JitBackend.LLVM or any(map(drjit.flag, scopes))
-
-
-def is_known(components: Sequence[Any]) -> bool:
-    """Return whether arrays are evaluated, without derivatives, and nothing is being recorded."""
-    import drjit
-
-    if is_recording(components[0]):
-        return False
-    # Arrays that are not evaluated yet are computed in one kernel with their use.
-    known = (drjit.VarState.Evaluated, drjit.VarState.Literal)
-    return all(c.state in known and not drjit.grad_enabled(c) for c in components)
 
 
 class OnDrjit:
@@ -265,9 +254,8 @@ class OnDrjitData:
     """A kernel on NumPy arrays, with the source as data."""
 
     def __init__(
-        self, kernel: Kernel, tables: Any, double: bool, engine: str, samples: int, outputs: int
+        self, kernel: Kernel, tables: Any, double: bool, engine: str, samples: int
     ) -> None:
-        self.outputs = outputs
         self.kernel, self.frame = kernel, tables.frame
         self.ops = DrjitOperations(drjit_float(engine, double))
         self.host, self.out = NumpyOperations(True), NumpyOperations(double)
@@ -283,13 +271,6 @@ class OnDrjitData:
         """Yield results for components that broadcast to their shape, chunk by chunk."""
         for arguments, targets in parts_of_results(components, results, _CHUNK_OF_DATA):
             yield targets, *self._begun(arguments)
-
-    def of_arrays(self, components: Sequence[Any]) -> Values:
-        """Return results as Dr.Jit arrays, for evaluated arrays of one width or of width 1."""
-        host = np.broadcast_arrays(*(np.asarray(c.numpy(), np.float64) for c in components))
-        results = [np.empty(host[0].shape, self.dtype) for _ in range(self.outputs)]
-        store(self.points(host, results), results[0].size)
-        return tuple(array_of(self.ops.float_type, values) for values in results)
 
     def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:
         """Start computing a chunk; return the order of its samples and a function that waits."""

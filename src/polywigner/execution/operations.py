@@ -348,15 +348,6 @@ class ScalarOperations(_Unfused, RowByRow):
             state = step(row, *state)
         return state
 
-    def sum_over_some(
-        self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
-    ) -> Values:
-        totals: Values = (0.0,) * values
-        for row in range(first, end):
-            if keep(row, *samples):
-                totals = _added(totals, term(row, *samples))
-        return totals
-
     def sum_over_rule(
         self, rule: float, rules: Sequence[Table], term: Term, values: int, *samples: float
     ) -> Values:

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.execution.choice import DATA, planned, takes_data
 from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations, TracedOperations
-from polywigner.execution.on_drjit import OnDrjitData, is_code, is_known, with_frame_as_data
+from polywigner.execution.on_drjit import is_code, with_frame_as_data
 from polywigner.execution.points import Drjit, Points, components_of, sibling, split
 from polywigner.geometry import Slits
 from polywigner.kernels import Kernel
@@ -23,9 +22,8 @@ from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.source import Illumination
 
-# Tracing a kernel takes as long as computing this number of samples (benchmarks/questions). More
-# samples are fused with the code that uses them and need no memory.
-_MOST_RECORDED = 1 << 16
+# Samples up to which edges are data: compiling them as code costs more than it saves.
+_MOST_AS_DATA = 1 << 16
 
 Numbers = tuple[Any, Any]
 """Pairs of numbers: two arrays, or two tuples of arrays in a kernel that is being traced."""
@@ -196,6 +194,8 @@ def evaluate_traced(
     ``source`` may be a :class:`Differentiable`. ``shear`` maps the components to those of the
     kernel. Raises ArgumentError for a wrong number of components.
     """
+    import drjit
+
     components: Sequence[Drjit] = [
         component
         for name, value in points.items()
@@ -209,36 +209,15 @@ def evaluate_traced(
         make_tables = getattr(kernel.tables, "__wrapped__", kernel.tables)
     tables = make_tables(numbers.source, ops.double)
     components = [_in_memory(c) for c in (components if shear is None else shear(components))]
-    results = _launched(kernel, ops, tables, components, numbers, 1 + complex_result)
-    return sibling(ops.float_type, "Complex2f")(*results[:2]) if complex_result else results[0]
-
-
-def _launched(
-    kernel: Kernel,
-    ops: DrjitOperations,
-    tables: Any,
-    components: Sequence[Drjit],
-    source: Differentiable,
-    outputs: int,
-) -> tuple[Drjit, ...]:
-    import drjit
-
-    width = max(map(drjit.width, components))
-    is_long_code = is_code(kernel, tables) and width > _MOST_RECORDED
-    is_data = not source.numbers and takes_data(kernel, tables) and not is_long_code
-    if (
-        is_data
-        and is_known(components)
-        and planned(kernel, tables, width, engine="llvm").strategy == DATA
-    ):
-        data = OnDrjitData(kernel, tables, ops.double, "llvm", width, outputs)
-        return data.of_arrays(components)
-    traced = source.traced(ops, tables)
-    # For many samples, derivatives in points as code are up to four times as fast.
-    has_gradients = any(map(drjit.grad_enabled, components)) and not is_long_code
-    if (source.numbers or has_gradients) and slope_kernel_of(kernel) is not None:
+    is_long_code = is_code(kernel, tables) and max(map(drjit.width, components)) > _MOST_AS_DATA
+    traced = numbers.traced(ops, tables)
+    # Edges as data compile once for all outlines. For many samples edges as code are up to four
+    # times as fast. A function that the caller freezes may not contain cached memory.
+    is_code_better = is_long_code or drjit.flag(drjit.JitFlag.FreezingScope)
+    if (numbers.numbers or not is_code_better) and slope_kernel_of(kernel) is not None:
         ops, tables = TracedOperations(ops.float_type), with_frame_as_data(ops, tables)
-    return kernel_with_derivatives(kernel, ops, tables, components, traced)
+    results = kernel_with_derivatives(kernel, ops, tables, components, traced)
+    return sibling(ops.float_type, "Complex2f")(*results[:2]) if complex_result else results[0]
 
 
 def _in_memory(component: Drjit) -> Drjit:

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.execution import Differentiable, Drjit
+from polywigner.execution import Differentiable
 from polywigner.execution.choice import Plan
 from polywigner.geometry import Aperture, Polyhedron, Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_wavelength
@@ -166,7 +166,10 @@ def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]
     is_array = isinstance(source, Array)
     is_uniform = not is_array and getattr(source, "illumination", None) is None
     flat = source.source if isinstance(source, Wavefront) else source
-    zero = np.zeros(kernel_of(declared.full, flat, None, "auto").dimension)
+    zero: Values = np.zeros(kernel_of(declared.full, flat, None, "auto").dimension)
+    (point,) = points.values()
+    if execution.is_drjit(point):
+        zero = 0.0 * point
     full = {label: points.get(label, zero) for label in TRANSFORMS[declared.full].points}
     return declared.is_real or is_uniform, declared.full, full
 
@@ -195,18 +198,9 @@ def _flat(
         if TRANSFORMS[name].full is not None:
             is_real, name, points = _of_full(name, source, points)
         kernel = kernel_of(name, source, *how)
-        points = {
-            label: p if execution.is_drjit(p) else _like(points, p) for label, p in points.items()
-        }
     return execution.evaluate_traced(
         kernel, source, points, complex_result=not is_real, shear=shear
     )
-
-
-def _like(points: Points, value: Values) -> Drjit:
-    """Return one NumPy point (d,) as a component array like the Dr.Jit arrays among points."""
-    real = next(type(execution.split(p)[0]) for p in points.values() if execution.is_drjit(p))
-    return execution.joined([real(number) for number in value.tolist()])
 
 
 def explain(
@@ -265,7 +259,7 @@ def explain(
         )
     if function == "fourier" and isinstance(source, Array):
         raise ArgumentError(
-            "F of an Array is a sum of several calls and has no single plan; explain that of an "
+            "F of an Array is a sum of several calls and has no single plan; explain F of an "
             "element"
         )
     name = function
@@ -293,7 +287,7 @@ def _before(
     how: Options,
     points: Points,
 ) -> Values:
-    """Return a transform of any source, with the points behind an optical system if there is one.
+    """Return a transform of any source, optionally with points behind an optical system.
 
     (x, lambda nu) and (xi, lambda upsilon) have the same matrix: W_out has values of W, and A_out
     values of A. Raises ArgumentError for a system without a wavelength, and for the reverse.

@@ -1,10 +1,10 @@
 """Images in partly coherent light, by the transmission cross coefficient of polygons.
 
-An extended source in a condenser's pupil lights an object by plane waves, one for each place x in
-the pupil (Koehler). An object's frequency f arrives there at x + xi, xi = wavelength distance f, so
-that pairs of frequencies are imaged as S(x) P(x + xi_1) conj P(x + xi_2), integrated over x (IM1):
-the area of the intersection of three polygons, or its Fourier transform where a defocus or tilts
-are linear in x.
+An extended source in the pupil of a condenser illuminates an object by plane waves, one for each
+point x of the pupil (Koehler). A frequency f of the object arrives there at x + xi, with xi =
+wavelength distance f. Pairs of frequencies are imaged as S(x) P(x + xi_1) conj P(x + xi_2),
+integrated over x (IM1). This is the area of the intersection of three polygons, or its Fourier
+transform with a defocus or tilts.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
-# Intersections of polygons: some minutes' work, and 2 GB.
+# Largest number of intersections of polygons: some minutes and 2 GB.
 _MOST = 1 << 20
-# Values of waves at a time: 64 MB.
+# Values of waves in a block: 64 MB.
 _BLOCK = 1 << 22
-# Pairs of orders at a time.
+# Pairs of orders in a block.
 _PAIRS = 1 << 15
 # Orders, and parts of an image relative to the largest, below which they are rounding errors.
 _ROUNDING = 1e-15
@@ -70,31 +70,42 @@ def transmission_cross_coefficient(
 ) -> Complex:
     """Transmission cross coefficient of an imaging system, T(xi_1, xi_2).
 
-    ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx / int S dx``, with P the field in the pupil and S
-    = |u|^2 of the condenser as the pupil has its image: in closed form, as areas of intersections
-    of polygons, in or out of focus (docs/imaging.md, (IM1)). Source: H. H. Hopkins, Proc. R. Soc. A
-    217, 408 (1953).
+    ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx / int S dx``, with the field P in the pupil and S
+    = |u|^2 of the condenser, imaged into the pupil. The closed form consists of areas of
+    intersections of polygons, in or out of focus (docs/imaging.md, (IM1)). Source: H. H. Hopkins,
+    Proc. R. Soc. A 217, 408 (1953).
 
     Parameters
     ----------
-    pupil : Aperture, or an Array of apertures in the plane z = 0 with amplitudes and waves of its
-        parts, such as pistons and tilts of segments; the axis passes through the origin.
-    condenser : the same; light of its elements does not interfere.
-    xi_1, xi_2 : (..., 2) lags in the pupil in m, wavelength times distance times the object's
-        frequency; they broadcast.
-    defocus : w, the wavefront aberration W20 at ``pupil_radius``, in waves, as of :func:`otf`.
-    pupil_radius : in m; default: the largest distance of a vertex of the pupil from the origin.
+    pupil : Aperture or Array
+        Apertures in the plane z = 0 with amplitudes and waves, such as pistons and tilts of
+        segments. The optical axis passes through the origin.
+    condenser : Aperture or Array
+        Like ``pupil``; its elements are incoherent with one another.
+    xi_1, xi_2 : array_like (..., 2)
+        Lags in the pupil in m, wavelength times distance times the object's frequency.
+    defocus : float
+        Wavefront aberration W20 at ``pupil_radius`` in waves, as in :func:`otf`; default 0.
+    pupil_radius : float, optional
+        In m; default: the largest distance of a vertex of the pupil from the origin.
 
     Returns
     -------
-    (...) complex: the share of the light for xi_1 = xi_2. A point as condenser makes it P conj P,
-    a condenser much wider than the pupil :func:`otf` times the ratio of their areas.
+    complex ndarray (...)
+        The transmitted fraction if xi_1 = xi_2. T is P conj P for a point as condenser. For a
+        condenser much wider than the pupil it is :func:`otf` times the ratio of their areas.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range, and for too many of them;
-    GeometryError for arrays with elements elsewhere; IlluminationError for fields that cancel.
+    ArgumentError
+        For arguments of the wrong type, shape or range, and for too many of them.
+    GeometryError
+        For arrays with elements outside the plane z = 0.
+    IlluminationError
+        For fields that cancel.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pupil, condenser = pw.shapes.square(2.0), pw.shapes.square(1.0)
     >>> complex(pw.transmission_cross_coefficient(pupil, condenser, (0.75, 0.0), (-0.75, 0.0)))
@@ -110,8 +121,8 @@ def transmission_cross_coefficient(
             "pupil and condenser"
         )
     lags, number = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
-    found = system.coefficients(lags, *number.reshape(2, -1))
-    return found.reshape(shape)[()]
+    values = system.coefficients(lags, *number.reshape(2, -1))
+    return values.reshape(shape)[()]
 
 
 @takes_frequency
@@ -129,39 +140,54 @@ def partially_coherent_image(
     transmission: complex = 1.0,
     background: complex = 0.0,
 ) -> Floats:
-    """Image of a periodic mask of polygons in light of a condenser, as a share of clear light.
+    """Image of a periodic mask of polygons in partly coherent light, relative to clear light.
 
-    The mask's orders are its Fourier transform at the lattice's frequencies, in closed form; each
-    pair of them is imaged by :func:`transmission_cross_coefficient` (docs/imaging.md, (IM2)). A
-    period much longer than the resolution stands for a mask alone.
+    The orders of the mask are its Fourier transform at the lattice's frequencies, in closed form.
+    Each pair of orders is imaged by :func:`transmission_cross_coefficient` (docs/imaging.md,
+    (IM2)). A period much longer than the resolution represents a single mask.
 
     Parameters
     ----------
-    mask : Aperture, or an Array of apertures that do not overlap: the weights of the elements are
-        amplitudes that they transmit.
-    period : (2,) along x and y in m, or (2, 2) vectors of the lattice as rows. The copies of the
-        mask must not overlap either.
-    pupil, condenser, defocus, pupil_radius : as of :func:`transmission_cross_coefficient`; a
-        condenser of half the pupil's size has the coherence factor 0.5.
-    points : (..., 2) in the image in m, at the scale of the object.
-    wavelength : in m.
-    distance : of the object from the pupil, or the focal length in front of it, in m: the frequency
-        f is at wavelength distance f in the pupil.
-    transmission : amplitude that the elements transmit, times their weights: 0 is opaque.
-    background : amplitude that the mask transmits beside the elements: 1 is clear, as around opaque
-        lines, and -0.245 a phase-shifting film of 6 %.
+    mask : Aperture or Array
+        Apertures that do not overlap; their weights are the transmitted amplitudes.
+    period : array_like (2,) or (2, 2)
+        Lengths along x and y in m, or vectors of the lattice as rows. The copies of the mask must
+        not overlap.
+    pupil, condenser, defocus, pupil_radius
+        As in :func:`transmission_cross_coefficient`; a condenser of half the pupil's size has the
+        coherence factor 0.5.
+    points : array_like (..., 2)
+        Points in the image in m, at the scale of the object.
+    wavelength : float
+        In m.
+    distance : float
+        Distance of the object from the pupil, or the focal length in front of it, in m: the
+        frequency f is at wavelength distance f in the pupil.
+    transmission : complex
+        Amplitude that the elements transmit, times their weights; 0 is opaque, default 1.
+    background : complex
+        Amplitude that the mask transmits outside its elements. 0 (default) is opaque, 1 is clear,
+        as around opaque lines, and -0.245 is a phase-shifting film of 6 %.
 
     Returns
     -------
-    (...) float64, at least 0: the irradiance over that of all the condenser's light.
+    float ndarray (...)
+        Irradiance relative to the irradiance without a mask and with all light transmitted, at
+        least 0.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range, and for too many orders: more
-    than some 1,400 that pass, fewer for several waves. GeometryError for elements that overlap
-    each other or the mask's copies, and for arrays with elements elsewhere; IlluminationError for
-    fields that cancel.
+    ArgumentError
+        For arguments of the wrong type, shape or range, and for more than about 1,400 transmitted
+        orders, fewer with several waves.
+    GeometryError
+        For elements that overlap each other or the mask's copies, and for arrays with elements
+        outside the plane z = 0.
+    IlluminationError
+        For fields that cancel.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> lines = pw.shapes.rectangle(1e-6, 2e-6)  # of 1 um, every 2 um
     >>> pupil, condenser = pw.shapes.square(10e-3), pw.shapes.square(5e-3)
@@ -178,23 +204,23 @@ def partially_coherent_image(
     _check_overlaps(mask, lattice)
     orders = _orders_within_reach(system, lattice, scale)
     amplitudes = _amplitudes(mask, orders, cell, transmission, background)
-    kept = np.abs(amplitudes) > _ROUNDING * np.abs(amplitudes).max(initial=0.0)
-    kept[kept] = _passing(system, scale * orders[kept])
-    orders, amplitudes = orders[kept], amplitudes[kept]
-    places = _lags("points", points)
+    used = np.abs(amplitudes) > _ROUNDING * np.abs(amplitudes).max(initial=0.0)
+    used[used] = _passing(system, scale * orders[used])
+    orders, amplitudes = orders[used], amplitudes[used]
+    image_points = _lags("points", points)
     if not len(orders):
-        return np.zeros(places.shape[:-1])[()]
+        return np.zeros(image_points.shape[:-1])[()]
     matrix = amplitudes[:, None] * amplitudes.conj() * system.matrix(scale * orders)
     parts, vectors = np.linalg.eigh(matrix)
     some = parts > _ROUNDING * parts[-1]
     modes = vectors[:, some] * np.sqrt(parts[some])
-    flat = places.reshape(-1, 2)
-    found = np.empty(len(flat))
+    flat = image_points.reshape(-1, 2)
+    image = np.empty(len(flat))
     step = max(1, _BLOCK // len(orders))
     for start in range(0, len(flat), step):
         waves = np.exp(2j * np.pi * (flat[start : start + step] @ orders.T))
-        found[start : start + step] = np.square(np.abs(waves @ modes)).sum(axis=1)
-    return found.reshape(places.shape[:-1])[()]
+        image[start : start + step] = np.square(np.abs(waves @ modes)).sum(axis=1)
+    return image.reshape(image_points.shape[:-1])[()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,23 +262,23 @@ class _System:
         return len(self.condenser) * len(self.pupil) ** 2
 
     def coefficients(self, lags: Floats, first: Indices, second: Indices) -> Complex:
-        """T (m,) of pairs of lags, by their numbers (m,) among all lags (n, 2)."""
-        found = np.zeros(len(first), np.complex128)
+        """Return T (m,) of pairs of lags, given by numbers (m,) of lags (n, 2)."""
+        total = np.zeros(len(first), np.complex128)
         nu = 2.0 * self.slope * (lags[second] - lags[first])
         for light in self.condenser:
-            lit = [_overlap(light.polygon, term.polygon, lags) for term in self.pupil]
-            for a, one in zip(self.pupil, lit, strict=True):
-                for b, other in zip(self.pupil, lit, strict=True):
+            regions = [_overlap(light.polygon, term.polygon, lags) for term in self.pupil]
+            for a, one in zip(self.pupil, regions, strict=True):
+                for b, other in zip(self.pupil, regions, strict=True):
                     both = shapely.intersection(one[first], other[second])
                     waves = np.exp(2j * np.pi * (lags[first] @ a.kappa - lags[second] @ b.kappa))
                     weight = light.weight * a.weight * b.weight.conjugate()
                     kappa = a.kappa - b.kappa + light.kappa
-                    found += weight * waves * _transforms(both, nu - kappa)
-        bent = np.exp(2j * np.pi * self.slope * np.square(lags).sum(axis=1))
-        return found * bent[first] * bent[second].conj() / self.power
+                    total += weight * waves * _transforms(both, nu - kappa)
+        chirp = np.exp(2j * np.pi * self.slope * np.square(lags).sum(axis=1))
+        return total * chirp[first] * chirp[second].conj() / self.power
 
     def matrix(self, lags: Floats) -> Complex:
-        """T (n, n) of all pairs of lags (n, 2)."""
+        """Return T (n, n) of all pairs of lags (n, 2)."""
         _check_orders(len(lags), self.size)
         first, second = np.triu_indices(len(lags))
         above = np.zeros((len(lags), len(lags)), np.complex128)
@@ -265,27 +291,27 @@ class _System:
 
 
 def _elements(source: Aperture | Array) -> list[list[_Term]]:
-    """The plane waves on each element, with the weight of the element."""
-    found = []
+    """Return the plane waves on each element, with the weight of the element."""
+    elements = []
     for element in normal_form(source).in_plane.elements:
         polygon, weight = element.shape.polygons, element.weight
         waves = zip(element.amplitudes.tolist(), element.frequencies, strict=True)
-        found.append([_Term(polygon, complex(weight * c), kappa) for c, kappa in waves])
-    return found
+        elements.append([_Term(polygon, complex(weight * c), kappa) for c, kappa in waves])
+    return elements
 
 
 def _overlap(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
-    """Polygons (n,) of the places of a condenser whose light passes a pupil, at lags (n, 2)."""
+    """Return polygons (n,) of the points of a condenser that the pupil transmits at lags (n, 2)."""
     shifted = np.full(len(lags), pupil, object)
     corners, owner = shapely.get_coordinates(shifted, return_index=True)
     return shapely.intersection(shapely.set_coordinates(shifted, corners - lags[owner]), light)
 
 
 def _transforms(polygons: Any, frequencies: Any) -> Complex:
-    """Fourier transforms (n,) of polygons (n,), each at its own frequency (n, 2): sums of (F2)."""
+    """Return Fourier transforms (n,) of polygons (n,) at one frequency (n, 2) each, (F2)."""
     nu = np.asarray(frequencies, np.float64)
     begin, end, of, origin = edges_of(np.asarray(polygons, object))
-    # triangles from a corner of each ring: it may be far smaller than its distance from x = 0
+    # Triangles from a corner of each ring, which may be far smaller than its distance from x = 0.
     begin, end = begin - origin, end - origin
     phases = [np.einsum("ij,ij->i", nu[of], corner) for corner in (begin, end, origin)]
     cosine, sine = simplex_plane_wave(NumpyOperations(double=True), *phases[:2])
@@ -296,7 +322,7 @@ def _transforms(polygons: Any, frequencies: Any) -> Complex:
 
 
 def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floats:
-    """Frequencies (n, 2) of a lattice within reach of the pupil and the condenser."""
+    """Return frequencies (n, 2) of a lattice within reach of the pupil and the condenser."""
     reciprocal = np.linalg.inv(lattice).T
     pupil, light = (
         np.array(shapely.total_bounds([t.polygon for t in terms])).reshape(2, 2)
@@ -398,10 +424,10 @@ def _checked_amplitude(name: str, value: complex) -> complex:
 
 
 def _lags(name: str, values: Any) -> Floats:
-    found: Floats = checked_points(name, values, 2, complex_allowed=False)
-    if not np.isfinite(found).all():
+    lags: Floats = checked_points(name, values, 2, complex_allowed=False)
+    if not np.isfinite(lags).all():
         raise ArgumentError(f"expected finite {name} (..., 2) in m, got inf or nan")
-    return found
+    return lags
 
 
 def _checked_lattice(period: Any) -> Floats:
