@@ -76,5 +76,15 @@ def test_what_has_no_single_plan_is_refused():
         pw.explain(SQUARE, (0, 0), (0, 0), function="otf")
     with pytest.raises(pw.errors.ArgumentError, match="expected x and nu for wigner, got 1"):
         pw.explain(SQUARE, (0, 0))
-    with pytest.raises(pw.errors.ArgumentError, match="explain that of an element"):
+    with pytest.raises(pw.errors.ArgumentError, match="explain F of an element"):
         pw.explain(pw.phased_array(SQUARE, [(0, 0), (1, 0)]), (0, 0), function="fourier")
+    curved = pw.Wavefront(SQUARE, [[3.0, 0.0], [0.0, 2.0]])
+    with pytest.raises(pw.errors.ArgumentError, match="no choice"):
+        pw.explain(curved, FEW, function="fourier")
+
+
+def test_a_curved_wave_is_explained_as_its_flat_source():
+    curved = pw.Wavefront(POLYGON, [[3.0, 0.0], [0.0, 2.0]])
+    arguments = points(100, 1), points(1000)
+    plan = pw.explain(curved, *arguments, engine="numpy")
+    assert plan == pw.explain(POLYGON, *arguments, engine="numpy")

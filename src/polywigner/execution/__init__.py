@@ -1,19 +1,18 @@
 """Where kernels run: NumPy, or Dr.Jit on LLVM or CUDA.
 
 ===================  ==========================================================================
-module               what is in it
+module               content
 ===================  ==========================================================================
 ``operations``       the operations namespaces that kernels are written over: NumPy, Python floats
 ``drjit_operations`` and Dr.Jit arrays
-``choice``           which engine and precision a call uses, and which strategy
-``evaluation``       NumPy arrays in and out, on any engine; a kernel by NumPy; sums over places
-``chunks``           samples chunk by chunk, threads, and NumPy memory as Dr.Jit takes it
-``progress``         bars on a terminal for work that takes long
+``choice``           the plan of a call: engine and strategy
+``evaluation``       NumPy arrays in and out, on any engine; sums over points
+``chunks``           samples chunk by chunk, threads, aligned memory for Dr.Jit
+``progress``         progress bars on a terminal
 ``frequency_grids``  F on a grid of frequencies, from its axes
-``on_drjit``         a compiled kernel, traced once: of one outline, or of all, which are data
-``points``           Dr.Jit arrays of any kind: points, numbers of sources, and results
-``traced``           Dr.Jit arrays in and out, traced, with derivatives in closed form; sums over
-                     sites
+``on_drjit``         compiled kernels: with an outline as code, or with outlines as data
+``points``           Dr.Jit arrays of callers as component arrays, and results of their kind
+``traced``           component arrays in and out, traced, with derivatives in closed form
 ===================  ==========================================================================
 """
 
@@ -33,26 +32,26 @@ from polywigner.execution.drjit_operations import DrjitOperations, UnrolledOpera
 from polywigner.execution.evaluation import Shear, evaluate, evaluate_rows, evaluate_sums, explained
 from polywigner.execution.frequency_grids import evaluate_on_grid
 from polywigner.execution.on_drjit import without_collection
-from polywigner.execution.operations import NumpyOperations, ScalarOperations
+from polywigner.execution.operations import Drjit, NumpyOperations, ScalarOperations
 from polywigner.execution.points import (
-    Drjit,
-    Parameter,
-    Parameters,
-    Traced,
-    checked_float,
+    columns_of,
     complex_numbers,
-    components_of_all,
-    host_points,
-    in_plane,
+    components_of,
+    entries,
+    has_drjit,
     is_drjit,
+    joined,
     matrix_times,
+    on_components,
     plane_points,
-    product_of_complex,
-    shifted_points,
-    tensor_of,
+    shifted,
+    split,
     times_complex,
+    unit_wave,
 )
 from polywigner.execution.traced import (
+    Differentiable,
+    Traced,
     evaluate_traced,
     kernel_with_derivatives,
     site_sum,

@@ -29,16 +29,15 @@ CODE = "edges as code"
 SUM = "sum of terms"
 
 # Thresholds, from benchmarks/default_regret.py.
-# Samples from which on compiled code is faster in a process that has compiled a kernel before; all
-# sources are data of that kernel.
+# Samples from which on compiled code with sources as data is faster, once the kernel is compiled.
 _LEAST_SAMPLES = 1000
-# Terms (samples times edges, waves and copies) from which on a kernel of its own for each source
-# is worth its compilation.
+# Terms (samples times edges, waves and copies) from which on a kernel for each source is worth its
+# compilation.
 _LEAST_TERMS = 1 << 18
 # Samples from which on edges as code pay for being compiled.
 _LEAST_SAMPLES_AS_CODE = 1 << 18
-# Frequencies at a position from which on compiled code sums listed slices; up to four edges are cut
-# as fast as they are looked up.
+# Frequencies at a position from which on compiled code sums listed slices. Cutting up to four edges
+# is as fast as reading a list.
 _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
 # Terms for each family of parallel edges from which on F on a grid is computed from its axes.
 _TERMS_PER_FAMILY = 1 << 10
@@ -46,12 +45,23 @@ _TERMS_PER_FAMILY = 1 << 10
 
 @dataclass(frozen=True)
 class Plan:
-    """Strategy and engine of a call."""
+    """Strategy and engine of a call, and the sizes that decided."""
 
     strategy: str
     engine: str
     """``"numpy"``, ``"llvm"`` or ``"cuda"``."""
-    reason: str
+    samples: int
+    terms: int
+    requested: str = "auto"
+    """The engine that the caller has requested."""
+    detail: str = ""
+
+    @property
+    def reason(self) -> str:
+        """The sizes by which the strategy was chosen."""
+        parts = [f"{self.samples} samples of {self.terms} terms"]
+        parts += [f"engine={self.requested!r}"] if self.requested != "auto" else []
+        return ", ".join([*parts, self.detail] if self.detail else parts)
 
     def __str__(self) -> str:
         return f"strategy: {self.strategy}\nengine: {self.engine}\nbecause: {self.reason}"
@@ -71,7 +81,7 @@ def checked_precision(precision: str | None) -> str | None:
 
 
 def resolved(engine: str, samples: int, terms: int = 1) -> str:
-    """Return the engine that sums so many terms for each of so many samples.
+    """Return the engine for a number of samples and of terms of each sample.
 
     ``"auto"`` is NumPy or LLVM; CUDA is used on request only.
 
@@ -82,7 +92,7 @@ def resolved(engine: str, samples: int, terms: int = 1) -> str:
     return _engine_for(engine, samples * terms >= _LEAST_TERMS)
 
 
-def chosen(
+def planned(
     kernel: Kernel,
     tables: Any,
     samples: int,
@@ -90,7 +100,7 @@ def chosen(
     engine: str,
     shape: tuple[int, int] | None = None,
     families: int | None = None,
-) -> tuple[str, str]:
+) -> Plan:
     """Return the strategy and the engine of a call on this machine.
 
     Parameters
@@ -105,43 +115,25 @@ def chosen(
     per_sample, as_data = terms_of(kernel, tables), takes_data(kernel, tables)
     terms = samples * per_sample
     is_large = samples >= _LEAST_SAMPLES if as_data else terms >= _LEAST_TERMS
-    found = _engine_for(engine, is_large)
-    if families is not None and engine in ("auto", "numpy"):
-        is_short = 2 * families <= per_sample or found == "numpy"
+    actual = _engine_for(engine, is_large)
+    sizes = samples, per_sample, engine
+    if families is not None:
+        is_short = 2 * families <= per_sample or actual == "numpy"
         if is_short and _TERMS_PER_FAMILY * families <= terms:
-            return GRID, "numpy"
+            detail = f"{families} families of parallel edges on a grid"
+            return Plan(GRID, "numpy", *sizes, detail)
     if kernel.slices is None:
-        is_outline = as_data and found != "numpy" and samples < _LEAST_SAMPLES_AS_CODE
-        return DATA if is_outline else SUM, found
+        is_outline = as_data and actual != "numpy" and samples < _LEAST_SAMPLES_AS_CODE
+        return Plan(DATA if is_outline else SUM, actual, *sizes)
     if shape is not None:
         is_wide = shape[1] >= _LEAST_COLUMNS and len(tables.edges) >= _LEAST_LISTED_EDGES
-        if found == "numpy" or is_wide:
-            return LISTED, found
-    if found == "numpy":
-        return PAIRS, found
+        if actual == "numpy" or is_wide:
+            detail = f"{shape[0]} positions x {shape[1]} frequencies"
+            return Plan(LISTED, actual, *sizes, detail)
+    if actual == "numpy":
+        return Plan(PAIRS, actual, *sizes)
     is_code = tables.fits_code and samples >= _LEAST_SAMPLES_AS_CODE
-    return CODE if is_code else DATA, found
-
-
-def reason_for(
-    strategy: str,
-    kernel: Kernel,
-    tables: Any,
-    samples: int,
-    *,
-    engine: str,
-    shape: tuple[int, int] | None = None,
-    families: int | None = None,
-) -> str:
-    """Return the sizes by which :func:`chosen` has chosen a strategy."""
-    reason = f"{samples} samples of {terms_of(kernel, tables)} terms"
-    if engine != "auto":
-        reason += f", engine={engine!r}"
-    if strategy == GRID:
-        return f"{reason}, {families} families of parallel edges on a grid"
-    if strategy == LISTED and shape is not None:
-        return f"{reason}, {shape[0]} positions x {shape[1]} frequencies"
-    return reason
+    return Plan(CODE if is_code else DATA, actual, *sizes)
 
 
 def _engine_for(engine: str, is_large: bool) -> str:
@@ -173,9 +165,10 @@ def takes_data(kernel: Kernel, tables: Any) -> bool:
 
 @contextmanager
 def uncompiled() -> Iterator[None]:
-    """Within, ``"auto"`` is NumPy: where code runs in a thread that belongs to Dr.Jit itself.
+    """Make ``"auto"`` NumPy within the block, for code that runs in a thread of Dr.Jit.
 
-    Mitsuba loads scenes in Dr.Jit's threads. One that waits there for a kernel has ended a process.
+    Mitsuba loads scenes in Dr.Jit's threads. A thread that waits there for a kernel can end the
+    process.
     """
     token = _is_uncompiled.set(True)
     try:
@@ -195,12 +188,13 @@ def _require_cuda() -> None:
         )
 
 
-def drjit_float(engine: str, double: bool) -> Any:
-    """Dr.Jit's array type of an engine that :func:`resolved` has accepted."""
+def drjit_float(engine: str, double: bool) -> type:
+    """Return Dr.Jit's array type of an engine that :func:`resolved` has accepted."""
     import importlib
 
-    # Only this import waits for another thread's: a submodule is there before it is filled.
+    # This import waits for an import in another thread; a submodule exists before it is complete.
     import drjit  # noqa: F401
 
     module = importlib.import_module(f"drjit.{engine}")
-    return module.Float64 if double else module.Float32
+    kind: type = module.Float64 if double else module.Float32
+    return kind

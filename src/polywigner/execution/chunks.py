@@ -1,4 +1,4 @@
-"""Samples in chunks: memory that engines take as it is, results that come while others begin."""
+"""Samples in chunks, aligned memory for Dr.Jit, and its pool of threads."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.execution.operations import Drjit
 from polywigner.execution.progress import slow_bar
 from polywigner.toolchain import llvm
 
 
 def aligned(size: int, dtype: Any) -> npt.NDArray[Any]:
-    """An uninitialised array that starts on a 64-byte boundary.
+    """Return an uninitialised array that starts on a 64-byte boundary.
 
-    Dr.Jit uses NumPy's memory in place and compiles a kernel anew for each alignment that it
-    happens to have; here it is always the same.
+    Dr.Jit uses NumPy's memory directly and compiles a kernel for each alignment of it.
     """
     kind = np.dtype(dtype)
     memory = np.empty(size * kind.itemsize + 64, np.uint8)
@@ -27,16 +27,13 @@ def aligned(size: int, dtype: Any) -> npt.NDArray[Any]:
     return memory[start : start + size * kind.itemsize].view(kind)
 
 
-def array_of(kind: Any, values: npt.ArrayLike) -> Any:
-    """A copy of numbers, one after the other, as a one-dimensional array of Dr.Jit's type ``kind``.
-
-    Kernels do not depend on where it is in memory.
-    """
+def array_of(kind: Any, values: npt.ArrayLike) -> Drjit:
+    """Return a flat copy of numbers as a Dr.Jit array of type ``kind``, in aligned memory."""
     import drjit
 
     numbers = np.asarray(values)
     if drjit.flag(drjit.JitFlag.FreezingScope):
-        # Dr.Jit ends the process when memory of NumPy's is freed while a function is recorded.
+        # Dr.Jit ends the process if NumPy's memory is freed while a function is recorded.
         return kind(numbers.ravel().tolist())
     letter = "f" if drjit.is_float_v(kind) else "u" if drjit.is_unsigned_v(kind) else "i"
     memory = aligned(numbers.size, f"{letter}{drjit.itemsize_v(kind)}")
@@ -45,21 +42,21 @@ def array_of(kind: Any, values: npt.ArrayLike) -> Any:
 
 
 MOST_THREADS = 1024
-"""That may be asked for: far more than cores, and fewer than systems refuse."""
+"""Largest number of threads that callers may request."""
 
-# There is one pool in a process; two blocks at a time would only wait for each other.
+# A process has one pool of threads; two blocks at a time would block each other.
 _POOL = threading.Lock()
 
 
 @contextmanager
 def kernel_threads(count: int | None = None) -> Iterator[None]:
-    """Within, Dr.Jit's pool of threads is the caller's alone, among all that ask here for it.
+    """Reserve Dr.Jit's pool of threads within the block, among the users of this function.
 
-    ``count``: its threads meanwhile, the caller's included; None: as many as before. Nothing but
-    the waiting happens where Dr.Jit cannot be used.
+    ``count``: number of threads, the caller's included; None: unchanged. Without Dr.Jit the
+    function only serialises its users.
     """
     with _POOL:
-        # scalar variants of Mitsuba, which has loaded it then, run on that pool without LLVM too
+        # Scalar variants of Mitsuba use the pool without LLVM, but then Dr.Jit is loaded.
         if count is None or not (llvm.prepare().usable or "drjit" in sys.modules):
             yield
             return
@@ -78,9 +75,9 @@ def kernel_threads(count: int | None = None) -> Iterator[None]:
 
 Array = npt.NDArray[Any]
 Fetch = Callable[[], tuple[Array, ...]]
-"""Waits for the results of a chunk that has begun to be computed."""
+"""Waits for the results of a chunk."""
 Launched = Iterator[tuple[Sequence[Array], Any, Fetch]]
-"""(results, where in them, how to fetch them); there the work has begun already."""
+"""(results, index of the chunk in them, function that waits for the chunk)."""
 
 
 def store(launched: Launched, samples: int) -> None:
@@ -97,38 +94,38 @@ def store(launched: Launched, samples: int) -> None:
 
 def _write(results: Sequence[Array], where: Any, fetch: Fetch) -> int:
     """Write a chunk, and return the number of its samples."""
-    found = fetch()
-    for result, values in zip(results, found, strict=False):
+    parts = fetch()
+    for result, values in zip(results, parts, strict=False):
         result[where] = values
-    return int(np.size(found[0]))
+    return int(np.size(parts[0]))
 
 
 def ready(values: tuple[Array, ...]) -> Fetch:
-    """Results that have been computed."""
+    """Return a fetch function for results that are computed already."""
     return lambda: values
 
 
 def parts_of_results(
     components: Sequence[Array], results: Sequence[Array], size: int
 ) -> Iterator[tuple[list[Array], list[Array]]]:
-    """The components in float64, broadcast, chunk by chunk in C order; and parts of the results."""
+    """Yield the broadcast components in float64 and views of the results, by chunks in C order."""
     flat, shape = [result.reshape(-1) for result in results], results[0].shape
-    whole = [c if c.shape == shape else np.broadcast_to(c, shape) for c in components]
-    if 0 < whole[0].size <= size:
-        yield [c.astype(np.float64, copy=False).reshape(-1) for c in whole], flat
+    full = [c if c.shape == shape else np.broadcast_to(c, shape) for c in components]
+    if 0 < full[0].size <= size:
+        yield [c.astype(np.float64, copy=False).reshape(-1) for c in full], flat
         return
     start = 0
     with np.nditer(
-        whole,
+        full,
         flags=["external_loop", "buffered", "zerosize_ok"],
-        op_flags=[["readonly"]] * len(whole),
-        op_dtypes=[np.dtype(np.float64)] * len(whole),
+        op_flags=[["readonly"]] * len(full),
+        op_dtypes=[np.dtype(np.float64)] * len(full),
         order="C",
         buffersize=size,
     ) as iterator:
         for chunk in iterator:
-            # of one operand nditer gives the array itself
-            arguments: list[Any] = list(chunk) if len(whole) > 1 else [chunk]
+            # With one operand nditer yields the array itself.
+            arguments: list[Any] = list(chunk) if len(full) > 1 else [chunk]
             end = start + arguments[0].size
             if end > start:
                 yield arguments, [result[start:end] for result in flat]

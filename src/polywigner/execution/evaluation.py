@@ -1,4 +1,4 @@
-"""Kernels on NumPy arrays: the strategy of a call, computed by NumPy or by compiled code.
+"""Kernels on NumPy arrays: the plan of a call, computed by NumPy or by compiled code.
 
 Memory is bounded by the result plus one chunk: broadcast arguments are never expanded as a whole.
 NumPy computes in double precision, whatever the precision of the results.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,34 +20,27 @@ from polywigner.execution.choice import (
     GRID,
     LISTED,
     Plan,
-    chosen,
-    reason_for,
+    planned,
     resolved,
     terms_of,
 )
-from polywigner.execution.chunks import (
-    Launched,
-    parts_of_results,
-    ready,
-    store,
-)
-from polywigner.execution.frequency_grids import GridPlan, plan_for_grid
+from polywigner.execution.chunks import Launched, parts_of_results, ready, store
+from polywigner.execution.frequency_grids import plan_for_grid
 from polywigner.execution.on_drjit import OnDrjit, OnDrjitData, row_sums
 from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.functions.slices import SliceSum
 
-# Samples at a time: a temporary array stays in the cache of one core, and below 128 KiB, from
-# which on the C library maps memory anew: page faults cost more than what is computed.
+# Samples in a chunk: temporary arrays stay below 128 KiB, in the cache of a core. The C library
+# maps larger ones anew each time, and page faults then cost more than the computation.
 _CHUNK = 3 << 12
-# Where slices are cut once for many samples: samples at a time. Compiled code takes only rows and
-# columns from memory.
+# Samples in a block with shared slices. Compiled code reads only rows and columns from memory.
 _SHARED_BLOCK, _LARGE_BLOCK = 1 << 18, 1 << 20
-# In shorter rows little is shared.
+# Columns from which on sharing a slice pays.
 _LEAST_COLUMNS = 64
-# Pairs of a place and a point whose terms are stored at a time: 32 MiB in float64.
+# Pairs of a row and a point whose terms are stored at a time: 32 MiB in float64.
 _BLOCK = 1 << 22
-# Of rows and samples, whose terms are long: some MB for each number of a term.
+# Rows times samples at a time, whose terms are long: some MB for each number of a term.
 _ROWS = 1 << 18
 
 _HOST = NumpyOperations(double=True)
@@ -66,20 +60,20 @@ def evaluate(
     into: Sequence[Array] | None = None,
     shear: Shear | None = None,
 ) -> tuple[Array, ...]:
-    """Results of a kernel for float64 or float32 components that broadcast to one shape.
+    """Return the results of a kernel for float64 or float32 components that broadcast.
 
-    Arguments enter the frame in float64 whatever the precision of the sums. ``into``: arrays of
-    that shape and precision for the results, such as both parts of a complex one. ``shear``: maps
-    the components to those of the kernel; where slices are listed, block by block.
+    Arguments enter the frame in float64 whatever the precision of the sums. ``into``: arrays of the
+    broadcast shape for the results, such as both parts of a complex array. ``shear`` maps the
+    components to those of the kernel; listed slices apply it block by block.
     """
     shape = np.broadcast_shapes(*[c.shape for c in components])
     dtype = np.float64 if double else np.float32
     results = tuple(into or [np.empty(shape, dtype) for _ in range(outputs)])
-    samples = math.prod(shape)
-    if not samples:
+    samples, is_explained = math.prod(shape), _is_explained.get()
+    if not samples and not is_explained:
         return results
-    if samples < _LEAST_COLUMNS and engine in ("auto", "numpy"):
-        values = on_numpy(kernel, kernel.tables_for(source, True), components, shear)
+    if samples < _LEAST_COLUMNS and engine in ("auto", "numpy") and not is_explained:
+        values = _on_numpy(kernel, kernel.tables_for(source, True), components, shear)
         for result, value in zip(results, values, strict=False):
             result[...] = value.reshape(shape)
         return results
@@ -87,9 +81,9 @@ def evaluate(
     if shear is not None and (rows is None or rows.rows == 1):
         components, shear = shear(components), None
         rows = shared_rows(kernel.edge_sum, components, shape)
-    grid = grid_of(kernel, source, components, shape, double, engine)
+    grid = plan_for_grid(kernel, source, components, double, engine)
     tables = kernel.tables_for(source, double)
-    strategy, found = chosen(
+    plan = planned(
         kernel,
         tables,
         samples,
@@ -97,49 +91,58 @@ def evaluate(
         shape=None if rows is None else (rows.rows, rows.columns),
         families=None if grid is None else grid.families,
     )
-    if strategy != LISTED and shear is not None:
+    if is_explained:
+        raise _ExplainedError(plan)
+    if plan.strategy != LISTED and shear is not None:
         components = shear(components)
-    if strategy == GRID:
-        assert grid is not None
-        grid.fill(results, lambda points: on_numpy(kernel, kernel.tables_for(source, True), points))
-    elif strategy == LISTED:
-        assert rows is not None
-        store(_shared(kernel, source, double, found, rows, results, shear), samples)
-    elif found == "numpy":
+    if plan.strategy == GRID and grid is not None:
+        exact = kernel.tables_for(source, True)
+        grid.fill(results, lambda points: _on_numpy(kernel, exact, points))
+    elif plan.strategy == LISTED and rows is not None:
+        store(_shared(kernel, source, double, plan.engine, rows, results, shear), samples)
+    elif plan.engine == "numpy":
         tables = kernel.tables_for(source, True)
         store(_in_chunks(kernel, tables, components, results), samples)
-    elif strategy == DATA:
-        data = OnDrjitData(kernel, tables, double, found, results[0].size, len(results))
-        store(data.points(components, results), samples)
     else:
-        compiled = OnDrjit(kernel, tables, double, found)
+        compiled: OnDrjit | OnDrjitData
+        if plan.strategy == DATA:
+            compiled = OnDrjitData(kernel, tables, double, plan.engine, samples)
+        else:
+            compiled = OnDrjit(kernel, tables, double, plan.engine)
         store(compiled.points(components, results), samples)
     return results
 
 
-def explained(
-    kernel: Kernel, source: Any, components: Sequence[Array], *, double: bool, engine: str
-) -> Plan:
-    """Return how :func:`evaluate` computes a call; nothing is computed."""
-    shape = np.broadcast_shapes(*[c.shape for c in components])
-    rows = shared_rows(kernel.edge_sum, components, shape)
-    grid = grid_of(kernel, source, components, shape, double, engine)
-    how: dict[str, Any] = {
-        "engine": engine,
-        "shape": None if rows is None else (rows.rows, rows.columns),
-        "families": None if grid is None else grid.families,
-    }
-    tables, samples = kernel.tables_for(source, double), math.prod(shape)
-    strategy, found = chosen(kernel, tables, samples, **how)
-    return Plan(strategy, found, reason_for(strategy, kernel, tables, samples, **how))
+class _ExplainedError(Exception):
+    """Ends a call that is explained, not computed."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
 
 
-def on_numpy(
+_is_explained: ContextVar[bool] = ContextVar("_is_explained", default=False)
+
+
+def explained(call: Callable[[], object]) -> Plan | None:
+    """Return the plan of the first kernel that ``call()`` evaluates; nothing is computed.
+
+    None if it evaluates no kernel on NumPy arrays.
+    """
+    token = _is_explained.set(True)
+    try:
+        call()
+    except _ExplainedError as error:
+        return error.plan
+    finally:
+        _is_explained.reset(token)
+    return None
+
+
+def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
-    """Results of a kernel by NumPy, in double precision, in one dimension where they are few."""
-    # what lies at infinity or is not a number is so in the result; no need to warn
-    with np.errstate(invalid="ignore", over="ignore"):
+    """Return the results of a kernel by NumPy, flat and in double precision."""
+    with np.errstate(invalid="ignore", over="ignore"):  # infinite and NaN inputs give NaN
         if shear is not None:
             components = shear(components)
         shape = np.broadcast_shapes(*[c.shape for c in components])
@@ -155,29 +158,15 @@ def _in_chunks(
     kernel: Kernel, tables: Any, components: Sequence[Array], results: Sequence[Array]
 ) -> Launched:
     for arguments, targets in parts_of_results(components, results, _CHUNK):
-        yield targets, ..., ready(on_numpy(kernel, tables, arguments)[: len(results)])
+        yield targets, ..., ready(_on_numpy(kernel, tables, arguments)[: len(results)])
 
 
-def grid_of(
-    kernel: Kernel,
-    source: Any,
-    components: Sequence[Array],
-    shape: tuple[int, ...],
-    double: bool,
-    engine: str,
-) -> GridPlan | None:
-    """How F is computed from the axes of a grid; None where that cannot be done."""
-    if engine not in ("auto", "numpy") or len(shape) != 2 or components[-1].shape != shape:
-        return None
-    return plan_for_grid(kernel, source, components, double)
-
-
-# ---- slices that many frequencies share --------------------------------------------------------
+# ---- slices that several frequencies share ------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class SharedRows:
-    """Components of shape (rows, 1) or (1, columns) each; places are rows."""
+    """Components of shape (rows, 1) or (1, columns), with the slices' positions along rows."""
 
     components: tuple[Array, ...]
     rows: int
@@ -186,67 +175,54 @@ class SharedRows:
     """Whether rows are columns of the results."""
 
     def blocks(self, size: int) -> Iterator[tuple[tuple[slice, slice], tuple[Array, ...]]]:
-        """Rows and columns of blocks of about ``size`` samples, and their components in float64."""
+        """Yield blocks of about ``size`` samples, and their components in float64."""
         columns = min(self.columns, size)
         rows = max(1, size // columns)
         for r in range(0, self.rows, rows):
             for c in range(0, self.columns, columns):
-                place = slice(r, r + rows), slice(c, c + columns)
-                own = (
-                    a[place[0]] if len(a) > 1 else a[:, place[1]] if a.shape[1] > 1 else a
+                block = slice(r, r + rows), slice(c, c + columns)
+                parts = (
+                    a[block[0]] if len(a) > 1 else a[:, block[1]] if a.shape[1] > 1 else a
                     for a in self.components
                 )
-                yield place, tuple(a.astype(np.float64, copy=False) for a in own)
+                yield block, tuple(a.astype(np.float64, copy=False) for a in parts)
 
     def targets(self, results: Sequence[Array]) -> list[Array]:
-        """The results, rows by columns."""
+        """Return views of the results, rows by columns."""
         if self.transposed:
             return [result.reshape(self.columns, self.rows).T for result in results]
         return [result.reshape(self.rows, self.columns) for result in results]
 
 
 def shared_rows(
-    edge_sum: Any, components: Sequence[Array], shape: tuple[int, ...]
+    edge_sum: object, components: Sequence[Array], shape: tuple[int, ...]
 ) -> SharedRows | None:
-    """The arguments with each place a row, of the frequencies it meets; None where they are not."""
-    places = edge_sum.arguments if isinstance(edge_sum, SliceSum) else None
-    count = math.prod(shape)
-    if places is None or count < _LEAST_COLUMNS:
-        return None
-    if all(c.size == 1 for c in components[places]):
-        whole = [c if c.size == 1 else np.broadcast_to(c, shape) for c in components]
-        return SharedRows(tuple(c.reshape(1, -1) for c in whole), 1, count)
-    rows = rows_and_columns(components, shape) if len(shape) > 1 else None
-    if rows is None:
-        return None
-    if all(c.shape == (1, rows.columns) for c in rows.components[places]):
-        turned = tuple(c.T for c in rows.components)
-        rows = SharedRows(turned, rows.columns, rows.rows, transposed=True)
-    return None if any(c.shape[1] > 1 for c in rows.components[places]) else rows
+    """Return the arguments with one row for each position that several frequencies share.
 
-
-def rows_and_columns(components: Sequence[Array], shape: tuple[int, ...]) -> SharedRows | None:
-    """Components that broadcast to ``shape`` as rows and columns; None where they are none."""
-    dimensions = len(shape)
-    whole = [c.reshape((1,) * (dimensions - c.ndim) + c.shape) for c in components]
-    best: tuple[int, int] | None = None
-    for k in range(1, dimensions):
-        rows, columns = math.prod(shape[:k]), math.prod(shape[k:])
-        if rows < 2 or columns < _LEAST_COLUMNS:
+    None if slices are not cut, or if the axes of the broadcast shape do not split into rows and
+    columns.
+    """
+    positions = edge_sum.arguments if isinstance(edge_sum, SliceSum) else None
+    if positions is None or math.prod(shape) < _LEAST_COLUMNS:
+        return None
+    padded = [c.reshape((1,) * (len(shape) - c.ndim) + c.shape) for c in components]
+    for k in range(len(shape)):
+        in_head = [math.prod(c.shape[k:]) == 1 for c in padded]
+        in_tail = [math.prod(c.shape[:k]) == 1 for c in padded]
+        if not all(a or b for a, b in zip(in_head, in_tail, strict=True)):
             continue
-        if all(c.size == math.prod(c.shape[:k]) or c.size == math.prod(c.shape[k:]) for c in whole):
-            best = min(best or (rows + columns, k), (rows + columns, k))
-    if best is None:
-        return None
-    k = best[1]
-
-    def flat(component: Array) -> Array:
-        if component.size == math.prod(component.shape[k:]):
-            return np.broadcast_to(component.reshape(component.shape[k:]), shape[k:]).reshape(1, -1)
-        leading = component.reshape(component.shape[:k])
-        return np.broadcast_to(leading, shape[:k]).reshape(-1, 1)
-
-    return SharedRows(tuple(map(flat, whole)), math.prod(shape[:k]), math.prod(shape[k:]))
+        head, tail = math.prod(shape[:k]), math.prod(shape[k:])
+        flat = [
+            np.broadcast_to(c.reshape(c.shape[:k]), shape[:k]).reshape(-1, 1)
+            if is_row
+            else np.broadcast_to(c.reshape(c.shape[k:]), shape[k:]).reshape(1, -1)
+            for c, is_row in zip(padded, in_head, strict=True)
+        ]
+        if tail >= _LEAST_COLUMNS and all(in_head[positions]):
+            return SharedRows(tuple(flat), head, tail)
+        if head >= _LEAST_COLUMNS and all(in_tail[positions]):
+            return SharedRows(tuple(f.T for f in flat), tail, head, transposed=True)
+    return None
 
 
 def _shared(
@@ -258,7 +234,7 @@ def _shared(
     results: Sequence[Array],
     shear: Shear | None,
 ) -> Launched:
-    """Chunks of results whose slices are cut once for each place, in double precision."""
+    """Yield chunks of results whose slices are cut once for each row, in double precision."""
     slices, exact = kernel.edge_sum, kernel.tables_for(source, True)
     assert isinstance(slices, SliceSum)
     compiled = None
@@ -268,18 +244,22 @@ def _shared(
     targets = rows.targets(results)
     for block, arguments in rows.blocks(_LARGE_BLOCK if is_large else _SHARED_BLOCK):
         count = len(range(*block[0].indices(rows.rows)))
-        with np.errstate(invalid="ignore", over="ignore"):  # of places far beyond the source
+        with np.errstate(invalid="ignore", over="ignore"):  # positions far from the source
             sheared = arguments if shear is None else shear(arguments)
             inner = kernel.enter(_HOST, exact.frame, *sheared)
-            place = [np.broadcast_to(p, (count, 1))[:, 0] for p in inner[slices.place]]
+            position = [np.broadcast_to(p, (count, 1))[:, 0] for p in inner[slices.place]]
             if compiled is not None:
-                yield targets, block, compiled.of_parts(inner, *slices.listed(_HOST, exact, *place))
+                yield (
+                    targets,
+                    block,
+                    compiled.of_parts(inner, *slices.listed(_HOST, exact, *position)),
+                )
                 continue
             nu = [
                 np.broadcast_to(n, np.broadcast_shapes(n.shape, (1, 1)))
                 for n in inner[slices.frequency]
             ]
-            sums = slices.shared_sums(_HOST, exact, place, nu)
+            sums = slices.shared_sums(_HOST, exact, position, nu)
             for argument in (*inner[slices.place], *nu):
                 if not np.isfinite(argument).all():
                     sums = tuple(total + (argument - argument) for total in sums)
@@ -287,7 +267,7 @@ def _shared(
         yield targets, block, ready(tuple(values[: len(results)]))
 
 
-# ---- sums over places and over tables -----------------------------------------------------------
+# ---- sums over positions and over tables ---------------------------------------------------------
 
 
 def evaluate_sums(
@@ -301,7 +281,7 @@ def evaluate_sums(
     double: bool,
     engine: str,
 ) -> Array:
-    """sum_j weights_j kernel(*places_j, *point, *constants) at each point, float64 (n,).
+    """Return sum_j weights_j kernel(*places_j, *point, *constants) at each point, float64 (n,).
 
     places (m, a), weights (m,), points (n, b); the kernel takes a + b + len(constants) components
     and has one real output. Terms are stored block by block.
@@ -310,8 +290,8 @@ def evaluate_sums(
     if not len(points) or not len(places):
         return total
     terms = terms_of(kernel, kernel.tables_for(source, double))
-    found = resolved(engine, len(places) * len(points), terms)
-    how: Any = {"double": double, "engine": found, "outputs": 1}
+    actual = resolved(engine, len(places) * len(points), terms)
+    how: Any = {"double": double, "engine": actual, "outputs": 1}
     fixed = [np.array(value) for value in constants]
     step = min(len(places), _BLOCK)
     width = max(1, _BLOCK // step)
@@ -333,14 +313,14 @@ def evaluate_rows(
     outputs: int,
     engine: str,
 ) -> tuple[Array, ...]:
-    """Sums of term(ops, row, sample, constants) over the rows of a table, in double precision.
+    """Return sums of term(ops, row, sample, constants) over a table, in double precision.
 
     table (m, a), samples (n, b), constants (c,); ``outputs`` arrays (n,). On Dr.Jit the rows and
-    the constants are data of one loop: other ones compile nothing.
+    the constants are data of one loop, so other values compile nothing.
     """
-    found = resolved(engine, len(samples), len(table))
-    if found != "numpy":
-        return row_sums(term, table, samples.T, constants, outputs, found)
+    actual = resolved(engine, len(samples), len(table))
+    if actual != "numpy":
+        return row_sums(term, table, samples.T, constants, outputs, actual)
     columns, total = tuple(samples.T), np.zeros((outputs, len(samples)))
     step = max(1, _ROWS // len(samples))
     for start in range(0, len(table), step):

@@ -1,4 +1,4 @@
-"""F on grids of frequencies, computed by NumPy from the axes of the grid."""
+"""F on grids of frequencies, computed by NumPy from the axes of the grid, (F4)."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.choice import GRID, chosen
+from polywigner.execution.choice import GRID, planned
 from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import GridTables, Kernel, OutlineSum, fourier_on_grid
 
 Array = npt.NDArray[Any]
 
-# Shorter sides are not worth the axes' tables.
+# Shorter sides do not pay for the tables of the axes.
 _LEAST_SIDE = 8
-# Longer ones are tiled: the tables of a tile's axes fit into memory.
+# Longer sides are tiled: the tables of a tile's axes fit into memory.
 _TILE = 512
-# What lies too near the origin is computed point by point, at 20 times the cost.
+# Largest fraction of points too near the origin: each is computed by itself at 20 times the cost.
 _MOST_BELOW = 1 / 8
-# Beyond this |nu| in the frame squares overflow.
+# Squares overflow beyond this |nu| in the frame.
 _LARGEST = {True: 1e150, False: 1e18}
 
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
@@ -29,42 +29,14 @@ PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
 
 
 @dataclass(frozen=True)
-class _Grid:
-    """Points (x[i], y[j]); the given arrays are indexed [i, j], or [j, i] if ``transposed``."""
+class GridPlan:
+    """A Fourier transform at the points (x[i], y[j]), to be computed from these axes."""
 
+    tables: GridTables
     x: Array
     y: Array
     transposed: bool
-
-
-def _grid_of(x: Array, y: Array) -> _Grid | None:
-    if x.ndim != 2 or x.shape != y.shape or min(x.shape) < _LEAST_SIDE:
-        return None
-    if _is_grid(x, y):
-        return _Grid(_axis(x[:, 0]), _axis(y[0]), transposed=False)
-    if _is_grid(x.T, y.T):
-        return _Grid(_axis(x[0]), _axis(y[:, 0]), transposed=True)
-    return None
-
-
-def _axis(values: Array) -> Array:
-    """An axis by itself, in the precision in which arguments enter a frame."""
-    return np.array(values, np.float64)
-
-
-def _is_grid(x: Array, y: Array) -> bool:
-    """Whether x does not change along the second axis nor y along the first; not so for NaN."""
-    if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:  # most arrays are done with here
-        return False
-    return bool((x == x[:, :1]).all() and (y == y[:1]).all())
-
-
-@dataclass(frozen=True)
-class GridPlan:
-    """A Fourier transform on a grid, to be computed from its axes."""
-
-    tables: GridTables
-    grid: _Grid
+    """Whether the results are indexed [j, i]."""
     double: bool
 
     @property
@@ -73,9 +45,9 @@ class GridPlan:
         return len(self.tables.families)
 
     def keeps_digits(self) -> bool:
-        """Whether most points lie far enough from the origin, and none too far."""
+        """Return whether most points are far enough from the origin, and none too far."""
         below = 1.0
-        for scale, nu in zip(self.tables.scales, (self.grid.x, self.grid.y), strict=True):
+        for scale, nu in zip(self.tables.scales, (self.x, self.y), strict=True):
             if not np.abs(nu).max() * scale < _LARGEST[self.double]:
                 return False
             below *= float(np.mean(np.abs(nu * scale) < self.tables.floor(self.double)))
@@ -84,38 +56,51 @@ class GridPlan:
     def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
         """Write real and imaginary part to two arrays.
 
-        The few points near the origin that the grid's formula is not for go to ``point_by_point``.
+        ``point_by_point`` computes the few points near the origin, where (F4) loses digits.
         """
-        targets = [result.T if self.grid.transposed else result for result in results]
-        for i in range(0, len(self.grid.x), _TILE):
-            for j in range(0, len(self.grid.y), _TILE):
-                nu = self.grid.x[i : i + _TILE], self.grid.y[j : j + _TILE]
-                for target, part in zip(targets, self._tile(nu, point_by_point), strict=True):
-                    target[i : i + _TILE, j : j + _TILE] = part
-
-    def _tile(self, nu: tuple[Array, Array], point_by_point: PointByPoint) -> tuple[Array, ...]:
         ops = NumpyOperations(double=True)
-        with np.errstate(invalid="ignore", divide="ignore"):  # of points that are then replaced
-            *parts, below = fourier_on_grid(ops, self.tables, *nu, self.double)
-        if below.any():
-            i, j = np.nonzero(below)
-            for part, values in zip(parts, point_by_point((nu[0][i], nu[1][j])), strict=True):
-                part[i, j] = values
-        return tuple(parts)
+        targets = [result.T if self.transposed else result for result in results]
+        for i in range(0, len(self.x), _TILE):
+            for j in range(0, len(self.y), _TILE):
+                x, y = self.x[i : i + _TILE], self.y[j : j + _TILE]
+                with np.errstate(invalid="ignore", divide="ignore"):  # replaced below
+                    *parts, below = fourier_on_grid(ops, self.tables, x, y, self.double)
+                if below.any():
+                    at = np.nonzero(below)
+                    values = point_by_point((x[at[0]], y[at[1]]))
+                    for part, exact in zip(parts, values, strict=True):
+                        part[at] = exact
+                for target, part in zip(targets, parts, strict=True):
+                    target[i : i + _TILE, j : j + _TILE] = part
 
 
 def plan_for_grid(
-    kernel: Kernel, source: Any, components: Sequence[Array], double: bool
+    kernel: Kernel, source: Any, components: Sequence[Array], double: bool, engine: str
 ) -> GridPlan | None:
-    """Plan to compute a kernel from the axes of a grid; None where that cannot be done."""
-    if not isinstance(kernel.edge_sum, OutlineSum):
+    """Return a plan to compute F from the axes of a grid; None for other kernels and points."""
+    if not isinstance(kernel.edge_sum, OutlineSum) or engine not in ("auto", "numpy"):
         return None
-    grid = _grid_of(*components)
-    tables = None if grid is None else kernel.edge_sum.on_grid(source)
-    if grid is None or tables is None:
+    x, y = components
+    if x.ndim != 2 or x.shape != y.shape or min(x.shape) < _LEAST_SIDE:
         return None
-    plan = GridPlan(tables, grid, double)
+    transposed = not _is_grid(x, y)
+    if transposed:
+        x, y = x.T, y.T
+        if not _is_grid(x, y):
+            return None
+    tables = kernel.edge_sum.on_grid(source)
+    if tables is None:
+        return None
+    axes = np.array(x[:, 0], np.float64), np.array(y[0], np.float64)
+    plan = GridPlan(tables, *axes, transposed, double)
     return plan if plan.keeps_digits() else None
+
+
+def _is_grid(x: Array, y: Array) -> bool:
+    """Return whether x is constant along the second axis and y along the first; not for NaN."""
+    if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:  # rejects most other arrays
+        return False
+    return bool((x == x[:, :1]).all() and (y == y[:1]).all())
 
 
 def evaluate_on_grid(
@@ -123,25 +108,17 @@ def evaluate_on_grid(
     source: Any,
     components: Sequence[Array],
     point_by_point: PointByPoint,
+    into: Sequence[Array],
     *,
     double: bool,
     engine: str,
-    into: Sequence[Array] | None = None,
-) -> tuple[Array, ...] | None:
-    """The results on a grid, or None where that is no grid, or not the best way.
-
-    ``into``: arrays for them.
-    """
-    if engine not in ("auto", "numpy"):
-        return None
-    plan = plan_for_grid(kernel, source, components, double)
+) -> bool:
+    """Write F of a whole array on a grid; return whether this is a grid and saves work."""
+    plan = plan_for_grid(kernel, source, components, double, engine)
     if plan is None:
-        return None
+        return False
     size = components[-1].size
-    if chosen(kernel, plan.tables, size, engine=engine, families=plan.families)[0] != GRID:
-        return None
-    dtype = np.float64 if double else np.float32
-    shape = components[-1].shape
-    results = tuple(into or (np.empty(shape, dtype) for _ in range(2)))
-    plan.fill(results, point_by_point)
-    return results
+    choice = planned(kernel, plan.tables, size, engine=engine, families=plan.families)
+    if choice.strategy == GRID:
+        plan.fill(into, point_by_point)
+    return choice.strategy == GRID

@@ -1,7 +1,7 @@
-"""Kernels compiled by Dr.Jit, on NumPy arrays: with an outline as code, or one kernel for all.
+"""Kernels compiled by Dr.Jit, on NumPy arrays: with an outline as code, or with outlines as data.
 
-A kernel with an outline as code takes a tenth of a second to compile, and some hundred kilobytes
-of the process for good. The one whose outlines are data is a third to half as fast.
+A kernel with an outline as code takes 0.1 s to compile and some hundred kilobytes of memory until
+the process ends. The kernel with outlines as data is a third to half as fast, for any outline.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
-from types import SimpleNamespace
+from types import EllipsisType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from polywigner.execution.choice import drjit_float
-from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results, store
+from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results
 from polywigner.execution.drjit_operations import MOST_TERMS_AS_CODE, DrjitOperations
-from polywigner.execution.operations import NumpyOperations
+from polywigner.execution.operations import Drjit, NumpyOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.cut.pair_grid import cells_at
 from polywigner.kernels.cut.winding import pairs_of
@@ -31,28 +31,30 @@ from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Tables, is_plain
 from polywigner.numerics import phases
 
-# What is remembered: of so many sources and kinds of arrays, and of each so many configurations
-# (arguments that are one number, and others).
+# Recorded functions that are cached, and recordings of each: arguments that are one number need
+# another recording than arrays.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Samples at a time: launching costs little against computing, and arguments take some 10 MB.
+# Samples in a chunk: launching is cheap compared with computing, and arguments take some 10 MB.
 _CHUNK, _CHUNK_OF_DATA = 1 << 18, 1 << 17
 
 Array = npt.NDArray[Any]
 Values = tuple[Any, ...]
+Order = npt.NDArray[np.intp] | EllipsisType
+"""Indices that sort samples; Ellipsis: as they are."""
 Function = Callable[..., Values]
 
 
 class _Frozen:
-    """A function that is recorded when it is first called."""
+    """A function that Dr.Jit records at its first call."""
 
     def __init__(self, function: Function, owners: Sequence[Any]) -> None:
         import drjit
 
-        # Dr.Jit goes through all that a function refers to in each call, but not through an object.
-        held = SimpleNamespace(function=function)
+        # Dr.Jit traverses the closure of a function in each call, but not attributes of objects.
+        cell = SimpleNamespace(function=function)
 
-        def replayed(*arguments: Any) -> Any:
-            return held.function(*arguments)
+        def replayed(*arguments: Any) -> Values:
+            return cell.function(*arguments)
 
         self.replayed = drjit.freeze(replayed, limit=_MOST_RECORDINGS, warn_after=1 << 30)
         self.owners = owners
@@ -62,23 +64,23 @@ class _Frozen:
     def __call__(self, *arguments: Any) -> Values:
         with self.lock, without_collection():
             try:
-                found: Values = self.replayed(*arguments)
+                results: Values = self.replayed(*arguments)
             except RuntimeError as error:
-                # Dr.Jit's own, in place of what stopped the function: an interrupt, for one
+                # Dr.Jit replaces the exception that ended the function, such as an interrupt.
                 raise error.__cause__ or error from None
-            return found
+            return results
 
 
 _paused: list[bool] = []
-"""For each recording that goes on: whether garbage was collected before it."""
+"""For each recording in progress: whether garbage collection was enabled before it."""
 
 
 @contextmanager
 def without_collection() -> Iterator[None]:
-    """No garbage is collected meanwhile.
+    """Disable garbage collection within the block.
 
-    Dr.Jit ends the process when an array that holds memory of NumPy's is freed in a thread that is
-    recording, and whatever a collection frees would be freed there.
+    Dr.Jit ends the process if a thread that is recording frees an array with NumPy's memory, and a
+    collection could free one in that thread.
     """
     with _lock:
         _paused.append(gc.isenabled())
@@ -99,17 +101,15 @@ _lock = threading.Lock()
 
 
 def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Function:
-    """A function of Dr.Jit arrays, or one that is known from an earlier call.
+    """Return a recorded function of Dr.Jit arrays, from the cache if it is there.
 
-    It must not depend on the number of samples, nor bring memory of its own into being.
-
-    ``owners``: the objects on which it depends, as such and not by their values; ``kind``: what
-    else it depends on.
+    The function must not depend on the number of samples and must not allocate memory. It may
+    depend on ``owners``, by identity, and on ``kind``.
     """
     key = (*map(id, owners), *kind)
     with _lock:
         if key not in _known:
-            _known[key] = _Frozen(function, owners)  # keeps the owners, and with them their ids
+            _known[key] = _Frozen(function, owners)  # a reference keeps the ids valid
             while len(_known) > _MOST:
                 _known.popitem(last=False)
         _known.move_to_end(key)
@@ -117,29 +117,18 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
 
 
 def is_code(kernel: Kernel, tables: Any) -> bool:
-    """Whether all numbers of a source are constants of a kernel's code, not memory."""
+    """Return whether the numbers of a source are constants in a kernel's code, not memory."""
     if isinstance(tables, Tables) and kernel.slices is not None:
         return tables.fits_code
     return isinstance(tables, Tables | OutlineTables) and len(tables.edges) <= MOST_TERMS_AS_CODE
 
 
 def is_recording(kind: Any) -> bool:
-    """Whether Dr.Jit records the computation, or the type belongs to another backend than LLVM."""
+    """Return whether Dr.Jit records the computation, or the type is not of the LLVM backend."""
     import drjit
 
     scopes = (drjit.JitFlag.SymbolicScope, drjit.JitFlag.FreezingScope)
     return drjit.backend_v(kind) != drjit.JitBackend.LLVM or any(map(drjit.flag, scopes))
-
-
-def is_known(components: Sequence[Any]) -> bool:
-    """Whether arrays are evaluated, without derivatives, and nothing is being recorded."""
-    import drjit
-
-    if is_recording(components[0]):
-        return False
-    # what is yet to be computed is so together with the kernel
-    known = (drjit.VarState.Evaluated, drjit.VarState.Literal)
-    return all(c.state in known and not drjit.grad_enabled(c) for c in components)
 
 
 class OnDrjit:
@@ -152,20 +141,20 @@ class OnDrjit:
         self.is_code = is_code(kernel, self.tables)
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
-        """Results for components that broadcast to their shape, chunk by chunk."""
+        """Yield results for components that broadcast to their shape, chunk by chunk."""
         kind = self.ops.float_type
-        whole: Callable[..., tuple[Any, ...]] = self._traced
+        run: Callable[..., tuple[Any, ...]] = self._traced
         if self.is_code and not is_recording(kind):
-            whole = frozen(self._traced, (self.kernel, self.tables), kind)
+            run = frozen(self._traced, (self.kernel, self.tables), kind)
         for arguments, targets in parts_of_results(components, results, _CHUNK):
             yield (
                 targets,
                 ...,
-                _fetching(whole(*(array_of(self.entry.float_type, array) for array in arguments))),
+                _fetching(run(*(array_of(self.entry.float_type, array) for array in arguments))),
             )
 
     def _traced(self, *arguments: Any) -> tuple[Any, ...]:
-        """Results for arrays of ``entry``'s type."""
+        """Return results for arrays of the type of ``entry``."""
         inner = self.kernel.enter(self.entry, self.tables.frame, *arguments)
         if not self.ops.double:
             inner = tuple(self.ops.float_type(a) for a in inner)
@@ -173,7 +162,7 @@ class OnDrjit:
         return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
     def of_parts(self, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool) -> Fetch:
-        """Results for rows and columns in the frame, the parts of row k at ``ends[k:k + 2]``."""
+        """Return results for rows and columns in the frame; row k has parts ``ends[k:k + 2]``."""
         ops, slices = self.ops, self.kernel.slices
         assert slices is not None
         shape = np.broadcast_shapes(*(np.shape(a) for a in inner))
@@ -187,25 +176,25 @@ class OnDrjit:
         sums = ops.plain_sum(
             first, end, lambda number: run.term(*ops.gather(rows, number)), run.values
         )
-        # what lies at infinity or is not a number is so in the result
+        # Infinite and NaN arguments give NaN.
         lost = sum(a - a for a in (*at[slices.place], *nu))
         total = run.total(tuple(value + lost for value in sums))
         return _fetching(self.kernel.leave(ops, self.tables.frame, at, total), shape)
 
-    def _looked_up(self, values: Any, shape: tuple[int, int], row: Any, column: Any) -> Any:
-        """An argument in the frame, of one shape or another, at each sample's row and column."""
+    def _looked_up(self, values: Any, shape: tuple[int, int], row: Any, column: Any) -> Drjit:
+        """Return an argument in the frame at each sample's row and column."""
         import drjit
 
         kind, (rows, columns) = self.ops.float_type, shape
         if np.ndim(values) == 0:
             return drjit.opaque(kind, float(values))
-        whole = drjit.fma(row, drjit.opaque(type(row), columns), column)
-        place = {(rows, 1): row, (1, columns): column}.get(values.shape, whole)
-        return drjit.gather(kind, array_of(kind, values), place)
+        sample = drjit.fma(row, drjit.opaque(type(row), columns), column)
+        index = {(rows, 1): row, (1, columns): column}.get(values.shape, sample)
+        return drjit.gather(kind, array_of(kind, values), index)
 
 
 def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
-    """Begins to compute results; waits for them when they are fetched."""
+    """Start computing results; the returned function waits for them."""
     import drjit
 
     drjit.eval(results)
@@ -213,12 +202,12 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
 
 def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
-    """Row and column of each of rows x columns samples."""
+    """Return row and column of each of rows x columns samples."""
     import drjit
 
     index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
-    # Opaque, or there would be a kernel for each number of columns. A division of fewer than
-    # 2^21 samples: half a sample is more than two roundings, to float32, of the quotient.
+    # Opaque values: literals would compile a kernel for each number of columns. The quotient is
+    # right below 2^21 samples: half a sample is more than two roundings to float32.
     row = type(index)((kind(index) + 0.5) * drjit.opaque(kind, 1 / columns))
     return row, index - row * drjit.opaque(type(index), columns)
 
@@ -231,17 +220,17 @@ def row_sums(
     outputs: int,
     engine: str,
 ) -> tuple[npt.NDArray[np.float64], ...]:
-    """Sums of a term over the rows of a table, see :func:`evaluate_rows`: one loop over memory."""
+    """Return sums of a term over the rows of a table, see :func:`evaluate_rows`, in one loop."""
     import drjit as dr
 
     kind = drjit_float(engine, True)
     ops = DrjitOperations(kind)
-    held = ops.held(np.ascontiguousarray(table))
+    rows = ops.held(np.ascontiguousarray(table))
     sample = tuple(array_of(kind, column) for column in columns)
     shared = tuple(dr.opaque(kind, float(value)) for value in constants)
 
-    def step(row: Any, *total: Any) -> Any:
-        parts = term(ops, ops.gather(held, row), sample, shared)
+    def step(row: Any, *total: Any) -> Values:
+        parts = term(ops, ops.gather(rows, row), sample, shared)
         return tuple(a + b for a, b in zip(total, parts, strict=True))
 
     end = dr.opaque(dr.uint32_array_t(kind), len(table))
@@ -249,24 +238,24 @@ def row_sums(
     return tuple(np.array(part) for part in ops.fold(0, end, start, step))
 
 
-# Of fewer samples, or edges, to sort them takes longer than it saves (benchmarks/call_rates.py).
+# Sorting fewer samples, or samples of fewer edges, costs more than it saves
+# (benchmarks/call_rates.py).
 _LEAST_SAMPLES_SORTED, _LEAST_EDGES_SORTED = 1 << 15, 5
-# Dr.Jit records a function anew where arrays of different sizes have come to be of one size, or the
-# other way round. Sizes are multiples of the first number here, plus a different one of the second.
+# Dr.Jit records a function again if arrays of different sizes later have one size, or the reverse.
+# Sizes are therefore multiples of the first number, plus a different multiple of the second.
 _SIZES, _APART = 256, 8
 
 
 Hold = Callable[[Array], tuple[int, Any]]
-"""Table of numbers -> its width, and the same numbers in an engine's memory."""
+"""Table of numbers -> its width, and the numbers in the memory of an engine."""
 
 
 class OnDrjitData:
-    """A kernel of a source, on NumPy arrays."""
+    """A kernel on NumPy arrays, with the source as data."""
 
     def __init__(
-        self, kernel: Kernel, tables: Any, double: bool, engine: str, samples: int, outputs: int
+        self, kernel: Kernel, tables: Any, double: bool, engine: str, samples: int
     ) -> None:
-        self.outputs = outputs
         self.kernel, self.frame = kernel, tables.frame
         self.ops = DrjitOperations(drjit_float(engine, double))
         self.host, self.out = NumpyOperations(True), NumpyOperations(double)
@@ -279,25 +268,18 @@ class OnDrjitData:
         self.state = self.source.state(self.ops, self._sent)
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
-        """Results for components that broadcast to their shape, chunk by chunk."""
+        """Yield results for components that broadcast to their shape, chunk by chunk."""
         for arguments, targets in parts_of_results(components, results, _CHUNK_OF_DATA):
             yield targets, *self._begun(arguments)
 
-    def of_arrays(self, components: Sequence[Any]) -> Values:
-        """Results as Dr.Jit arrays, for arrays of one width or the other 1 that are evaluated."""
-        host = np.broadcast_arrays(*(np.asarray(c.numpy(), np.float64) for c in components))
-        results = [np.empty(host[0].shape, self.dtype) for _ in range(self.outputs)]
-        store(self.points(host, results), results[0].size)
-        return tuple(array_of(self.ops.float_type, values) for values in results)
-
     def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:
-        """Begins to compute the results of a chunk; waits for them when they are fetched."""
+        """Start computing a chunk; return the order of its samples and a function that waits."""
         import drjit
 
         ops, kind, source = self.ops, self.ops.float_type, self.source
         with np.errstate(invalid="ignore", over="ignore"):
-            found = self.kernel.enter(self.host, self.frame, *arguments)
-            inner = [np.asarray(a, self.dtype) for a in found]
+            entered = self.kernel.enter(self.host, self.frame, *arguments)
+            inner = [np.asarray(a, self.dtype) for a in entered]
             order = source.order(inner)
         inner = [a if a.ndim == 0 else a[order] for a in inner]
 
@@ -313,13 +295,13 @@ class OnDrjitData:
         drjit.eval(sums)
 
         def fetch() -> tuple[Array, ...]:
-            found = tuple(np.asarray(value.numpy()) for value in sums)
+            values = tuple(np.asarray(value.numpy()) for value in sums)
             with np.errstate(invalid="ignore", over="ignore"):
-                return self.kernel.leave(self.out, self.frame, tuple(inner), found)
+                return self.kernel.leave(self.out, self.frame, tuple(inner), values)
 
         return order, fetch
 
-    def _sent(self, number: int, table: Array) -> Any:
+    def _sent(self, number: int, table: Array) -> Drjit:
         width = -(-table.size // _SIZES) * _SIZES + _APART * (number + 1)
         padded = np.zeros(width, table.dtype)
         padded[: table.size] = table.ravel()
@@ -327,10 +309,10 @@ class OnDrjitData:
 
 
 class _Slices:
-    """Outlines that are cut: lists of the pairs of edges that can meet.
+    """Outlines that are cut, as lists of the pairs of edges that can meet.
 
-    ``numbers``: the source as tables; ``owners``: on which objects a kernel depends beside them;
-    ``is_recorded``: whether it needs no other memory.
+    ``numbers``: tables of the source. ``owners``: other objects on which a kernel depends.
+    ``is_recorded``: whether the kernel needs no other memory.
     """
 
     def __init__(self, kernel: Kernel, tables: Tables, double: bool, samples: int) -> None:
@@ -344,39 +326,39 @@ class _Slices:
             getattr(grid, part.name) for grid in self.pairs.values() for part in fields(grid)
         ]
         self.owners = (kernel,) if is_plain(tables) else (kernel, tables)
-        # nodes of rules and tables of waves are memory of their own
+        # Nodes of rules and tables of waves would be further memory.
         self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
-        """The tables in memory of the engine; those of the latest lists are kept."""
-        found, number = [], 0
+        """Return the tables in memory of the engine; the latest lists are cached."""
+        sent, number = [], 0
         for grid in self.pairs.values():
             key = ops.key, number
             if key not in grid.copies:
                 tables = [getattr(grid, part.name) for part in fields(grid)]
                 grid.copies[key] = [send(number + k, table) for k, table in enumerate(tables)]
-            found += grid.copies[key]
+            sent += grid.copies[key]
             number += len(grid.copies[key])
-        return found
+        return sent
 
-    def order(self, inner: Sequence[Array]) -> Any:
-        """The order in which samples are best taken."""
+    def order(self, inner: Sequence[Array]) -> Order:
+        """Return the order of samples by cells, in which neighbours read the same lists."""
         if not self.sorts or inner[-1].size < _LEAST_SAMPLES_SORTED:
             return ...
         x, y = inner[self.slices.place]
         (view, *_), grid = next(iter(self.pairs.items()))
         cell = cells_at(grid.on_host, view.side * self.slices.scale * (x + 1j * y))
-        # there are fewer than 2^16 cells: NumPy sorts such numbers in linear time
+        # There are fewer than 2^16 cells; NumPy sorts 16-bit numbers in linear time.
         return np.argsort(cell.astype(np.uint16), kind="stable")
 
     def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
-        """The kernel's sums, from tables of another source of this kind."""
+        """Return the kernel's sums from the tables of any source of this kind."""
         pairs = {key: grid.held(hold) for key, grid in self.pairs.items()}
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
 
 class _Edges:
-    """An outline whose edges are summed up."""
+    """An outline whose edges are summed."""
 
     is_recorded = True
 
@@ -389,24 +371,26 @@ class _Edges:
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
         return [send(k, table) for k, table in enumerate(self.numbers)]
 
-    def order(self, inner: Sequence[Array]) -> Any:
+    def order(self, inner: Sequence[Array]) -> Order:
         return ...
 
     def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
         rows, count = (hold(table) for table in self.numbers)
         (end,) = ops.gather(count, ops.truncated(0.0))
-        found: Values = self.kernel.edge_sum(_OverRows(ops, rows, end), self.tables, *inner)
-        return found
+        sums: Values = self.kernel.edge_sum(_OverRows(ops, rows, end), self.tables, *inner)
+        return sums
 
 
 class _OverRows(DrjitOperations):
-    """Sums are over the rows of a table in memory."""
+    """Operations whose sums run over the rows of a table in memory."""
 
     def __init__(self, ops: DrjitOperations, rows: tuple[int, Any], end: Any) -> None:
         super().__init__(ops.float_type)
         self.rows, self.end = rows, end
 
-    def sum_over(self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True) -> Any:
+    def sum_over(
+        self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True
+    ) -> Values:
         columns = len(rows[0])
         return self.plain_sum(
             0, self.end, lambda row: term(*self.gather(self.rows, row)[:columns]), values
@@ -418,7 +402,7 @@ class _OverRows(DrjitOperations):
 
 @dataclass(frozen=True)
 class _DataFrame(Frame):
-    """A frame whose centre is in memory, as pairs of floats."""
+    """A frame with its centre in memory, as pairs of floats."""
 
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         pairs: Any = self.centre
@@ -426,17 +410,17 @@ class _DataFrame(Frame):
         return Frame.position(replace(self, centre=nearest), ops, x, y)
 
 
-def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Any:
-    """Tables with the centre of their frame in memory; their lists are so in any case."""
+def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
+    """Return tables with the centre of their frame in memory, as their lists are."""
     pairs = [phases.doubled(c, ops.double) for c in tables.frame.centre]
     numbers = iter(_looked_up(ops, [number for pair in pairs for number in pair]))
-    own = {field.name: getattr(tables.frame, field.name) for field in fields(Frame)}
-    own["centre"] = tuple((next(numbers), next(numbers)) for _ in pairs)
-    return replace(tables, frame=_DataFrame(**own))
+    values = {field.name: getattr(tables.frame, field.name) for field in fields(Frame)}
+    values["centre"] = tuple((next(numbers), next(numbers)) for _ in pairs)
+    return replace(tables, frame=_DataFrame(**values))
 
 
 def _looked_up(ops: DrjitOperations, values: Sequence[float]) -> list[Any]:
-    """Numbers of one array, each an array of one entry."""
+    """Return the numbers of one array as arrays of one entry."""
     import drjit
 
     kind = ops.float_type

@@ -1,17 +1,17 @@
-"""The operations namespaces over which the kernels are written, of NumPy arrays and Python floats.
+"""The operations namespaces of NumPy arrays and Python floats, over which kernels are written.
 
 A kernel is straight-line code in ``+ - * /``, comparisons, ``abs`` and the methods here. The same
 lines run on NumPy arrays, on Python floats (Mitsuba's scalar variants), and, traced, on Dr.Jit
-arrays of any backend, whose namespace is in module `drjit_operations`. A kernel that works by cells
-looks up in tables which edges matter at a sample's place: the methods on tables sum up over ranges
-of their rows that differ from sample to sample.
+arrays of any backend (module `drjit_operations`). Kernels with cells look up the edges that matter
+at a sample's position in tables. The methods on tables sum over ranges of rows that differ from
+sample to sample.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -23,13 +23,18 @@ from polywigner.numerics.grid_arithmetic import (
     product_error,
 )
 
-# NumPy: calls on short arrays cost more than what they compute.
+# Samples up to which a NumPy call costs more than its arithmetic.
 _FEW_SAMPLES = 256
-# Values of a temporary array that stay in the cache of one core.
+# Values in a temporary array that fit the cache of one core.
 _BLOCK = 1 << 14
-# Rows that are listed at a time, of which most are then left out.
+# Rows in a list; most of them are then left out.
 _LISTED = 1 << 17
 
+Numbers: TypeAlias = Any
+"""Numbers of an operations namespace: NumPy arrays, Python floats or Dr.Jit arrays."""
+Drjit: TypeAlias = Any
+"""A Dr.Jit array of any variant of Mitsuba, whose classes depend on the variant; in scalar variants
+a Python number or a vector of them."""
 Array = npt.NDArray[Any]
 Table = npt.NDArray[Any]
 Row = tuple[float, ...]
@@ -38,7 +43,7 @@ Term = Callable[..., Values]
 
 
 def unrolled_sum(rows: Sequence[Row], term: Term) -> Values:
-    """The sums of ``term(*row)``, one row after the other."""
+    """Return the sums of ``term(*row)``, one row after the other."""
     totals = term(*rows[0])
     for row in rows[1:]:
         totals = _added(totals, term(*row))
@@ -46,7 +51,7 @@ def unrolled_sum(rows: Sequence[Row], term: Term) -> Values:
 
 
 def unrolled_steps(count: int, state: Values, step: Term) -> Values:
-    """The last ``state = step(number, *state)`` for numbers from 0 up to ``count``."""
+    """Return the last ``state = step(number, *state)`` for numbers from 0 up to ``count``."""
     for number in range(count):
         state = step(number, *state)
     return state
@@ -57,12 +62,12 @@ def _added(a: Sequence[Any], b: Sequence[Any]) -> Values:
 
 
 class Operations:
-    """Methods that types may share."""
+    """Attributes and methods of all namespaces."""
 
     target: str
     double: bool
     key: Hashable
-    """Two namespaces with one key share tables."""
+    """Namespaces with equal keys share tables."""
 
     def needs_gradient(self, *values: Any) -> bool:
         return False
@@ -74,34 +79,34 @@ class _Unfused(Operations):
     round: Any
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Sums of terms of much code, one after the other."""
+        """Return sums of terms with much code, one after the other."""
         return unrolled_sum(rows, term)
 
     def repeated(self, count: int, state: Values, step: Term, _: Any) -> Values:
-        """The last ``state = step(number, *state)`` for numbers from 0 up to ``count``."""
+        """Return the last ``state = step(number, *state)`` for numbers from 0 up to ``count``."""
         return unrolled_steps(count, state, step)
 
-    def fma(self, a: Any, b: Any, c: Any) -> Any:
-        """a b + c, rounded twice."""
+    def fma(self, a: Any, b: Any, c: Any) -> Numbers:
+        """Return a b + c, rounded twice."""
         return a * b + c
 
-    def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
-        """ax by - ay bx to about one ulp of the result."""
+    def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Numbers:
+        """Return ax by - ay bx to about one ulp of the result."""
         return accurate_cross(ax, ay, bx, by, SPLIT_DOUBLE if self.double else SPLIT_SINGLE)
 
-    def lost(self, a: Any, b: Any, product: Any) -> Any:
-        """The rounding error of ``product`` = a b, exactly."""
+    def lost(self, a: Any, b: Any, product: Any) -> Numbers:
+        """Return the rounding error of ``product`` = a b, exactly."""
         return product_error(a, b, product, SPLIT_DOUBLE if self.double else SPLIT_SINGLE)
 
-    def snapped(self, a: Any, step: float) -> Any:
-        """The nearest multiple of ``step``, a power of two."""
+    def snapped(self, a: Any, step: float) -> Numbers:
+        """Return the nearest multiple of ``step``, a power of two."""
         return self.round(a * (1 / step)) * step
 
 
 class NumpyOperations(_Unfused):
     """NumPy arrays of float64 (``double``) or float32.
 
-    Rows come on an axis before that of the samples.
+    The axis of rows comes before the axis of samples.
     """
 
     target = "numpy"
@@ -109,17 +114,19 @@ class NumpyOperations(_Unfused):
     def __init__(self, double: bool) -> None:
         self.double = double
         self.dtype = self.key = np.dtype(np.float64 if double else np.float32)
-        if double and type(self) is NumpyOperations:  # no type to keep: without a call
+        if (
+            double and type(self) is NumpyOperations
+        ):  # float64 needs no conversion, which saves a call
             self.__dict__["select"] = np.where
 
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row.
+        """Return the sums of the ``values`` values of ``term(*row)`` over rows.
 
-        Takes as many rows at once, on an axis before that of the samples ``like``, as fit a cache.
+        Computes as many rows at once as fit the cache, on an axis before the samples ``like``.
         """
-        # Of few samples, in float64 throughout: what is constant in a term is not rounded first.
+        # Few samples are computed in float64, so that constants in a term are not rounded first.
         samples = int(np.size(like))
         table = np.array(rows, np.float64 if samples <= _FEW_SAMPLES else self.dtype)
         axes = (1,) * max(1, np.ndim(like))
@@ -127,11 +134,11 @@ class NumpyOperations(_Unfused):
         totals: Values = (0.0,) * values
         for start in range(0, len(table), block):
             terms = term(*table[start : start + block].T.reshape(table.shape[1], -1, *axes))
-            # in float64: of many rows, one after the other, float32 would lose a digit
+            # A running sum of many rows would lose a digit in float32.
             totals = _added(totals, [part.sum(axis=0, dtype=np.float64) for part in terms])
         return tuple(np.asarray(total, self.dtype) for total in totals)
 
-    def select(self, condition: Any, a: Any, b: Any) -> Any:
+    def select(self, condition: Any, a: Any, b: Any) -> Numbers:
         return np.where(condition, self._typed(a), self._typed(b))
 
     minimum = staticmethod(np.minimum)
@@ -141,43 +148,42 @@ class NumpyOperations(_Unfused):
     atan2 = staticmethod(np.arctan2)
     sqrt = staticmethod(np.sqrt)
 
-    def exp(self, a: Any) -> Any:
+    def exp(self, a: Any) -> Numbers:
         return np.exp(self._typed(a))
 
-    def _typed(self, value: Any) -> Any:
+    def _typed(self, value: Any) -> Numbers:
         # np.where promotes Python floats to float64
         return self.dtype.type(value) if isinstance(value, (int, float)) else value
 
-    def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
+    def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Numbers:
         return super().cross(*map(self._typed, (ax, ay, bx, by)))
 
-    def lost(self, a: Any, b: Any, product: Any) -> Any:
+    def lost(self, a: Any, b: Any, product: Any) -> Numbers:
         return super().lost(self._typed(a), self._typed(b), product)
 
-    def held(self, table: Table) -> Any:
-        """A table (rows, columns) of numbers or floats as :meth:`gather` wants it."""
-        # by columns: of each, so many numbers are taken as fit a cache, without new pages of memory
+    def held(self, table: Table) -> Numbers:
+        """Return a table (rows, columns) of integers or floats as :meth:`gather` takes it."""
+        # Column order: gathering from one column stays in the cache.
         return table.astype(self.dtype if table.dtype.kind == "f" else np.int64, order="F")
 
     def gather(self, table: Any, row: Any) -> Values:
-        """The entries of one row of a table."""
+        """Return the entries of one row of a table."""
         return tuple(table[:, k].take(row) for k in range(table.shape[1]))
 
-    def truncated(self, value: Any) -> Any:
-        """A float of at least 0 as a row's number."""
+    def truncated(self, value: Any) -> Numbers:
+        """Return a float of at least 0 as the number of a row."""
         return np.asarray(value).astype(np.int64)
 
-    def select_number(self, condition: Any, a: Any, b: Any) -> Any:
-        """:meth:`select` of rows' numbers."""
+    def select_number(self, condition: Any, a: Any, b: Any) -> Numbers:
+        """Return :meth:`select` for numbers of rows."""
         return np.where(condition, a, b)
 
     def sum_over_some(
         self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
     ) -> list[Any]:
-        """The sums of ``term(row, *samples)`` for rows from ``first`` up to ``end``.
+        """Return the sums of ``term(row, *samples)`` for rows from ``first`` up to ``end``.
 
-        Where ``keep(row, *samples)`` is false, ``term`` is 0, and need not be computed: the others
-        are computed as a list.
+        If ``keep(row, *samples)`` is false, ``term`` is 0 and is not computed.
         """
         shape = np.broadcast_shapes(np.shape(first), *map(np.shape, samples)) or (1,)
         count = math.prod(shape)
@@ -186,44 +192,43 @@ class NumpyOperations(_Unfused):
         totals = [np.zeros(count) for _ in range(values)]
 
         def of(owner: Array) -> list[Array]:
-            """Samples of some owners; single numbers as they are."""
+            """Return the samples of some owners; single numbers are unchanged."""
             return [a[owner] if len(a) == count else a for a in flat]
 
         for owner, row in _listed(begin, stop - begin):
-            (kept,) = np.nonzero(keep(row, *of(owner)))
-            for part in (kept[k : k + _BLOCK] for k in range(0, len(kept), _BLOCK)):
-                own = owner[part]
-                terms = term(row[part], *of(own))
-                for total, found in zip(totals, terms, strict=True):
-                    np.add.at(total, own, found)
+            (chosen,) = np.nonzero(keep(row, *of(owner)))
+            for part in (chosen[k : k + _BLOCK] for k in range(0, len(chosen), _BLOCK)):
+                terms = term(row[part], *of(owner[part]))
+                for total, values_of_term in zip(totals, terms, strict=True):
+                    np.add.at(total, owner[part], values_of_term)
         return [total.reshape(shape).astype(self.dtype) for total in totals]
 
     def sum_over_rule(
         self, rule: Any, rules: Sequence[Table], term: Term, values: int, *samples: Any
     ) -> list[Any]:
-        """The sums of ``term(*row, *samples)`` over the rows of one of several tables of floats.
+        """Return the sums of ``term(*row, *samples)`` over the rows of one of several tables.
 
-        ``rule``: the number of each sample's table, or -1 for a sum over nothing.
+        ``rule``: the number of each sample's table; -1 gives 0.
         """
         rule, *arrays = np.broadcast_arrays(rule, *samples)
         totals = [np.zeros(rule.shape, self.dtype) for _ in range(values)]
         for number in np.unique(rule[rule >= 0]):
-            mine = ... if (rule == number).all() else rule == number
-            own = [array[mine].ravel() for array in arrays]
+            chosen = ... if (rule == number).all() else rule == number
+            flat = [array[chosen].ravel() for array in arrays]
             table = rules[int(number)].astype(self.dtype)[..., None]
-            count = rule[mine].size
+            count = rule[chosen].size
             sums: Values = (np.zeros(count),) * values
             block = max(1, _BLOCK // max(1, count))
             for start in range(0, len(table), block):
-                terms = term(*np.moveaxis(table[start : start + block], 1, 0), *own)
+                terms = term(*np.moveaxis(table[start : start + block], 1, 0), *flat)
                 sums = _added(sums, [part.sum(axis=0, dtype=np.float64) for part in terms])
             for total, part in zip(totals, sums, strict=True):
-                total[mine] = part.reshape(total[mine].shape)
+                total[chosen] = part.reshape(total[chosen].shape)
         return totals
 
 
 def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
-    """Owner and number of each row in ranges of rows, some at a time."""
+    """Yield the sample and the number of each row in ranges of rows, in blocks."""
     ends = counts.cumsum()
     starts = ends - counts
     for begin in range(0, int(ends[-1]) if len(ends) else 0, _LISTED):
@@ -233,19 +238,16 @@ def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
 
 
 class RowByRow(Operations):
-    """Sums over tables by a loop that takes one row after the other.
-
-    ``sum_over_some`` and ``sum_over_rule`` are those of :class:`NumpyOperations`.
-    """
+    """Sums over tables in a loop over rows, with the methods of :class:`NumpyOperations`."""
 
     gather: Callable[[Any, Any], Values]
     select: Callable[[Any, Any, Any], Any]
     fold: Callable[..., Values]
     """(first, end, state, step) -> the last ``state = step(row, *state)``; ``is_sum``: whether the
-    state holds sums, which may have derivatives."""
+    state consists of sums, which may have derivatives."""
 
     def plain_sum(self, first: Any, end: Any, term: Term, values: int) -> Values:
-        """:meth:`sum_over_range` for so few terms that rounding of the sum does not matter."""
+        """Return :meth:`sum_over_range` for few terms, whose sum needs no compensation."""
 
         def step(row: Any, *sums: Any) -> Values:
             return _added(sums, term(row))
@@ -271,11 +273,11 @@ class RowByRow(Operations):
         values: int,
         levels: int,
     ) -> Values:
-        """The sums of ``term(level)`` over rows, each with a level that jumps from row to row.
+        """Return the sums of ``term(level)`` over rows, with a level that changes between rows.
 
-        ``visit(row)``: whether it begins a new level, the level then, its jump behind the row, and
-        the term. In single precision what rounding of the sums loses is summed up as well: of terms
-        that cancel, it is the most.
+        ``visit(row)`` returns whether a new level begins, that level, its change after the row, and
+        the term. In single precision the rounding errors of the sums are summed as well, because
+        they dominate if terms cancel.
         """
 
         def step(row: Any, *state: Any) -> Values:
@@ -285,15 +287,15 @@ class RowByRow(Operations):
             terms = term(level)
             if self.double:
                 return *_added(level, jumps), *_added(sums, terms)
-            rest = [self._rounded_off(a, b) for a, b in zip(sums, terms, strict=True)]
-            return *_added(level, jumps), *_added(sums, terms), *_added(lost, rest)
+            errors = [self._rounded_off(a, b) for a, b in zip(sums, terms, strict=True)]
+            return *_added(level, jumps), *_added(sums, terms), *_added(lost, errors)
 
         count = levels + (1 if self.double else 2) * values
         sums = self.fold(first, end, (0.0,) * count, step, is_sum=True)[levels:]
         return sums if self.double else _added(sums[:values], sums[values:])
 
-    def _rounded_off(self, a: Any, b: Any) -> Any:
-        """The rounding error of a + b, exactly (Knuth's sum)."""
+    def _rounded_off(self, a: Any, b: Any) -> Numbers:
+        """Return the rounding error of a + b, exactly (Knuth's sum)."""
         total = a + b
         of_b = total - a
         return (a - (total - of_b)) + (b - of_b)
@@ -309,10 +311,10 @@ class ScalarOperations(_Unfused, RowByRow):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row."""
+        """Return the sums of ``term(*row)`` over rows."""
         return unrolled_sum(rows, term)
 
-    def select(self, condition: Any, a: Any, b: Any) -> Any:
+    def select(self, condition: Any, a: Any, b: Any) -> Numbers:
         return a if condition else b
 
     select_number = select
@@ -321,22 +323,22 @@ class ScalarOperations(_Unfused, RowByRow):
     atan2 = staticmethod(math.atan2)
     sqrt = staticmethod(math.sqrt)
 
-    def minimum(self, a: Any, b: Any) -> Any:
+    def minimum(self, a: Any, b: Any) -> Numbers:
         return a if a < b else b
 
-    def maximum(self, a: Any, b: Any) -> Any:
+    def maximum(self, a: Any, b: Any) -> Numbers:
         return a if a > b else b
 
-    def round(self, a: Any) -> Any:
+    def round(self, a: Any) -> Numbers:
         return math.floor(a + 0.5)
 
-    def held(self, table: Table) -> Any:
+    def held(self, table: Table) -> Numbers:
         return table.tolist()
 
     def gather(self, table: Any, row: Any) -> Values:
         return tuple(table[row])
 
-    def truncated(self, value: Any) -> Any:
+    def truncated(self, value: Any) -> Numbers:
         return int(value)
 
     def fold(
@@ -345,15 +347,6 @@ class ScalarOperations(_Unfused, RowByRow):
         for row in range(first, end):
             state = step(row, *state)
         return state
-
-    def sum_over_some(
-        self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
-    ) -> Values:
-        totals: Values = (0.0,) * values
-        for row in range(first, end):
-            if keep(row, *samples):
-                totals = _added(totals, term(row, *samples))
-        return totals
 
     def sum_over_rule(
         self, rule: float, rules: Sequence[Table], term: Term, values: int, *samples: float

@@ -1,46 +1,101 @@
-"""Kernels on Dr.Jit arrays: arrays of the caller's own kind in and out, traced, differentiable."""
+"""Kernels on Dr.Jit arrays: component arrays in and out, traced, differentiable."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.execution.choice import DATA, chosen, takes_data
 from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations, TracedOperations
-from polywigner.execution.on_drjit import (
-    OnDrjitData,
-    frozen,
-    is_code,
-    is_known,
-    with_frame_as_data,
-)
-from polywigner.execution.points import (
-    Parameter,
-    Parameters,
-    Points,
-    Traced,
-    common_float,
-    own_float,
-    read_points,
-)
+from polywigner.execution.on_drjit import is_code, with_frame_as_data
+from polywigner.execution.points import Drjit, Points, components_of, sibling, split
+from polywigner.geometry import Slits
 from polywigner.kernels import Kernel
-from polywigner.kernels.slopes import Wanted, slope_kernel_of
+from polywigner.kernels.outline.wave_pairs import waves_in_frame
+from polywigner.kernels.slopes import Wanted, slope_kernel_of, slopes_in_ends
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
+from polywigner.source import Illumination
 
-# Tracing a kernel takes as long as computing so many samples (benchmarks/questions/latency.py).
-# More are better computed with what they are used for, without being stored.
-_MOST_RECORDED = 1 << 16
+# Samples up to which edges are data: compiling them as code costs more than it saves.
+_MOST_AS_DATA = 1 << 16
+
+Numbers = tuple[Any, Any]
+"""Pairs of numbers: two arrays, or two tuples of arrays in a kernel that is being traced."""
+
+
+@dataclass(frozen=True)
+class Traced:
+    """Numbers of a source in its frame that are Dr.Jit arrays; None: they are constants.
+
+    While a kernel is traced each number is a separate array, and the pairs consist of tuples.
+    """
+
+    vertices: Numbers | None = None
+    """x and y of all vertices."""
+    fields: Numbers | None = None
+    """Real and imaginary parts of all weights, or of the amplitudes of all waves."""
+    by_waves: bool = False
+    """Whether ``fields`` are amplitudes of waves."""
+
+
+@dataclass(frozen=True, eq=False)
+class Differentiable:
+    """A source with the present values of its numbers, and the Dr.Jit arrays that contain them.
+
+    Made by :func:`polywigner.differentiable`.
+    """
+
+    source: Any
+    """An Aperture or an Array, or Slits with ``intervals``."""
+    vertices: Drjit | None = None
+    """``Array2f``."""
+    weights: Drjit | None = None
+    """``Complex2f``."""
+    amplitudes: Drjit | None = None
+    """``Complex2f``."""
+    intervals: Drjit | None = None
+    """``Array2f``."""
+
+    @property
+    def numbers(self) -> dict[str, Drjit]:
+        """The Dr.Jit arrays by name."""
+        names = ("vertices", "weights", "amplitudes", "intervals")
+        values = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in values.items() if value is not None}
+
+    def traced(self, ops: DrjitOperations, tables: Any) -> Traced:
+        """Return the numbers in the frame of tables."""
+        vertices = fields = None
+        if self.vertices is not None:
+            x, y = tables.frame.position(ops, *self.vertices)
+            vertices = ops.float_type(x), ops.float_type(y)
+        if self.weights is not None:
+            fields = _scaled(self.weights, np.array(tables.factors, np.complex128))
+        elif self.amplitudes is not None:
+            frequencies = self.source.illumination.frequencies
+            waves = waves_in_frame(
+                Illumination(np.ones(len(frequencies)), frequencies), tables.frame
+            )
+            fields = _scaled(self.amplitudes, np.array([w.amplitude for w in waves], np.complex128))
+        return Traced(vertices, fields, by_waves=self.amplitudes is not None)
+
+
+def _scaled(numbers: Drjit, factors: NDArray[np.complex128]) -> Numbers:
+    """Return the parts of complex numbers times factors."""
+    kind = type(numbers)
+    real, imag = (array_of(type(numbers[0]), part) for part in (factors.real, factors.imag))
+    scaled = numbers * kind(real, imag)
+    return scaled[0], scaled[1]
 
 
 class _Accumulator:
-    """Sums up slopes in vertices and fields, times these."""
+    """Sums of slopes in vertices and fields, times the changes of these."""
 
     def __init__(self, ops: DrjitOperations, traced: Traced) -> None:
         import drjit as dr
@@ -79,19 +134,21 @@ class _Accumulator:
         kind = self.ops.float_type
         is_constant = isinstance(number, int | float)
         index = dr.uint32_array_t(kind)(int(number)) if is_constant else self.ops.truncated(number)
-        if not is_constant or dr.flag(dr.JitFlag.SymbolicScope):  # a loop's do not exist after it
+        if not is_constant or dr.flag(
+            dr.JitFlag.SymbolicScope
+        ):  # arrays of a loop do not exist after it
             return tuple(dr.gather(kind, values, index) for values in pair)
-        # once for all edges, or each would add up gradients in memory for itself
+        # Once for all edges; otherwise each edge would accumulate gradients in memory.
         key = id(pair), int(number)
         if key not in self.known:
             self.known[key] = tuple(dr.gather(kind, values, index) for values in pair)
         return self.known[key]
 
 
-def _followed(pair: Any, kind: Any) -> Any:
-    """Zeros with the derivatives of arrays of numbers, which are not looked up themselves.
+def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
+    """Return zeros with the derivatives of arrays of numbers.
 
-    They are in memory, since loops drop constants that they would add up.
+    The zeros are in memory, because loops drop constants.
     """
     import drjit as dr
 
@@ -103,7 +160,7 @@ def _followed(pair: Any, kind: Any) -> Any:
 def kernel_with_derivatives(
     kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], traced: Traced
 ) -> tuple[Any, ...]:
-    """Results of a kernel with derivatives in its arguments and in ``traced`` numbers."""
+    """Return results of a kernel with derivatives in its arguments and in ``traced`` numbers."""
     import drjit as dr
 
     slopes = slope_kernel_of(kernel)
@@ -115,9 +172,9 @@ def kernel_with_derivatives(
     values = kernel.edge_sum(ops, tables, *fixed)
     # Derivatives depend on the last arguments.
     summed = map(real, fixed[-slopes.arguments :])
-    found = slopes.slopes(ops, tables, _Accumulator(ops, traced), *summed)
+    derivatives = slopes.slopes(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]
-    parts = slopes.parts(slopes.changed(ops, tables.frame, found, change))
+    parts = slopes.parts(slopes.changed(ops, tables.frame, derivatives, change))
     sums = tuple(
         dr.replace_grad(real(value), real(part)) for value, part in zip(values, parts, strict=True)
     )
@@ -129,71 +186,44 @@ def evaluate_traced(
     source: Any,
     points: Points,
     *,
-    precision: str | None,
-    engine: str,
     complex_result: bool,
-    parameters: Parameters | None = None,
-) -> Any:
-    """Result of a kernel whose arguments are points, at least one of them a Dr.Jit array.
+    shear: Callable[[Sequence[Drjit]], Sequence[Drjit]] | None = None,
+) -> Drjit:
+    """Return a ``Float`` or ``Complex2f`` of a kernel at component arrays of one float type.
 
-    ``points`` are (name, value); what is not a Dr.Jit array is converted to the arrays' type.
-    ``parameters``: numbers of the source that are Dr.Jit arrays, of the same type.
-
-    Raises
-    ------
-    ArgumentError when types, backends, precisions or numbers of points disagree, or a point has the
-    wrong number of components.
-    EngineError when the arrays are LLVM's and no usable LLVM library is loaded.
+    ``source`` may be a :class:`Differentiable`. ``shear`` maps the components to those of the
+    kernel. Raises ArgumentError for a wrong number of components.
     """
     import drjit
 
-    float_type, double = common_float(points, parameters, precision, engine)
-    components, kind = read_points(points, kernel.dimension, float_type)
-    outputs = 2 if complex_result else 1
-    if not min(map(drjit.width, components)):  # Dr.Jit has no arithmetic of no numbers with one
-        return kind.result(*(drjit.zeros(float_type, 0) for _ in range(outputs)))
-    tables = _tables(kernel, source, double, parameters)
-    components = [_unfolded(component) for component in components]
-    ops = DrjitOperations(float_type)
-    results = _launched(kernel, ops, tables, components, parameters, outputs)
-    return kind.result(*results[:outputs])
-
-
-def _launched(
-    kernel: Kernel,
-    ops: DrjitOperations,
-    tables: Any,
-    components: Sequence[Any],
-    parameters: Parameters | None,
-    outputs: int,
-) -> tuple[Any, ...]:
-    """Results of a kernel for components, one or more of them wide."""
-    import drjit
-
-    changes = parameters is not None and bool(parameters.types)
-    width = max(map(drjit.width, components))
-    as_code = is_code(kernel, tables)
-    is_long_code = as_code and width > _MOST_RECORDED
-    if not changes and is_known(components):
-        is_data = takes_data(kernel, tables) and not is_long_code
-        if is_data and chosen(kernel, tables, width, engine="llvm")[0] == DATA:
-            data = OnDrjitData(kernel, tables, ops.double, "llvm", width, outputs)
-            return data.of_arrays(components)
-        if as_code and not is_long_code:
-            code, kind = partial(kernel, ops, tables), ops.float_type
-            return frozen(code, (kernel, tables), kind, "as it is")(*components)
-    traced = Traced() if parameters is None else parameters.traced(ops, tables)
-    # of many samples, derivatives in points as code are up to four times as fast
-    as_data = changes or (any(map(drjit.grad_enabled, components)) and not is_long_code)
-    if as_data and slope_kernel_of(kernel) is not None:
+    components: Sequence[Drjit] = [
+        component
+        for name, value in points.items()
+        for component in components_of(name, value, kernel.dimension)
+    ]
+    ops = DrjitOperations(type(components[0]))
+    numbers = source if isinstance(source, Differentiable) else Differentiable(source)
+    make_tables: Any = kernel.tables_for
+    if numbers.vertices is not None:
+        # Equal apertures may begin their rings elsewhere and share tables in the cache.
+        make_tables = getattr(kernel.tables, "__wrapped__", kernel.tables)
+    tables = make_tables(numbers.source, ops.double)
+    components = [_in_memory(c) for c in (components if shear is None else shear(components))]
+    is_long_code = is_code(kernel, tables) and max(map(drjit.width, components)) > _MOST_AS_DATA
+    traced = numbers.traced(ops, tables)
+    # Edges as data compile once for all outlines. For many samples edges as code are up to four
+    # times as fast. A function that the caller freezes may not contain cached memory.
+    is_code_better = is_long_code or drjit.flag(drjit.JitFlag.FreezingScope)
+    if (numbers.numbers or not is_code_better) and slope_kernel_of(kernel) is not None:
         ops, tables = TracedOperations(ops.float_type), with_frame_as_data(ops, tables)
-    return kernel_with_derivatives(kernel, ops, tables, components, traced)
+    results = kernel_with_derivatives(kernel, ops, tables, components, traced)
+    return sibling(ops.float_type, "Complex2f")(*results[:2]) if complex_result else results[0]
 
 
-def _unfolded(component: Any) -> Any:
-    """A component as it is, but a constant that is no number as one that is looked up.
+def _in_memory(component: Drjit) -> Drjit:
+    """Return a component, a constant that is not finite as an array in memory.
 
-    Dr.Jit folds constants into the code, and drops NaN in doing so.
+    Dr.Jit folds constants into the code and drops NaN.
     """
     import drjit
 
@@ -205,65 +235,45 @@ def _unfolded(component: Any) -> Any:
     return drjit.opaque(type(component), value, drjit.width(component))
 
 
-def _tables(kernel: Kernel, source: Any, double: bool, parameters: Parameters | None) -> Any:
-    """Tables of the kernel, with vertices numbered as the parameters are.
-
-    Equal apertures may begin their rings elsewhere, and share tables of the cache.
-    """
-    if parameters is None or parameters.vertices is None:
-        return kernel.tables_for(source, double)
-    return getattr(kernel.tables, "__wrapped__", kernel.tables)(source, double)
-
-
 def with_end_slopes(
-    values: Any,
-    points: Points,
-    intervals: Parameter,
-    slopes: Callable[..., Sequence[tuple[Pair, Pair]]],
-    complex_result: bool,
-) -> Any:
-    """Values of points (of one dimension), with derivatives in begins and ends of intervals.
+    value: Drjit, name: str, slits: Slits, intervals: Drjit, points: Points
+) -> Drjit:
+    """Return F, W or A (``name``) of slits with derivatives in the ends of the slits, (G5)."""
+    import drjit as dr
 
-    ``slopes(ops, *points)``: of each interval the derivatives in its begin and in its end.
+    if not dr.grad_enabled(intervals):
+        return value
+    real = type(intervals[0])
+    # Phases far from the origin lose digits in single precision.
+    ops = DrjitOperations(dr.float64_array_t(real))
+    at = [ops.float_type(dr.detach(c)) for point in points.values() for c in split(point)]
+    ends = [ops.float_type(end) for end in intervals]
+    total = Pair(ops.float_type(0.0), ops.float_type(0.0))
+    for k, slopes in enumerate(slopes_in_ends(ops, name, slits, *at)):
+        for slope, end in zip(slopes, ends, strict=True):
+            total = total + slope.scaled(dr.gather(ops.float_type, end, dr.uint32_array_t(real)(k)))
+    # The value of this sum is zero; it has the missing derivatives.
+    parts = [
+        dr.replace_grad(dr.zeros(real, dr.width(part)), real(part))
+        for part in (total.real, total.imag)
+    ]
+    return value + (type(value)(*parts) if dr.is_complex_v(value) else parts[0])
+
+
+def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit:
+    """Return sum_k w_k exp(-2 pi i nu.p_k), (L3), with derivatives in nu and in the weights.
+
+    ``nu`` is an ``Array2f``, ``positions`` (n, 2), ``weights`` a ``Complex2f`` (n,).
     """
     import drjit as dr
 
-    ends = intervals.first, intervals.second
-    if not dr.grad_enabled(ends):
-        return values
-    real = intervals.float_type
-    components, kind = read_points(points, 1, real)
-    # phases of places far off lose digits in single precision
-    double = DrjitOperations(dr.float64_array_t(real))
-    places = [double.float_type(dr.detach(c)) for c in components]
-    columns = [double.float_type(end) for end in ends]
-    total = Pair(double.float_type(0.0), double.float_type(0.0))
-    for k, both in enumerate(slopes(double, *places)):
-        for slope, column in zip(both, columns, strict=True):
-            number = dr.uint32_array_t(real)(k)
-            total = total + slope.scaled(dr.gather(double.float_type, column, number))
-    # a sum whose value is nothing, and whose derivatives are those that are missing
-    parts = (total.real, total.imag)[: 1 + complex_result]
-    return values + kind.result(
-        *(dr.replace_grad(dr.zeros(real, dr.width(part)), real(part)) for part in parts)
-    )
+    nu_x, nu_y = components_of("nu", nu, 2)
+    ops = DrjitOperations(type(weights[0]))
+    columns = [array_of(ops.float_type, column) for column in positions.T] + list(weights)
 
-
-def site_sum(nu: Any, positions: NDArray[np.float64], weights: Parameter) -> Any:
-    """sum_k w_k exp(-2 pi i nu.p_k), (L3), for ``nu`` of any kind of Dr.Jit points in the plane.
-
-    positions (n, 2). Differentiable in nu and the weights (n,).
-    """
-    import drjit as dr
-
-    components, kind = read_points([("nu", nu)], 2, own_float("nu", nu))
-    ops = DrjitOperations(weights.float_type)
-    columns = [array_of(ops.float_type, column) for column in positions.T]
-    columns += [weights.first, weights.second]
-
-    def term(row: Any) -> tuple[Any, Any]:
+    def term(row: Drjit) -> tuple[Drjit, Drjit]:
         x, y, a, b = (dr.gather(ops.float_type, column, row) for column in columns)
-        cosine, sine = cos_sin_turns(ops, dr.fma(components[0], x, components[1] * y))
+        cosine, sine = cos_sin_turns(ops, dr.fma(nu_x, x, nu_y * y))
         return a * cosine + b * sine, b * cosine - a * sine
 
-    return kind.result(*ops.plain_sum(0, len(positions), term, 2))
+    return type(weights)(*ops.plain_sum(0, len(positions), term, 2))

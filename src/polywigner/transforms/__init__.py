@@ -1,19 +1,21 @@
 """The public transforms: Fourier, Wigner and ambiguity functions of sources, and the marginals.
 
-Sources are apertures (plane polygons, two components), slits (one), and, for the Fourier transform
-alone, apertures in a pose and polyhedra (three). "Content" is length, area or volume.
+Sources are apertures (plane polygons, two components) and slits (one component). The Fourier
+transform also takes apertures in a pose and polyhedra (three components). "Content" is length, area
+or volume.
 
-Conventions (docs/conventions): Fourier kernel exp(-2 pi i nu.x); nu and upsilon in cycles per
-unit length; the last axis of every argument holds the components, everything before it
-broadcasts; the result has the broadcast shape without that axis, and one point gives a NumPy
-scalar. Lengths are in the source's unit (metres), results in its power of the dimension.
+Conventions (docs/conventions): the Fourier kernel is exp(-2 pi i nu.x); nu and upsilon are in
+cycles per unit length. The last axis of every argument has the components, and all axes before it
+broadcast. The result has the broadcast shape without the last axis; one point gives a NumPy scalar.
+Lengths are in metres, results in metres to the power of the dimension.
 
-Formulas: docs/theory.md. Accuracy: |error| <= 1e-12 area in float64 and 5e-6 area in float32, for
-|nu| times diameter up to 1e3 and all positions, including those where edges of the two copies
-coincide. Of thin outlines, and of those that run to and fro (combs, spirals), W and A are accurate
-to 6e-7 diameter perimeter in float32 where that is more (docs/accuracy.md, "Limits").
+Formulas: docs/theory.md. The error is at most 1e-12 of the area in float64 and 5e-6 in float32, for
+|nu| times diameter up to 1e3 and all positions, coincident edges of the two copies included. W and
+A of thin outlines, combs and spirals in float32 are accurate to 6e-7 diameter times perimeter if
+this is more (docs/accuracy.md, "Limits").
 """
 
+from polywigner.execution import Differentiable
 from polywigner.transforms.automean_samples import Weights, sample_automean
 from polywigner.transforms.calls import explain
 from polywigner.transforms.checked_calls import PhaseSpaceSource, Source
@@ -31,7 +33,7 @@ from polywigner.transforms.phase_space import (
 from polywigner.transforms.projection import PhaseSpaceFunction, projections
 from polywigner.transforms.pupil import mtf, otf
 from polywigner.transforms.spectrum import array_factor, fourier
-from polywigner.transforms.traced_sources import Differentiable, differentiable
+from polywigner.transforms.traced_sources import differentiable
 
 __all__ = [
     "Differentiable",

@@ -1,19 +1,21 @@
-"""The public transforms in one table, the one way that a call of them takes, and its plan.
+"""The public transforms in one table, and the call path that they share.
 
-A call goes through these steps, each of which leaves a simpler one: points behind an optical system
-become points before it (O2), (O3); light that is coherent over a width becomes coherent light times
-the degree of coherence, or a closed form (PC3); a curved wave becomes the flat one, sheared (Q1) to
-(Q5); and the flat source has a kernel. With u = u0 exp(i pi (x - c).Q (x - c)):
+A call goes through these steps, and each one leaves a simpler call. Points behind an optical system
+become points before it, (O2) and (O3). Partly coherent sources become coherent sources times the
+degree of coherence, or a closed form (PC3). A curved wave becomes a flat wave at sheared points,
+(Q1) to (Q5), and the flat source has a kernel. With u = u0 exp(i pi (x - c).Q (x - c)):
 
     R(x, xi)  = R0(x, xi) exp(2 pi i (x - c).Q xi)
     W(x, nu)  = W0(x, nu - Q (x - c))
     A(up, xi) = A0(up - Q xi, xi) exp(-2 pi i c.Q xi)
+
+Points are NumPy arrays (..., d) or Dr.Jit component arrays; results are NumPy arrays, or a
+``Float`` or ``Complex2f``.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar, final
@@ -23,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.execution import Differentiable
 from polywigner.execution.choice import Plan
 from polywigner.geometry import Aperture, Polyhedron, Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_wavelength
@@ -31,6 +34,7 @@ from polywigner.optics import FirstOrder
 from polywigner.source import Array
 from polywigner.transforms.checked_calls import (
     PhaseSpaceSource,
+    Values,
     broadcast_shape,
     checked_call,
     checked_points,
@@ -38,7 +42,7 @@ from polywigner.transforms.checked_calls import (
     in_plane,
     kernel_of,
 )
-from polywigner.transforms.traced_sources import Differentiable, check_no_drjit, phase_space_of
+from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import (
     chirp_transform,
     coherent_source,
@@ -54,15 +58,16 @@ _EXPLAINED = (
     "wigner", "ambiguity", "autocorrelation", "fourier", "position_marginal", "lag_marginal",
 )  # fmt: skip
 
-Values = NDArray[np.float64]
 Points = Mapping[str, Any]
-F = TypeVar("F", bound=Callable[..., Any])
+Options = tuple[str | None, str]
+"""Precision and engine of a call."""
+F = TypeVar("F", bound=Callable[..., object])
 
 
 @final
 @dataclass(frozen=True)
 class Transform:
-    """A public transform: points, unit, and the change by curved or partly coherent waves."""
+    """A public transform: points, unit, and its relation to other transforms."""
 
     points: tuple[str, ...]
     """Names of its points in the order of its arguments."""
@@ -71,10 +76,10 @@ class Transform:
     is_real: bool = False
     plane: tuple[str, ...] = ()
     """Names of the position, or lag, and of the frequency that a system maps together."""
-    whole: str | None = None
-    """The transform whose value at zero of the other point it is."""
+    full: str | None = None
+    """The transform that has these values where its other point is zero."""
     takes_degree: bool = False
-    """Whether partly coherent light multiplies it by the degree of coherence at its last point."""
+    """Whether partial coherence multiplies it by the degree of coherence at its last point."""
 
 
 TRANSFORMS = {
@@ -87,11 +92,9 @@ TRANSFORMS = {
     ),
     "autocorrelation": Transform(("x", "xi"), "autocorrelation R(x, xi)", "1", takes_degree=True),
     "fourier": Transform(("nu",), "Fourier transform F(nu)"),
-    "position_marginal": Transform(
-        ("x",), "position marginal R_x(x)", is_real=True, whole="wigner"
-    ),
+    "position_marginal": Transform(("x",), "position marginal R_x(x)", is_real=True, full="wigner"),
     "lag_marginal": Transform(
-        ("xi",), "lag marginal R_xi(xi)", whole="ambiguity", takes_degree=True
+        ("xi",), "lag marginal R_xi(xi)", full="ambiguity", takes_degree=True
     ),
     "fourier of waves": Transform(("nu",), "Fourier transform of a product of waves"),
     "array factor": Transform(("nu",), "array factor"),
@@ -99,7 +102,7 @@ TRANSFORMS = {
 
 
 def public(function: F) -> F:
-    """Decorate a function of the table's name, so that its points may be DataArrays."""
+    """Decorate a function of the table, so that its points may be DataArrays."""
     declared = TRANSFORMS[function.__name__]
     return takes_xarray(*declared.points, units=declared.units, long_name=declared.title)(function)
 
@@ -111,44 +114,30 @@ def compute(
     precision: str | None = None,
     engine: str = "auto",
     *,
-    through: Any = None,
-    wavelength: Any = None,
+    through: FirstOrder | None = None,
+    wavelength: float | None = None,
     shear: execution.Shear | None = None,
-    in_closed_form: bool = False,
-) -> Any:
-    """Return a transform of any source that it takes, at any points.
+    has_kernel: bool = False,
+) -> Values:
+    """Return a transform of any source at points of any kind.
 
-    F of sources with waves and of arrays is :func:`polywigner.fourier`'s own: a sum over elements
-    and waves. ``shear``: of NumPy's components, as :func:`polywigner.execution.evaluate` has it.
-    ``in_closed_form``: of a partly coherent source with a flat wave, by its own kernel.
+    For F of sources with waves and of arrays see :func:`polywigner.fourier`, a sum over elements
+    and waves. ``has_kernel`` states that the source has a kernel and the points are NumPy arrays;
+    ``shear`` then maps their components, as :func:`polywigner.execution.evaluate` takes it.
     """
-    declared = TRANSFORMS[name]
-    if through is not None or wavelength is not None:
-        points = _before(name, source, points, through, wavelength)
-        if not isinstance(source, Differentiable):
-            source = source.at_wavelength(wavelength)
-    if isinstance(source, Wavefront) and not in_closed_form:
-        if not source.is_coherent:
-            return _partly_coherent(name, source, points, (precision, engine))
-        return _curved(name, source, points, (precision, engine))
-    is_real = declared.is_real
-    if declared.whole is not None:  # the lag marginal is real where the field is 1 on the source
-        is_array = isinstance(source, Array)
-        is_real |= not is_array and getattr(source, "illumination", None) is None
-        whole = kernel_of(declared.whole, source, precision, engine)
-        name, points = _of_whole(name, whole.dimension, points)
-    if isinstance(source, Differentiable) and declared.plane:
-        return phase_space_of(name, source, points, precision, engine, compute)
-    for value in points.values():
-        if type(value) is not np.ndarray and execution.is_drjit(value):
-            return execution.evaluate_traced(
-                kernel_of(name, source, precision, engine),
-                source,
-                list(points.items()),
-                precision=precision,
-                engine=engine,
-                complex_result=not is_real,
-            )
+    if not has_kernel:
+        is_numpy = not isinstance(source, Differentiable)
+        for value in points.values():
+            is_numpy &= type(value) is np.ndarray or not execution.is_drjit(value)
+        if not is_numpy:
+            call = partial(_before, name, source, through, wavelength, (precision, engine))
+            numbers = source.numbers if isinstance(source, Differentiable) else {}
+            return execution.on_components(call, points, numbers, precision, engine)
+        if through is not None or wavelength is not None or isinstance(source, Wavefront):
+            return _before(name, source, through, wavelength, (precision, engine), points)
+    is_real = TRANSFORMS[name].is_real
+    if TRANSFORMS[name].full is not None:
+        is_real, name, points = _of_full(name, source, points)
     kernel, components = checked_call(name, source, points, precision, engine)
     try:
         shape = np.broadcast_shapes(*[c.shape for c in components])
@@ -169,6 +158,51 @@ def compute(
     return result[()]
 
 
+def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
+    """Return a marginal as its full function: whether it is real, the name and the points."""
+    declared = TRANSFORMS[name]
+    assert declared.full is not None
+    # The lag marginal is real if the field is 1 on the source.
+    is_array = isinstance(source, Array)
+    is_uniform = not is_array and getattr(source, "illumination", None) is None
+    flat = source.source if isinstance(source, Wavefront) else source
+    zero: Values = np.zeros(kernel_of(declared.full, flat, None, "auto").dimension)
+    (point,) = points.values()
+    if execution.is_drjit(point):
+        zero = 0.0 * point
+    full = {label: points.get(label, zero) for label in TRANSFORMS[declared.full].points}
+    return declared.is_real or is_uniform, declared.full, full
+
+
+def _flat(
+    name: str, source: Any, points: Points, how: Options, shear: execution.Shear | None = None
+) -> Values:
+    """Return a transform that has a kernel, at NumPy points or Dr.Jit component arrays."""
+    if not execution.has_drjit(points.values()):
+        return compute(name, source, points, *how, shear=shear, has_kernel=True)
+    if isinstance(source, Differentiable) and source.intervals is not None:
+        slits = source.source
+        value = _flat(name, slits, points, how, shear)
+        return execution.with_end_slopes(value, name, slits, source.intervals, points)
+    is_real = TRANSFORMS[name].is_real
+    if isinstance(source, Differentiable):
+        # Kernels that arrays share with other outlines: their own have no derivatives.
+        kernels_of_all = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
+        if name not in kernels_of_all:
+            raise ArgumentError(
+                f"expected an Aperture, Slits or Array for {name}, got a Differentiable; use "
+                "fourier, wigner or ambiguity"
+            )
+        kernel = kernels_of_all[name]
+    else:
+        if TRANSFORMS[name].full is not None:
+            is_real, name, points = _of_full(name, source, points)
+        kernel = kernel_of(name, source, *how)
+    return execution.evaluate_traced(
+        kernel, source, points, complex_result=not is_real, shear=shear
+    )
+
+
 def explain(
     source: PhaseSpaceSource | Polyhedron,
     *arguments: ArrayLike,
@@ -183,25 +217,32 @@ def explain(
 
     Parameters
     ----------
-    source : as the function takes it. For ``"fourier"`` an Aperture, Slits or Polyhedron: that of
-        an Array is a sum of several calls. One with a curved wave is explained as what is computed
-        of its flat source; its F is always a sum over nodes along edges.
-    arguments : those of the function, as NumPy arrays: x and nu for ``"wigner"``.
-    function : "wigner", "ambiguity", "autocorrelation", "fourier", "position_marginal" or
+    source : Aperture, Slits, Array, Wavefront or Polyhedron
+        The source of the call. A call that consists of several, such as a mean over tilts, is
+        explained by the first of them.
+    arguments : array_like
+        The points of the function as NumPy arrays: x and nu for ``"wigner"``.
+    function : str
+        "wigner" (default), "ambiguity", "autocorrelation", "fourier", "position_marginal" or
         "lag_marginal".
-    engine, precision : see :func:`fourier`.
+    engine, precision : str, optional
+        See :func:`fourier`.
 
     Returns
     -------
-    A plan with the texts ``strategy``, ``engine`` and ``reason``; ``str()`` of it is three lines.
+    Plan
+        Has the texts ``strategy``, ``engine`` and ``reason``; ``str()`` of it has three lines.
 
     Raises
     ------
-    ArgumentError for a function that is not one of these, Dr.Jit arrays, and what the function
-    itself would refuse; EngineError without the engine.
+    ArgumentError
+        For an unknown function, Dr.Jit arrays, F of an Array or a curved wave, and arguments that
+        the function itself refuses.
+    EngineError
+        If the engine is not available.
 
-    For example, ``print(pw.explain(pw.shapes.square(0.01), (0.0, 0.0), (10.0, 20.0)))``.
-
+    Examples
+    --------
     >>> import polywigner as pw
     >>> square = pw.shapes.square(1.0)
     >>> print(pw.explain(square, (0.0, 0.0), (1.0, 0.0), engine="numpy").strategy)
@@ -212,70 +253,57 @@ def explain(
         raise ArgumentError(
             f"expected {' and '.join(names)} for {function}, got {len(arguments)} arguments"
         )
-    if any(map(execution.is_drjit, arguments)):
+    if execution.has_drjit(arguments):
         raise ArgumentError(
-            "expected NumPy arrays, got Dr.Jit arrays, which are computed where they are: there is "
-            "no choice to explain"
+            "expected NumPy arrays, got Dr.Jit arrays; their backend computes every call"
         )
-    name = function
     if function == "fourier" and isinstance(source, Array):
         raise ArgumentError(
-            "expected one element for fourier, got an Array, of which F is a sum of several calls; "
-            "explain that of an element"
+            "F of an Array is a sum of several calls and has no single plan; explain F of an "
+            "element"
         )
+    name = function
     if function == "fourier" and isinstance(source, Aperture):
         arguments = (in_plane(arguments[0]),)
         name = "fourier of waves" if is_separable(source) else name
-    points: Mapping[str, Any] = dict(zip(names, arguments, strict=True))
-    if isinstance(source, Wavefront):
-        source, name, points = _as_flat(source, function, points)
-    declared = TRANSFORMS.get(name)
-    if declared is not None and declared.whole is not None:
-        whole = kernel_of(declared.whole, source, precision, engine)
-        name, points = _of_whole(name, whole.dimension, points)
-    kernel, components = checked_call(name, source, points, precision, engine)
-    return execution.explained(
-        kernel, source, components, double=precision != "single", engine=engine
-    )
-
-
-def _as_flat(wave: Wavefront, name: str, points: Points) -> tuple[Any, str, Points]:
-    """The flat source, as coherent as the wave, the transform and the points that a call comes to.
-
-    Raises ArgumentError for F and means over tilts, which are no single call.
-    """
-    if name == "fourier":
+    points = dict(zip(names, arguments, strict=True))
+    plan = execution.explained(lambda: compute(name, source, points, precision, engine))
+    if plan is None:
         raise ArgumentError(
-            "expected a flat wave for fourier, got a curved one, of which F is a sum over nodes "
-            "along the edges, on NumPy: there is no choice to explain"
+            "F of a curved wave is a sum over nodes along the edges on NumPy; there is no choice "
+            "to explain"
         )
-    name, points = _of_whole(name, wave.dimension, points)
-    points, source = _checked(wave, points), wave.source
-    if name == "wigner":
-        points["nu"] = points["nu"] - (points["x"] - wave.centre) @ wave.curvature
-    elif name == "ambiguity":
-        points["upsilon"] = points["upsilon"] - points["xi"] @ wave.curvature
-    if wave.is_coherent or name != "wigner":
-        return source, name, points
-    source = Wavefront(source, coherence_width=wave.coherence_width)
-    if kernels.partly_coherent_kernel(source) is None:
-        raise ArgumentError(
-            f"expected a source with a closed form of W in light that is coherent over "
-            f"{wave.coherence_width:g} m, got an array whose W is a mean over "
-            "tilts of coherent light; explain its .coherent"
-        )
-    return source, name, points
+    return plan
 
 
 # --- optical systems: points of phase space behind them, as points before them
 
 
-def _before(name: str, source: Any, points: Points, through: Any, wavelength: Any) -> Points:
-    """A position and a frequency, or a lag and a frequency shift, as they were in the first plane.
+def _before(
+    name: str,
+    source: Any,
+    through: FirstOrder | None,
+    wavelength: float | None,
+    how: Options,
+    points: Points,
+) -> Values:
+    """Return a transform of any source, optionally with points behind an optical system.
 
-    Both go by the same matrix, (x, lambda nu) and (xi, lambda upsilon): W_out of W, and A_out of A.
-    Raises ArgumentError for a system without a wavelength, and the other way round.
+    (x, lambda nu) and (xi, lambda upsilon) have the same matrix: W_out has values of W, and A_out
+    values of A. Raises ArgumentError for a system without a wavelength, and for the reverse.
     """
+    if through is not None or wavelength is not None:
+        points = _mapped(name, source, through, wavelength, points)
+        if not isinstance(source, Differentiable):
+            source = source.at_wavelength(wavelength)
+    if isinstance(source, Wavefront):
+        transform = _curved if source.is_coherent else _partly_coherent
+        return transform(name, source, points, how)
+    return _flat(name, source, points, how)
+
+
+def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Points) -> Points:
+    """Return the points in front of an optical system."""
     if through is None:
         raise ArgumentError(
             f"expected wavelength with through= only, got {wavelength!r}; leave it out, or pass a "
@@ -288,20 +316,23 @@ def _before(name: str, source: Any, points: Points, through: Any, wavelength: An
     if wavelength is None:
         raise ArgumentError("expected a wavelength with through=, got none; pass wavelength=...")
     length = checked_wavelength(wavelength)
-    plain = source.source if isinstance(source, Differentiable | Wavefront) else source
-    dimension = kernels.kernel_for(name, plain).dimension
+    flat = source.source if isinstance(source, Differentiable | Wavefront) else source
+    dimension = kernels.kernel_for(name, flat).dimension
     a, b, c, d = _blocks_for(through, dimension)
-    place, frequency = TRANSFORMS[name].plane
-    x, nu = (place, points[place]), (frequency, points[frequency])
+    position, frequency = TRANSFORMS[name].plane
+    checked = {label: _checked_point(label, p, dimension) for label, p in points.items()}
+    if not execution.has_drjit(checked.values()):
+        broadcast_shape(list(checked.values()))
+    components = [*execution.split(checked[position]), *execution.split(checked[frequency])]
     mapped = {
-        place: _combined(dimension, (d.T, x), (-length * b.T, nu)),
-        frequency: _combined(dimension, (a.T, nu), (-c.T / length, x)),
+        position: execution.matrix_times(np.hstack([d.T, -length * b.T]), components),
+        frequency: execution.matrix_times(np.hstack([-c.T / length, a.T]), components),
     }
-    return {label: mapped[label] for label in points}
+    return {label: execution.joined(mapped[label]) for label in points}
 
 
-def _blocks_for(system: FirstOrder, dimension: int) -> tuple[Values, ...]:
-    """A, B, C and D of sources in two dimensions, or (1, 1) of slits, which lie along x."""
+def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64], ...]:
+    """Return A, B, C and D (2, 2), or (1, 1) for slits, which lie along x."""
     blocks = (system.A, system.B, system.C, system.D)
     if dimension == 2:
         return blocks
@@ -313,59 +344,43 @@ def _blocks_for(system: FirstOrder, dimension: int) -> tuple[Values, ...]:
     return tuple(block[:1, :1] for block in blocks)
 
 
-def _combined(dimension: int, *terms: tuple[Values, tuple[str, Any]]) -> Any:
-    """Sum of matrices times points; zero matrices do not even broadcast."""
-    present = [(matrix, point) for matrix, point in terms if matrix.any()]
-    if any(execution.is_drjit(value) for _, (_, value) in present):
-        found, kind = execution.components_of_all([point for _, point in present], dimension)
-        whole = np.concatenate([matrix for matrix, _ in present], axis=1)
-        return kind.points(execution.matrix_times(whole, [c for row in found for c in row]))
-    arrays = [checked_points(*point, dimension, complex_allowed=False) for _, point in present]
-    broadcast_shape(arrays)
-    # without the elements that are zero: grids stay grids, and infinite points are no nan
-    return sum(
-        array @ matrix.T if (matrix - np.diag(np.diag(matrix))).any() else array * np.diag(matrix)
-        for array, (matrix, _) in zip(arrays, present, strict=True)
-    )
+# --- partial coherence
 
 
-# --- partly coherent light
+def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
+    """Return a transform of a partly coherent source, from coherent sources or in closed form.
 
-
-def _partly_coherent(name: str, wave: Wavefront, points: Points, how: tuple[Any, Any]) -> Any:
-    """A transform of partly coherent light, by coherent light or in closed form.
-
-    Raises IlluminationError for F, which there is in coherent light alone.
+    Raises IlluminationError for F, which coherent sources alone have.
     """
     if name == "fourier":
         raise IlluminationError(
             f"expected a coherent source for {name}, got one that is coherent over "
-            f"{wave.coherence_width:g} m, of which there is no spectrum with a phase; use "
-            "polywigner.radiant_intensity, or wigner and ambiguity, which it has"
+            f"{wave.coherence_width:g} m, whose spectrum has no phase; use "
+            "polywigner.radiant_intensity, or wigner and ambiguity"
         )
-    double, takes_degree = (
-        execution.checked_precision(how[0]) != "single",
-        TRANSFORMS[name].takes_degree,
-    )
+    takes_degree = TRANSFORMS[name].takes_degree
     has_closed_form = not takes_degree and kernels.partly_coherent_kernel(wave) is not None
-    traced = [(label, value) for label, value in points.items() if execution.is_drjit(value)]
+    traced = [label for label, value in points.items() if execution.is_drjit(value)]
     if traced and not has_closed_form:
-        label, _ = traced[0]
         raise ArgumentError(
-            f"expected {label} as a NumPy array for a partly coherent source, got a Dr.Jit "
-            f"array; use {label}.numpy()"
+            f"expected {traced[0]} as a NumPy array for a partly coherent source, got a Dr.Jit "
+            f"array; use {traced[0]}.numpy()"
         )
-    if traced:
-        _, double = execution.checked_float(*traced[0], *how)
     points, coherent = _checked(wave, points), coherent_source(wave)
     if takes_degree:
         values = compute(name, coherent, points, *how)
         degree = degree_of_coherence(wave, list(points.values())[-1])
         return values * degree.astype(np.asarray(values).real.dtype)
-    x, nu = _of_whole(name, wave.dimension, points)[1].values()
+    if TRANSFORMS[name].full is not None:
+        _, name, points = _of_full(name, wave, points)
+    x, nu = points.values()
+    if traced:
+        double = type(execution.split(points[traced[0]])[0]).__name__.endswith("64")
+    else:
+        double = execution.checked_precision(how[0]) != "single"
 
-    def of_coherent(x: Any, nu: Any) -> Any:
-        return compute("wigner", coherent, {"x": x, "nu": nu}, *how)
+    def of_coherent(x: Values, nu: Values) -> Values:
+        return _before("wigner", coherent, None, None, how, {"x": x, "nu": nu})
 
     if not has_closed_form:
         return mean_over_tilts(of_coherent, wave, nu, x, double=double)
@@ -373,8 +388,8 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: tuple[Any,
     if is_raised:
         double, how = True, (None, how[1])
 
-    def closed_form(held: Wavefront, x: Any, nu: Any) -> Any:
-        return _curved("wigner", held, {"x": x, "nu": nu}, how)
+    def closed_form(limited: Wavefront, x: Values, nu: Values) -> Values:
+        return _curved("wigner", limited, {"x": x, "nu": nu}, how)
 
     values = within_widths(closed_form, of_coherent, wave, x, nu, double)
     return values.astype(np.float32) if is_raised else values
@@ -383,95 +398,68 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: tuple[Any,
 # --- curved waves
 
 
-def _of_whole(name: str, dimension: int, points: Points) -> tuple[str, Points]:
-    """A marginal as the value of the whole function, whose other point is zero."""
-    whole = TRANSFORMS[name].whole
-    if whole is None:
-        return name, points
-    none = np.zeros(dimension)
-    return whole, {label: points.get(label, none) for label in TRANSFORMS[whole].points}
-
-
-def _checked(wave: Wavefront, points: Points) -> dict[str, Any]:
-    """Points as the flat source takes them, of the right shape."""
+def _checked(wave: Wavefront, points: Points) -> dict[str, Values]:
     dimension = kernels.kernel_for("wigner", wave.source).dimension
-    return {
-        name: p
-        if execution.is_drjit(p)
-        else checked_points(name, p, dimension, complex_allowed=False)
-        for name, p in points.items()
-    }
+    return {label: _checked_point(label, p, dimension) for label, p in points.items()}
 
 
-def _curved(name: str, wave: Wavefront, points: Points, how: tuple[Any, Any]) -> Any:
-    """Transform of a curved wave by the transform of the flat source, as coherent as the wave."""
+def _checked_point(label: str, value: Any, dimension: int) -> Values:
+    if execution.is_drjit(value):
+        return execution.joined(execution.components_of(label, value, dimension))
+    return checked_points(label, value, dimension, complex_allowed=False)
+
+
+def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
+    """Return a transform of a curved wave from the flat source, as coherent as the wave."""
     if name == "fourier":
-        return _curved_spectrum(wave, points["nu"], *how)
-    name, points = _of_whole(name, wave.dimension, points)
-    points, flat, plane = _checked(wave, points), wave.source, TRANSFORMS[name].plane
+        return _curved_spectrum(wave, points["nu"], how)
+    d, q = wave.dimension, wave.curvature
+    if TRANSFORMS[name].full is not None:
+        _, name, points = _of_full(name, wave, points)
+    points, flat = _checked(wave, points), wave.source
     if not wave.is_coherent:
         flat = Wavefront(flat, coherence_width=wave.coherence_width)
-    evaluate = partial(
-        compute, name, flat, precision=how[0], engine=how[1], in_closed_form=not wave.is_coherent
-    )
-    if name == "wigner":
-        return _sheared(evaluate, wave, points, plane)
+
+    def slopes(x: Sequence[Any], centre: Sequence[float]) -> list[Any]:
+        """Components of Q (x - c), the frequency of the wave at x."""
+        return execution.matrix_times(q, [p - c for p, c in zip(x, centre, strict=True)])
+
+    centre = wave.centre.tolist()
     if name == "autocorrelation":
-        value = evaluate(points=points)
-        return _turned(value, wave, points, lambda x, xi: _dot(_slopes(wave, x), xi))
-    about_origin = wave._with(centre=np.zeros(wave.dimension))
-    value = _sheared(evaluate, about_origin, points, plane)
-    slope = (wave.curvature @ wave.centre).tolist()
-    return _turned(value, wave, points, lambda _, xi: -_dot(slope, xi)) if any(slope) else value
-
-
-def _slopes(wave: Wavefront, x: Sequence[Any]) -> list[Any]:
-    """The components of Q (x - c), the frequency of the wave at x."""
-    inner = [c - o for c, o in zip(x, wave.centre.tolist(), strict=True)]
-    return execution.matrix_times(wave.curvature, inner)
-
-
-def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
-    return sum(p * q for p, q in zip(a, b, strict=True))
-
-
-def _sheared(
-    evaluate: Callable[..., Any], wave: Wavefront, points: Points, plane: tuple[str, ...]
-) -> Any:
-    """W or A of the flat source at a place, at the frequency relative to the wave's there."""
-    place, frequency = (list(points).index(label) for label in plane)
-    d = wave.dimension
-
-    def moved(groups: list[list[Any]]) -> list[Any]:
-        slopes = _slopes(wave, groups[place])
-        return [n - s for n, s in zip(groups[frequency], slopes, strict=True)]
+        value = _flat(name, flat, points, how)
+        x, xi = (execution.split(p) for p in points.values())
+        return _with_phase(value, zip(slopes(x, centre), xi, strict=True))
+    first, second = TRANSFORMS[name].plane == ("x", "nu"), slice(d, 2 * d)
+    about = centre if first else [0.0] * d
 
     def shear(components: Sequence[Any]) -> Sequence[Any]:
-        groups = [list(components[:d]), list(components[d:])]
-        groups[frequency] = moved(groups)
-        return groups[0] + groups[1]
+        groups = list(components[:d]), list(components[second])
+        position, frequency = groups if first else groups[::-1]
+        moved = [n - s for n, s in zip(frequency, slopes(position, about), strict=True)]
+        return [*position, *moved] if first else [*moved, *position]
 
-    if not any(map(execution.is_drjit, points.values())):
-        return evaluate(points=points, shear=shear)
-    found, kind = execution.components_of_all(list(points.items()), d)
-    return evaluate(points={**points, plane[1]: kind.points(moved(found))})
+    value = _flat(name, flat, points, how, shear)
+    slope = (q @ wave.centre).tolist()
+    if first or not any(slope):
+        return value
+    xi = execution.split(points["xi"])
+    return _with_phase(value, zip([-s for s in slope], xi, strict=True))
 
 
-def _turned(value: Any, wave: Wavefront, points: Points, turns: Callable[..., Any]) -> Any:
-    """A value times exp(2 pi i turns), in its own precision; turns of the points' components."""
-    if any(map(execution.is_drjit, points.values())):
-        found, kind = execution.components_of_all(list(points.items()), wave.dimension)
-        return kind.turned(value, turns(*found))
-    angle = turns(*([p[..., k] for k in range(wave.dimension)] for p in points.values()))
-    phase = np.exp(2j * math.pi * (angle - np.round(angle)))
+def _with_phase(value: Values, factors: Iterable[tuple[Any, Any]]) -> Values:
+    """Return a value times exp(2 pi i turns), turns the sum of products, in its own precision."""
+    phase = execution.unit_wave(sum(p * q for p, q in factors))
+    if execution.is_drjit(value):
+        return phase * value
     return (value * phase).astype(np.asarray(value).dtype)[()]
 
 
-def _curved_spectrum(wave: Wavefront, nu: Any, precision: str | None, engine: Any) -> Any:
-    """F of a curved wave, Fresnel integrals along edges, on NumPy."""
+def _curved_spectrum(wave: Wavefront, nu: Any, how: Options) -> NDArray[np.complexfloating[Any]]:
+    """Return F of a curved wave, Fresnel integrals along edges, on NumPy."""
     dimension = kernels.kernel_for("wigner", wave.source).dimension
     check_no_drjit(nu=nu)
-    execution.checked_engine(engine)
+    execution.checked_engine(how[1])
+    single = execution.checked_precision(how[0]) == "single"
     points = in_plane(nu) if dimension == 2 else nu
     points = checked_points("nu", points, dimension, complex_allowed=True)
     if np.iscomplexobj(points):
@@ -479,13 +467,7 @@ def _curved_spectrum(wave: Wavefront, nu: Any, precision: str | None, engine: An
             "expected real nu for a curved wave, got complex numbers; use nu.real, or the flat "
             "source for evanescent waves"
         )
-    return _spectrum(wave, points, precision=precision)
-
-
-def _spectrum(wave: Wavefront, nu: Any, precision: str | None) -> Any:
-    """F at NumPy's points (..., d)."""
-    single = execution.checked_precision(precision) == "single"
     q, axes = principal_axes(wave.curvature)
-    flat = nu.reshape(-1, wave.dimension)
-    values = chirp_transform(wave.source, q, axes, wave.centre, flat).reshape(nu.shape[:-1])
+    flat = points.reshape(-1, dimension)
+    values = chirp_transform(wave.source, q, axes, wave.centre, flat).reshape(points.shape[:-1])
     return values.astype(np.complex64)[()] if single else values[()]

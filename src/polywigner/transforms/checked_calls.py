@@ -1,4 +1,4 @@
-"""Arguments of all transforms: checked once; then kernel and engine are found."""
+"""Checks of the arguments of all transforms, and the kernel of a call."""
 
 from __future__ import annotations
 
@@ -7,36 +7,41 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
+from polywigner.execution import Drjit
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
+from polywigner.kernels import Kernel
 from polywigner.source import Array
 
 PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
+Values = NDArray[Any] | Drjit
 _COMPLEX = ("fourier", "array factor")  # of real and complex nu
 
-# Frequencies at a time where several arrays of their number are held: some 60 MiB.
+# Frequencies at a time for sums that use several arrays of this length: some 60 MiB.
 _BLOCK = 1 << 19
 _LEAST_ROWS = 8
 
 
-def in_plane(nu: Any) -> Any:
-    """The first two components of three: an aperture without a pose lies in the plane z = 0."""
+def in_plane(nu: Any) -> Values:
+    """Return the first two of three components: an aperture without a pose lies in z = 0."""
     if execution.is_drjit(nu):
-        return execution.in_plane(nu)
+        components = execution.split(nu)
+        return execution.joined(components[:2]) if len(components) == 3 else nu
     try:
         shape = np.shape(nu)
-    except ValueError:  # lists of unequal lengths: checked_points says what is expected
+    except ValueError:  # lists of unequal lengths; checked_points raises the error
         return nu
     return np.asanyarray(nu)[..., :2] if shape and shape[-1] == 3 else nu
 
 
-def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Any:
-    """The kernel of a transform of a source, kept with it; options are checked.
+def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Kernel:
+    """Return the kernel of a transform, cached with the source, and check the options.
 
-    Raises ArgumentError for options that are none, and as `kernels.kernel_for`.
+    Raises ArgumentError for unknown options, and as `kernels.kernel_for` does.
     """
     if precision is not None:
         execution.checked_precision(precision)
@@ -44,14 +49,15 @@ def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Any
         execution.checked_engine(engine)
     known = getattr(source, "__dict__", {}).setdefault("_kernels", {})
     if name not in known:
-        found = kernels.kernel_for(name, source)
+        kernel = kernels.kernel_for(name, source)
         source.__dict__.setdefault("_tables", {})
-        known[name] = found
-    return known[name]
+        known[name] = kernel
+    result: Kernel = known[name]
+    return result
 
 
 def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
-    """The shape of a call with points (..., d); ArgumentError if they do not broadcast."""
+    """Return the broadcast shape of points (..., d). Raises ArgumentError."""
     try:
         return np.broadcast_shapes(*[a.shape[:-1] for a in arrays])
     except ValueError:
@@ -82,11 +88,11 @@ def array_on_grid(
     nu: Any,
     precision: str | None,
     engine: str,
-    point_by_point: Callable[[Any], Any],
-) -> Any:
-    """F of a whole array of apertures without poses on a grid of real nu; None if that is none.
+    point_by_point: Callable[[NDArray[np.float64]], NDArray[np.complexfloating[Any]]],
+) -> NDArray[np.complexfloating[Any]] | None:
+    """Return F of an array of apertures without poses on a grid of real nu; None for other nu.
 
-    ``point_by_point``: nu (..., 2) -> F, for the points that the grid's formula is not for.
+    ``point_by_point``: nu (..., 2) -> F, for points where the formula for grids loses digits.
     """
     if execution.is_drjit(nu) or array.dimension != 2:
         return None
@@ -95,27 +101,27 @@ def array_on_grid(
     if np.iscomplexobj(points):
         return None
 
-    def parts(components: Sequence[Any]) -> tuple[Any, Any]:
+    def parts(components: Sequence[NDArray[np.float64]]) -> Sequence[NDArray[np.floating[Any]]]:
         values = point_by_point(np.stack(components, axis=-1))
         return values.real, values.imag
 
     value, into = empty_result(points.shape[:-1], precision, 2)
-    found = execution.evaluate_on_grid(
+    is_grid = execution.evaluate_on_grid(
         kernels.kernel_for("fourier", array),
         array,
         [points[..., 0], points[..., 1]],
         parts,
+        into,
         double=precision != "single",
         engine=execution.checked_engine(engine),
-        into=into,
     )
-    return None if found is None else value
+    return value if is_grid else None
 
 
 def empty_result(
     shape: tuple[int, ...], precision: str | None, outputs: int
 ) -> tuple[Any, list[Any]]:
-    """An array for a real or complex result, and its parts to write into."""
+    """Return an array for a real or complex result, and views of its parts."""
     single = precision == "single"
     if outputs == 1:
         value = np.empty(shape, np.float32 if single else np.float64)
@@ -124,30 +130,30 @@ def empty_result(
     return value, [value.real, value.imag]
 
 
-def in_blocks(evaluate: Callable[[Any], Any], nu: Any) -> Any:
-    """``evaluate(nu)``, of many frequencies some rows at a time.
+def in_blocks(evaluate: Callable[[Any], Values], nu: Any) -> Values:
+    """Return ``evaluate(nu)``, computed in blocks of rows if there are many frequencies.
 
-    For sums of transforms, which hold several arrays as large as what they are given.
+    This bounds the memory of sums of transforms, which use several arrays of the size of nu.
     """
     if not isinstance(nu, np.ndarray) or nu.ndim < 2 or nu.size <= nu.shape[-1] * _BLOCK:
         return evaluate(nu)
-    # of grids not fewer rows than a grid has
+    # Blocks of a grid keep enough rows to be grids.
     rows = max(_LEAST_ROWS, _BLOCK // math.prod(nu.shape[1:-1]))
     values: Any = None
     for start in range(0, len(nu), rows):
-        found = evaluate(nu[start : start + rows])
+        block = evaluate(nu[start : start + rows])
         if values is None:
-            values = np.empty(nu.shape[:-1], found.dtype)
-        values[start : start + rows] = found
+            values = np.empty(nu.shape[:-1], block.dtype)
+        values[start : start + rows] = block
     return values
 
 
 def checked_points(
     name: str, value: Any, dimension: int, complex_allowed: bool, keep_single: bool = False
-) -> Any:
-    """An array (..., dimension) of float64 or complex128.
+) -> NDArray[Any]:
+    """Return an array (..., dimension) of float64 or complex128. Raises ArgumentError.
 
-    ``keep_single``: one of float32 as it is; a copy in double precision may not fit into memory.
+    ``keep_single`` returns float32 unchanged; a copy in double precision may not fit into memory.
     """
     if type(value) is np.ndarray and value.dtype == np.float64 and value.shape[-1:] == (dimension,):
         return value  # most calls

@@ -1,14 +1,15 @@
 """Images in partly coherent light, by the transmission cross coefficient of polygons.
 
-An extended source in a condenser's pupil lights an object by plane waves, one for each place x in
-the pupil (Koehler). An object's frequency f arrives there at x + xi, xi = wavelength distance f, so
-that pairs of frequencies are imaged as S(x) P(x + xi_1) conj P(x + xi_2), integrated over x (IM1):
-the area of the intersection of three polygons, or its Fourier transform where a defocus or tilts
-are linear in x.
+An extended source in the pupil of a condenser illuminates an object by plane waves, one for each
+point x of the pupil (Koehler). A frequency f of the object arrives there at x + xi, with xi =
+wavelength distance f. Pairs of frequencies are imaged as S(x) P(x + xi_1) conj P(x + xi_2),
+integrated over x (IM1). This is the area of the intersection of three polygons, or its Fourier
+transform with a defocus or tilts.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -39,16 +40,14 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
-# Intersections of polygons: some minutes' work, and 2 GB.
+# Largest number of intersections of polygons: some minutes and 2 GB.
 _MOST = 1 << 20
-# Values of waves at a time: 64 MB.
+# Values of waves in a block: 64 MB.
 _BLOCK = 1 << 22
-# Pairs of orders at a time.
+# Pairs of orders in a block.
 _PAIRS = 1 << 15
 # Orders, and parts of an image relative to the largest, below which they are rounding errors.
 _ROUNDING = 1e-15
-# Squares of it are finite.
-_MOST_AMPLITUDE = 1e100
 # Overlaps of elements of a mask below this fraction of an element's area are rounding errors.
 _OVERLAP = 1e-9
 
@@ -68,34 +67,45 @@ def transmission_cross_coefficient(
     xi_2: ArrayLike,
     defocus: float = 0.0,
     pupil_radius: float | None = None,
-) -> Any:
+) -> Complex:
     """Transmission cross coefficient of an imaging system, T(xi_1, xi_2).
 
-    ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx / int S dx``, with P the field in the pupil and S
-    = |u|^2 of the condenser as the pupil has its image: in closed form, as areas of intersections
-    of polygons, in or out of focus (docs/imaging.md, (IM1)). Source: H. H. Hopkins, Proc. R. Soc. A
-    217, 408 (1953).
+    ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx / int S dx``, with the field P in the pupil and S
+    = |u|^2 of the condenser, imaged into the pupil. The closed form consists of areas of
+    intersections of polygons, in or out of focus (docs/imaging.md, (IM1)). Source: H. H. Hopkins,
+    Proc. R. Soc. A 217, 408 (1953).
 
     Parameters
     ----------
-    pupil : Aperture, or an Array of apertures in the plane z = 0 with amplitudes and waves of its
-        parts, such as pistons and tilts of segments; the axis passes through the origin.
-    condenser : the same; light of its elements does not interfere.
-    xi_1, xi_2 : (..., 2) lags in the pupil in m, wavelength times distance times the object's
-        frequency; they broadcast.
-    defocus : w, the wavefront aberration W20 at ``pupil_radius``, in waves, as of :func:`otf`.
-    pupil_radius : in m; default: the largest distance of a vertex of the pupil from the origin.
+    pupil : Aperture or Array
+        Apertures in the plane z = 0 with amplitudes and waves, such as pistons and tilts of
+        segments. The optical axis passes through the origin.
+    condenser : Aperture or Array
+        Like ``pupil``; its elements are incoherent with one another.
+    xi_1, xi_2 : array_like (..., 2)
+        Lags in the pupil in m, wavelength times distance times the object's frequency.
+    defocus : float
+        Wavefront aberration W20 at ``pupil_radius`` in waves, as in :func:`otf`; default 0.
+    pupil_radius : float, optional
+        In m; default: the largest distance of a vertex of the pupil from the origin.
 
     Returns
     -------
-    (...) complex: the share of the light for xi_1 = xi_2. A point as condenser makes it P conj P,
-    a condenser much wider than the pupil :func:`otf` times the ratio of their areas.
+    complex ndarray (...)
+        The transmitted fraction if xi_1 = xi_2. T is P conj P for a point as condenser. For a
+        condenser much wider than the pupil it is :func:`otf` times the ratio of their areas.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range, and for too many of them;
-    GeometryError for arrays with elements elsewhere; IlluminationError for fields that cancel.
+    ArgumentError
+        For arguments of the wrong type, shape or range, and for too many of them.
+    GeometryError
+        For arrays with elements outside the plane z = 0.
+    IlluminationError
+        For fields that cancel.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pupil, condenser = pw.shapes.square(2.0), pw.shapes.square(1.0)
     >>> complex(pw.transmission_cross_coefficient(pupil, condenser, (0.75, 0.0), (-0.75, 0.0)))
@@ -105,10 +115,14 @@ def transmission_cross_coefficient(
     both = [_lags(name, xi) for name, xi in (("xi_1", xi_1), ("xi_2", xi_2))]
     shape = broadcast_shape(both)
     pairs = [np.broadcast_to(xi, (*shape, 2)).reshape(-1, 2) for xi in both]
-    _check_work(len(pairs[0]) * system.size)
+    if len(pairs[0]) * system.size > _MOST:
+        raise ArgumentError(
+            f"too many pairs of lags: {len(pairs[0])}, at most {_MOST // system.size} for this "
+            "pupil and condenser"
+        )
     lags, number = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
-    found = system.coefficients(lags, *number.reshape(2, -1))
-    return found.reshape(shape)[()]
+    values = system.coefficients(lags, *number.reshape(2, -1))
+    return values.reshape(shape)[()]
 
 
 @takes_frequency
@@ -125,40 +139,55 @@ def partially_coherent_image(
     *,
     transmission: complex = 1.0,
     background: complex = 0.0,
-) -> Any:
-    """Image of a periodic mask of polygons in light of a condenser, as a share of clear light.
+) -> Floats:
+    """Image of a periodic mask of polygons in partly coherent light, relative to clear light.
 
-    The mask's orders are its Fourier transform at the lattice's frequencies, in closed form; each
-    pair of them is imaged by :func:`transmission_cross_coefficient` (docs/imaging.md, (IM2)). A
-    period much longer than the resolution stands for a mask alone.
+    The orders of the mask are its Fourier transform at the lattice's frequencies, in closed form.
+    Each pair of orders is imaged by :func:`transmission_cross_coefficient` (docs/imaging.md,
+    (IM2)). A period much longer than the resolution represents a single mask.
 
     Parameters
     ----------
-    mask : Aperture, or an Array of apertures that do not overlap: the weights of the elements are
-        amplitudes that they transmit.
-    period : (2,) along x and y in m, or (2, 2) vectors of the lattice as rows. The copies of the
-        mask must not overlap either.
-    pupil, condenser, defocus, pupil_radius : as of :func:`transmission_cross_coefficient`; a
-        condenser of half the pupil's size has the coherence factor 0.5.
-    points : (..., 2) in the image in m, at the scale of the object.
-    wavelength : in m.
-    distance : of the object from the pupil, or the focal length in front of it, in m: the frequency
-        f is at wavelength distance f in the pupil.
-    transmission : amplitude that the elements transmit, times their weights: 0 is opaque.
-    background : amplitude that the mask transmits beside the elements: 1 is clear, as around opaque
-        lines, and -0.245 a phase-shifting film of 6 %.
+    mask : Aperture or Array
+        Apertures that do not overlap; their weights are the transmitted amplitudes.
+    period : array_like (2,) or (2, 2)
+        Lengths along x and y in m, or vectors of the lattice as rows. The copies of the mask must
+        not overlap.
+    pupil, condenser, defocus, pupil_radius
+        As in :func:`transmission_cross_coefficient`; a condenser of half the pupil's size has the
+        coherence factor 0.5.
+    points : array_like (..., 2)
+        Points in the image in m, at the scale of the object.
+    wavelength : float
+        In m.
+    distance : float
+        Distance of the object from the pupil, or the focal length in front of it, in m: the
+        frequency f is at wavelength distance f in the pupil.
+    transmission : complex
+        Amplitude that the elements transmit, times their weights; 0 is opaque, default 1.
+    background : complex
+        Amplitude that the mask transmits outside its elements. 0 (default) is opaque, 1 is clear,
+        as around opaque lines, and -0.245 is a phase-shifting film of 6 %.
 
     Returns
     -------
-    (...) float64, at least 0: the irradiance over that of all the condenser's light.
+    float ndarray (...)
+        Irradiance relative to the irradiance without a mask and with all light transmitted, at
+        least 0.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range, and for too many orders: more
-    than some 1,400 that pass, fewer for several waves. GeometryError for elements that overlap
-    each other or the mask's copies, and for arrays with elements elsewhere; IlluminationError for
-    fields that cancel.
+    ArgumentError
+        For arguments of the wrong type, shape or range, and for more than about 1,400 transmitted
+        orders, fewer with several waves.
+    GeometryError
+        For elements that overlap each other or the mask's copies, and for arrays with elements
+        outside the plane z = 0.
+    IlluminationError
+        For fields that cancel.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> lines = pw.shapes.rectangle(1e-6, 2e-6)  # of 1 um, every 2 um
     >>> pupil, condenser = pw.shapes.square(10e-3), pw.shapes.square(5e-3)
@@ -172,26 +201,26 @@ def partially_coherent_image(
     scale = checked_wavelength(wavelength) * checked_length(distance, "distance")
     lattice = _checked_lattice(period)
     cell = abs(np.linalg.det(lattice))
-    _check_overlaps(mask, lattice, cell)
+    _check_overlaps(mask, lattice)
     orders = _orders_within_reach(system, lattice, scale)
     amplitudes = _amplitudes(mask, orders, cell, transmission, background)
-    kept = np.abs(amplitudes) > _ROUNDING * np.abs(amplitudes).max(initial=0.0)
-    kept[kept] = _passing(system, scale * orders[kept])
-    orders, amplitudes = orders[kept], amplitudes[kept]
-    places = _lags("points", points)
+    used = np.abs(amplitudes) > _ROUNDING * np.abs(amplitudes).max(initial=0.0)
+    used[used] = _passing(system, scale * orders[used])
+    orders, amplitudes = orders[used], amplitudes[used]
+    image_points = _lags("points", points)
     if not len(orders):
-        return np.zeros(places.shape[:-1])[()]
+        return np.zeros(image_points.shape[:-1])[()]
     matrix = amplitudes[:, None] * amplitudes.conj() * system.matrix(scale * orders)
     parts, vectors = np.linalg.eigh(matrix)
     some = parts > _ROUNDING * parts[-1]
     modes = vectors[:, some] * np.sqrt(parts[some])
-    flat = places.reshape(-1, 2)
-    found = np.empty(len(flat))
+    flat = image_points.reshape(-1, 2)
+    image = np.empty(len(flat))
     step = max(1, _BLOCK // len(orders))
     for start in range(0, len(flat), step):
         waves = np.exp(2j * np.pi * (flat[start : start + step] @ orders.T))
-        found[start : start + step] = np.square(np.abs(waves @ modes)).sum(axis=1)
-    return found.reshape(places.shape[:-1])[()]
+        image[start : start + step] = np.square(np.abs(waves @ modes)).sum(axis=1)
+    return image.reshape(image_points.shape[:-1])[()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,23 +262,23 @@ class _System:
         return len(self.condenser) * len(self.pupil) ** 2
 
     def coefficients(self, lags: Floats, first: Indices, second: Indices) -> Complex:
-        """T (m,) of pairs of lags, by their numbers (m,) among all lags (n, 2)."""
-        found = np.zeros(len(first), np.complex128)
+        """Return T (m,) of pairs of lags, given by numbers (m,) of lags (n, 2)."""
+        total = np.zeros(len(first), np.complex128)
         nu = 2.0 * self.slope * (lags[second] - lags[first])
         for light in self.condenser:
-            lit = [_overlap(light.polygon, term.polygon, lags) for term in self.pupil]
-            for a, one in zip(self.pupil, lit, strict=True):
-                for b, other in zip(self.pupil, lit, strict=True):
+            regions = [_overlap(light.polygon, term.polygon, lags) for term in self.pupil]
+            for a, one in zip(self.pupil, regions, strict=True):
+                for b, other in zip(self.pupil, regions, strict=True):
                     both = shapely.intersection(one[first], other[second])
                     waves = np.exp(2j * np.pi * (lags[first] @ a.kappa - lags[second] @ b.kappa))
                     weight = light.weight * a.weight * b.weight.conjugate()
                     kappa = a.kappa - b.kappa + light.kappa
-                    found += weight * waves * _transforms(both, nu - kappa)
-        bent = np.exp(2j * np.pi * self.slope * np.square(lags).sum(axis=1))
-        return found * bent[first] * bent[second].conj() / self.power
+                    total += weight * waves * _transforms(both, nu - kappa)
+        chirp = np.exp(2j * np.pi * self.slope * np.square(lags).sum(axis=1))
+        return total * chirp[first] * chirp[second].conj() / self.power
 
     def matrix(self, lags: Floats) -> Complex:
-        """T (n, n) of all pairs of lags (n, 2)."""
+        """Return T (n, n) of all pairs of lags (n, 2)."""
         _check_orders(len(lags), self.size)
         first, second = np.triu_indices(len(lags))
         above = np.zeros((len(lags), len(lags)), np.complex128)
@@ -262,27 +291,27 @@ class _System:
 
 
 def _elements(source: Aperture | Array) -> list[list[_Term]]:
-    """The plane waves on each element, with the weight of the element."""
-    found = []
+    """Return the plane waves on each element, with the weight of the element."""
+    elements = []
     for element in normal_form(source).in_plane.elements:
         polygon, weight = element.shape.polygons, element.weight
         waves = zip(element.amplitudes.tolist(), element.frequencies, strict=True)
-        found.append([_Term(polygon, complex(weight * c), kappa) for c, kappa in waves])
-    return found
+        elements.append([_Term(polygon, complex(weight * c), kappa) for c, kappa in waves])
+    return elements
 
 
-def _overlap(light: Any, pupil: Any, lags: Floats) -> Any:
-    """Polygons (n,) of the places of a condenser whose light passes a pupil, at lags (n, 2)."""
+def _overlap(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
+    """Return polygons (n,) of the points of a condenser that the pupil transmits at lags (n, 2)."""
     shifted = np.full(len(lags), pupil, object)
     corners, owner = shapely.get_coordinates(shifted, return_index=True)
     return shapely.intersection(shapely.set_coordinates(shifted, corners - lags[owner]), light)
 
 
 def _transforms(polygons: Any, frequencies: Any) -> Complex:
-    """Fourier transforms (n,) of polygons (n,), each at its own frequency (n, 2): sums of (F2)."""
+    """Return Fourier transforms (n,) of polygons (n,) at one frequency (n, 2) each, (F2)."""
     nu = np.asarray(frequencies, np.float64)
     begin, end, of, origin = edges_of(np.asarray(polygons, object))
-    # triangles from a corner of each ring: it may be far smaller than its distance from x = 0
+    # Triangles from a corner of each ring, which may be far smaller than its distance from x = 0.
     begin, end = begin - origin, end - origin
     phases = [np.einsum("ij,ij->i", nu[of], corner) for corner in (begin, end, origin)]
     cosine, sine = simplex_plane_wave(NumpyOperations(double=True), *phases[:2])
@@ -293,7 +322,7 @@ def _transforms(polygons: Any, frequencies: Any) -> Complex:
 
 
 def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floats:
-    """Frequencies (n, 2) of a lattice within reach of the pupil and the condenser."""
+    """Return frequencies (n, 2) of a lattice within reach of the pupil and the condenser."""
     reciprocal = np.linalg.inv(lattice).T
     pupil, light = (
         np.array(shapely.total_bounds([t.polygon for t in terms])).reshape(2, 2)
@@ -304,134 +333,101 @@ def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floa
     numbers = corners @ lattice.T
     first, last = np.floor(numbers.min(axis=0)), np.ceil(numbers.max(axis=0))
     count = math.prod((last - first + 1).tolist())
-    if not count <= _MOST:
-        _refuse(count, system.size)
+    if count > _MOST:
+        _check_orders(count, system.size)
     grid = np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(first, last, strict=True)))
     return np.asarray(np.stack([g.ravel() for g in grid], axis=-1) @ reciprocal)
 
 
 def _passing(system: _System, lags: Floats) -> NDArray[np.bool_]:
-    """Whether light of some point of the condenser passes the pupil at lags (n, 2).
-
-    Raises ArgumentError for too many such lags, which are counted before they are intersected: at
-    the least, those at which a point inside the pupil lies on the condenser, or the other way
-    round.
-    """
-    pairs = [(s.polygon, p.polygon) for s in system.condenser for p in system.pupil]
+    """Return whether radiation of any point of the condenser passes the pupil at lags (n, 2)."""
     passes = np.zeros(len(lags), bool)
-    for light, pupil in pairs:
-        bright, open_ = (part.representative_point().coords[0] for part in (light, pupil))
-        passes |= shapely.contains_xy(light, *(np.asarray(open_) - lags).T)
-        passes |= shapely.contains_xy(pupil, *(np.asarray(bright) + lags).T)
-    _check_orders(int(np.count_nonzero(passes)), system.size)
-    for light, pupil in pairs:
-        rest = np.flatnonzero(~passes)
-        passes[rest] = shapely.area(_overlap(light, pupil, lags[rest])) > 0.0
+    for term in system.condenser:
+        for pupil in system.pupil:
+            others = np.flatnonzero(~passes)
+            common = _overlap(term.polygon, pupil.polygon, lags[others])
+            passes[others] = shapely.area(common) > 0.0
     return passes
 
 
-def _check_orders(count: int, size: int) -> None:
-    """Raise ArgumentError if the pairs of ``count`` orders make too many intersections."""
+def _check_orders(count: float, size: int) -> None:
+    """Raise ArgumentError if the pairs of ``count`` orders need too many intersections."""
     if not 0.5 * count * (count + 1.0) * size <= _MOST:
-        _refuse(count, size)
+        most = int(math.sqrt(2.0 * _MOST / size))
+        raise ArgumentError(
+            f"too many orders of the mask pass: {count:.6g}, at most {most} for this pupil and "
+            "condenser; use a smaller condenser or pupil, or a shorter period"
+        )
 
 
-def _refuse(count: float, size: int) -> None:
-    most = int(math.sqrt(2.0 * _MOST / size))
-    raise ArgumentError(
-        f"too many orders of the mask pass: {count:.6g}, at most {most} for this pupil and "
-        "condenser (some minutes of intersections of polygons); take a smaller condenser or pupil, "
-        "or a shorter period"
-    )
-
-
-def _check_overlaps(mask: Any, lattice: Floats, cell: float) -> None:
+def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
     """Raise GeometryError if elements of a mask overlap each other, or copies of the mask."""
     if not isinstance(mask, Aperture | Array):
         raise ArgumentError(
             f"expected mask as an Aperture, or an Array of apertures, got {type(mask).__name__}"
         )
     elements = np.array([element.polygons for element in mask.elements_in_plane], object)
-    tree = shapely.STRtree(elements)
-    found = _overlap_of(elements, tree, np.zeros(2))
-    if found is not None:
-        a, b, common = found
-        raise GeometryError(
-            f"elements {a} and {b} of the mask overlap in {common:.4g} m², where their "
-            "transmissions would add; pass their union as one Aperture (a | b)"
-        )
-    area = float(shapely.area(elements).sum())
-    if area > (1.0 + _OVERLAP) * cell:
-        raise GeometryError(
-            f"the mask overlaps its copies: its area is {area:.4g} m², and that of a period "
-            f"{cell:.4g} m²; pass a longer period, or cut the mask to one period"
-        )
+    areas, tree = shapely.area(elements), shapely.STRtree(elements)
     low, high = np.reshape(shapely.total_bounds(elements), (2, 2))
     size = high - low
     corners = np.array([size, size * [1, -1]])
     most = np.ceil(abs(corners @ np.linalg.inv(lattice)).max(axis=0)).astype(int)
     numbers = np.stack(np.meshgrid(*(np.arange(-n, n + 1) for n in most)), axis=-1).reshape(-1, 2)
-    shifts = numbers[: len(numbers) // 2] @ lattice  # of each pair of opposite shifts one
-    for shift in shifts[(abs(shifts) < size).all(axis=1)]:
-        found = _overlap_of(elements, tree, shift)
-        if found is not None:
-            a, b, common = found
+    shifts = numbers[: len(numbers) // 2 + 1] @ lattice  # one of each pair of opposite shifts
+    for shift in shifts[(abs(shifts) < size).all(axis=1)][::-1]:
+        copies = shapely.transform(elements, lambda x, shift=shift: x + shift)
+        second, first = tree.query(copies)
+        if not shift.any():
+            first, second = first[first < second], second[first < second]
+        common = shapely.area(shapely.intersection(elements[first], copies[second]))
+        overlapping = np.flatnonzero(common > _OVERLAP * np.minimum(areas[first], areas[second]))
+        for k in overlapping[:1]:
+            pair = f"elements {first[k]} and {second[k]} of the mask overlap in {common[k]:.4g} m²"
+            if shift.any():
+                raise GeometryError(
+                    f"the mask overlaps its copy at ({shift[0]:.4g}, {shift[1]:.4g}) m: {pair}; "
+                    "pass a longer period, or cut the mask to one period"
+                )
             raise GeometryError(
-                f"the mask overlaps its copy at ({shift[0]:.4g}, {shift[1]:.4g}) m: element {a} of "
-                f"the mask and element {b} of the copy, in {common:.4g} m²; pass a longer period, "
-                "or cut the mask to one period"
+                f"{pair}, where their transmissions would add; pass their union as one Aperture "
+                "(a | b)"
             )
 
 
-def _overlap_of(elements: Any, tree: Any, shift: Floats) -> tuple[int, int, float] | None:
-    """Two elements (k, j) that overlap, j in a copy at ``shift``, and their common area."""
-    copies = shapely.transform(elements, lambda x: x + shift)
-    second, first = tree.query(copies)
-    if not shift.any():
-        first, second = first[first < second], second[first < second]
-    common = shapely.area(shapely.intersection(elements[first], copies[second]))
-    least = np.minimum(shapely.area(elements[first]), shapely.area(elements[second]))
-    worst = np.flatnonzero(common > _OVERLAP * least)
-    if not len(worst):
-        return None
-    k = worst[0]
-    return int(first[k]), int(second[k]), float(common[k])
-
-
 def _amplitudes(
-    mask: Any, orders: Floats, cell: float, transmission: Any, background: Any
+    mask: Aperture | Array, orders: Floats, cell: float, transmission: complex, background: complex
 ) -> Complex:
-    """Amplitudes (n,) of a mask's orders."""
-    within = _checked_amplitude("transmission", transmission)
-    around = _checked_amplitude("background", background)
+    """Return the amplitudes (n,) of a mask's orders."""
+    inside, around = (
+        _checked_amplitude(name, value)
+        for name, value in (("transmission", transmission), ("background", background))
+    )
     weights = mask.weights if isinstance(mask, Array) else np.ones(1)
-    found = np.zeros(len(orders), np.complex128)
+    amplitudes = np.zeros(len(orders), np.complex128)
     for element, weight in zip(mask.elements_in_plane, weights.tolist(), strict=True):
-        found += within * weight * fourier(element, orders)
+        amplitudes += inside * weight * fourier(element, orders)
         if around:
-            found -= around * fourier(element.with_illumination(None), orders)
-    found /= cell
-    found[(orders == 0.0).all(axis=1)] += around
-    return found
+            amplitudes -= around * fourier(element.with_illumination(None), orders)
+    amplitudes /= cell
+    amplitudes[(orders == 0.0).all(axis=1)] += around
+    return amplitudes
 
 
-def _checked_amplitude(name: str, value: Any) -> complex:
+def _checked_amplitude(name: str, value: complex) -> complex:
     try:
-        found = complex(value)
-    except (TypeError, ValueError, OverflowError):
-        found = complex("nan")
-    if isinstance(value, str) or not abs(found) <= _MOST_AMPLITUDE:
-        raise ArgumentError(
-            f"expected {name} as a number of size {_MOST_AMPLITUDE:g} or less, got {value!r:.100}"
-        )
-    return found
+        amplitude = complex("nan" if isinstance(value, str) else value)
+    except (TypeError, ValueError):
+        amplitude = complex("nan")
+    if not cmath.isfinite(amplitude):
+        raise ArgumentError(f"expected {name} as a finite number, got {value!r:.100}")
+    return amplitude
 
 
 def _lags(name: str, values: Any) -> Floats:
-    found: Floats = checked_points(name, values, 2, complex_allowed=False)
-    if not np.isfinite(found).all():
+    lags: Floats = checked_points(name, values, 2, complex_allowed=False)
+    if not np.isfinite(lags).all():
         raise ArgumentError(f"expected finite {name} (..., 2) in m, got inf or nan")
-    return found
+    return lags
 
 
 def _checked_lattice(period: Any) -> Floats:
@@ -444,11 +440,3 @@ def _checked_lattice(period: Any) -> Floats:
             f"got {period!r}"
         )
     return np.asarray(lattice, np.float64)
-
-
-def _check_work(count: float) -> None:
-    if not count <= _MOST:
-        raise ArgumentError(
-            f"expected at most {_MOST:.1e} intersections of polygons, got {count:.1e}; take fewer "
-            "lags, a shorter period, or fewer waves"
-        )

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from polywigner import kernels
-from polywigner.execution import Engine, Precision
+from polywigner.execution import Differentiable, Engine, Precision
 from polywigner.geometry.arguments import Points
 from polywigner.optics import FirstOrder
 from polywigner.transforms.calls import compute, public
-from polywigner.transforms.checked_calls import PhaseSpaceSource
-from polywigner.transforms.traced_sources import Differentiable
+from polywigner.transforms.checked_calls import PhaseSpaceSource, Values
 from polywigner.transforms.wavefronts import flat_of
 
 
@@ -24,30 +21,41 @@ def autocorrelation(
     *,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> Any:
+) -> Values:
     """Autocorrelation R(x, xi) = u(x + xi/2) conj(u(x - xi/2)) of the field at two points.
 
-    Source: the paper's eq. (auto_lag). Points on the boundary belong to the source on its left and
-    lower sides.
+    The paper's eq. (auto_lag). Points on the boundary belong to the source on its left and lower
+    sides.
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
-        either; or one with a curved or partly coherent wave.
-    x : (..., d) positions, the mean of the two points, in m.
-    xi : (..., d) lags, their difference, in m; broadcasts against ``x``.
-    precision, engine : see :func:`fourier`.
+    source : Aperture, Slits, Array or Wavefront
+        d = 2 for apertures and arrays of apertures, 1 for slits. Fields may be uniform, sums of
+        plane waves, curved or partly coherent.
+    x : array_like (..., d)
+        Positions in m, the mean of the two points.
+    xi : array_like (..., d)
+        Lags in m, the difference of the two points.
+    precision, engine : str, optional
+        See :func:`fourier`.
 
     Returns
     -------
-    (...) complex, without unit; 0 or 1 for a uniform source. Dr.Jit input as in :func:`fourier`.
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
+    complex ndarray (...)
+        Without unit; 0 or 1 for a uniform source. Dr.Jit arrays and DataArrays as in
+        :func:`fourier`.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
-    elements do not lie in the plane z = 0; EngineError without the engine.
+    ArgumentError
+        For arguments of the wrong type or shape.
+    GeometryError
+        For an Array with elements outside the plane z = 0.
+    EngineError
+        If the engine is not available.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> square = pw.shapes.square(2.0)
     >>> float(pw.autocorrelation(square, (0.5, 0.0), (0.5, 0.0)).real)  # both points lie inside
@@ -66,34 +74,47 @@ def wigner(
     wavelength: float | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> Any:
+) -> Values:
     """Wigner function W(x, nu) = integral of u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) d xi.
 
-    Closed form: the Fourier transform of the lag slice at x. Differs from the paper in the slice:
-    its M matrices must translate by 2x. Of an Array: (W2), elements that overlap included. Cost:
-    edges times the edges that can cross them. Frequencies at one x share the slice.
+    The closed form is the Fourier transform of the lag slice at x. The M matrices of the paper's
+    slice must translate by 2x. W of an Array is (W2), also if elements overlap. The cost is the
+    number of pairs of edges that can cross; frequencies at one x share the slice.
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
-        either; or of :func:`differentiable`.
-    x : (..., d) positions in m.
-    nu : (..., d) real spatial frequencies in 1/m; broadcasts against ``x``.
-    through : a :class:`FirstOrder` between the source and the plane of ``x`` and ``nu``: W there is
-        that of the source where the ray came from, (O2). Of slits, one that keeps x and y apart.
-    wavelength : in m, with ``through`` only.
-    precision, engine : see :func:`fourier`.
+    source : Aperture, Slits, Array or Wavefront
+        d = 2 for apertures and arrays of apertures, 1 for slits; or a source of
+        :func:`differentiable`.
+    x : array_like (..., d)
+        Positions in m.
+    nu : array_like (..., d)
+        Real spatial frequencies in 1/m.
+    through : FirstOrder, optional
+        System between the source and the plane of ``x`` and ``nu``. W there is W of the source at
+        the origin of the ray, (O2). For slits it must keep x and y apart.
+    wavelength : float, optional
+        In m; with ``through`` only.
+    precision, engine : str, optional
+        See :func:`fourier`.
 
     Returns
     -------
-    (...) real, in m^d; zero outside the automean. float32 for single precision.
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
+    float ndarray (...)
+        In m^d; zero outside the automean; float32 for single precision. Dr.Jit arrays and
+        DataArrays as in :func:`fourier`.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
-    elements do not lie in the plane z = 0; EngineError without the engine.
+    ArgumentError
+        For arguments of the wrong type or shape.
+    GeometryError
+        For an Array with elements outside the plane z = 0.
+    EngineError
+        If the engine is not available.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> square = pw.shapes.square(2.0)
     >>> round(float(pw.wigner(square, (0.5, 0.0), (0.0, 0.0))), 12)  # the area of the lag slice
@@ -115,33 +136,45 @@ def ambiguity(
     wavelength: float | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> Any:
+) -> Values:
     """Ambiguity function: integral of u(x + xi/2) u*(x - xi/2) exp(-2 pi i upsilon.x) d x.
 
-    Closed form: the Fourier transform of the position slice at xi. Differs from the paper, which
-    prints x.xi in the kernel. Cost: twice edges times the edges that can cross them.
+    The closed form is the Fourier transform of the position slice at xi. The paper prints x.xi in
+    the kernel. The cost is twice the number of pairs of edges that can cross.
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
-        either; or of :func:`differentiable`.
-    upsilon : (..., d) real frequency shifts in 1/m.
-    xi : (..., d) lags in m; broadcasts against ``upsilon``.
-    through : a :class:`FirstOrder` between the source and the plane of the lags, (O3). Of slits,
-        one that keeps x and y apart.
-    wavelength : in m, with ``through`` only.
-    precision, engine : see :func:`fourier`.
+    source : Aperture, Slits, Array or Wavefront
+        d = 2 for apertures and arrays of apertures, 1 for slits; or a source of
+        :func:`differentiable`.
+    upsilon : array_like (..., d)
+        Real frequency shifts in 1/m.
+    xi : array_like (..., d)
+        Lags in m.
+    through : FirstOrder, optional
+        System between the source and the plane of the lags, (O3). For slits it must keep x and y
+        apart.
+    wavelength : float, optional
+        In m; with ``through`` only.
+    precision, engine : str, optional
+        See :func:`fourier`.
 
     Returns
     -------
-    (...) complex, in m^d; Dr.Jit input as in :func:`fourier`.
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
+    complex ndarray (...)
+        In m^d. Dr.Jit arrays and DataArrays as in :func:`fourier`.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
-    elements do not lie in the plane z = 0; EngineError without the engine.
+    ArgumentError
+        For arguments of the wrong type or shape.
+    GeometryError
+        For an Array with elements outside the plane z = 0.
+    EngineError
+        If the engine is not available.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> square = pw.shapes.square(2.0)
     >>> float(pw.ambiguity(square, (0.0, 0.0), (1.0, 0.0)).real)  # the overlap of two squares
@@ -156,26 +189,37 @@ def ambiguity(
 @public
 def position_marginal(
     source: PhaseSpaceSource, x: Points, *, precision: Precision = None, engine: Engine = "auto"
-) -> Any:
-    """R_x(x): the autocorrelation integrated over lag, the area of the lag slice at x.
+) -> Values:
+    """Position marginal R_x(x): the autocorrelation integrated over lag, W(x, 0).
+
+    For a uniform source it is the area of the lag slice at x.
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
-        either; or one with a curved or partly coherent wave.
-    x : (..., d) positions in m.
-    precision, engine : see :func:`fourier`.
+    source : Aperture, Slits, Array or Wavefront
+        d = 2 for apertures and arrays of apertures, 1 for slits. Fields may be uniform, sums of
+        plane waves, curved or partly coherent.
+    x : array_like (..., d)
+        Positions in m.
+    precision, engine : str, optional
+        See :func:`fourier`.
 
     Returns
     -------
-    (...) real, in m^d; equal to W(x, 0).
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
+    float ndarray (...)
+        In m^d. Dr.Jit arrays and DataArrays as in :func:`fourier`.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
-    elements do not lie in the plane z = 0; EngineError without the engine.
+    ArgumentError
+        For arguments of the wrong type or shape.
+    GeometryError
+        For an Array with elements outside the plane z = 0.
+    EngineError
+        If the engine is not available.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> square = pw.shapes.square(2.0)
     >>> round(float(pw.position_marginal(square, (0.5, 0.0))), 12)
@@ -187,29 +231,39 @@ def position_marginal(
 @public
 def lag_marginal(
     source: PhaseSpaceSource, xi: Points, *, precision: Precision = None, engine: Engine = "auto"
-) -> Any:
-    """R_xi(xi): the autocorrelation integrated over position, the area of the position slice.
+) -> Values:
+    """Lag marginal R_xi(xi): the autocorrelation integrated over position, A(0, xi).
 
-    For a uniform source its area times the optical transfer function of a pupil of this shape.
+    For a uniform source it is the area of the position slice: the area of the source times the
+    optical transfer function of a pupil of this shape.
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
-        either.
-    xi : (..., d) lags in m.
-    precision, engine : see :func:`fourier`.
+    source : Aperture, Slits, Array or Wavefront
+        d = 2 for apertures and arrays of apertures, 1 for slits. Fields may be uniform, sums of
+        plane waves, curved or partly coherent.
+    xi : array_like (..., d)
+        Lags in m.
+    precision, engine : str, optional
+        See :func:`fourier`.
 
     Returns
     -------
-    (...) in m^d, equal to A(0, xi): real for a uniform source, complex for an Array and for a
-    source with an illumination.
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
+    ndarray (...)
+        In m^d; real for a uniform source, complex for an Array and for a source with an
+        illumination. Dr.Jit arrays and DataArrays as in :func:`fourier`.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
-    elements do not lie in the plane z = 0; EngineError without the engine.
+    ArgumentError
+        For arguments of the wrong type or shape.
+    GeometryError
+        For an Array with elements outside the plane z = 0.
+    EngineError
+        If the engine is not available.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> square = pw.shapes.square(2.0)
     >>> float(pw.lag_marginal(square, (0.5, 0.0)))
@@ -219,10 +273,10 @@ def lag_marginal(
 
 
 def energy_of(source: PhaseSpaceSource) -> float:
-    """int |u|^2 = R_xi(0) of a source, in m^d times the unit of |u|^2.
+    """Return int |u|^2 = R_xi(0) of a source, in m^d times the unit of |u|^2.
 
-    Rounding may make it negative where elements cancel each other everywhere.
+    Rounding may make it negative if elements cancel each other everywhere.
     """
-    # NumPy: one value is less work than the compilation of a kernel.
+    # One value on NumPy is faster than the compilation of a kernel.
     lag = np.zeros(kernels.kernel_for("ambiguity", flat_of(source)).dimension)
     return float(np.real(lag_marginal(source, lag, engine="numpy")))

@@ -5,8 +5,9 @@ Every tile has its closed form, a row of one table.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -17,6 +18,7 @@ from polywigner.execution import Engine, checked_engine
 from polywigner.geometry import Slits, Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_count, real_numbers
 from polywigner.kernels import kernel_for
+from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import PhaseSpaceSource
 from polywigner.transforms.phase_space import (
     ambiguity,
@@ -26,14 +28,11 @@ from polywigner.transforms.phase_space import (
     wigner,
 )
 from polywigner.transforms.sections import (
-    Copies,
+    Image,
     PlaneField,
-    bound_of,
     column_integrals,
     column_spectra,
-    field_bound,
     field_of,
-    is_lit_by_waves,
     mirrored_correlation,
     mutual_spectra,
     overlaps,
@@ -57,6 +56,7 @@ _MARGIN = 9 / 8
 _LOBES = 8.0
 
 Values = NDArray[np.float64]
+Array = NDArray[Any]
 
 
 def projections(
@@ -139,81 +139,92 @@ def projections(
         )
     dimension = kernel_for(kind, source).dimension
     checked_engine(engine)
-    available = tiles_of(dimension, kind)
-    chosen = _chosen(available, tiles)
+    available = _tiles_of(dimension, kind)
+    names = _requested(available, tiles)
     axes = _axes(source, available, samples, extent, coordinates)
-    arrays = {tile.name: _array(tile, source, axes, engine) for tile in chosen}
-    used = {name for array in arrays.values() for name in array.dims}
-    return labelled_arrays(
-        arrays,
-        {name: _axis(name, axes[name]) for name in axes if name in used},
-        {"kind": kind, "convention": "exp(-2 pi i nu.xi), exp(-2 pi i upsilon.x)"},
-    )
-
-
-def _array(
-    tile: Tile, source: PhaseSpaceSource, axes: Mapping[str, Values], engine: Engine
-) -> xarray.Variable:
-    values = tile.values(source, axes[tile.first], axes[tile.second], engine)
-    attrs = {
-        "units": tile.units,
-        "long_name": tile.meaning,
-        "method": f"closed form ({tile.label})",
-        "exact": 1,
-        "error": tile.error(source),
+    bounds = _Bounds.of(source)
+    arrays, used = {}, set()
+    for name in names:
+        tile = available[name]
+        used |= {tile.first, tile.second}
+        attrs = {
+            "units": tile.units,
+            "long_name": tile.meaning,
+            "method": f"closed form ({tile.label})",
+            "exact": 1,
+            "error": _ROUNDING * tile.scale(bounds),
+        }
+        values = tile.values(source, axes[tile.first], axes[tile.second], engine)
+        arrays[name] = labelled_array(values, (tile.first, tile.second), attrs)
+    coords = {
+        name: labelled_array(values, (name,), {"units": "1/m" if _is_frequency(name) else "m"})
+        for name, values in axes.items()
+        if name in used
     }
-    return labelled_array(values, (tile.first, tile.second), attrs)
+    attrs = {"kind": kind, "convention": "exp(-2 pi i nu.xi), exp(-2 pi i upsilon.x)"}
+    return labelled_arrays(arrays, coords, attrs)
 
 
-def _axis(name: str, values: Values) -> xarray.Variable:
-    units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
-    return labelled_array(values, (name,), {"units": units})
+def _is_frequency(name: str) -> bool:
+    return name.startswith(("nu", "upsilon"))
 
 
-def _chosen(available: Mapping[str, Tile], names: Iterable[str] | None) -> list[Tile]:
+# --- arguments
+
+
+def _requested(available: Mapping[str, Tile], names: Iterable[str] | None) -> list[str]:
     if not isinstance(names, Iterable | None):
         raise ArgumentError(f"expected names of tiles, got {type(names).__name__}")
-    wanted = [names] if isinstance(names, str) else list(available if names is None else names)
-    _known(wanted, available, "tiles")
-    return [available[name] for name in wanted]
+    requested = [names] if isinstance(names, str) else list(available if names is None else names)
+    _check_names(requested, available, "tiles")
+    return requested
 
 
-def _known(names: Iterable[Any], known: Iterable[str], what: str) -> None:
+def _check_names(names: Iterable[object], known: Iterable[str], what: str) -> None:
     for name in names:
         if not isinstance(name, str) or name not in known:
             raise ArgumentError(f"expected {what} among {', '.join(known)}, got {name!r}")
 
 
 def _axes(
-    source: PhaseSpaceSource, tiles: Mapping[str, Tile], samples: Any, extent: Any, coordinates: Any
+    source: PhaseSpaceSource,
+    tiles: Mapping[str, Tile],
+    samples: int | Mapping[str, int],
+    extent: Mapping[str, tuple[float, float]] | None,
+    coordinates: Mapping[str, ArrayLike] | None,
 ) -> dict[str, Values]:
-    """The values along every coordinate that the tiles have."""
-    names = dict.fromkeys(name for t in tiles.values() for name in (t.first, t.second))
-    counts = dict(samples) if isinstance(samples, Mapping) else dict.fromkeys(names, samples)
-    ranges, given = _by_name("extent", extent), _by_name("coordinates", coordinates)
-    for what, keys in (("samples", counts), ("extent", ranges), ("coordinates", given)):
-        _known(keys, names, f"{what} of coordinates")
-    return {
-        name: _given(name, given[name])
-        if name in given
-        else np.linspace(
-            *_range(name, ranges[name] if name in ranges else _default(source, name)),
-            checked_count(counts.get(name, 129), f"samples along {name}", 2, LARGEST_SAMPLES),
-        )
-        for name in names
+    """Return the values along every coordinate of the tiles."""
+    names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
+    counts = samples if isinstance(samples, Mapping) else dict.fromkeys(names, samples)
+    options: dict[str, Any] = {
+        "samples": counts,
+        "extent": extent or {},
+        "coordinates": coordinates or {},
     }
+    for option, values in options.items():
+        if not isinstance(values, Mapping):
+            raise ArgumentError(
+                f"expected {option} as a mapping from the names of coordinates, got "
+                f"{type(values).__name__}"
+            )
+        _check_names(values, names, f"{option} of coordinates")
+    axes = {}
+    for name in names:
+        if name in options["coordinates"]:
+            axes[name] = _numbers(name, options["coordinates"][name])
+            continue
+        ends = options["extent"].get(name, _default(source, name))
+        count = checked_count(counts.get(name, 129), f"samples along {name}", 2, LARGEST_SAMPLES)
+        interval = _numbers(f"the extent of {name}", ends)
+        if len(interval) != 2 or not interval[0] < interval[1]:
+            raise ArgumentError(
+                f"expected the extent of {name} as (lowest, highest), got {value_text(ends)}"
+            )
+        axes[name] = np.linspace(float(interval[0]), float(interval[1]), count)
+    return axes
 
 
-def _by_name(what: str, values: Any) -> dict[str, Any]:
-    if values is not None and not isinstance(values, Mapping):
-        raise ArgumentError(
-            f"expected {what} as a mapping from the names of coordinates, got "
-            f"{type(values).__name__}"
-        )
-    return dict(values or {})
-
-
-def _given(name: str, values: Any) -> Values:
+def _numbers(name: str, values: ArrayLike) -> Values:
     try:
         array = real_numbers(values)
     except ValueError:
@@ -230,21 +241,12 @@ def _given(name: str, values: Any) -> Values:
     return array
 
 
-def _range(name: str, values: Any) -> tuple[float, float]:
-    array = _given(f"the extent of {name}", values)
-    if len(array) != 2 or not array[0] < array[1]:
-        raise ArgumentError(
-            f"expected the extent of {name} as (lowest, highest), got {value_text(values)}"
-        )
-    return float(array[0]), float(array[1])
-
-
 def _default(source: PhaseSpaceSource, name: str) -> tuple[float, float]:
     bounds = source.bounds
-    first = int(name.endswith("y"))
-    low, high = bounds[first], bounds[first + len(bounds) // 2]
+    axis = int(name.endswith("y"))
+    low, high = bounds[axis], bounds[axis + len(bounds) // 2]
     width = high - low
-    if name.startswith(("nu", "upsilon")):
+    if _is_frequency(name):
         return -_LOBES / width, _LOBES / width
     if name.startswith("xi"):
         return -_MARGIN * width, _MARGIN * width
@@ -252,20 +254,81 @@ def _default(source: PhaseSpaceSource, name: str) -> tuple[float, float]:
     return centre - half, centre + half
 
 
-Compute = Callable[[Any, Values, Values, Engine], Any]
-Scale = Callable[[Any], float]
-Sees = Literal["source", "field", "transposed"]
+# --- rounding errors
 
-# Rounding error over a tile's scale: over the shapes of the tests, |nu| times diameter up to 1e3,
-# 2e-13 was the largest.
+# Rounding error relative to the scale of a tile; the largest over the shapes of the tests was
+# 2e-13, for |nu| times diameter up to 1e3.
 _ROUNDING = 1e-12
 
-_LINE = "P1"
+
+@dataclass(frozen=True)
+class _Bounds:
+    """Upper bounds on a field, in which its waves count with the sum of their moduli."""
+
+    content: float
+    """Bound on |F|: the sum of areas or lengths times bounds on |u|."""
+    amplitude: float
+    """Bound on |u|: the elements whose boxes meet add up."""
+    sides: Values
+    """Sides of the box, (d,) in m."""
+    is_uniform: bool
+
+    @classmethod
+    def of(cls, source: PhaseSpaceSource) -> _Bounds:
+        form = normal_form(source).in_plane
+        moduli = np.array([abs(e.weight) * np.abs(e.amplitudes).sum() for e in form.elements])
+        sizes = [
+            e.outline.length if isinstance(e.outline, Slits) else e.outline.area
+            for e in form.elements
+        ]
+        ends = np.array([np.reshape(e.outline.bounds, (2, -1)) for e in form.elements])
+        meets = (ends[:, None, 0] <= ends[:, 1]) & (ends[:, 0] <= ends[:, None, 1])
+        sides = np.diff(np.reshape(form.bounds, (2, -1)), axis=0)[0]
+        return cls(
+            float(moduli @ sizes),
+            float((meets.all(axis=-1) @ moduli).max()),
+            sides,
+            all(element.has_unit_field for element in form.distinct),
+        )
+
+    def transposed(self) -> _Bounds:
+        return replace(self, sides=self.sides[::-1])
+
+
+def _power(bounds: _Bounds) -> float:
+    """Bound on |F|^2."""
+    return bounds.content**2
+
+
+def _box(bounds: _Bounds) -> float:
+    """Bound on the intensity, times the area of the box."""
+    return bounds.amplitude**2 * float(bounds.sides.prod())
+
+
+def _column(bounds: _Bounds) -> float:
+    """Bound on the intensity, times the squared height."""
+    return (bounds.amplitude * float(bounds.sides[-1])) ** 2
+
+
+def _intensity_bound(bounds: _Bounds) -> float:
+    """Bound on the intensity of waves; uniform fields have no rounding error."""
+    return 0.0 if bounds.is_uniform else bounds.amplitude**2
+
+
+def _line_content(bounds: _Bounds) -> float:
+    """Bound on |W|/2 and |A| of slits: the integral of |u| times a bound on |u|."""
+    return bounds.content * bounds.amplitude
+
+
+# --- tiles
+
+
+Scale = Callable[[_Bounds], float]
 
 
 @dataclass(frozen=True)
 class Tile:
-    """One pair of coordinates, and the function integrated over the others."""
+    """Two coordinates, and the function integrated over the other coordinates."""
 
     first: str
     second: str
@@ -273,92 +336,55 @@ class Tile:
     meaning: str
     label: str
     """Label of the equation in docs/projections.md."""
-    compute: Compute
-    """(field or slits, values along the first, along the second, engine) -> (n, m)."""
+    compute: Callable[..., Array]
+    """(source, points of a grid, engine=...) or (field, first values, second values) -> (n, m)."""
     scale: Scale
-    """(field or slits) -> unit of the rounding error, in the tile's units."""
-    sees: Sees = "source"
-    """The field as ``compute`` takes it: transposed, x and y change roles in it."""
+    """Unit of the rounding error, in the tile's units."""
+    takes: str = "source"
+    """Argument of ``compute``: "source", "field", or "transposed" (x and y exchanged)."""
 
-    @property
-    def name(self) -> str:
-        return f"{self.first}_{self.second}"
-
-    def values(self, source: Any, first: Values, second: Values, engine: Engine) -> Any:
-        seen = source if self.sees == "source" else field_of(source)
-        return self.compute(self._turned(seen), first, second, engine)
-
-    def error(self, source: Any) -> float:
-        """Bound on the absolute rounding error."""
-        if self.label == _LINE:
-            return _ROUNDING * self.scale(source)
-        bound = bound_of(source)
-        if self.scale is _nothing and is_lit_by_waves(source):
-            return _ROUNDING * bound.amplitude**2
-        return _ROUNDING * self.scale(self._turned(bound))
-
-    def _turned(self, seen: Any) -> Any:
-        return seen.transposed() if self.sees == "transposed" else seen
+    def values(
+        self, source: PhaseSpaceSource, first: Values, second: Values, engine: Engine
+    ) -> Array:
+        if self.label == "P1":
+            points = first[:, None, None], second[None, :, None]
+            return self.compute(source, *points, engine=engine)
+        if self.takes == "source" or isinstance(source, Slits | Wavefront):
+            grid = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
+            return self.compute(source, grid, engine=engine)
+        field = field_of(source)
+        if self.takes == "transposed":
+            field = field.transposed()
+        return self.compute(field, first, second)
 
 
-def _grid(first: Values, second: Values) -> Values:
-    return np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
-
-
-def _power(field: PlaneField) -> float:
-    """Bound on |F|^2."""
-    return field.content**2
-
-
-def _box(field: PlaneField) -> float:
-    """Bound on the intensity, times the area of the bounds."""
-    west, south, east, north = field.bounds
-    return field.amplitude**2 * (east - west) * (north - south)
-
-
-def _column(field: PlaneField) -> float:
-    """Bound on the intensity, times the squared height."""
-    return (field.amplitude * (field.bounds[3] - field.bounds[1])) ** 2
-
-
-def _nothing(field: PlaneField) -> float:
-    """Uniform fields are computed without rounding."""
-    return 0.0
+def _along_x(values: Values, y: float = 0.0) -> Values:
+    """Return points (n, 2) at one y."""
+    return np.stack([values, np.full_like(values, y)], axis=-1)
 
 
 # --- autocorrelation
 
 
-def _lag_integral(source: Any, x: Values, y: Values, engine: Engine) -> Any:
-    return position_marginal(source, _grid(x, y), engine=engine)
+def _shadow_product(field: PlaneField, x: Values, xi_x: Values) -> Array:
+    at = (x - field.centre[0])[:, None]
+    ahead, behind = (column_integrals(field, (at + half).ravel()) for half in (xi_x / 2, -xi_x / 2))
+    return (ahead * np.conj(behind)).reshape(len(x), len(xi_x))
 
 
-def _position_integral(source: Any, xi_x: Values, xi_y: Values, engine: Engine) -> Any:
-    return lag_marginal(source, _grid(xi_x, xi_y), engine=engine)
-
-
-def _shadow_product(field: PlaneField, x: Values, xi_x: Values, engine: Engine) -> Any:
-    ahead, behind = (x[:, None] + half for half in (xi_x / 2, -xi_x / 2))
-    one, other = (column_integrals(field, at.ravel()) for at in (ahead, behind))
-    return (one * np.conj(other)).reshape(ahead.shape)
-
-
-def _mirrored_overlap(field: PlaneField, x: Values, xi_y: Values, engine: Engine) -> Any:
-    if not field.is_lit:
+def _mirrored_overlap(field: PlaneField, x: Values, xi_y: Values) -> Array:
+    x = x - field.centre[0]
+    if field.is_uniform:
         return mirrored_correlation(field, x, xi_y)
-    centre = field.centre
-    found = np.empty((len(x), len(xi_y)), np.complex128)
-    for row, at in enumerate(x - centre[0]):
-        common = overlaps(
-            field,
-            xi_y,
-            lambda lag: lambda v: v - centre,
-            lambda lag, at=at: lambda v: (v - centre) * (-1.0, 1.0) + (2 * at, lag),  # type: ignore[misc]
-        )
-        places = np.column_stack([np.full(len(xi_y), at), xi_y])
-        spectra = mutual_spectra(field, common, np.zeros(1), places, _of_columns)
-        found[row] = 2 * spectra[:, 0]
-    return found
+    values = np.empty((len(x), len(xi_y)), np.complex128)
+    unmoved = (1.0, 1.0), np.zeros((len(xi_y), 2))
+    for row, at in enumerate(x.tolist()):
+        behind = np.column_stack([np.full(len(xi_y), 2 * at), xi_y])
+        regions = overlaps(field, unmoved, ((-1.0, 1.0), behind))
+        points = behind * (0.5, 1.0)
+        spectra = mutual_spectra(field, regions, np.zeros(1), points, _of_columns)
+        values[row] = 2 * spectra[:, 0]
+    return values
 
 
 def _of_columns(one: Values, other: Values) -> tuple[Values, Values]:
@@ -370,61 +396,57 @@ def _of_columns(one: Values, other: Values) -> tuple[Values, Values]:
 # --- Wigner function
 
 
-def _intensity(source: Any, x: Values, y: Values, engine: Engine) -> Any:
-    return autocorrelation(source, _grid(x, y), np.zeros(2), engine=engine).real
+def _intensity(source: PhaseSpaceSource, grid: Values, *, engine: Engine) -> Array:
+    return np.asarray(autocorrelation(source, grid, np.zeros(2), engine=engine).real)
 
 
-def _power_spectrum(source: Any, nu_x: Values, nu_y: Values, engine: Engine) -> Any:
-    return _squared(fourier(source, _grid(nu_x, nu_y), engine=engine))
+def _power_spectrum(source: PhaseSpaceSource, grid: Values, *, engine: Engine) -> Array:
+    return _squared(fourier(source, grid, engine=engine))
 
 
-def _wigner_of_rows(field: PlaneField, x: Values, nu_x: Values, engine: Engine) -> Any:
-    def image(sign: float) -> Copies:
-        return lambda at: lambda v: (v - (at, field.centre[1])) * (2 * sign, 1.0)
-
+def _wigner_of_rows(field: PlaneField, x: Values, nu_x: Values) -> Array:
+    x = x - field.centre[0]
     # The overlap is its own mirror image, with the conjugate field: its transform is real.
-    found = overlaps(field, x, image(1.0), image(-1.0))
-    places = (x - field.centre[0])[:, None]
-    return mutual_spectra(field, found, nu_x, places, _of_one_row).real
+    ahead: Image = (2.0, 1.0), _along_x(-2 * x)
+    behind: Image = (-2.0, 1.0), _along_x(2 * x)
+    regions = overlaps(field, ahead, behind)
+    return mutual_spectra(field, regions, nu_x, x[:, None], _of_one_row).real
 
 
 def _of_one_row(one: Values, other: Values) -> tuple[Values, Values]:
-    """(P8): points of one row, their middle at x."""
+    """(P8): points of one row with their midpoint at x."""
     shift = np.column_stack([(one[:, 0] + other[:, 0]) / 2, one[:, 1] - other[:, 1]])
     return shift, one[:, :1] - other[:, :1]
 
 
-def _column_powers(field: PlaneField, x: Values, nu_y: Values, engine: Engine) -> Any:
-    return _squared(column_spectra(field, x, nu_y))
+def _column_powers(field: PlaneField, x: Values, nu_y: Values) -> Array:
+    return _squared(column_spectra(field, x - field.centre[0], nu_y))
 
 
-def _squared(values: Any) -> Any:
-    return values.real**2 + values.imag**2
+def _squared(values: Array) -> Array:
+    return np.asarray(values.real**2 + values.imag**2)
 
 
 # --- ambiguity function
 
 
-def _at_opposite_points(source: Any, xi_x: Values, xi_y: Values, engine: Engine) -> Any:
-    return autocorrelation(source, np.zeros(2), _grid(xi_x, xi_y), engine=engine)
+def _at_opposite_points(source: PhaseSpaceSource, grid: Values, *, engine: Engine) -> Array:
+    return np.asarray(autocorrelation(source, np.zeros(2), grid, engine=engine))
 
 
-def _spectrum_product(source: Any, first: Values, second: Values, engine: Engine) -> Any:
-    half = _grid(first, second) / 2
-    ahead = fourier(source, half, engine=engine)
-    return ahead * np.conj(fourier(source, -half, engine=engine))
+def _spectrum_product(source: PhaseSpaceSource, grid: Values, *, engine: Engine) -> Array:
+    ahead = fourier(source, grid / 2, engine=engine)
+    return np.asarray(ahead * np.conj(fourier(source, -grid / 2, engine=engine)))
 
 
-def _ambiguity_of_rows(field: PlaneField, upsilon_x: Values, xi_x: Values, engine: Engine) -> Any:
-    centre = float(field.centre[0])
-
-    def image(sign: float) -> Copies:
-        return lambda lag: lambda v: (v - (centre + sign * lag / 2, 0.0)) * (1.0, sign)
-
-    found = overlaps(field, xi_x, image(1.0), image(-1.0))
-    places = np.column_stack([xi_x, np.full(len(xi_x), field.centre[1])])
-    spectra = mutual_spectra(field, found, upsilon_x, places, _of_opposite_rows)
-    return 2 * (spectra * phase(centre, upsilon_x)).T
+def _ambiguity_of_rows(field: PlaneField, upsilon_x: Values, xi_x: Values) -> Array:
+    x, y = field.centre.tolist()
+    ahead: Image = (1.0, 1.0), _along_x(-xi_x / 2, y)
+    behind: Image = (1.0, -1.0), _along_x(xi_x / 2, -y)
+    regions = overlaps(field, ahead, behind)
+    points = np.column_stack([xi_x, np.full(len(xi_x), y)])
+    spectra = mutual_spectra(field, regions, upsilon_x, points, _of_opposite_rows)
+    return 2 * (spectra * phase(x, upsilon_x)).T
 
 
 def _of_opposite_rows(one: Values, other: Values) -> tuple[Values, Values]:
@@ -433,11 +455,12 @@ def _of_opposite_rows(one: Values, other: Values) -> tuple[Values, Values]:
     return shift, np.column_stack([(one[:, 0] + other[:, 0]) / 2, other[:, 1] - one[:, 1]])
 
 
-def _opposite_columns(field: PlaneField, upsilon_y: Values, xi_x: Values, engine: Engine) -> Any:
+def _opposite_columns(field: PlaneField, upsilon_y: Values, xi_x: Values) -> Array:
+    x, y = field.centre.tolist()
     ahead, behind = (
-        column_spectra(field, sign * xi_x / 2, sign * upsilon_y / 2) for sign in (1.0, -1.0)
+        column_spectra(field, sign * xi_x / 2 - x, sign * upsilon_y / 2) for sign in (1.0, -1.0)
     )
-    return (ahead * np.conj(behind) * phase(float(field.centre[1]), upsilon_y)).T
+    return (ahead * np.conj(behind) * phase(y, upsilon_y)).T
 
 
 # --- the tables
@@ -445,21 +468,21 @@ def _opposite_columns(field: PlaneField, upsilon_y: Values, xi_x: Values, engine
 
 # first and second coordinate, unit, coordinates integrated over, label, values, scale; {0} and {1}
 # stand for x and y, and once more for y and x
-_APERTURE: dict[str, list[tuple[str, str, str, str, str, Compute, Scale]]] = {
+_APERTURE: dict[str, list[tuple[str, str, str, str, str, Callable[..., Array], Scale]]] = {
     "autocorrelation": [
-        ("x", "y", "m2", "xi_x, xi_y", "P2", _lag_integral, _box),
-        ("xi_x", "xi_y", "m2", "x, y", "P3", _position_integral, _box),
+        ("x", "y", "m2", "xi_x, xi_y", "P2", position_marginal, _box),
+        ("xi_x", "xi_y", "m2", "x, y", "P3", lag_marginal, _box),
         ("{0}", "xi_{0}", "m2", "{1}, xi_{1}", "P4", _shadow_product, _column),
         ("{0}", "xi_{1}", "m2", "{1}, xi_{0}", "P5", _mirrored_overlap, _box),
     ],
     "wigner": [
-        ("x", "y", "1", "nu_x, nu_y", "P6", _intensity, _nothing),
+        ("x", "y", "1", "nu_x, nu_y", "P6", _intensity, _intensity_bound),
         ("nu_x", "nu_y", "m4", "x, y", "P7", _power_spectrum, _power),
         ("{0}", "nu_{0}", "m2", "{1}, nu_{1}", "P8", _wigner_of_rows, _box),
         ("{0}", "nu_{1}", "m2", "{1}, nu_{0}", "P9", _column_powers, _column),
     ],
     "ambiguity": [
-        ("xi_x", "xi_y", "1", "upsilon_x, upsilon_y", "P10", _at_opposite_points, _nothing),
+        ("xi_x", "xi_y", "1", "upsilon_x, upsilon_y", "P10", _at_opposite_points, _intensity_bound),
         ("upsilon_x", "upsilon_y", "m4", "xi_x, xi_y", "P11", _spectrum_product, _power),
         ("upsilon_{0}", "xi_{0}", "m2", "upsilon_{1}, xi_{1}", "P12", _ambiguity_of_rows, _box),
         ("upsilon_{1}", "xi_{0}", "m2", "upsilon_{0}, xi_{1}", "P13", _opposite_columns, _column),
@@ -468,46 +491,37 @@ _APERTURE: dict[str, list[tuple[str, str, str, str, str, Compute, Scale]]] = {
 _LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}
 
 
-def _on_line(transform: Callable[..., Any]) -> Compute:
-    def compute(source: Any, first: Values, second: Values, engine: Engine) -> Any:
-        values = transform(source, first[:, None, None], second[None, :, None], engine=engine)
-        uniform = isinstance(source, Slits) and source.illumination is None
-        real = transform is autocorrelation and uniform
-        return values.real if real else values
-
-    return compute
+def _on_line(source: PhaseSpaceSource, x: Values, xi: Values, *, engine: Engine) -> Array:
+    values = autocorrelation(source, x, xi, engine=engine)
+    is_real = isinstance(source, Slits) and source.illumination is None
+    return np.asarray(values.real if is_real else values)
 
 
-def _line_content(source: Any) -> float:
-    """Bound on |W|/2 and |A|: the integral of |u| times the largest |u|, or more."""
-    if isinstance(source, Slits):
-        return field_bound(source) ** 2 * source.length
-    moduli = abs(source.weights)
-    return float(
-        moduli.sum()
-        * sum(m * _line_content(s) for m, s in zip(moduli, source.elements_in_plane, strict=True))
-    )
-
-
-_SLITS = {
-    "autocorrelation": Tile("x", "xi", "1", "R", _LINE, _on_line(autocorrelation), _nothing),
-    "wigner": Tile("x", "nu", "m", "W", _LINE, _on_line(wigner), _line_content),
-    "ambiguity": Tile("upsilon", "xi", "m", "A", _LINE, _on_line(ambiguity), _line_content),
+_SLITS: dict[str, tuple[str, str, str, Callable[..., Array], Scale]] = {
+    "autocorrelation": ("x", "xi", "1", _on_line, _intensity_bound),
+    "wigner": ("x", "nu", "m", wigner, _line_content),
+    "ambiguity": ("upsilon", "xi", "m", ambiguity, _line_content),
 }
 
 
-def tiles_of(dimension: int, kind: str) -> Mapping[str, Tile]:
-    """The tiles of a kind of function of sources of a line (1) or a plane (2), by name."""
-    tiles = [_SLITS[kind]] if dimension == 1 else list(_of_planes(kind))
-    return {tile.name: tile for tile in tiles}
+def _tiles_of(dimension: int, kind: str) -> dict[str, Tile]:
+    """Return the tiles of a kind of function of slits (1) or plane sources (2), by name."""
+    letter, tiles = _LETTERS[kind], []
+    if dimension == 1:
+        first, second, units, compute, scale = _SLITS[kind]
+        tiles.append(Tile(first, second, units, letter, "P1", compute, scale))
+    for row in _APERTURE[kind] if dimension == 2 else ():
+        first, second, units, over, label, compute, scale = row
+        meaning = f"{letter} integrated over {over}"
+        if "{" not in over:
+            tiles.append(Tile(first, second, units, meaning, label, compute, scale))
+            continue
+        for takes, letters in (("field", "xy"), ("transposed", "yx")):
+            x, y, over_both = (text.format(*letters) for text in (first, second, meaning))
+            scaled = partial(_transposed, scale) if takes == "transposed" else scale
+            tiles.append(Tile(x, y, units, over_both, label, compute, scaled, takes))
+    return {f"{tile.first}_{tile.second}": tile for tile in tiles}
 
 
-def _of_planes(kind: str) -> Iterator[Tile]:
-    for first, second, units, over, label, compute, scale in _APERTURE[kind]:
-        seen: list[tuple[Sees, str]] = [("source", "xy")]
-        if "{" in over:
-            seen = [("field", "xy"), ("transposed", "yx")]
-        for sees, axes in seen:
-            one, other, left = (text.format(*axes) for text in (first, second, over))
-            meaning = f"{_LETTERS[kind]} integrated over {left}"
-            yield Tile(one, other, units, meaning, label, compute, scale, sees)
+def _transposed(scale: Scale, bounds: _Bounds) -> float:
+    return scale(bounds.transposed())

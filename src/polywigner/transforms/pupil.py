@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -26,8 +25,8 @@ from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Least energy over that of the elements one by one: rounding leaves 1e-15 of it where their fields
-# cancel, and a value normalised by a hundred times that has hardly a digit.
+# Smallest ratio of the energy to the sum of the energies of the elements. Rounding leaves 1e-15 if
+# their fields cancel, and values normalised by a hundred times this have hardly a digit.
 _DARK = 1e-13
 
 
@@ -40,7 +39,7 @@ def otf(
     *,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> Any:
+) -> NDArray[Any]:
     """Optical transfer function of a pupil of this shape, in or out of focus, 1 at xi = 0.
 
     ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function of the pupil in focus:
@@ -49,28 +48,38 @@ def otf(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil;
-        the axis passes through the origin. With a curved wave, which is defocus as well: w of it is
-        a^2/(2 wavelength radius).
-    xi : (..., d) lags in the pupil in m; at the image distance z, the frequency xi/(lambda z).
-    defocus : w, the wavefront aberration W20 at ``pupil_radius``, in waves.
-    pupil_radius : a in m; default: the largest distance of a vertex from the origin. For a disc of
-        radius R give R: ``otf(shapes.disc(R), xi, defocus, R)``. The vertices of its n-gon, which
-        has the disc's area, lie farther out; for them and one wave of defocus the OTF errs by up to
-        1.3e-3 (n = 64; with R by 1e-5) and 2e-2 (n = 16; 1.4e-3).
-    precision, engine : see :func:`fourier`.
+    source : Aperture, Slits, Array or Wavefront
+        The field in the pupil; d = 2, or 1 for slits. The optical axis passes through the origin. A
+        curved wave is a defocus of w = a^2/(2 wavelength radius).
+    xi : array_like (..., d)
+        Lags in the pupil in m: lambda z times the frequency at the image distance z.
+    defocus : float
+        Wavefront aberration w = W20 at ``pupil_radius``, in waves; default 0.
+    pupil_radius : float, optional
+        a in m; default: the largest distance of a vertex from the origin. For a disc of radius R
+        pass R: ``otf(shapes.disc(R), xi, defocus, R)``. The vertices of its n-gon, which has the
+        disc's area, are farther out. With them the error for one wave of defocus is up to 1.3e-3
+        (n = 64; 1e-5 with R) or 2e-2 (n = 16; 1.4e-3 with R).
+    precision, engine : str, optional
+        See :func:`fourier`.
 
     Returns
     -------
-    (...) complex, without unit. NumPy arrays only.
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
+    complex ndarray (...)
+        Without unit. Points may be NumPy arrays or DataArrays, as in :func:`fourier`.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; IlluminationError for an Array
-    whose fields cancel everywhere, and for partly coherent light, in which images are no linear
-    function of what they show; EngineError without the engine.
+    ArgumentError
+        For arguments of the wrong type, shape or range.
+    IlluminationError
+        For an Array whose fields cancel everywhere, and for partly coherent sources, whose images
+        are not linear in the field of the object.
+    EngineError
+        If the engine is not available.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> square = pw.shapes.square(2.0)
     >>> float(pw.otf(square, (0.5, 0.0)).real)
@@ -79,17 +88,12 @@ def otf(
     kernel = kernels.kernel_for("ambiguity", flat_of(_checked_pupil(source)))
     radius = checked_pupil_radius(source, pupil_radius)
     waves = checked_waves(defocus)
-    # Two divisions: the square of a radius may be too small or too large for a float.
-    slope = -2.0 * waves / radius / radius
-    if not np.isfinite(slope):
-        raise ArgumentError(
-            f"expected a defocus of fewer waves, got {waves:g} at a pupil_radius of {radius:g}"
-        )
+    slope = -2.0 * waves / radius**2
     if execution.is_drjit(xi):
         raise ArgumentError("expected xi as a NumPy array, got a Dr.Jit array; use xi.numpy()")
     lags = checked_points("xi", xi, kernel.dimension, complex_allowed=False)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
-    if slope == 0.0:  # in focus it is an area, which takes no sines
+    if slope == 0.0:  # in focus it is an area, without sines
         return (lag_marginal(source, lags, **how) + 0j) / checked_energy(source)
     return ambiguity(source, slope * lags, lags, **how) / checked_energy(source)
 
@@ -107,36 +111,46 @@ def mtf(
     pixel: float | ArrayLike = 0.0,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> Any:
+) -> NDArray[Any]:
     """Modulation transfer function of a lens with a pupil of this shape, |OTF| in the focal plane.
 
-    The lag in the pupil is wavelength times focal length times frequency. Of several wavelengths it
-    is the modulus of the mean OTF, as of a detector that sees them all.
+    The lag in the pupil is wavelength times focal length times frequency. For several wavelengths
+    the result is the modulus of the mean OTF, as a detector measures it.
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil;
-        or one with a curved wave, as of :func:`otf`.
-    frequency : (..., d) in the image, in cycles per metre: 50e3 for 50 cycles per mm.
-    wavelength : in m, or (k,) of a polychromatic source.
-    focal_length : in m, or the distance of the image from the pupil.
-    defocus : the wavefront aberration W20 at ``pupil_radius``, in waves of the mean wavelength; the
-        aberration in m is that of all wavelengths.
-    pupil_radius : see :func:`otf`.
-    weights : (k,) of the wavelengths, zero or more; None: all the same.
-    pixel : side in m of a detector's square pixels, or one along each axis: sin(pi f p)/(pi f p) of
-        them multiplies the lens.
-    precision, engine : see :func:`fourier`.
+    source : Aperture, Slits, Array or Wavefront
+        The field in the pupil, see :func:`otf`.
+    frequency : array_like (..., d)
+        Spatial frequencies in the image in cycles per metre: 50e3 for 50 cycles per mm.
+    wavelength : float or array_like (k,)
+        In m; k wavelengths of a polychromatic source.
+    focal_length : float
+        In m, or the distance of the image from the pupil.
+    defocus : float
+        Wavefront aberration W20 at ``pupil_radius`` in waves of the mean wavelength; all
+        wavelengths have the same aberration in m. Default 0.
+    pupil_radius : float, optional
+        See :func:`otf`.
+    weights : array_like (k,), optional
+        Weights of the wavelengths, zero or more; default: equal.
+    pixel : float or array_like (d,)
+        Side p in m of a detector's pixels, default 0: a factor sin(pi f p)/(pi f p) for each axis.
+    precision, engine : str, optional
+        See :func:`fourier`.
 
     Returns
     -------
-    (...) float64 from 0 to 1, 1 at frequency 0.
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
+    float ndarray (...)
+        From 0 to 1, 1 at frequency 0. DataArrays as in :func:`fourier`.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; and as :func:`otf` does.
+    ArgumentError
+        For arguments of the wrong type, shape or range; other errors as :func:`otf`.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pupil = pw.shapes.square(10e-3)  # cut-off at 10 mm/(0.5 um 100 mm) = 200 cycles/mm
     >>> round(float(pw.mtf(pupil, (50e3, 0.0), 0.5e-6, 0.1)), 3)
@@ -146,7 +160,7 @@ def mtf(
     for length in lengths.tolist():
         checked_wavelength(length)
     distance = checked_length(focal_length, "focal_length")
-    share = shares_of(weights, lengths.size)
+    fractions = shares_of(weights, lengths.size)
     warn_of_lens(source, float(lengths.max()), distance)
     dimension = kernels.kernel_for("ambiguity", flat_of(_checked_pupil(source))).dimension
     cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
@@ -156,34 +170,31 @@ def mtf(
             f"expected pixel as lengths of zero or more in m, got {value_text(pixel)}"
         )
     how: dict[str, Any] = {"precision": precision, "engine": engine}
-    aberration = checked_waves(defocus) * float(share @ lengths)
+    aberration = checked_waves(defocus) * float(fractions @ lengths)
     total: Any = 0.0
-    for part, length in zip(share, lengths.tolist(), strict=True):
-        scale = length * distance
-        if not math.isfinite(scale):
-            raise ArgumentError(f"expected focal_length in m, got {distance:g}; check its unit")
-        with np.errstate(over="ignore"):  # beyond all light
-            lags = np.asarray(cycles) * scale
+    for fraction, length in zip(fractions, lengths.tolist(), strict=True):
+        lags = np.asarray(cycles) * (length * distance)
         pupil = source.at_wavelength(length)
-        total = total + part * otf(pupil, lags, aberration / length, pupil_radius, **how)
-    seen = np.sinc(np.asarray(cycles) * sides).prod(axis=-1)
-    return np.abs(total * seen).astype(np.float64)[()]
+        total = total + fraction * otf(pupil, lags, aberration / length, pupil_radius, **how)
+    detector = np.sinc(np.asarray(cycles) * sides).prod(axis=-1)
+    return np.abs(total * detector).astype(np.float64)[()]
 
 
-def _checked_pupil(source: Any) -> Any:
-    """Return the source; IlluminationError for a partly coherent one."""
+def _checked_pupil(source: Any) -> PhaseSpaceSource:
+    """Return the source. Raises IlluminationError if it is partly coherent."""
+    pupil: PhaseSpaceSource = source
     if is_partly_coherent(source):
         raise IlluminationError(
             "expected a pupil in coherent light, got one that is coherent over "
             f"{source.coherence_width:g} m: there is no transfer function of images in partly "
-            "coherent light; use its .coherent for that of the pupil, or polywigner.lag_marginal "
-            "for the coherence of the light"
+            "coherent light; use its .coherent, or polywigner.lag_marginal for the degree of "
+            "coherence"
         )
-    return source
+    return pupil
 
 
 def shares_of(weights: Any, count: int) -> NDArray[np.float64]:
-    """Weights (count,) as shares of their sum."""
+    """Return weights (count,) as fractions of their sum."""
     given = (
         np.ones(count) if weights is None else checked_row(weights, f"expected weights ({count},)")
     )
@@ -193,17 +204,12 @@ def shares_of(weights: Any, count: int) -> NDArray[np.float64]:
             f"expected weights ({count},), one for each wavelength, of zero or more and not all "
             f"zero, got {value_text(weights)}"
         )
-    shares = given / given.max()  # so that the sum does not overflow
-    return np.asarray(shares / shares.sum())
+    return np.asarray(given / given.sum())
 
 
-# Fewer waves change no digit, and make lengths that are no floats.
-_LEAST_WAVES = 1e-30
-
-
-def checked_waves(defocus: Any) -> float:
-    waves = checked_number(defocus, "defocus", "a finite defocus in waves")
-    return waves if abs(waves) > _LEAST_WAVES else 0.0
+def checked_waves(defocus: float) -> float:
+    """Return a defocus in waves. Raises ArgumentError if it is not a finite number."""
+    return checked_number(defocus, "defocus", "a finite defocus in waves")
 
 
 def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
@@ -224,12 +230,12 @@ def _vertices(source: PhaseSpaceSource) -> Iterator[NDArray[np.float64]]:
 
 
 def checked_energy(source: PhaseSpaceSource) -> float:
-    """The integral of |u|^2, A(0, 0); IlluminationError if it is zero."""
+    """Return the integral of |u|^2, A(0, 0). Raises IlluminationError if it is zero."""
     source = flat_of(source)
-    energy = apart = energy_of(source)
+    energy = incoherent = energy_of(source)
     if isinstance(source, Array):
         contents = [checked_energy(element) for element in source.elements_in_plane]
-        apart = float(abs(source.weights) ** 2 @ contents)
-    if energy > _DARK * apart and energy > 0.0:
+        incoherent = float(abs(source.weights) ** 2 @ contents)
+    if energy > _DARK * incoherent and energy > 0.0:
         return energy
     raise IlluminationError("expected a pupil with light in it, got fields that cancel everywhere")

@@ -1,10 +1,8 @@
-"""Sources whose vertices, weights or amplitudes are Dr.Jit arrays, and their transforms."""
+"""Sources whose vertices, weights, amplitudes or intervals are Dr.Jit arrays, and their F."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 import shapely
@@ -12,33 +10,18 @@ from numpy.typing import NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, GeometryError
-from polywigner.execution import Parameter, Parameters, is_drjit
+from polywigner.execution import Differentiable, Drjit, is_drjit
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import DrJitArray
 from polywigner.geometry.rings import signed_area
-from polywigner.kernels.outline.wave_pairs import waves_in_frame
-from polywigner.kernels.slopes import slopes_in_ends
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.geometry.wavefront import Field
 from polywigner.source import Array, Illumination
-from polywigner.transforms.checked_calls import in_plane
+
+PlainFourier = Callable[[Aperture | Slits, Drjit], Drjit]
+"""(source without Dr.Jit arrays, component array nu) -> F."""
 
 
-@dataclass(frozen=True, eq=False)
-class Differentiable:
-    """A source with the values that some of its numbers have now, and the arrays that hold these.
-
-    Made by :func:`differentiable`.
-    """
-
-    source: Any
-    """An Aperture or an Array, or Slits with ``intervals``."""
-    vertices: Parameter | None = None
-    weights: Parameter | None = None
-    amplitudes: Parameter | None = None
-    intervals: Parameter | None = None
-
-
-def check_no_drjit(**arguments: Any) -> None:
+def check_no_drjit(**arguments: object) -> None:
     """Raise ArgumentError for Dr.Jit arrays, and for sources that contain such arrays."""
     for name, value in arguments.items():
         if isinstance(value, Differentiable) or is_drjit(value):
@@ -58,34 +41,43 @@ def differentiable(
 ) -> Differentiable:
     """Return a source with Dr.Jit arrays as some of its numbers, to differentiate by them.
 
-    `fourier`, `wigner` and `ambiguity` take it in place of the source. They return Dr.Jit arrays,
+    `fourier`, `wigner` and `ambiguity` accept it in place of the source. They return Dr.Jit arrays,
     which ``dr.backward`` and ``dr.forward`` differentiate in closed form (docs/gradients). The
-    source itself has the other numbers, and how vertices form rings.
+    source provides the other numbers and the rings of the vertices.
 
     Parameters
     ----------
-    source : an Aperture, or an Array of apertures in the plane z = 0; or Slits; None for the
-        aperture with the ring ``vertices``, or the slits ``intervals``.
-    vertices : (n,) points in m, ``Array2f`` or a tensor (n, 2), that take the place of the
-        source's: of all rings (``Aperture.rings``) of all elements, one after the other. Unlike
-        those of an Aperture, vertices on the line between their neighbours are kept.
-    weights : (k,) of the elements of an Array: ``Complex2f``, ``Float``, or a tensor (k,) or
-        (k, 2) of real and imaginary parts.
-    amplitudes : (m,) of the waves of an Aperture's illumination, in the order of its frequencies;
-        like weights.
-    intervals : (m,) begins and ends in m, ``Array2f`` or a tensor (m, 2), that take the place of
-        those of Slits; ascending, and apart from each other.
+    source : Aperture, Array or Slits, optional
+        Arrays consist of apertures in the plane z = 0. None (default) stands for the aperture with
+        the ring ``vertices``, or the slits ``intervals``.
+    vertices : Array2f (2, n) or tensor (n, 2), optional
+        Points in m that replace the vertices of all rings (``Aperture.rings``) of all elements, one
+        ring after the other. Unlike those of an Aperture, vertices on the line between their
+        neighbours are kept.
+    weights : Complex2f or Float (k,), or tensor (k,) or (k, 2), optional
+        Weights of the elements of an Array; a second axis has real and imaginary parts.
+    amplitudes : like ``weights``, (m,), optional
+        Amplitudes of the waves of an Aperture's illumination, in the order of its frequencies.
+    intervals : Array2f (2, m) or tensor (m, 2), optional
+        Begins and ends in m that replace those of Slits, in ascending order without contact.
 
     Returns
     -------
-    Differentiable; its ``source`` has the present values of all numbers.
+    Differentiable
+        Its ``source`` has the present values of all numbers.
 
     Raises
     ------
-    ArgumentError for arrays of the wrong kind or number; GeometryError for vertices that make no
-    valid outline or turn it over, and for intervals that do not ascend or that touch;
-    IlluminationError as `Array` and `Illumination` do.
+    ArgumentError
+        For arrays of the wrong kind or number.
+    GeometryError
+        For vertices that form no valid outline or reverse its orientation, and for intervals that
+        do not ascend or that touch.
+    IlluminationError
+        As `Array` and `Illumination` raise it.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> import drjit as dr
     >>> from drjit.llvm.ad import Array2f64
@@ -97,8 +89,9 @@ def differentiable(
     (2, 4)
     """
     if intervals is not None or isinstance(source, Slits):
-        others = {"vertices": vertices, "weights": weights, "amplitudes": amplitudes}
-        return _of_slits(source, intervals, {**others, "intervals": intervals})
+        if intervals is None or not (vertices is weights is amplitudes is None):
+            raise ArgumentError("expected Slits with intervals as a Dr.Jit array alone")
+        return _of_slits(source, execution.plane_points("intervals", intervals))
     if source is None and vertices is None:
         raise ArgumentError("expected a source or the vertices of a ring, got neither")
     is_plane = isinstance(source, Aperture | Array) and all(
@@ -110,78 +103,49 @@ def differentiable(
         )
     if vertices is weights is amplitudes is None:
         raise ArgumentError("expected vertices, weights or amplitudes as Dr.Jit arrays, got none")
-    found: dict[str, Parameter] = {}
+    numbers: dict[str, Drjit] = {}
     if vertices is not None:
-        source, found["vertices"] = _with_vertices(
-            source, execution.plane_points("vertices", vertices)
-        )
-    for name, numbers in (("weights", weights), ("amplitudes", amplitudes)):
-        if numbers is not None:
-            found[name] = execution.complex_numbers(name, numbers)
+        corners = execution.plane_points("vertices", vertices)
+        source, numbers["vertices"] = _with_vertices(source, corners)
+    for name, values in (("weights", weights), ("amplitudes", amplitudes)):
+        if values is not None:
+            numbers[name] = execution.complex_numbers(name, values)
+            real, imag = execution.columns_of(numbers[name]).T
             change = _with_weights if name == "weights" else _with_amplitudes
-            source = change(source, _complex(found[name]))
-    return Differentiable(source, **found)
+            source = change(source, real + 1j * imag)
+    return Differentiable(source, **numbers)
 
 
-def parameters_of(source: Differentiable) -> Parameters:
-    """The arrays, as kernels of the whole source take them."""
-    fields = source.weights or source.amplitudes
-    by_waves = source.amplitudes is not None
-    factors = _wave_factors(source.source) if by_waves else _weight_factors
-    return Parameters(source.vertices, fields, by_waves, factors)
-
-
-def _of_slits(source: Any, intervals: Any, others: dict[str, Any]) -> Differentiable:
-    given = [name for name, value in others.items() if value is not None]
-    if given != ["intervals"] or not (source is None or isinstance(source, Slits)):
-        got = f"{type(source).__name__} with {' and '.join(given) or 'nothing'}"
-        raise ArgumentError(f"expected Slits with intervals as a Dr.Jit array alone, got {got}")
-    ends = execution.plane_points("intervals", intervals)
-    values = ends.values
+def _of_slits(source: Aperture | Array | Slits | None, ends: Drjit) -> Differentiable:
+    if not isinstance(source, Slits | None):
+        raise ArgumentError(f"expected Slits or None with intervals, got {type(source).__name__}")
+    values = execution.columns_of(ends)
     if source is not None and len(values) != len(source.intervals):
         raise ArgumentError(
             f"expected {len(source.intervals)} intervals, as many as the source has, got "
             f"{len(values)}"
         )
-    plain = Slits(values)
-    if plain.intervals.shape != values.shape or (plain.intervals != values).any():
+    slits = Slits(values)
+    if slits.intervals.shape != values.shape or (slits.intervals != values).any():
         raise GeometryError(
             "expected intervals in ascending order that do not touch, got "
             f"{values.tolist()}; sort them, or take shorter steps"
         )
     field = None if source is None else source.illumination
-    return Differentiable(plain.with_illumination(field), intervals=ends)
-
-
-def _weight_factors(tables: Any) -> NDArray[np.complex128]:
-    return np.array(tables.factors, np.complex128)
-
-
-def _wave_factors(source: Any) -> Any:
-    frequencies = source.illumination.frequencies
-    unit = Illumination(np.ones(len(frequencies)), frequencies)
-
-    def factors(tables: Any) -> NDArray[np.complex128]:
-        waves = waves_in_frame(unit, tables.frame)
-        return np.array([wave.amplitude for wave in waves], np.complex128)
-
-    return factors
-
-
-def _complex(numbers: Parameter) -> NDArray[np.complex128]:
-    values = numbers.values
-    result: NDArray[np.complex128] = values[:, 0] + 1j * values[:, 1]
-    return result
+    return Differentiable(slits.with_illumination(field), intervals=ends)
 
 
 def _with_vertices(
-    source: Aperture | Array | None, vertices: Parameter
-) -> tuple[Aperture | Array, Parameter]:
-    points = vertices.values
+    source: Aperture | Array | None, vertices: Drjit
+) -> tuple[Aperture | Array, Drjit]:
+    points = execution.columns_of(vertices)
     if source is None:
         # Outlines run counter-clockwise.
         if len(points) > 2 and np.isfinite(points).all() and signed_area(points) < 0:
-            vertices, points = vertices.taken(np.arange(len(points))[::-1]), points[::-1]
+            vertices, points = (
+                execution.entries(vertices, np.arange(len(points))[::-1]),
+                points[::-1],
+            )
         return _of_rings([[points]], None), vertices
     elements = source.elements_in_plane
     ends = np.cumsum([sum(len(ring) for ring in element.rings) for element in elements])
@@ -189,15 +153,15 @@ def _with_vertices(
         raise ArgumentError(
             f"expected {ends[-1]} vertices, as many as the source has, got {len(points)}"
         )
-    own = np.split(points, ends[:-1])
-    moved = [_moved(element, some) for element, some in zip(elements, own, strict=True)]
+    corners = np.split(points, ends[:-1])
+    moved = [_moved(element, some) for element, some in zip(elements, corners, strict=True)]
     if isinstance(source, Aperture):
         return moved[0], vertices
     return Array(moved, source.weights), vertices
 
 
 def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
-    """An aperture with other vertices, exteriors first as in ``rings``."""
+    """Return an aperture with other vertices, exteriors first as in ``rings``."""
     parts = aperture._parts
     ends = np.cumsum([len(ring) for ring in aperture.rings])
     rings = np.split(points, ends[:-1])
@@ -206,8 +170,8 @@ def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
     return _of_rings(regrouped, aperture.illumination)
 
 
-def _of_rings(parts: list[list[NDArray[np.float64]]], illumination: Any) -> Aperture:
-    """An aperture of exactly these vertices, if they make a valid one."""
+def _of_rings(parts: list[list[NDArray[np.float64]]], illumination: Field | None) -> Aperture:
+    """Return an aperture of exactly these vertices. Raises GeometryError if it is not valid."""
     if not all(np.isfinite(ring).all() for part in parts for ring in part):
         raise GeometryError("expected finite vertices, got inf or nan")
     for part in parts:
@@ -251,137 +215,49 @@ def _with_amplitudes(
         )
     # A wave of amplitude zero would be dropped, and with it the derivative.
     tiny = 1e-200 * np.abs(amplitudes).max(initial=1e-100)
-    kept = np.where(amplitudes == 0.0, tiny, amplitudes)
-    return source.with_illumination(Illumination(kept, field.frequencies))
+    nonzero = np.where(amplitudes == 0.0, tiny, amplitudes)
+    return source.with_illumination(Illumination(nonzero, field.frequencies))
 
 
-def phase_space_of(
-    name: str,
-    source: Differentiable,
-    points: Mapping[str, Any],
-    precision: str | None,
-    engine: str,
-    plain: Callable[..., Any],
-) -> Any:
-    """W or A, by the kernel of all outlines: short cuts of arrays have no derivatives.
-
-    ``plain``: (name, source, points, precision, engine) -> values for a source without derivatives.
-    """
+def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
+    """Return F at a component array as a sum over all waves on all elements, (C1) and (I1)."""
     if source.intervals is not None:
-        return _values_of_slits(name, source, points, precision, engine, plain)
-    return execution.evaluate_traced(
-        kernels.WIGNER if name == "wigner" else kernels.AMBIGUITY,
-        source.source,
-        list(points.items()),
-        precision=execution.checked_precision(precision),
-        engine=execution.checked_engine(engine),
-        complex_result=name != "wigner",
-        parameters=parameters_of(source),
-    )
-
-
-def fourier_of(
-    source: Differentiable, nu: Any, precision: str | None, engine: str, plain: Callable[..., Any]
-) -> Any:
-    """F as a sum over all waves on all elements, (C1) and (I1).
-
-    ``plain`` is :func:`polywigner.fourier`, for sources without derivatives.
-    """
-    if source.intervals is not None:
-
-        def of_slits(name: str, slits: Any, points: Any, *how: Any) -> Any:
-            return plain(slits, points["nu"], precision=how[0], engine=how[1])
-
-        return _values_of_slits("fourier", source, {"nu": nu}, precision, engine, of_slits)
-    if not execution.is_drjit(nu):
-        float_type = next(iter(parameters_of(source).types))
-        nu = execution.tensor_of(float_type, execution.host_points("nu", in_plane(nu)))
-    nu = in_plane(nu)
+        slits = source.source
+        value = plain(slits, nu)
+        return execution.with_end_slopes(value, "fourier", slits, source.intervals, {"nu": nu})
     array = source.source
-    if isinstance(array, Array) and array.repeated is not None and source.vertices is None:
+    is_array = isinstance(array, Array)
+    if is_array and array.repeated is not None and source.vertices is None:
         element, positions = array.repeated
-        assert source.weights is not None
-        value = plain(element, nu, precision=precision, engine=engine)
-        return execution.product_of_complex(
-            value, execution.site_sum(nu, positions, source.weights)
-        )
-    how = execution.checked_precision(precision), execution.checked_engine(engine)
-    total: Any = None
-    for number, (element, vertices) in enumerate(_elements(source)):
-        value = _of_waves(element, vertices, source.amplitudes, nu, *how)
-        if isinstance(array, Array):
-            weight = complex(array.weights[number])
-            value = execution.times_complex(value, _number(source.weights, number, weight))
-        total = value if total is None else total + value
+        return plain(element, nu) * execution.site_sum(nu, positions, source.weights)
+    total, start = 0.0, 0
+    for number, element in enumerate(array.elements_in_plane):
+        end = start + sum(len(ring) for ring in element.rings)
+        corners = source.vertices
+        if corners is not None and is_array:
+            corners = execution.entries(corners, np.arange(start, end))
+        start = end
+        value = _of_waves(Differentiable(element, corners, amplitudes=source.amplitudes), nu)
+        if is_array:
+            value = _times(value, source.weights, number, complex(array.weights[number]))
+        total = total + value
     return total
 
 
-def _values_of_slits(
-    name: str,
-    source: Differentiable,
-    points: Mapping[str, Any],
-    precision: str | None,
-    engine: str,
-    plain: Callable[..., Any],
-) -> Any:
-    """Values of plain slits, with derivatives in their ends."""
-    assert source.intervals is not None
-    slits = source.source
-    if not any(map(execution.is_drjit, points.values())):
-        kind = source.intervals.float_type
-        points = {
-            n: execution.tensor_of(kind, execution.host_points(n, p)) for n, p in points.items()
-        }
-    values = plain(name, slits, points, precision, engine)
-
-    def slopes(ops: Any, *places: Any) -> Any:
-        return slopes_in_ends(ops, name, slits, *places)
-
-    named = list(points.items())
-    return execution.with_end_slopes(values, named, source.intervals, slopes, name != "wigner")
-
-
-def _elements(source: Differentiable) -> Iterator[tuple[Aperture, Parameter | None]]:
-    elements, vertices = source.source.elements_in_plane, source.vertices
-    start = 0
-    for element in elements:
-        end = start + sum(len(ring) for ring in element.rings)
-        own = vertices
-        if vertices is not None and len(elements) > 1:
-            own = vertices.taken(np.arange(start, end))
-        yield element, own
-        start = end
-
-
-def _of_waves(
-    element: Aperture,
-    vertices: Parameter | None,
-    amplitudes: Parameter | None,
-    nu: Any,
-    precision: Any,
-    engine: Any,
-) -> Any:
-    field = element.illumination or Illumination([1.0], [(0.0, 0.0)])
-    uniform = element.with_illumination(None)
-    total: Any = None
+def _of_waves(element: Differentiable, nu: Drjit) -> Drjit:
+    field = element.source.illumination or Illumination([1.0], [(0.0, 0.0)])
+    uniform = Differentiable(element.source.with_illumination(None), element.vertices)
+    total = 0.0
     waves = zip(field.amplitudes.tolist(), field.frequencies, strict=True)
     for number, (amplitude, kappa) in enumerate(waves):
-        value = execution.evaluate_traced(
-            kernels.FOURIER,
-            uniform,
-            [("nu", execution.shifted_points(nu, -kappa))],
-            precision=precision,
-            engine=engine,
-            complex_result=True,
-            parameters=Parameters(vertices),
-        )
-        value = execution.times_complex(value, _number(amplitudes, number, amplitude))
-        total = value if total is None else total + value
+        points = {"nu": execution.shifted(nu, -kappa)}
+        value = execution.evaluate_traced(kernels.FOURIER, uniform, points, complex_result=True)
+        total = total + _times(value, element.amplitudes, number, amplitude)
     return total
 
 
-def _number(parameter: Parameter | None, number: int, value: complex) -> Any:
-    if parameter is None:
-        return value
-    one = parameter.taken([number])
-    return Pair(one.first, one.second)
+def _times(value: Drjit, numbers: Drjit | None, index: int, constant: complex) -> Drjit:
+    """Return a value times an entry of ``numbers``, or times a constant if there are none."""
+    if numbers is None:
+        return execution.times_complex(value, constant)
+    return value * execution.entries(numbers, np.array([index]))

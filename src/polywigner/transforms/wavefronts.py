@@ -1,12 +1,12 @@
-"""Sources with a curved or partly coherent wave: their parts, spectra, and means over tilts.
+"""Curved and partly coherent sources: spectra, degrees of coherence, and means over tilts.
 
-F of a curved wave is a sum of Fresnel integrals along edges. A and R of partly coherent light are
-the coherent source's times the degree of coherence exp(-xi^2/(2 width^2)), and W is an integral
-over the lag slice with this weight, in closed form (docs/coherence.md, (PC3), (I5)). The degree of
-coherence is also the mean of exp(2 pi i t.xi) over tilts t of a normal density, whose standard
-deviation is 1/(2 pi width) along each axis (PC2). So |F|^2, exact fields, and W of large arrays
-with short cuts of their own, are means over shifted frequencies: no lag of a source is longer than
-its box, so that the rules of :mod:`polywigner.numerics.nodes` know how many tilts they need.
+F of a curved wave is a sum of Fresnel integrals along edges. A and R of a partly coherent source
+are A and R of the coherent source times the degree of coherence exp(-xi^2/(2 width^2)). W is an
+integral over the lag slice with this weight, in closed form (docs/coherence.md, (PC3), (I5)). The
+degree of coherence is also the mean of exp(2 pi i t.xi) over tilts t with a normal density, whose
+standard deviation is 1/(2 pi width) along each axis (PC2). |F|^2, exact fields and W of large
+arrays are therefore means over shifted frequencies. The longest lag is the size of the box, which
+determines the number of tilts (:mod:`polywigner.numerics.nodes`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner import kernels
 from polywigner.errors import ArgumentError, IlluminationError
@@ -24,7 +24,7 @@ from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.source.normal_form import normal_form
-from polywigner.transforms.checked_calls import broadcast_shape
+from polywigner.transforms.checked_calls import Values, broadcast_shape
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -32,40 +32,36 @@ Complex = NDArray[np.complex128]
 TILT_ERROR = {True: 1e-11, False: 1e-7}
 """Error of means over tilts in double and in single precision, relative to the largest of A."""
 
-# Widths over the diagonal of a source from which on the light is so nearly coherent that what it
-# lacks is a linear function of 1/width^2: closed forms cancel, and the next term of the degree of
-# coherence is 1.3e-13, or 8e-7 in single precision. Below the least one W is the width's area times
-# a function of position: squares of lags in widths stay far from the largest float.
+# Widths over the diagonal of a source. Above the first, closed forms cancel, and the difference
+# from coherence is linear in 1/width^2: the next term of the degree of coherence is 1.3e-13, or
+# 8e-7 in single precision. Below the second, W is the width's area times a function of position.
 _WIDEST, _NARROWEST = {True: 1e3, False: 20.0}, 1e-9
-# Squares of the diagonal in the area of a source, which is computed in double precision if it has
-# more: single precision misses 1e-7 of this square.
+# Largest ratio of the squared diagonal of a source to its area for single precision, whose error is
+# 1e-7 of this square.
 _THIN = 16.0
 
-# Floats at a time.
+# Floats in a block.
 _BLOCK = 1 << 20
 
 
 def flat_of(source: Any) -> Any:
-    """The flat source of a Wavefront; any other source as it is."""
+    """Return the flat source of a Wavefront, or any other source unchanged."""
     return source.source if isinstance(source, Wavefront) else source
 
 
 def checked_wavefront(wave: Wavefront) -> Wavefront:
-    """The source, unless it is one that transforms do not take.
-
-    Raises IlluminationError for one that is partly coherent.
-    """
+    """Return the source. Raises IlluminationError if it is partly coherent."""
     if not wave.is_coherent:
         raise IlluminationError(
             "expected a coherent source, got one that is coherent over "
-            f"{wave.coherence_width:g} m, of which there is no field with a phase; use "
-            "polywigner.irradiance or radiant_intensity, which take it"
+            f"{wave.coherence_width:g} m, whose field has no phase; use polywigner.irradiance or "
+            "radiant_intensity"
         )
     return wave
 
 
 def is_partly_coherent(source: Any) -> bool:
-    """Whether the points of a source are coherent over a width only."""
+    """Return whether the points of a source are coherent over a finite width only."""
     return isinstance(source, Wavefront) and not source.is_coherent
 
 
@@ -73,7 +69,7 @@ def is_partly_coherent(source: Any) -> bool:
 
 
 def principal_axes(curvature: Floats) -> tuple[Floats, Floats]:
-    """Curvatures (d,) along the axes that are the columns of a rotation (d, d)."""
+    """Return curvatures (d,) and their axes, the columns of a rotation (d, d)."""
     if not np.any(curvature - np.diag(np.diagonal(curvature))):
         return np.diagonal(curvature).copy(), np.eye(len(curvature))
     values, axes = np.linalg.eigh(curvature)
@@ -81,13 +77,13 @@ def principal_axes(curvature: Floats) -> tuple[Floats, Floats]:
 
 
 def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Floats) -> Complex:
-    """int u(x) exp(i pi (x - c).Q (x - c) - 2 pi i nu.x) dx at points (n, d), shape (n,).
+    """Return int u(x) exp(i pi (x - c).Q (x - c) - 2 pi i nu.x) dx at nu (n, d), shape (n,).
 
     ``q``: (n, d) or (d,) curvatures along the columns of ``axes`` (d, d).
     """
     curvatures = np.broadcast_to(q, nu.shape)
     total = np.zeros(len(nu), np.complex128)
-    with np.errstate(invalid="ignore"):  # of frequencies that are no numbers
+    with np.errstate(invalid="ignore"):  # NaN frequencies
         for element in normal_form(source).in_plane.elements:
             waves = zip(element.amplitudes.tolist(), element.frequencies, strict=True)
             for amplitude, kappa in waves:
@@ -99,57 +95,56 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
 def _uniform(
     element: Aperture | Slits, q: Floats, axes: Floats, centre: Floats, nu: Floats
 ) -> Complex:
-    """About the middle o of the element: x = o + y, with y in the axes of the wave."""
-    middle = np.atleast_1d(np.asarray(element.centre, dtype=np.float64))
-    away = (middle - centre) @ axes
+    """Return the transform from coordinates y about the centre o, x = o + y."""
+    origin = np.atleast_1d(np.asarray(element.centre, dtype=np.float64))
+    away = (origin - centre) @ axes
     inner = nu @ axes - q * away
-    turns = ((q * away) @ away) / 2 - nu @ middle
+    turns = ((q * away) @ away) / 2 - nu @ origin
     phase = np.exp(2j * math.pi * (turns - np.round(turns)))
     values = np.empty(len(nu), np.complex128)
     largest = np.argmax(np.abs(q), axis=1)
     for axis in range(q.shape[1]):
-        mine = np.flatnonzero(largest == axis)
-        if len(mine):
-            values[mine] = _bent(element, middle, axes, axis, q[mine], inner[mine])
+        rows = np.flatnonzero(largest == axis)
+        if len(rows):
+            values[rows] = _bent(element, origin, axes, axis, q[rows], inner[rows])
     return np.asarray(phase * values)
 
 
 def _bent(
-    element: Aperture | Slits, middle: Floats, axes: Floats, axis: int, q: Floats, nu: Floats
+    element: Aperture | Slits, origin: Floats, axes: Floats, axis: int, q: Floats, nu: Floats
 ) -> Complex:
-    """About the origin, with the larger curvature along one of the axes."""
+    """Return the transform about an origin, with the larger curvature along one axis."""
     if isinstance(element, Slits):
-        return chirp_over_intervals(element.intervals - middle, q[:, 0], nu[:, 0])
+        return chirp_over_intervals(element.intervals - origin, q[:, 0], nu[:, 0])
     order = [axis, 1 - axis]
     turn = axes[:, order]
-    rings = tuple((ring - middle) @ turn for ring in element.rings)
-    found = chirp_over_rings(rings, q[:, order], nu[:, order])
-    return found * np.sign(np.linalg.det(turn))  # exchanged axes turn outlines over
+    rings = tuple((ring - origin) @ turn for ring in element.rings)
+    values = chirp_over_rings(rings, q[:, order], nu[:, order])
+    return values * np.sign(np.linalg.det(turn))  # exchanged axes reverse the orientation
 
 
 # --- partly coherent light
 
 
 def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
-    """The source in coherent light: a Wavefront if its wave is curved; times exp(2 pi i tilt.x)."""
+    """Return the coherent source times exp(2 pi i tilt.x), a Wavefront if its wave is curved."""
     flat = source.source if tilt is None else normal_form(source.source).tilted(tilt).public
     return Wavefront(flat, source.curvature, source.centre).coherent
 
 
-def degree_of_coherence(source: Wavefront, xi: Any) -> Any:
-    """exp(-xi^2/(2 width^2)) of lags (..., d), (...): (PC1)."""
+def degree_of_coherence(source: Wavefront, xi: ArrayLike) -> Floats:
+    """Return exp(-xi^2/(2 width^2)) of lags (..., d), shape (...), (PC1)."""
     with np.errstate(over="ignore"):
         scaled = np.asarray(xi, dtype=np.float64) / source.coherence_width
         return np.exp(-0.5 * np.square(scaled).sum(axis=-1))
 
 
 def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tuple[Floats, Floats]:
-    """Tilts (n, d) in 1/m and weights (n,), whose mean of the source's light errs by ``error``.
+    """Return tilts (n, d) in 1/m and weights (n,) for means with the error ``error``.
 
-    Relative to the largest that it could be if all of the source were in phase. ``longest``: lag in
-    m along each axis, of the mean of a number to which longer ones add next to nothing.
-
-    Raises ArgumentError for a width so small that there would be too many.
+    The error is relative to the value of a source in phase. ``longest``: largest lag in m along
+    each axis that matters for the mean. Raises ArgumentError if the coherence width needs too many
+    tilts.
     """
     sides = _sides(source)
     reaches = np.minimum(sides, longest) / source.coherence_width
@@ -166,12 +161,12 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
 
 
 def _sides(source: Wavefront) -> Floats:
-    """The sides of the source's box, (d,) in m."""
+    """Return the sides (d,) of the source's box in m."""
     return np.asarray(np.subtract(*np.reshape(source.bounds, (2, -1))[::-1]))
 
 
 def is_thin(wave: Wavefront) -> bool:
-    """Whether single precision, with an error of 1e-7 of the squared longest lag, does not do."""
+    """Return whether single precision is too coarse: 1e-7 of the squared longest lag."""
     if wave.dimension == 1:
         return False
     area = sum(element.area for element in wave.source.elements_in_plane)
@@ -185,12 +180,12 @@ def within_widths(
     x: Any,
     nu: Any,
     double: bool,
-) -> Any:
-    """W of a source that is coherent over any width, by its closed form ``(source, x, nu)``."""
+) -> Values:
+    """Return W for any coherence width, from its closed form ``(source, x, nu)``."""
     size, width = math.hypot(*_sides(wave)), wave.coherence_width
     least, most = _NARROWEST * size, _WIDEST[double] * size
-    held = wave._with(coherence_width=min(max(width, least), most))
-    values = closed_form(held, x, nu)
+    limited = wave._with(coherence_width=min(max(width, least), most))
+    values = closed_form(limited, x, nu)
     if width < least:
         return values * (width / least) ** wave.dimension
     if width <= most:
@@ -201,19 +196,19 @@ def within_widths(
 
 def mean_over_tilts(
     evaluate: Callable[..., Any], source: Wavefront, nu: Any, *others: Any, double: bool
-) -> Any:
-    """The mean of ``evaluate(*others, nu - t)`` over the tilts t of a source.
+) -> Values:
+    """Return the mean of ``evaluate(*others, nu - t)`` over the tilts t of a source.
 
-    ``nu``, ``others``: (..., d), which broadcast against each other. The tilts become a last axis
-    of samples, over which slices are cut once; ``evaluate`` sees some 1e6 values at a time.
+    ``nu`` and ``others`` (..., d) broadcast. The tilts are the last axis of samples, so slices are
+    cut once; ``evaluate`` gets about 1e6 values at a time.
     """
     tilts, weights = tilts_of(source, TILT_ERROR[double])
     arrays = [np.asarray(points) for points in (*others, nu)]
     shape = broadcast_shape(arrays)
 
-    def mean(*parts: Any) -> Any:
-        *rest, frequency = parts
-        spread = [points[..., None, :] for points in rest]
+    def mean(*parts: Any) -> Values:
+        *positions, frequency = parts
+        spread = [points[..., None, :] for points in positions]
         values = evaluate(*spread, frequency[..., None, :] - tilts)
         return values @ weights.astype(values.real.dtype)
 

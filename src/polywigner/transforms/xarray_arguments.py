@@ -1,9 +1,8 @@
 """``xarray.DataArray`` in, ``xarray.DataArray`` out, at the edge of the public functions.
 
 The last dimension of such an argument holds the components, under any name. All others are
-broadcast by name and kept, with their coordinates. Chunked arguments stay lazy. Everything else
-that a caller may give passes through, and xarray is not imported here: whoever has a DataArray
-has imported it.
+broadcast by name and kept, with their coordinates. Chunked arguments stay lazy. Other arguments
+pass unchanged. xarray is not imported here: a caller with a DataArray has imported it.
 """
 
 from __future__ import annotations
@@ -14,18 +13,17 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.execution import is_drjit, kernel_threads
+from polywigner.execution import Differentiable, is_drjit, kernel_threads
 from polywigner.geometry import Polyhedron, Slits, Wavefront
 from polywigner.source import Array
-from polywigner.transforms.traced_sources import Differentiable
 
 
 def labelled_array(
@@ -51,13 +49,13 @@ def labelled_arrays(
 if TYPE_CHECKING:
     import xarray
 
-F = TypeVar("F", bound=Callable[..., Any])
+F = TypeVar("F", bound=Callable[..., object])
 Arguments = dict[str, Any]
 Units = str | Callable[[Arguments], str]
 
 
 def content_units(arguments: Mapping[str, Any]) -> str:
-    """Unit of the source's length, area or volume, which its transforms have as well."""
+    """Return the unit of the source's length, area or volume, which its transforms have too."""
     source = arguments["source"]
     source = source.source if isinstance(source, Wavefront) else source
     while isinstance(source, Array):
@@ -68,16 +66,16 @@ def content_units(arguments: Mapping[str, Any]) -> str:
 def takes_xarray(
     *names: str, units: Units, long_name: str, components: Mapping[str, Sequence[str]] | None = None
 ) -> Callable[[F], F]:
-    """A decorator: the arguments of these names may be DataArrays, and the result is one then.
+    """Return a decorator of functions whose arguments of these names may be DataArrays.
 
-    ``units``, ``long_name``: attributes of the result; the unit may depend on the arguments.
-    ``components``: dimension and coordinate of results that are vectors. A function with
-    ``return_error=True`` returns a pair.
+    The results are DataArrays then, with the attributes ``units``, which may depend on the
+    arguments, and ``long_name``. ``components``: dimension and coordinate of results that are
+    vectors. A function with ``return_error=True`` returns a pair.
     """
 
     def decorate(function: F) -> F:
         @functools.wraps(function)
-        def wrapper(*args: Any, **kwargs: Any) -> Any:
+        def wrapper(*args: Any, **kwargs: Any) -> object:
             kind = getattr(sys.modules.get("xarray"), "DataArray", None)
             if kind is None or not any(isinstance(v, kind) for v in (*args, *kwargs.values())):
                 return function(*args, **kwargs)
@@ -87,8 +85,7 @@ def takes_xarray(
                 return function(*args, **kwargs)
             call = _Call(function.__module__, function.__name__, names, arguments)
             unit = units if isinstance(units, str) else units(arguments)
-            attrs = {"units": unit, "long_name": long_name}
-            return _labelled(call, points, attrs, dict(components or {}))
+            return _labelled(call, points, unit, long_name, components or {})
 
         return wrapper  # type: ignore[return-value]
 
@@ -97,7 +94,7 @@ def takes_xarray(
 
 @dataclass(frozen=True, eq=False)
 class _Call:
-    """A public function with all but its points; goes to other processes as it is."""
+    """A public function with all arguments but its points; can be sent to other processes."""
 
     module: str
     name: str
@@ -105,17 +102,24 @@ class _Call:
     others: Arguments
     is_lazy: bool = False
 
-    def __call__(self, *values: Any) -> Any:
+    def __call__(self, *values: Any) -> NDArray[Any] | tuple[NDArray[Any], ...]:
         function = getattr(import_module(self.module), self.name)
-        # Dask calls from several threads, Dr.Jit has one pool of them.
-        alone = self.is_lazy and self.others.get("engine") != "numpy"
-        with kernel_threads() if alone else nullcontext():
-            return function(**self.others, **dict(zip(self.points, values, strict=True)))
+        # Dask calls from several threads, but Dr.Jit has one pool of threads.
+        blocks = self.is_lazy and self.others.get("engine") != "numpy"
+        with kernel_threads() if blocks else nullcontext():
+            result: NDArray[Any] | tuple[NDArray[Any], ...] = function(
+                **self.others, **dict(zip(self.points, values, strict=True))
+            )
+            return result
 
 
 def _labelled(
-    call: _Call, points: Arguments, attrs: dict[str, str], components: dict[str, Sequence[str]]
-) -> Any:
+    call: _Call,
+    points: Arguments,
+    unit: str,
+    long_name: str,
+    components: Mapping[str, Sequence[str]],
+) -> xarray.DataArray | tuple[xarray.DataArray, ...]:
     xarray = sys.modules["xarray"]
     if isinstance(call.others.get("source"), Differentiable):
         raise ArgumentError(
@@ -123,78 +127,81 @@ def _labelled(
             "source, got an xarray.DataArray; use its .values"
         )
     prepared = [_prepared(name, value, xarray.DataArray) for name, value in points.items()]
-    named = [value for value in prepared if isinstance(value, xarray.DataArray)]
+    labelled = [value for value in prepared if isinstance(value, xarray.DataArray)]
     try:
-        xarray.align(*named, join="exact", copy=False)
+        xarray.align(*labelled, join="exact", copy=False)
     except ValueError as error:
         reason = str(error).partition("\n")[0]
         raise ArgumentError(
-            f"expected {' and '.join(points)} of equal coordinates along the dimensions that they "
-            f"share, got others ({reason}); rename a dimension, or use xarray.align"
+            f"expected {' and '.join(points)} of equal coordinates along their common dimensions, "
+            f"got others ({reason}); rename a dimension, or use xarray.align"
         ) from None
-    count = 2 if call.others.get("return_error") else 1
     lazily: dict[str, Any] = {}
-    if any(value.chunks is not None for value in named):
+    if any(value.chunks is not None for value in labelled):
+        call = replace(call, is_lazy=True)
         sizes = {name: len(labels) for name, labels in components.items()}
         lazily = {
             "dask": "parallelized",
             "output_dtypes": _dtypes_of(call, prepared),
             "dask_gufunc_kwargs": {"output_sizes": sizes},
         }
-        call = _Call(call.module, call.name, call.points, call.others, is_lazy=True)
-    found = xarray.apply_ufunc(
+    names = {call.name: long_name}
+    if call.others.get("return_error"):
+        names["error"] = f"estimated error of {long_name}"
+    values = xarray.apply_ufunc(
         call,
         *prepared,
         input_core_dims=[[_dimension(name)] for name in points],
-        output_core_dims=[list(components)] * count,
-        keep_attrs="override",  # those of coordinates; the result has its own
+        output_core_dims=[list(components)] * len(names),
+        keep_attrs="override",  # the attributes of coordinates; results have their own
         **lazily,
     )
-    results = [found] if count == 1 else list(found)
-    for k, (result, prefix) in enumerate(zip(results, ("", "estimated error of "), strict=False)):
-        result.attrs = {**attrs, "long_name": prefix + attrs["long_name"]}
-        result.name = call.name if k == 0 else "error"
-        results[k] = result.assign_coords({name: list(c) for name, c in components.items()})
-    return results[0] if count == 1 else tuple(results)
+    coords = {name: list(labels) for name, labels in components.items()}
+    results = []
+    for (name, text), result in zip(
+        names.items(), values if len(names) > 1 else (values,), strict=True
+    ):
+        result.attrs = {"units": unit, "long_name": text}
+        result.name = name
+        results.append(result.assign_coords(coords))
+    return tuple(results) if len(results) > 1 else results[0]
 
 
 def _dimension(name: str) -> str:
     return f"components of {name}"
 
 
-def _prepared(name: str, value: Any, kind: Any) -> Any:
-    """The value with its components along a dimension of its own, whatever it was called."""
+def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
+    """Return the value with its components along a dimension of a known name."""
     if not isinstance(value, kind):
-        if is_drjit(value) or not _is_one_point(value):
+        try:
+            is_point = not is_drjit(value) and np.ndim(value) == 1
+        except ValueError:  # lists of unequal lengths
+            is_point = False
+        if not is_point:
             raise ArgumentError(
                 f"expected {name} as an xarray.DataArray too, or as one point, got "
                 f"{type(value).__name__}; name its dimensions by xarray.DataArray({name}, dims=...)"
             )
         return np.asarray(value)
-    if not value.dims:
+    data: xarray.DataArray = value
+    if not data.dims:
         raise ArgumentError(
             f"expected {name} with its components along the last dimension, got a DataArray "
             "without dimensions"
         )
-    last = value.dims[-1]
-    plain = value.drop_vars([c for c in value.coords if last in value.coords[c].dims])
+    last = data.dims[-1]
+    plain = data.drop_vars([c for c in data.coords if last in data.coords[c].dims])
     plain = plain.rename({last: _dimension(name)})
     return plain if plain.chunks is None else plain.chunk({_dimension(name): -1})
 
 
-def _is_one_point(value: Any) -> bool:
-    try:
-        return np.ndim(value) == 1
-    except ValueError:  # lists of unequal lengths
-        return False
-
-
-def _dtypes_of(call: _Call, values: list[Any]) -> list[Any]:
-    """Types of the results, from a call without points, which checks all other arguments too."""
-    none = [
+def _dtypes_of(call: _Call, values: Sequence[Any]) -> list[np.dtype[Any]]:
+    """Return the types of the results, from a call without points, which checks the arguments."""
+    empty = [
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values
     ]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they come with the values
-        found = call(*none)
-    return [np.asarray(part).dtype for part in (found if isinstance(found, tuple) else (found,))]
+        warnings.simplefilter("ignore")  # the call with points warns
+        results = call(*empty)
+    return [part.dtype for part in (results if isinstance(results, tuple) else (results,))]
