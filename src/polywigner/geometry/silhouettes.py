@@ -235,7 +235,6 @@ class Obstacles:
                     self._edge_numbers(number, ends),
                     self._first_faces[number] + body.owner[rows],
                     np.full(len(rows), number),
-                    np.full(len(rows), number if body.is_solid and body.is_simple else -1),
                 )
             )
         return Surface.of(parts)
