@@ -326,7 +326,7 @@ class _Pairing:
     def _candidates(
         self, begin: Floats, end: Floats, edge: Indices, length: Floats, triangle: Indices
     ) -> list[tuple[int, int]]:
-        """Return pairs of segments that may run along each other in opposite directions, best first."""
+        """Return pairs of segments that may run along each other in opposite directions."""
         lines = shapely.linestrings(np.stack([begin, end], axis=1))
         boxes = shapely.box(*(shapely.bounds(lines) + self.beside * np.array([-1, -1, 1, 1])).T)
         one, other = shapely.STRtree(boxes).query(boxes)
@@ -355,7 +355,7 @@ class _Pairing:
         return list(zip(one[order].tolist(), other[order].tolist(), strict=True))
 
     def _nearer(self, one: int, other: int, at: float, at_other: float) -> int:
-        """Return 1 if the first segment is in front of the second, -1 if behind, 0 if they touch."""
+        """Return 1 if the first segment is in front of the second, -1 if behind, else 0."""
         _, _, triangle, _, edge, _ = self.segments
         if edge[one] >= 0 and edge[one] == edge[other]:
             return 0
