@@ -26,9 +26,8 @@ from polywigner.geometry.arguments import (
 from polywigner.geometry.io.limits import bytes_of, text_of
 from polywigner.geometry.io.text import fields_of
 from polywigner.quantities import parse_unit
-from polywigner.source.array import Array, repeated_element
+from polywigner.source.array import Array, repeated_element, warn_of_overlaps
 from polywigner.source.lattices import checked_positions, checked_weights
-from polywigner.source.overlaps import warn_of_overlaps
 from polywigner.source.tapers import checked_sidelobes, transverse, unit_vector
 
 __all__ = [
