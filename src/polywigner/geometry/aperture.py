@@ -49,10 +49,6 @@ def _frozen_parts(parts: Sequence[Part]) -> tuple[Part, ...]:
     return tuple(tuple(map(_frozen, part)) for part in parts)
 
 
-def _rotated_to_smallest(ring: Ring) -> Ring:
-    return np.roll(ring, -int(np.lexsort(ring.T[::-1])[0]), axis=0)
-
-
 @final
 class Aperture(TakesWaves):
     """An opening (or radiating patch) bounded by polygons; uniform unless given an illumination.
@@ -273,12 +269,7 @@ class Aperture(TakesWaves):
     @cached_property
     def _key(self) -> tuple[Any, ...]:
         """Content regardless of the order of parts and of each ring's first vertex."""
-
-        def content(ring: Ring) -> tuple[int, bytes]:
-            return len(ring), _rotated_to_smallest(ring).tobytes()
-
-        parts = [(content(part[0]), *sorted(map(content, part[1:]))) for part in self._parts]
-        return self.illumination, *sorted(parts)
+        return self.illumination, shapely.normalize(self.polygons).wkb
 
     def __copy__(self) -> Aperture:
         return self
