@@ -171,9 +171,9 @@ BAD = {
         (lambda: pw.fit_illumination(FLAT, [1, 0], np.zeros((0, 2))), "one"),
     ],
     GeometryError: [
-        (lambda: pw.wigner(MIXED, ZERO, ZERO), "leans by"),
+        (lambda: pw.wigner(MIXED, ZERO, ZERO), "a tilt of"),
         (lambda: pw.wigner(pw.Array([TETRAHEDRON]), ZERO, ZERO), "Polyhedron at 0"),
-        (lambda: pw.wigner(pw.Array([TILTED]), ZERO, ZERO), "leans by 5 degrees"),
+        (lambda: pw.wigner(pw.Array([TILTED]), ZERO, ZERO), "a tilt of 5 degrees"),
         (lambda: pw.ambiguity(pw.Array([RAISED]), ZERO, ZERO), "z = 0.25"),
         (lambda: SLIT_ARRAY.placed(np.eye(4)), "Slits"),
         (lambda: SLIT_ARRAY.support, "Slits"),
