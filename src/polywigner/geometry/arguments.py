@@ -382,10 +382,13 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
                 args = (*args[:position], length, *args[position:])
         is_nested, token = _is_nested.get(), _is_nested.set(True)
         try:
-            if isinstance(length, Real) and 0 < length < math.inf:  # else the function refuses it
+            if isinstance(length, Real) and 0 < float(length) < math.inf:
                 if not is_nested:
                     _warn_of_wavelength(args[0] if args else kwargs.get("source"), float(length))
-                args, kwargs = _at_wavelength(args, length), _at_wavelength(kwargs, length)
+                args, kwargs = (
+                    _at_wavelength(args, float(length)),
+                    _at_wavelength(kwargs, float(length)),
+                )
             return function(*args, **kwargs)
         finally:
             _is_nested.reset(token)
