@@ -266,7 +266,7 @@ def test_a_fit_with_evanescent_waves_warns_once_a_call_whatever_is_made_of_it():
     ):
         found = warnings_of(source)
         assert len(found) == 8
-        assert all("do not fix" in message for message in found)
+        assert all("does not fix" in message for message in found)
 
 
 def test_waves_that_are_given_or_travel_do_not_warn():

@@ -248,7 +248,7 @@ RECEIVED: dict[str, Any] = {"entry": pwm.receiver}
          r"far field carries 0 W.*whether waves graze"),
         ({"source": pw.Slits([[0, 1e-3]])}, "Slits; use rectangles"),
         ({"source": SQUARE.placed(np.eye(4))}, "PlacedAperture; leave its pose out"),
-        ({"source": pw.Array([SQUARE.placed(pose((0, 0, 1.0))), SQUARE])}, "got one at z = 1"),
+        ({"source": pw.Array([SQUARE.placed(pose((0, 0, 1.0))), SQUARE])}, "got z = 1"),
         ({"source": pw.Array([SQUARE, SQUARE], [1, -1])}, "cancel each other everywhere"),
         (EXACT | {"obliquity": "paper"}, "boundary condition.*'paper'"),
         (EXACT | {"control_variate": True}, "no control_variate"),

@@ -159,8 +159,8 @@ def test_an_outline_that_rounding_has_bent_keeps_its_area() -> None:
 
 
 def test_directions_beyond_the_limits_are_nan_and_leave_the_others() -> None:
-    # seen from above, each of 250 plates stands before all below it
-    body = joined([moved(block(1, 1, 0.001), 0, 0, 0.01 * k) for k in range(250)])
+    # seen from above, each of 500 plates hides all plates below it
+    body = joined([moved(block(1, 1, 0.001), 0, 0, 0.01 * k) for k in range(500)])
     with pytest.warns(PolywignerWarning, match="1 of 2 directions could not be computed"):
         found = pw.rcs(body, [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0)], 0.03)
     assert np.isnan(found[0]) and found[1] > 0

@@ -51,10 +51,10 @@ def test_a_scaled_aperture_has_a_scaled_transform():
 @pytest.mark.parametrize(
     ("made", "error", "words"),
     [
-        (lambda: DISC & pw.shapes.square(1e-3), GeometryError, "without any area in common"),
-        (lambda: pw.shapes.square(1e-3) - BAR, GeometryError, "nothing is left"),
+        (lambda: DISC & pw.shapes.square(1e-3), GeometryError, "no area in common"),
+        (lambda: pw.shapes.square(1e-3) - BAR, GeometryError, "an empty result"),
         (lambda: DISC | BAR.with_illumination(FIELD), IlluminationError, "with_illumination"),
-        (lambda: DISC & BAR.with_illumination(FIELD), IlluminationError, "take it off"),
+        (lambda: DISC & BAR.with_illumination(FIELD), IlluminationError, "remove a field"),
         (lambda: DISC.scaled(0.0), PolywignerError, "factor"),
         (lambda: DISC.scaled(float("nan")), PolywignerError, "factor"),
     ],

@@ -1,7 +1,7 @@
 """The exceptions of polywigner: every error a user can cause derives from :class:`PolywignerError`.
 
-Messages say what was expected, what was given, and what to do. The command line turns any of
-them into one line on stderr and exit code 2.
+Messages contain the expected value, the actual value, and advice. The command line prints them in
+one line on stderr, with exit code 2.
 """
 
 from collections.abc import Iterator
@@ -39,9 +39,9 @@ def value_text(value: object) -> str:
 
 
 def install_command(extra: str = "") -> str:
-    """The command that brings polywigner, with one of its extras; for messages.
+    """Return the command that installs polywigner with one of its extras, for messages.
 
-    The name is on no package index: what can be installed is a clone.
+    The package is on no package index, so the command installs a clone.
     """
     return f'`pip install ".{f"[{extra}]" if extra else ""}"` in a clone of polywigner'
 
@@ -52,7 +52,7 @@ class PolywignerError(Exception):
 
 @contextmanager
 def at_key(key: str) -> Iterator[None]:
-    """Put a key, a name or a path in front of the message of a PolywignerError raised inside."""
+    """Prefix the messages of PolywignerErrors in a block with a key, a name or a path."""
     try:
         yield
     except PolywignerError as error:
@@ -68,7 +68,7 @@ class GeometryError(PolywignerError, ValueError):
 
 
 class IlluminationError(PolywignerError, ValueError):
-    """An illumination (amplitudes, frequencies, weights) is not usable."""
+    """An illumination (amplitudes, frequencies, weights) is invalid."""
 
 
 class QuantityError(PolywignerError, ValueError):
@@ -76,7 +76,7 @@ class QuantityError(PolywignerError, ValueError):
 
 
 class FileFormatError(PolywignerError, ValueError):
-    """A file is missing, empty, or does not hold what its format promises."""
+    """A file is missing, empty, or does not match its format."""
 
 
 class SceneError(PolywignerError, ValueError):
@@ -84,19 +84,19 @@ class SceneError(PolywignerError, ValueError):
 
 
 class StoreError(PolywignerError, OSError):
-    """Results cannot be stored at a place, or the store there belongs to another run."""
+    """Results cannot be written, or the existing store belongs to another computation."""
 
 
 class EngineError(PolywignerError, RuntimeError):
-    """No usable compute engine, or the requested one cannot do the computation."""
+    """No compute engine is available, or the requested engine cannot do the computation."""
 
 
 class MissingExtraError(PolywignerError, ImportError):
-    """A library that an optional extra of polywigner brings is not installed."""
+    """A library of an optional extra of polywigner is not installed."""
 
 
 def missing_extra(library: str, extra: str, purpose: str = "", got: str = "none") -> Exception:
-    """The error for a library that is not installed; ``purpose``: "reads SVG files"."""
+    """Return the error for a missing library; ``purpose``: for example "reads SVG files"."""
     which = f", which {purpose}" if purpose else ""
     return MissingExtraError(
         f"expected {library} to be installed{which}, got {got}; run {install_command(extra)}"
@@ -104,9 +104,9 @@ def missing_extra(library: str, extra: str, purpose: str = "", got: str = "none"
 
 
 def require(name: str, extra: str, purpose: str = "") -> Any:
-    """Import a module of a library that one of the package's extras brings.
+    """Import a module of a library of an optional extra.
 
-    Raises :class:`MissingExtraError` where it is not installed.
+    Raises :class:`MissingExtraError` if the library is not installed.
     """
     try:
         return import_module(name)
@@ -116,7 +116,7 @@ def require(name: str, extra: str, purpose: str = "") -> Any:
 
 
 class PolywignerWarning(UserWarning):
-    """A result is less accurate than requested, or than its method usually is.
+    """A result is less accurate than requested, or than is usual for its method.
 
-    Or an argument looks like one in another unit, or chunks of a store were damaged.
+    Other causes are arguments in a doubtful unit, and damaged chunks of a store.
     """

@@ -1,4 +1,4 @@
-"""Files and folders that appear complete or not at all, also if Ctrl-C interrupts their writing."""
+"""Atomic writing of files and folders: complete or not at all, also after Ctrl-C."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from tempfile import TemporaryDirectory
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Give a path next to a file or folder to write to, and rename it at the end of the block.
+    """Yield a scratch path next to a file or folder, and rename it at the end of the block.
 
-    Its suffix is the same. If the block raises an exception, KeyboardInterrupt included, the new
-    content is removed, and an earlier file or folder at ``path`` stays unchanged.
+    The scratch path has the same suffix. If the block raises an exception, KeyboardInterrupt
+    included, the new content is removed, and an earlier file or folder at ``path`` stays unchanged.
     """
     scratch = scratch_of(path)
     try:
@@ -29,7 +29,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 
 def scratch_of(path: Path) -> Path:
-    """Return the path of :func:`atomic_path` in this process."""
+    """Return the scratch path of :func:`atomic_path` in this process."""
     return path.with_name(f"{path.name}.{os.getpid()}.partial{path.suffix}")
 
 
@@ -39,7 +39,7 @@ def temporary_folder() -> TemporaryDirectory[str]:
 
 
 def _replace_folder(scratch: Path, path: Path) -> None:
-    """Rename a folder to the name of another one, which is put back if that fails."""
+    """Replace a folder by another one; the old folder is restored if that fails."""
     old = scratch.with_name(f"{scratch.name}.old")
     path.rename(old)
     try:

@@ -55,7 +55,7 @@ def _parse(
     example: str,
     positive: bool = False,
 ) -> float:
-    """The value of a text in SI units; a number as it is."""
+    """Parse a text to SI units; numbers are returned unchanged."""
     article = "an" if kind[0] in "aeio" else "a"  # a unit
     expected = f'expected {article} {kind} such as "{example}", got {value_text(text)}'
     match = _QUANTITY.fullmatch(str(text))
@@ -75,17 +75,17 @@ def _parse(
 
 
 def parse_length(text: str | float) -> float:
-    """A length in metres, above zero; a bare number is in metres."""
+    """Parse a length above zero to metres; a number is in metres."""
     return _parse(text, _LENGTHS, "length", "10 mm", positive=True)
 
 
 def parse_coordinate(text: str | float) -> float:
-    """A length in metres of either sign; a bare number is in metres."""
+    """Parse a length of either sign to metres; a number is in metres."""
     return _parse(text, _LENGTHS, "length", "-2 mm")
 
 
 def parse_point(text: str) -> tuple[float, float]:
-    """Two coordinates in metres, of either sign, such as ``"0 mm, -2 mm"``."""
+    """Parse two coordinates of either sign, such as ``"0 mm, -2 mm"``, to metres."""
     parts = text.split(",", 2)
     if len(parts) != 2:
         raise QuantityError(
@@ -97,14 +97,14 @@ def parse_point(text: str) -> tuple[float, float]:
 
 
 def parse_unit(text: str | float) -> float:
-    """The metres per unit of a file: a unit's name ("mm") or a length ("0.1 mm"), above zero."""
+    """Parse the unit of a file, a name ("mm") or a length ("0.1 mm"), to metres."""
     if isinstance(text, str) and text.strip() in _LENGTHS:
         return float(_LENGTHS[text.strip()])
     return _parse(text, _LENGTHS, "unit of length", 'mm" or "0.1 mm', positive=True)
 
 
 def parse_frequency(text: str | float) -> float:
-    """A frequency in hertz, above zero; a bare number is in hertz."""
+    """Parse a frequency above zero to hertz; a number is in hertz."""
     if isinstance(text, str):
         if text.rstrip().endswith("mHz"):
             raise QuantityError(
@@ -116,17 +116,17 @@ def parse_frequency(text: str | float) -> float:
 
 
 def parse_angle(text: str | float) -> float:
-    """An angle in radians; a bare number is in radians."""
+    """Parse an angle to radians; a number is in radians."""
     return _parse(text, _ANGLES, "angle", "30 deg")
 
 
 def parse_decibels(text: str | float) -> float:
-    """A level in decibels; a bare number is in decibels."""
+    """Parse a level to decibels; a number is in decibels."""
     return _parse(text, _DECIBELS, "level", "25 dB")
 
 
 def parse_noise_figure(text: str | float) -> float:
-    """A noise figure in decibels, zero or more; a bare number is in decibels."""
+    """Parse a noise figure of at least zero to decibels; a number is in decibels."""
     level = _parse(text, _DECIBELS, "noise figure", "3 dB")
     if not 0 <= level <= _HIGHEST_LEVEL:
         raise QuantityError(f"expected a noise figure of 0 dB or more, got {value_text(text)}")
@@ -134,7 +134,7 @@ def parse_noise_figure(text: str | float) -> float:
 
 
 def parse_temperature(text: str | float) -> float:
-    """A temperature in kelvins, above zero; a bare number is in kelvins."""
+    """Parse a temperature above zero to kelvins; a number is in kelvins."""
     return _parse(text, _TEMPERATURES, "temperature", "290 K", positive=True)
 
 
@@ -143,7 +143,7 @@ NOISE_PARSERS = {
     "temperature": parse_temperature,
     "noise_figure": parse_noise_figure,
 }
-"""Readers of the numbers that state a receiver's noise, by name."""
+"""Parsers of the noise parameters of receivers, by name."""
 
 
 def parse_noise(
@@ -157,7 +157,7 @@ def parse_noise(
 
 
 def parse_power(text: str | float) -> float:
-    """A power in watts, above zero; a bare number is in watts, and dBm and dBW are levels."""
+    """Parse a power above zero, or a level in dBm or dBW, to watts; a number is in watts."""
     for unit, reference in _POWER_LEVELS.items():
         if isinstance(text, str) and text.rstrip().endswith(unit):
             level = _parse(text, {unit: Fraction(1)}, "power", "10 dBm")
@@ -168,7 +168,7 @@ def parse_power(text: str | float) -> float:
 
 
 def wavelength_of(frequency: float) -> float:
-    """Vacuum wavelength in metres of a frequency in hertz, which must be above zero."""
+    """Return the vacuum wavelength in metres of a frequency in hertz above zero."""
     if not 0 < frequency < math.inf:
         raise QuantityError(
             f"expected a finite frequency above 0 Hz, got {value_text(frequency)}; give it in hertz"

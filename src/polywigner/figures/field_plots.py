@@ -26,8 +26,7 @@ from polywigner.figures.levels import (
 )
 from polywigner.geometry.arguments import checked_choice, checked_flag
 from polywigner.geometry.display import length_unit
-from polywigner.geometry.obstacles import obstacle_of
-from polywigner.geometry.silhouettes import bodies_if_any
+from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure

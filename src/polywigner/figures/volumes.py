@@ -22,8 +22,7 @@ from polywigner.figures.levels import (
 from polywigner.figures.transforms import outline_of
 from polywigner.geometry.arguments import checked_choice, checked_length, checked_row
 from polywigner.geometry.display import length_unit
-from polywigner.geometry.obstacles import obstacle_of
-from polywigner.geometry.silhouettes import bodies_if_any
+from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
 from polywigner.source.source_files import SOURCE_COORDINATE, read_source
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@
 - ``rings``, ``parts``: from raw vertices to valid, merged parts, and unions without cracks
 - ``convex``: convex pieces, triangles and trapezoids
 - ``polyhedron``: solid bodies, and the triangles and closed surfaces of polygonal faces
-- ``obstacles``: triangles of bodies and plates, and which of them meet; ``silhouettes``: edges of
-  their shadows; ``contours``, ``hidden_parts``: these edges where bodies hide each other
+- ``silhouettes``: opaque bodies and plates, their contacts, and the edges of their shadows;
+  ``contours``, ``hidden_parts``: these edges if bodies hide each other
 - ``wavefront``: curved or partially coherent waves, and checks of a field
 - ``arguments``: checks of numbers, arrays, wavelengths, poses and units; ``display``: sources in
   notebooks and on axes

@@ -1,4 +1,4 @@
-"""The aperture, an immutable set of polygons in the plane, and its automean with slices of it."""
+"""The aperture, an immutable set of polygons in the plane, its automean and slices."""
 
 from __future__ import annotations
 
@@ -49,27 +49,26 @@ def _frozen_parts(parts: Sequence[Part]) -> tuple[Part, ...]:
     return tuple(tuple(map(_frozen, part)) for part in parts)
 
 
-def _rotated_to_smallest(ring: Ring) -> Ring:
-    return np.roll(ring, -int(np.lexsort(ring.T[::-1])[0]), axis=0)
-
-
 @final
 class Aperture(TakesWaves):
     """An opening (or radiating patch) bounded by polygons; uniform unless given an illumination.
 
     Parameters
     ----------
-    vertices : one ring, shape (n, 2); or a list of rings, each a part of its own; or a shapely
-        Polygon or MultiPolygon, which may have holes. In metres (any one consistent unit works).
+    vertices : one ring (n, 2); a list of rings for separate parts; or a shapely Polygon or
+        MultiPolygon, which may have holes. In metres (any one consistent unit works).
 
-    Orientation and starting vertex do not matter. Repeated vertices and those on the line between
-    their neighbours, to within 2^-48 area/diameter, are dropped: the area changes by less than
-    1e-14 of itself. Parts that touch are merged, also where they miss each other by rounding (64
-    ulp of the largest coordinate).
+    Raises
+    ------
+    GeometryError
+        A coordinate is not finite, a ring has fewer than three vertices or zero area, crosses or
+        touches itself (see :meth:`from_ring`), a hole is outside its polygon, or parts overlap.
 
-    Raises GeometryError for values that are not finite numbers, fewer than three vertices, zero
-    area, a ring that crosses or touches itself (the message tells where; see :meth:`from_ring`),
-    holes outside their polygon, and parts that overlap.
+    Notes
+    -----
+    Orientation and starting vertex do not matter. Repeated vertices, and vertices within 2^-48
+    area/diameter of the line between their neighbours, are dropped; the relative change of the
+    area is below 1e-14. Parts that touch, up to 64 ulp of the largest coordinate, are merged.
 
     >>> import polywigner as pw
     >>> frame = pw.Aperture([[(0, 0), (3, 0), (3, 2), (0, 2)], [(5, 0), (6, 0), (6, 1)]])
@@ -79,9 +78,9 @@ class Aperture(TakesWaves):
 
     _parts: tuple[Part, ...]
     _segments: tuple[Part, ...] | None
-    """Segments that touch; None: the parts."""
+    """Segments that may touch; None: the parts."""
     illumination: Field | None
-    """The field on the aperture, an Illumination; None where it is 1."""
+    """The field on the aperture, an Illumination; None for the field 1."""
 
     def __init__(self, vertices: Outline) -> None:
         self._set(merge_parts(parts_from(vertices)))
@@ -103,14 +102,14 @@ class Aperture(TakesWaves):
         illumination: Field | None = None,
         segments: Sequence[Part] | None = None,
     ) -> Aperture:
-        """An aperture of parts that are valid already."""
+        """Make an aperture of valid parts."""
         aperture = object.__new__(cls)
         aperture._set(parts, illumination, segments)
         return aperture
 
     @classmethod
     def _of_segments(cls, rings: Sequence[Ring]) -> Aperture:
-        """An aperture of simple rings that may touch; they stay its :attr:`segments`."""
+        """Make an aperture of simple rings that may touch, its :attr:`segments`."""
         parts = cls(rings)._parts
         return cls._of_parts(
             parts, None, [(ring,) for ring in rings] if len(parts) < len(rings) else None
@@ -119,7 +118,7 @@ class Aperture(TakesWaves):
     def _mapped(
         self, image: Callable[[Ring], Ring], image_of_field: Callable[[Field], Field]
     ) -> Aperture:
-        """The image under a similarity of the vertices, and of the field."""
+        """Map the vertices and the field by a similarity."""
         field = self.illumination
         parts, segments = (
             parts and [tuple(map(image, part)) for part in parts]
@@ -129,26 +128,33 @@ class Aperture(TakesWaves):
 
     @classmethod
     def from_ring(cls, ring: ArrayLike, winding: str = "nonzero") -> Aperture:
-        """The region enclosed by one ring (n, 2) that may cross itself, as simple parts.
+        """Make an aperture of the region that a ring (n, 2), which may cross itself, encloses.
 
-        `winding`: "nonzero" keeps what the ring runs around at all, "evenodd" what it runs around
-        an odd number of times. A bow-tie becomes two triangles that touch in a point.
+        Parameters
+        ----------
+        ring : (n, 2) vertices in m. A bow-tie becomes two triangles that touch in a point.
+        winding : "nonzero" for points with a winding number other than zero, "evenodd" for points
+            with an odd winding number.
 
-        Raises GeometryError for values that are not finite numbers, fewer than three vertices, and
-        a ring that encloses no area; ArgumentError for any other `winding`.
+        Raises
+        ------
+        GeometryError
+            A coordinate is not finite, there are fewer than three vertices, or the area is zero.
+        ArgumentError
+            The winding rule is unknown.
         """
         return cls._of_parts(split_ring(ring, winding))
 
     def with_illumination(self, illumination: Field | None) -> Aperture:
-        """A copy of the aperture with another field on it, an Illumination; None for the field 1.
+        """Return the aperture with another field, an Illumination; None for the field 1.
 
-        Raises ArgumentError for what is not an Illumination, IlluminationError for one of slits.
+        Raises ArgumentError for objects of another type, IlluminationError for a field of slits.
         """
         field = None if illumination is None else checked_field(illumination, 2)
         return Aperture._of_parts(self._parts, field, self._segments)
 
     def moved(self, shift: ArrayLike) -> Aperture:
-        """The aperture and the field on it shifted by (2,); vertices are rounded.
+        """Return the aperture and its field shifted by (2,) m; vertices are rounded.
 
         Raises ArgumentError for a shift that is not two finite numbers.
         """
@@ -156,7 +162,7 @@ class Aperture(TakesWaves):
         return self._mapped(lambda ring: ring + offset, lambda field: field.moved(offset))
 
     def turned(self, angle: float) -> Aperture:
-        """The aperture and the field on it turned counter-clockwise about the origin, in radians.
+        """Return the aperture and its field rotated counter-clockwise about the origin, in rad.
 
         Quarter turns are exact. Raises ArgumentError for an angle that is not a finite number.
         """
@@ -170,7 +176,7 @@ class Aperture(TakesWaves):
         return (self,)
 
     def scaled(self, factor: float) -> Aperture:
-        """The aperture and the field on it, ``factor`` times as large about the origin.
+        """Return the aperture and its field scaled about the origin by a factor.
 
         Raises ArgumentError for a factor that is not a finite number above zero.
         """
@@ -178,15 +184,15 @@ class Aperture(TakesWaves):
         return self._mapped(lambda ring: ring * size, lambda field: field.scaled(size))
 
     def __or__(self, other: Aperture) -> Aperture:
-        """The union; both have one field, or none."""
+        """Return the union of two apertures with equal fields."""
         return self._combined(shapely.union, other)
 
     def __and__(self, other: Aperture) -> Aperture:
-        """The part that lies in the other aperture as well, with this one's field."""
+        """Return the intersection with another aperture, with the field of this aperture."""
         return self._combined(shapely.intersection, other)
 
     def __sub__(self, other: Aperture) -> Aperture:
-        """The part that does not lie in the other aperture, with this one's field."""
+        """Return the difference from another aperture, with the field of this aperture."""
         return self._combined(shapely.difference, other)
 
     def _combined(self, operation: Callable[..., Any], other: object) -> Aperture:
@@ -195,19 +201,19 @@ class Aperture(TakesWaves):
         is_outline = other.illumination is None and operation is not shapely.union
         if not is_outline and other.illumination != self.illumination:
             raise IlluminationError(
-                "expected apertures with one field, or a second one without, which cuts the first, "
-                "got two that differ; take it off by with_illumination(None)"
+                "expected apertures with equal fields, or a second aperture without a field, got "
+                "different fields; remove a field by with_illumination(None)"
             )
-        found = combined_on_grid(operation, self.polygons, other.polygons)
-        if found.is_empty:
+        region = combined_on_grid(operation, self.polygons, other.polygons)
+        if region.is_empty:
             raise GeometryError(
-                "expected apertures that overlap in part, got two of which nothing is left: one "
-                "covers the other, or they are without any area in common"
+                "expected apertures that overlap in part, got an empty result: one covers the "
+                "other, or they have no area in common"
             )
-        return Aperture(found).with_illumination(self.illumination)
+        return Aperture(region).with_illumination(self.illumination)
 
     def placed(self, to_world: ArrayLike) -> PlacedAperture:
-        """This aperture in a rigid pose (4, 4), for transforms with three-component nu.
+        """Return this aperture in a rigid pose (4, 4), for transforms with three-component nu.
 
         Raises GeometryError for a matrix that is not a rotation and a translation.
         """
@@ -215,7 +221,7 @@ class Aperture(TakesWaves):
 
     @cached_property
     def rings(self) -> tuple[Ring, ...]:
-        """The boundary, without closing repeats: exteriors counter-clockwise, then holes clockwise.
+        """The boundary without closing vertices: counter-clockwise exteriors, clockwise holes.
 
         Read-only arrays of shape (n, 2).
         """
@@ -240,7 +246,7 @@ class Aperture(TakesWaves):
 
     @cached_property
     def area(self) -> float:
-        """Area, rounded once from its exact value."""
+        """Area, the exact value rounded once."""
         return float(shoelace(self.rings))
 
     @cached_property
@@ -266,19 +272,14 @@ class Aperture(TakesWaves):
     def convex_cover(self) -> tuple[Ring, ...]:
         """Few convex polygons (k, 2) that tile the aperture, counter-clockwise, read-only.
 
-        Their vertices are the aperture's own, the very same floats. A convex part is one piece.
+        Their vertices are vertices of the aperture. A convex part is one piece.
         """
         return tuple(_frozen(piece) for part in self._parts for piece in convex_pieces(part))
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
         """Content regardless of the order of parts and of each ring's first vertex."""
-
-        def content(ring: Ring) -> tuple[int, bytes]:
-            return len(ring), _rotated_to_smallest(ring).tobytes()
-
-        parts = [(content(part[0]), *sorted(map(content, part[1:]))) for part in self._parts]
-        return self.illumination, *sorted(parts)
+        return self.illumination, shapely.normalize(self.polygons).wkb
 
     def __copy__(self) -> Aperture:
         return self
@@ -290,14 +291,19 @@ class Aperture(TakesWaves):
         return Aperture._of_parts, (self._parts, self.illumination, self._segments)
 
     def plot(self, ax: Axes | None = None, unit: str = "mm") -> Axes:
-        """The outline, filled, on axes of matplotlib, which are returned.
+        """Plot the filled outline on axes of matplotlib, and return the axes.
 
         Parameters
         ----------
-        ax : axes to draw on; None: new ones of pyplot.
-        unit : of the axes, such as "mm" or "um"; the aperture's own is the metre.
+        ax : axes; None: new axes of pyplot.
+        unit : unit of the axes, such as "mm" or "um".
 
-        Raises ArgumentError for what are no axes, QuantityError for an unknown unit.
+        Raises
+        ------
+        ArgumentError
+            The axes are not matplotlib axes.
+        QuantityError
+            The unit is unknown.
         """
         return plot_rings(self.rings, ax, unit)
 
@@ -326,10 +332,12 @@ class Aperture(TakesWaves):
 
 
 def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:
-    """Constrained Delaunay triangles of the aperture, for meshes.
+    """Split the aperture into constrained Delaunay triangles, for meshes.
 
-    Returns vertices (n, 2) and counter-clockwise vertex numbers (m, 3). The vertices are the
-    aperture's own; triangles of zero area are left out.
+    Returns
+    -------
+    Vertices (n, 2) of the aperture, and counter-clockwise vertex numbers (m, 3) of the triangles
+    with an area above zero.
     """
     vertices: list[Ring] = []
     triangles: list[NDArray[np.intp]] = []
@@ -350,7 +358,7 @@ class PlacedAperture:
 
     aperture: Aperture
     pose: NDArray[np.float64]
-    """(4, 4) read-only: from the aperture's frame, in whose plane z = 0 it lies, to the world."""
+    """(4, 4) read-only: from the aperture's frame, with the aperture at z = 0, to the world."""
 
     def __post_init__(self) -> None:
         pose = np.array(self.pose, dtype=np.float64)
@@ -358,20 +366,21 @@ class PlacedAperture:
         object.__setattr__(self, "pose", pose)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Through the constructor: an array that is copied or unpickled can be written to.
+        # The constructor makes the pose read-only, which copied and unpickled arrays are not.
         return PlacedAperture, (self.aperture, self.pose)
 
     @property
     def normal(self) -> NDArray[np.float64]:
-        """Unit normal (3,), the side to which the aperture radiates."""
+        """Unit normal (3,) towards the side to which the aperture radiates."""
         return self.pose[:3, 2]
 
     @property
     def area(self) -> float:
+        """Area in m^2."""
         return self.aperture.area
 
     def plot(self, ax: Axes | None = None, unit: str = "mm") -> Axes:
-        """The outline in its own plane, as :meth:`Aperture.plot` draws it."""
+        """Plot the outline in the plane of the aperture, see :meth:`Aperture.plot`."""
         return self.aperture.plot(ax, unit)
 
     def _key(self) -> tuple[Aperture, bytes]:
@@ -395,10 +404,10 @@ def _require_aperture(aperture: Aperture) -> None:
 
 
 def _mean_polygon(first: Ring, second: Ring) -> Ring:
-    """The convex polygon {(a + b)/2} of two convex rings, counter-clockwise.
+    """Return the convex polygon {(a + b)/2} of two convex rings, counter-clockwise.
 
-    Its sides are those of both rings by direction. (GEOS computes hulls of the midpoints wrongly
-    where they lie nearly on a line.) Halving first is exact and cannot overflow.
+    The sides of both rings are sorted by direction. GEOS' hull of the midpoints is wrong if they
+    lie nearly on a line.
     """
     rings, angles = [], []
     for ring in (first, second):
@@ -406,7 +415,7 @@ def _mean_polygon(first: Ring, second: Ring) -> Ring:
         side = np.roll(lowest, -1, axis=0) - lowest
         turned = np.arctan2(side[:, 1], side[:, 0]) % (2 * np.pi)
         rings.append(lowest)
-        angles.append(np.maximum.accumulate(turned))  # whatever rounding has bent
+        angles.append(np.maximum.accumulate(turned))  # rounding may bend a side
     of_second = np.argsort(np.concatenate(angles), kind="stable") >= len(first)
     passed: NDArray[np.intp] = np.cumsum(of_second) - of_second
     index = np.arange(len(of_second)) - passed
@@ -415,14 +424,14 @@ def _mean_polygon(first: Ring, second: Ring) -> Ring:
 
 
 def automean(aperture: Aperture) -> Aperture:
-    """The mutual support {(a + b)/2 : a, b in the aperture} of u(x + xi/2) and u(x - xi/2).
+    """Return the mutual support {(a + b)/2 : a, b in the aperture} of u(x+xi/2) and u(x-xi/2).
 
-    A set, whatever the illumination: W(x, nu) vanishes for x outside of it. A convex aperture is
-    its own automean; any other has one larger than itself, inside its convex hull.
+    W(x, nu) is zero for x outside the automean, for any illumination. The automean of a convex
+    aperture is the aperture; others have a larger automean inside their convex hull. It is the
+    union of the means of all pairs of convex pieces. Its vertices at crossings of outlines are
+    rounded to 2^-44 of the size. The cost is pieces^2/2 means and their union.
 
-    The union of the means of all pairs of convex pieces. Midpoints keep their floats; vertices
-    where outlines cross are rounded to 2^-44 of the size. Cost: pieces^2/2 means and their union.
-    Raises ArgumentError for anything but an Aperture.
+    Raises ArgumentError for objects of another type.
 
     >>> import polywigner as pw
     >>> notch = pw.shapes.chevron(20e-3, 12e-3, 4e-3)
@@ -445,13 +454,12 @@ def _overlap(
 
 
 def lag_slice(aperture: Aperture, x: ArrayLike) -> shapely.Polygon | shapely.MultiPolygon:
-    """The lags xi at which u(x + xi/2) u*(x - xi/2) is not zero: 2(G - x) and 2(x - G) both.
+    """Return the lags xi with u(x + xi/2) u*(x - xi/2) != 0: 2(G - x) and 2(x - G) intersected.
 
-    `x`: a position, shape (2,), in the aperture's unit. An empty MultiPolygon if there is none.
-    Differs from the paper, whose matrices translate by x: it must be 2x.
+    `x` is a position (2,) in the unit of the aperture. The result may be an empty MultiPolygon.
+    The matrices of the paper translate by x instead of 2x.
 
-    Raises ArgumentError for anything but an Aperture, and for an `x` that is not two finite
-    numbers.
+    Raises ArgumentError for objects other than an Aperture, and unless `x` is two finite numbers.
 
     >>> import polywigner as pw
     >>> pw.lag_slice(pw.shapes.square(2.0), (0.5, 0.0)).area
@@ -467,13 +475,12 @@ def lag_slice(aperture: Aperture, x: ArrayLike) -> shapely.Polygon | shapely.Mul
 
 
 def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shapely.MultiPolygon:
-    """The positions x at which u(x + xi/2) u*(x - xi/2) is not zero: G shifted by -xi/2 and xi/2.
+    """Return the positions x with u(x + xi/2) u*(x - xi/2) != 0, an intersection of shifted G.
 
-    `xi`: a lag, shape (2,), in the aperture's unit. An empty MultiPolygon if there is none.
-    Differs from the paper, which shifts one copy only and so gets a wrong phase.
+    G is shifted by -xi/2 and xi/2. `xi` is a lag (2,) in the unit of the aperture. The result may
+    be an empty MultiPolygon. The paper shifts one copy only, which gives a wrong phase.
 
-    Raises ArgumentError for anything but an Aperture, and for a `xi` that is not two finite
-    numbers.
+    Raises ArgumentError for objects other than an Aperture, and unless `xi` is two finite numbers.
 
     >>> import polywigner as pw
     >>> pw.position_slice(pw.shapes.square(2.0), (0.5, 0.0)).area

@@ -1,4 +1,4 @@
-"""Checks of arguments: numbers, arrays, wavelengths or frequencies, poses, and plausible units."""
+"""Checks of arguments: numbers, arrays, wavelengths and frequencies, poses, plausible units."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from polywigner.quantities import SPEED_OF_LIGHT
 
 
 class DrJitArray(Protocol):
-    """A Dr.Jit array or tensor, such as ``Array2f``; this room does not import Dr.Jit."""
+    """A Dr.Jit array or tensor, such as ``Array2f``; Dr.Jit is not imported here."""
 
     @property
     def index_ad(self) -> int:
@@ -40,8 +40,8 @@ class DrJitArray(Protocol):
 
 
 Points: TypeAlias = ArrayLike | DrJitArray
-"""Numbers with their components along the last axis: whatever NumPy takes, ``xarray.DataArray``
-among it, or a Dr.Jit array, which has its components first unless it is a tensor."""
+"""Numbers with their components along the last axis: anything that NumPy converts, such as
+``xarray.DataArray``, or a Dr.Jit array, which has its components first unless it is a tensor."""
 
 Outline: TypeAlias = (
     ArrayLike | shapely.Polygon | shapely.MultiPolygon | Sequence[ArrayLike | shapely.Polygon]
@@ -50,10 +50,9 @@ Outline: TypeAlias = (
 
 
 def real_numbers(values: Any) -> NDArray[np.float64]:
-    """A float64 copy.
+    """Return a float64 copy of real numbers.
 
-    ValueError for complex numbers, texts, and arrays with masked elements, which NumPy would
-    convert.
+    Raises ValueError for complex numbers, texts, and masked elements.
     """
     if np.ma.is_masked(values):
         raise ValueError("masked elements; leave them out")
@@ -70,19 +69,15 @@ def real_numbers(values: Any) -> NDArray[np.float64]:
 
 
 def shape_of(value: Any) -> str:
-    """The shape of an array or of nested lists, for messages."""
+    """Return the shape of an array or of nested lists, for messages."""
     try:
         return str(np.shape(value))
     except ValueError:
         return "of lists of different lengths"
 
 
-# Products of a few larger numbers overflow.
+# Products of a few numbers above this limit overflow.
 _LARGEST = 1e100
-
-
-def _has_length(length: int, expected: int | None) -> bool:
-    return expected in (None, length)
 
 
 def finite_array(
@@ -98,8 +93,11 @@ def finite_array(
     """
 
     def fits(array: NDArray[np.float64]) -> bool:
-        same_axes = [shape for shape in shapes if len(shape) == array.ndim]
-        return array.size > 0 and any(all(map(_has_length, array.shape, s)) for s in same_axes)
+        return array.size > 0 and any(
+            len(shape) == array.ndim
+            and all(n in (None, k) for n, k in zip(shape, array.shape, strict=True))
+            for shape in shapes
+        )
 
     array = _real_array(values, expected, fits, error)
     is_finite = (np.abs(np.atleast_1d(array)) < _LARGEST).reshape((*array.shape[:1], -1))
@@ -111,16 +109,16 @@ def finite_array(
 
 
 def unchangeable(self: Any, name: str, value: object = None) -> NoReturn:
-    """Refuse to set or delete an attribute of a value."""
+    """Raise AttributeError instead of changing an attribute."""
     raise AttributeError(f"{type(self).__name__} cannot be changed ({name}); build a new one")
 
 
-# Most vertices, as of a file; a slip of a few zeros would fill the memory.
+# Largest count: a number with a few more zeros would fill the memory.
 _MOST = 1_000_000
 
 
 def checked_number(value: Any, name: str, meaning: str) -> float:
-    """A finite number, or ArgumentError: expected `name` as `meaning`."""
+    """Return a finite number; ArgumentError "expected `name` as `meaning`" otherwise."""
     try:
         refused = isinstance(value, (str, bytes, bool)) or np.iscomplexobj(value)
         refused |= np.ma.is_masked(value)
@@ -133,7 +131,7 @@ def checked_number(value: Any, name: str, meaning: str) -> float:
 
 
 def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
-    """One of some names, or ArgumentError."""
+    """Return one of the names ``choices``; ArgumentError for other values."""
     if not isinstance(value, str) or value not in choices:
         known = ", ".join(f'"{choice}"' for choice in choices)
         raise ArgumentError(f"expected {name} to be one of {known}, got {value_text(value)}")
@@ -141,7 +139,7 @@ def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
 
 
 def checked_flag(value: Any, name: str) -> bool:
-    """True or False, or ArgumentError: arrays and texts have no truth to tell."""
+    """Return True or False; ArgumentError for other values."""
     if not isinstance(value, (bool, np.bool_)):
         raise ArgumentError(f"expected {name} to be True or False, got {value_text(value)}")
     return bool(value)
@@ -164,14 +162,14 @@ def _real_array(
 
 
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Real numbers (k,), one or more; ArgumentError that begins with ``expected``."""
+    """Return real numbers (k,), one or more; the error begins with ``expected``."""
     return np.atleast_1d(_real_array(values, expected, lambda row: row.ndim < 2 and row.size > 0))
 
 
 def checked_vectors(
     values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
 ) -> NDArray[np.float64]:
-    """Real numbers whose last axes are ``last``; an error that begins with ``expected``."""
+    """Return real numbers (..., *last); the error begins with ``expected``."""
     axes = len(last)
     return _real_array(
         values, expected, lambda a: a.ndim >= axes and a.shape[a.ndim - axes :] == last, error
@@ -179,20 +177,20 @@ def checked_vectors(
 
 
 def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
-    """Real numbers with ``dimension`` axes, none of them empty, or ArgumentError."""
+    """Return real numbers with ``dimension`` axes, none empty; ArgumentError otherwise."""
     expected = f"expected {name} as an array of real numbers with {dimension} axes and some entries"
     return _real_array(values, expected, lambda a: a.ndim == dimension and a.size > 0)
 
 
-def checked_callable(value: Any, name: str) -> Any:
-    """A function or None, or ArgumentError."""
+def checked_callable(value: T, name: str) -> T:
+    """Return a function or None; ArgumentError for other values."""
     if value is not None and not callable(value):
         raise ArgumentError(f"expected {name} as a function or None, got {value_text(value)}")
     return value
 
 
 def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "") -> float:
-    """A finite number above zero (or zero, if allowed), or ArgumentError."""
+    """Return a finite number above zero, or zero if allowed; ArgumentError otherwise."""
     meaning = meaning or ("a length of at least zero" if zero else "a length above zero")
     number = checked_number(value, name, meaning)
     if not number > 0 and not (zero and number == 0):
@@ -201,7 +199,7 @@ def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "")
 
 
 def checked_wavelength(value: Any) -> float:
-    """Return a wavelength in m, above zero; ArgumentError for anything else."""
+    """Return a wavelength in m, above zero; ArgumentError for other values."""
     if isinstance(value, str):
         raise ArgumentError(
             f"expected a wavelength as a number in metres, got the text {value[:40]!r}; quantities "
@@ -211,7 +209,7 @@ def checked_wavelength(value: Any) -> float:
 
 
 def checked_generator(seed: Any) -> np.random.Generator:
-    """Return NumPy's generator of a seed; ArgumentError for anything but a seed."""
+    """Return NumPy's generator for a seed; ArgumentError for an invalid seed."""
     try:
         return np.random.default_rng(seed)
     except (TypeError, ValueError):
@@ -222,39 +220,40 @@ def checked_generator(seed: Any) -> np.random.Generator:
 
 
 def checked_count(value: Any, name: str, least: int, most: int | None = None) -> int:
-    """A whole number within bounds, or ArgumentError."""
+    """Return a whole number within bounds; ArgumentError for other values."""
     if most is None and isinstance(value, (int, np.integer)) and value > _MOST:
         raise ArgumentError(f"expected {name} as a whole number up to {_MOST}, got {value}")
-    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not whole or value < least or (most is not None and value > most):
+    is_integer = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not is_integer or value < least or (most is not None and value > most):
         bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
         raise ArgumentError(f"expected {name} as a whole number {bounds}, got {value_text(value)}")
     return int(value)
 
 
 def checked_path(path: Any) -> Path:
-    """An absolute path; ArgumentError for anything that is none."""
+    """Return an absolute path; ArgumentError for other values."""
     try:
         text = os.fspath(path)
     except TypeError:
         text = None
     if not isinstance(text, str) or not text or "\0" in text:
         raise ArgumentError(f"expected a path of a file or folder, got {value_text(path)}")
-    return Path(os.path.abspath(text))  # noqa: PTH100 (a pathlib path keeps the "..")
+    return Path(os.path.abspath(text))  # noqa: PTH100 (pathlib does not resolve "..")
 
 
-# Metres: no wave of an antenna is so long, and frequencies in Hz are such numbers.
+# Range in m of numbers that are probably frequencies in Hz: no antenna has so long a wavelength.
 _LIKE_A_FREQUENCY = 1e6, 1e17
-# A source that is a point, in effect.
+# Largest plausible wavelength in diameters of the source.
 _LONGEST = 1e4
-# A slip between mm and m is a factor of a thousand: beyond so many wavelengths a source may be one
-# that has one. Of radio waves few sources are that large, of light nearly all; there up to a metre.
+# Largest plausible diameter in wavelengths. Few radio sources are a thousand wavelengths wide;
+# optical sources are, up to a size of about a metre. Confusing mm and m is a factor of a thousand.
 _MOST_OF_RADIO, _MOST_OF_LIGHT = 1e3, 1e6
 _SHORTEST_RADIO = 1e-4
-# Lenses are wider than so many wavelengths, and their images within so many pupils: pinholes are at
-# f/300, and mm for m would make f/1000 of f/1.
+# Least width of a lens in wavelengths, and largest f-number: pinholes have f/300, and confusing mm
+# and m would turn f/1 into f/1000.
 _NARROWEST_LENS, _LONGEST_FOCUS = 10.0, 500.0
-# A link over so many sizes and wavelengths: a hundred times that of a radar on the road.
+# Largest plausible distance of a link in sizes and wavelengths, a hundred times that of
+# automotive radar.
 _LONGEST_LINK = 1e5
 
 
@@ -270,29 +269,22 @@ def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
     return f"{size}, {ratio:.3g} wavelengths across: is a unit wrong, mm for m?"
 
 
-def warn_of_wavelength(source: Any, wavelength: Any, stacklevel: int) -> None:
-    """Warn of a wavelength like a frequency, or one that hardly belongs to the source."""
-    try:
-        length = float(wavelength) if isinstance(wavelength, Real) else 0.0
-    except OverflowError:  # of a large int
-        return
-    if not 0 < length < math.inf:
-        return  # the function says what it expects
-    if _LIKE_A_FREQUENCY[0] < length < _LIKE_A_FREQUENCY[1]:
-        warn_caller(
-            f"got a wavelength of {length:g} m: a frequency? Then write frequency={length:g} in "
-            "its place",
-            stacklevel,
+def _warn_of_wavelength(source: Any, wavelength: float) -> None:
+    """Warn of a wavelength in m like a frequency, or implausible for the source."""
+    if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
+        doubt: str | None = (
+            f"a wavelength of {wavelength:g} m: a frequency? Then write frequency={wavelength:g} "
+            "in its place"
         )
-        return
-    diameter = _diameter(source)
-    doubt = None if diameter is None else doubt_of_wavelength(length, diameter)
+    else:
+        diameter = _diameter(source)
+        doubt = None if diameter is None else doubt_of_wavelength(wavelength, diameter)
     if doubt is not None:
-        warn_caller(f"got {doubt}", stacklevel)
+        warn_caller(f"got {doubt}", stacklevel=4)
 
 
 def warn_of_lens(pupil: Any, wavelength: float, focal_length: float) -> None:
-    """Ask about a lens of a few wavelengths, or one whose focus is hundreds of pupils away."""
+    """Warn of a lens of a few wavelengths, or with a focal length of hundreds of pupils."""
     diameter = _diameter(pupil)
     if diameter is None:
         return
@@ -308,9 +300,9 @@ def warn_of_lens(pupil: Any, wavelength: float, focal_length: float) -> None:
         )
 
 
-def warn_of_distance(sources: Any, places: NDArray[np.float64], wavelength: float) -> None:
-    """Ask about links to places (n, 3) that are farther than links of such sources are."""
-    distance = float(np.linalg.norm(places, axis=-1).max(initial=0.0))
+def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: float) -> None:
+    """Warn of links to points (n, 3) that are implausibly far for the sources."""
+    distance = float(np.linalg.norm(points, axis=-1).max(initial=0.0))
     size = max(_diameter(source) or 0.0 for source in sources)
     if distance > _LONGEST_LINK * max(size, wavelength):
         warn_caller(
@@ -320,16 +312,16 @@ def warn_of_distance(sources: Any, places: NDArray[np.float64], wavelength: floa
 
 
 def _diameter(source: Any) -> float | None:
-    """Diagonal of the bounds of a source, in m; None for anything else."""
-    outline = getattr(source, "source", source)  # of a differentiable one
+    """Return the diagonal of the bounds of a source in m; None for other objects."""
+    outline = getattr(source, "source", source)  # of a differentiable source
     try:
         bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
     except PolywignerError:
         return None
     if bounds is None:
         return None
-    middle = len(bounds) // 2
-    return math.dist(bounds[:middle], bounds[middle:])
+    d = len(bounds) // 2
+    return math.dist(bounds[:d], bounds[d:])
 
 
 def warn_caller(message: str, stacklevel: int = 3) -> None:
@@ -337,20 +329,19 @@ def warn_caller(message: str, stacklevel: int = 3) -> None:
     warnings.warn(message, PolywignerWarning, stacklevel=stacklevel)
 
 
-# Whether the call is made by another function with a wavelength, which has warned already.
+# Whether the caller is another function with a wavelength, which has warned already.
 _is_nested: ContextVar[bool] = ContextVar("_is_nested", default=False)
-# Stack level of the caller of a function with a wavelength, seen from `warn_caller`.
-_CALLER = 5
 
-# Hz: a wavelength of a thousand kilometres; less is in GHz.
+# Least frequency in Hz, a wavelength of a thousand kilometres; smaller numbers are probably in GHz.
 _LEAST = 300.0
 
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
+T = TypeVar("T")
 
 
 class _WithFrequency(Protocol[P, R]):
-    """A function as it is written, or without its wavelength and with a frequency in Hz."""
+    """A function that takes a wavelength in m or a frequency in Hz."""
 
     __name__: str
 
@@ -362,85 +353,70 @@ class _WithFrequency(Protocol[P, R]):
 
 
 def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
-    """The function with a keyword ``frequency`` (Hz), which its ``wavelength`` (m) follows from.
+    """Add a keyword ``frequency`` (Hz) to a function with a parameter ``wavelength`` (m).
 
-    With it the wavelength is left out, among positional arguments too:
-    ``radiation_pattern(source, theta, phi, frequency=77e9)``.
+    A call with the frequency omits the wavelength, also among positional arguments:
+    ``radiation_pattern(source, theta, phi, frequency=77e9)``. The arguments' sources get the
+    phases of their path lengths at the wavelength, and doubtful wavelengths cause a warning.
     """
-    signature = inspect.signature(function)
-    names = list(signature.parameters)
-    place = names.index("wavelength")
-    following = list(signature.parameters.values())[place + 1 :]
-    # what follows has a default: a number in its place is a wavelength
-    is_last = not following or following[0].default is not inspect.Parameter.empty
+    parameters = list(inspect.signature(function).parameters.values())
+    position = [parameter.name for parameter in parameters].index("wavelength")
+    most = sum(p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD for p in parameters)
+    # if the next parameter has a default, a number at this position is a wavelength
+    following = parameters[position + 1 : position + 2]
+    is_last = all(p.default is not inspect.Parameter.empty for p in following)
 
-    def at_wavelength(length: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
-        if not _is_nested.get():
-            warn_of_wavelength(args[0] if args else kwargs.get("source"), length, _CALLER)
-        token = _is_nested.set(True)
+    @functools.wraps(function)
+    def wrapper(*args: Any, frequency: float | None = None, **kwargs: Any) -> R:
+        length: Any = args[position] if len(args) > position else kwargs.get("wavelength")
+        if frequency is not None:
+            is_number = is_last and len(args) > position and isinstance(length, Real)
+            if kwargs.pop("wavelength", None) is not None or is_number or len(args) >= most:
+                raise ArgumentError(
+                    "expected a wavelength or a frequency, got both; leave one of them out"
+                )
+            length = SPEED_OF_LIGHT / _checked(frequency)
+            if len(args) < position:
+                kwargs["wavelength"] = length
+            else:
+                args = (*args[:position], length, *args[position:])
+        is_nested, token = _is_nested.get(), _is_nested.set(True)
         try:
-            return function(*_at_wavelength(length, args), **_at_wavelength(length, kwargs))
+            if isinstance(length, Real) and 0 < float(length) < math.inf:
+                if not is_nested:
+                    _warn_of_wavelength(args[0] if args else kwargs.get("source"), float(length))
+                args, kwargs = (
+                    _at_wavelength(args, float(length)),
+                    _at_wavelength(kwargs, float(length)),
+                )
+            return function(*args, **kwargs)
         finally:
             _is_nested.reset(token)
 
-    @functools.wraps(function)
-    def wrapper(*args: Any, frequency: float | None = None, **kwargs: Any) -> Any:
-        if frequency is None:
-            length = args[place] if len(args) > place else kwargs.get("wavelength")
-            return at_wavelength(length, args, kwargs)
-        length = SPEED_OF_LIGHT / _checked(frequency)
-        has_both = is_last and len(args) > place and isinstance(args[place], Real)
-        if kwargs.get("wavelength") is None and not has_both:
-            kwargs.pop("wavelength", None)
-            given = (*args[:place], length, *args[place:])
-            if len(args) < place:  # arguments before it are named
-                given, kwargs = args, {**kwargs, "wavelength": length}
-            try:
-                signature.bind(*given, **kwargs)
-            except TypeError as error:
-                if "too many" not in str(error):
-                    raise
-            else:
-                return at_wavelength(length, given, kwargs)
-        raise ArgumentError("expected a wavelength or a frequency, got both; leave one of them out")
-
-    extra = inspect.Parameter("frequency", inspect.Parameter.KEYWORD_ONLY, default=None)
-    kept = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
-    rest = [p for p in signature.parameters.values() if p.kind is p.VAR_KEYWORD]
-    wrapper.__signature__ = signature.replace(  # type: ignore[attr-defined]
-        parameters=[*kept, extra.replace(annotation="float | None"), *rest]
+    extra = inspect.Parameter(
+        "frequency", inspect.Parameter.KEYWORD_ONLY, default=None, annotation="float | None"
+    )
+    wrapper.__signature__ = inspect.signature(function).replace(  # type: ignore[attr-defined]
+        parameters=sorted([*parameters, extra], key=lambda parameter: parameter.kind)
     )
     return cast("_WithFrequency[P, R]", wrapper)
 
 
-def _at_wavelength(length: Any, arguments: Any) -> Any:
-    """Arguments, in a tuple or dict, whose sources have their phases at a wavelength in m.
-
-    Other values of ``length`` than a number above zero are left to the checks of the function.
-    """
-    try:
-        is_length = isinstance(length, Real) and 0.0 < float(length) < math.inf
-    except OverflowError:
-        is_length = False
-    if not is_length:
-        return arguments
-    if isinstance(arguments, dict):
-        return {name: _at_wavelength(length, value) for name, value in arguments.items()}
-    if isinstance(arguments, tuple | list):
-        if not any(hasattr(value, "at_wavelength") for value in arguments):
-            return arguments
-        return type(arguments)([_at_wavelength(length, value) for value in arguments])
-    if hasattr(type(arguments), "at_wavelength"):
-        return arguments.at_wavelength(length)
-    return arguments
+def _at_wavelength(value: T, length: float) -> T:
+    """Return a source, or a container of arguments, with phases at a wavelength in m."""
+    result: Any = value
+    if isinstance(value, dict):
+        result = {name: _at_wavelength(item, length) for name, item in value.items()}
+    elif isinstance(value, tuple | list):
+        if any(hasattr(item, "at_wavelength") for item in value):
+            result = type(value)([_at_wavelength(item, length) for item in value])
+    elif hasattr(type(value), "at_wavelength"):
+        result = result.at_wavelength(length)
+    return result
 
 
 def _checked(frequency: Any) -> float:
-    number = checked_number(frequency, "frequency", "a number in Hz above zero")
-    if not number > 0:
-        raise ArgumentError(
-            f"expected frequency as a number in Hz above zero, got {value_text(frequency)}"
-        )
+    number = checked_length(frequency, "frequency", meaning="a number in Hz above zero")
     if number < _LEAST:
         raise ArgumentError(
             f"expected frequency in Hz, got {number:g}, a wavelength of "
@@ -449,16 +425,15 @@ def _checked(frequency: Any) -> float:
     return number
 
 
-# Scene files give angles in single precision: a product of a few such rotations departs from a
-# rotation by some 1e-6. A scale that anybody wants differs by more than this.
+# Scene files contain angles in single precision: products of a few rotations deviate from a
+# rotation by some 1e-6. Intended scales differ from 1 by more than this tolerance.
 RIGID_TOLERANCE = 1e-4
 
 
 def rigid_pose(to_world: Any) -> NDArray[np.float64]:
-    """A read-only (4, 4) pose: the nearest rotation, and the translation.
+    """Return a rigid pose (4, 4), read-only: the nearest rotation, and the translation.
 
-    Raises GeometryError for anything but rotations and translations: a scaled or sheared aperture
-    would be another aperture, whose transforms this one's are not.
+    Raises GeometryError for scaled, sheared and mirrored poses.
     """
     expected = "expected to_world as a (4, 4) matrix"
     pose = rigid_poses(finite_array(to_world, expected, (4, 4), error=GeometryError), "to_world")
@@ -467,9 +442,9 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
 
 
 def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
-    """Rigid poses (..., 4, 4): the nearest rotations, and the translations.
+    """Return rigid poses (..., 4, 4): the nearest rotations, and the translations.
 
-    Raises GeometryError for anything else.
+    Raises GeometryError for other matrices.
     """
     expected = f"expected {name} as rigid poses (..., 4, 4), rotations and translations only"
     poses = checked_vectors(values, expected, (4, 4), GeometryError)
@@ -495,9 +470,9 @@ def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
 
 
 def write_lines(file: Path, lines: Iterable[str]) -> None:
-    """Write lines, without their ends, to a file in UTF-8; one that is there is replaced.
+    """Write lines to a file in UTF-8, completely or not at all; an existing file is replaced.
 
-    What ``lines`` raises leaves no file behind. Raises ArgumentError where it cannot be written.
+    Raises ArgumentError if the file cannot be written.
     """
     text = "".join(f"{line}\n" for line in lines)
     try:

@@ -1,7 +1,7 @@
-"""Net contours of the surfaces that a point sees: the edges of the shadow that they cast.
+"""Net contours of the surfaces that are visible from a point: the edges of their shadow.
 
 Triangles are clipped to pyramids around the observer and projected. Their visible parts are exact
-polygons, and stretches that two of these share cancel. What is left is the boundary of shadows.
+polygons. Segments that two polygons share cancel, and the other segments bound the shadow.
 """
 
 from __future__ import annotations
@@ -25,69 +25,67 @@ from polywigner.geometry.hidden_parts import (
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Cosine of the half-angle of a cone that one figure can show.
+# Cosine of the largest half-angle of a cone that is projected onto one plane.
 _NARROW = 0.5
 # Rounding errors of a difference of coordinates, in units in the last place.
 _ULPS = 8.0 * float(np.finfo(float).eps)
-# Two contours coincide within this fraction of the extent of the figure, ...
+# Distance of two coincident contours, as a fraction of the extent of the figure.
 _BESIDE = 1e-10
-# ... and surfaces touch if their distance along the line of sight is below this fraction.
+# Distance of two touching surfaces along the line of sight, in the same unit.
 _TOUCHING = 1e-6
-# Sides of triangles within this fraction of the border of a figure belong to the border.
+# Distance of sides of triangles on the border of a figure, as a fraction of its extent.
 _BORDER = 1e-11
-# Directions of the six pyramids: a cube turned out of all planes that bodies usually have.
+# Axes of the six pyramids, rotated out of the planes in which faces of bodies usually lie.
 _CUBE = np.linalg.qr(np.array([[0.83, 0.31, 0.47], [-0.29, 0.91, 0.17], [0.41, -0.23, 0.87]]))[0]
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Illuminated triangles, counter-clockwise as the observer sees them."""
+    """Illuminated triangles, counter-clockwise for the observer."""
 
     corners: Floats
     """(t, 3, 3)."""
     sides: Indices
-    """(t, 3) numbers of the edges from each corner to the next; -1: none is the same."""
+    """(t, 3) numbers of the edges from each corner to the next; -1: not shared."""
     faces: Indices
-    """(t,) numbers of the planar faces that they belong to."""
+    """(t,) numbers of the planar faces that contain the triangles."""
     bodies: Indices
     """(t,) numbers of their bodies."""
-    convex: Indices
-    """(t,) the same numbers for convex bodies; -1 for others."""
 
     @classmethod
     def of(cls, parts: Sequence[Surface]) -> Surface:
-        """Several surfaces together."""
+        """Concatenate surfaces."""
         names = [item.name for item in fields(cls)]
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def taken(self, rows: NDArray[np.bool_] | Indices) -> Surface:
-        """Some of the triangles."""
+        """Return a subset of the triangles."""
         return Surface(*(getattr(self, item.name)[rows] for item in fields(self)))
 
 
 @dataclass(frozen=True)
 class Silhouette:
-    """Directed edges (m,) of shadows, the body on the left of each as the source sees it."""
+    """Directed edges (m,) of shadows, with the body on the left, seen from the source."""
 
     edges: Floats
     """(m, 2, 3)."""
     numbers: Indices
-    """(m,) numbers of the edges of meshes that the edges are parts of."""
+    """(m,) numbers of the mesh edges that contain the edges."""
     bodies: Indices
     """(m,) numbers of the bodies that the edges belong to."""
     behind: Indices
-    """(m,) numbers of the faces behind the edges, as the source sees them; -1 for none."""
+    """(m,) numbers of the faces behind the edges, seen from the source; -1 for none."""
     touching: frozenset[tuple[int, int]] = frozenset()
     """Pairs of bodies that continue each other's surfaces."""
     planes: Floats = field(default_factory=partial(np.empty, (0, 4)))
-    """(m, 4): points P with planes[:3].P + planes[3] < 0 are behind the plane of the face that an
-    edge casts its shadow on; (0, 0, 0, 1) for edges with nothing behind them."""
+    """(m, 4) planes of the faces behind the edges; points P with planes[:3].P + planes[3] < 0 are
+    behind them. (0, 0, 0, 1) for edges without a face behind them."""
     is_closed: bool = True
-    """Whether no part of the edges has been taken away."""
+    """Whether all edges are present."""
 
     @classmethod
     def of(cls, parts: Sequence[Silhouette]) -> Silhouette:
-        """Several silhouettes together, without their planes."""
+        """Concatenate silhouettes, without their planes."""
         names = ("edges", "numbers", "bodies", "behind")
         edges, numbers, bodies, behind = (
             np.concatenate([getattr(part, name) for part in parts]) for name in names
@@ -96,7 +94,7 @@ class Silhouette:
         return cls(edges, numbers, bodies, behind, touching)
 
     def taken(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
-        """Parts (k, 2, 3) of some of the edges (m,)."""
+        """Return the masked edges, shortened to ``edges`` (m, 2, 3)."""
         return replace(
             self,
             edges=edges[rows],
@@ -113,11 +111,18 @@ _NO_EDGES = Silhouette(np.empty((0, 2, 3)), _NONE, _NONE, _NONE)
 
 
 def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Silhouette:
-    """Return the net contours of the parts of a surface that an observer (3,) sees.
+    """Return the net contours of the visible parts of a surface.
 
-    ``closed``: width of slits between bodies that have no contours, about.
+    Parameters
+    ----------
+    surface : the surface.
+    observer : (3,) position of the observer.
+    closed : width up to which slits between bodies have no contours, approximately.
 
-    Raises ArgumentError for surfaces with too many triangles that overlap as they are seen.
+    Raises
+    ------
+    ArgumentError
+        Too many triangles overlap in projection.
     """
     figures = _figures(surface, observer)
     parts = [
@@ -127,7 +132,7 @@ def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Sil
 
 
 def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Surface]]:
-    """Projections of a surface, and the triangles in each; none with less width than rounding."""
+    """Project a surface; yield figures with their triangles, without those of negligible width."""
     if not len(surface.faces):
         return
     corners = surface.corners - observer
@@ -137,7 +142,7 @@ def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Su
     if (directions @ axis).min() > _NARROW:
         _, _, axes = np.linalg.svd(axis[None])
         x = axes[1]
-        yield _projected(surface, observer, np.stack([x, np.cross(axis, x), axis]), 0.0)
+        yield _projected(surface, observer, np.stack([x, np.cross(axis, x), axis]), False)
         return
     for k in range(3):
         for sign in (1.0, -1.0):
@@ -145,13 +150,13 @@ def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Su
             frame = np.stack([x, sign * y, sign * z])
             clipped = _clipped(surface, observer, frame)
             if len(clipped.faces):
-                yield _projected(clipped, observer, frame, 1.0)
+                yield _projected(clipped, observer, frame, True)
 
 
 def _projected(
-    surface: Surface, observer: Floats, frame: Floats, border: float
+    surface: Surface, observer: Floats, frame: Floats, border: bool
 ) -> tuple[Projected, Surface]:
-    """A surface as seen along the z axis of a frame; ``border``: slope of its outermost lines."""
+    """Project a surface along the z axis of a frame; ``border``: whether it has been clipped."""
     corners = surface.corners - observer
     distance = float(np.exp(np.log(corners @ frame[2]).mean()))
     figure = in_perspective(corners, frame, distance, 1.0)
@@ -168,7 +173,7 @@ def _projected(
 
 
 def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
-    """The parts of a surface in the pyramid of 90 degrees around the z axis of a frame."""
+    """Clip a surface to the pyramid of 90 degrees around the z axis of a frame."""
     planes = np.array([[1.0, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]) @ frame
     heights: Floats = (surface.corners - observer) @ planes.T
     inside = np.asarray((heights >= 0.0).all(axis=(1, 2)))
@@ -180,7 +185,7 @@ def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
         ring = [*zip(surface.corners[t], surface.sides[t], strict=True)]
         for plane in planes:
             ring = _cut_ring(ring, plane, observer)
-        # a fan of triangles, whose diagonals are edges of their own
+        # the fan of triangles has diagonals that are no edges of the mesh
         for k in range(1, len(ring) - 1):
             three = ring[0], ring[k], ring[k + 1]
             diagonals = following + t * 16 + k
@@ -193,43 +198,43 @@ def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
                 ]
             )
             owner.append(t)
-    whole = surface.taken(inside)
+    complete = surface.taken(inside)
     if not owner:
-        return whole
+        return complete
     cut = surface.taken(np.array(owner))
     cut = replace(cut, corners=np.array(corners), sides=np.array(sides, np.intp))
-    return Surface.of([whole, cut])
+    return Surface.of([complete, cut])
 
 
 def _cut_ring(
     ring: list[tuple[Floats, int]], plane: Floats, observer: Floats
 ) -> list[tuple[Floats, int]]:
-    """The part of a convex ring of (corner, number of the side that follows) above a plane."""
-    kept: list[tuple[Floats, int]] = []
+    """Clip a convex ring of (corner, number of the following side) to the half-space of a plane."""
+    result: list[tuple[Floats, int]] = []
     for (corner, side), (end, _) in zip(ring, [*ring[1:], *ring[:1]], strict=True):
         here, there = plane @ (corner - observer), plane @ (end - observer)
         if here >= 0.0:
-            kept.append((corner, side))
+            result.append((corner, side))
         if (here >= 0.0) != (there >= 0.0):
             between = corner + here / (here - there) * (end - corner)
-            kept.append((between, side if here < 0.0 else -1))
-    return kept
+            result.append((between, side if here < 0.0 else -1))
+    return result
 
 
 def _contours_in(figure: Projected, surface: Surface, closed: float) -> Silhouette:
-    """The net contours in one figure."""
+    """Return the net contours in one figure."""
     polygons = np.asarray(shapely.polygons(figure.points), dtype=object)
-    hidden, left = less_shadows(figure, polygons, polygons, bodies=surface.convex)
+    hidden, left = less_shadows(figure, polygons, polygons)
     pairing = _Pairing(figure, surface, closed)
-    whole = np.ones(len(polygons), bool)
-    whole[hidden] = False
-    pairing.add_sides(np.flatnonzero(whole))
+    visible = np.ones(len(polygons), bool)
+    visible[hidden] = False
+    pairing.add_sides(np.flatnonzero(visible))
     pairing.add_parts(hidden, left)
     return pairing.resolved()
 
 
 class _Pairing:
-    """Boundaries of visible parts as stretches, from which shared stretches are removed."""
+    """Boundaries of visible parts as segments, from which shared segments are removed."""
 
     def __init__(self, figure: Projected, surface: Surface, closed: float) -> None:
         self.figure, self.surface = figure, surface
@@ -243,7 +248,7 @@ class _Pairing:
         self.side: list[Indices] = []
 
     def add_sides(self, rows: Indices) -> None:
-        """Add all sides of triangles that nothing hides."""
+        """Add all sides of completely visible triangles."""
         points = self.figure.points[rows]
         self._add(
             points.reshape(-1, 2),
@@ -258,7 +263,7 @@ class _Pairing:
         some = shapely.area(polygons) > NOTHING * self.figure.size * shapely.length(polygons)
         number, begin, end = edges_around(polygons[some])
         triangle = rows[owner[some]][number]
-        # sides of their own triangle are those in which both ends lie
+        # a segment belongs to the side of its triangle that contains both of its ends
         corners = self.figure.points[triangle]
         along = np.roll(corners, -1, axis=1) - corners
         along /= np.linalg.norm(along, axis=2, keepdims=True)
@@ -279,7 +284,7 @@ class _Pairing:
         self.side.append(side[~on_border])
 
     def resolved(self) -> Silhouette:
-        """Return the net contours: all stretches that no two surfaces share."""
+        """Return the net contours: all segments that no two surfaces share."""
         begin, end = np.concatenate(self.begin), np.concatenate(self.end)
         triangle, side = np.concatenate(self.triangle), np.concatenate(self.side)
         edge = np.where(side >= 0, self.surface.sides[triangle, side], -1)
@@ -287,7 +292,7 @@ class _Pairing:
         begin, end = begin[left], end[left]
         triangle, side, edge = triangle[left], side[left], edge[left]
         length = np.linalg.norm(end - begin, axis=1)
-        self.stretches = begin, end, triangle, side, edge, length
+        self.segments = begin, end, triangle, side, edge, length
         free: list[list[tuple[float, float]]] = [[(0.0, float(size))] for size in length]
         pieces: list[tuple[int, float, float, int]] = []
         touching = set()
@@ -307,7 +312,7 @@ class _Pairing:
             pieces += [
                 (k, low, high, -1)
                 for low, high in intervals
-                # the ends of closed slits
+                # shorter pieces are the ends of closed slits
                 if high - low > self.beside or high - low == length[k]
             ]
         pieces = [piece for piece in pieces if piece[2] - piece[1] > self.within]
@@ -321,7 +326,7 @@ class _Pairing:
     def _candidates(
         self, begin: Floats, end: Floats, edge: Indices, length: Floats, triangle: Indices
     ) -> list[tuple[int, int]]:
-        """Pairs of stretches that may run along each other in opposite directions, best first."""
+        """Return pairs of segments that may run along each other in opposite directions."""
         lines = shapely.linestrings(np.stack([begin, end], axis=1))
         boxes = shapely.box(*(shapely.bounds(lines) + self.beside * np.array([-1, -1, 1, 1])).T)
         one, other = shapely.STRtree(boxes).query(boxes)
@@ -329,7 +334,7 @@ class _Pairing:
         along = (end - begin) / np.maximum(length, 1e-300)[:, None]
         some = np.einsum("nk,nk->n", along[one], along[other]) < -0.5
         one, other = one[some], other[some]
-        # where they run along each other they are apart by less than a tolerance
+        # segments run along each other if their distance is below a tolerance
         shift = begin[other] - begin[one]
         t0 = np.einsum("nk,nk->n", end[other] - begin[one], along[one])
         t1 = np.einsum("nk,nk->n", shift, along[one])
@@ -341,7 +346,7 @@ class _Pairing:
             ends = (off0 + slope * (low - t0), off0 + slope * (high - t0))
         off = np.abs(ends).max(axis=0)
         some = (high - low > self.within) & (off <= self.beside)
-        # a slit is between bodies
+        # slits are between different bodies
         bodies = self.surface.bodies[triangle]
         some &= (off <= self.within) | (bodies[one] != bodies[other])
         one, other, off = one[some], other[some], off[some]
@@ -350,8 +355,8 @@ class _Pairing:
         return list(zip(one[order].tolist(), other[order].tolist(), strict=True))
 
     def _nearer(self, one: int, other: int, at: float, at_other: float) -> int:
-        """1 if the first stretch is in front of the second, -1 behind; 0 if they touch."""
-        _, _, triangle, _, edge, _ = self.stretches
+        """Return 1 if the first segment is in front of the second, -1 if behind, else 0."""
+        _, _, triangle, _, edge, _ = self.segments
         if edge[one] >= 0 and edge[one] == edge[other]:
             return 0
         if self.surface.faces[triangle[one]] == self.surface.faces[triangle[other]]:
@@ -363,8 +368,8 @@ class _Pairing:
         return 1 if gap > 0 else -1
 
     def _depth(self, row: int, at: float) -> tuple[float, float]:
-        """Depth of a stretch in the figure; also its slope across it, if it is not on a side."""
-        begin, end, triangle, side, _, length = self.stretches
+        """Return the depth of a segment, and its slope in the figure if it is not on a side."""
+        begin, end, triangle, side, _, length = self.segments
         t, k = triangle[row], side[row]
         point = begin[row] + at / length[row] * (end[row] - begin[row])
         depth, corners = self.figure.depth[t], self.figure.points[t]
@@ -376,8 +381,8 @@ class _Pairing:
         return float(depth[0] + (point - corners[0]) @ slope), float(np.abs(slope).sum())
 
     def _lifted(self, rows: Indices, at: Floats) -> Floats:
-        """Return points (m, 3) in space at lengths along stretches, on the edges of sides."""
-        begin, end, triangle, side, _, length = (part[rows] for part in self.stretches)
+        """Return the points (m, 3) in space at lengths along segments."""
+        begin, end, triangle, side, _, length = (part[rows] for part in self.segments)
         points = begin + (at / length)[:, None] * (end - begin)
         corners, k = self.figure.points[triangle], np.maximum(side, 0)
         n = np.arange(len(rows))
@@ -389,7 +394,7 @@ class _Pairing:
         near, far = share * ranges[n, k], (1.0 - share) * ranges[n, (k + 1) % 3]
         share = (near / (near + far))[:, None]
         on_side = (1.0 - share) * space[n, k] + share * space[n, (k + 1) % 3]
-        # on a shadow: shares of the corners
+        # on the edge of a shadow: barycentric coordinates in the triangle
         edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
         inner = np.linalg.solve(edges, (points - corners[:, 0])[..., None])[..., 0]
         shares = np.column_stack([1.0 - inner.sum(axis=1), inner]) / ranges
@@ -402,7 +407,7 @@ def _cross(a: Floats, b: Floats) -> Floats:
 
 
 def _cancelling(edge: Indices, begin: Floats, end: Floats) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the stretches that are one edge in both directions, end to end."""
+    """Return a mask (n,) of the segments that are one edge in both directions."""
     order = np.argsort(edge, kind="stable")
     first, second = order[:-1], order[1:]
     same = (edge[first] == edge[second]) & (edge[first] >= 0)
@@ -416,7 +421,7 @@ def _cancelling(edge: Indices, begin: Floats, end: Floats) -> NDArray[np.bool_]:
 def _on(
     begin: Floats, end: Floats, length: Floats, one: int, other: int, at: tuple[float, ...]
 ) -> list[float]:
-    """Lengths along the other stretch of points at lengths along the one."""
+    """Convert lengths along one segment to lengths along the other one."""
     unit = (end[one] - begin[one]) / length[one]
     along = (end[other] - begin[other]) / length[other]
     return [
@@ -429,9 +434,9 @@ def _shared(
     begin: Floats, end: Floats, length: Floats, free: list[list[tuple[float, float]]],
     one: int, other: int, least: float,
 ) -> Iterator[tuple[float, float, float]]:  # fmt: skip
-    """Remove the intervals that two opposite stretches share from the free intervals.
+    """Remove the intervals that two opposite segments share from the free intervals.
 
-    Yields (begin, end) along the first one, and the middle along the other one.
+    Yields begin and end along the first segment, and the midpoint along the other one.
     """
     for low, high in list(free[one]):
         for start, stop in list(free[other]):
@@ -448,13 +453,13 @@ def _shared(
 def _without(
     intervals: list[tuple[float, float]], low: float, high: float
 ) -> list[tuple[float, float]]:
-    """Intervals less one of them."""
+    """Subtract an interval from intervals."""
     parts = [[(a, min(b, low)), (max(a, high), b)] for a, b in intervals]
     return [(a, b) for pair in parts for a, b in pair if b > a]
 
 
 def _joined(contours: Silhouette) -> Silhouette:
-    """Contours whose pieces of one edge before one face are joined where they meet."""
+    """Join adjacent pieces of one edge in front of one face."""
     edges, numbers = contours.edges, contours.numbers
     order = np.lexsort([contours.behind, numbers])
     groups = np.flatnonzero(np.diff(numbers[order]) | np.diff(contours.behind[order])) + 1

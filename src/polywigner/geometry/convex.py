@@ -1,7 +1,7 @@
-"""Outlines as tiles: triangles, few convex pieces, and trapezoids to draw points from.
+"""Tilings of outlines: triangles, few convex pieces, and trapezoids to sample points from.
 
-The map from the unit square picks a trapezoid and the abscissa by its first coordinate, so that
-stratified samples stay stratified; a triangle mesh, with its folds, would lose that.
+The first coordinate of a sample in the unit square selects a trapezoid and the abscissa. Stratified
+samples remain stratified, which a map to triangles, with its folds, would not preserve.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ Indices = NDArray[np.intp]
 
 
 def triangulate_part(part: Part) -> tuple[Ring, Indices]:
-    """Constrained Delaunay triangles: vertices (n, 2) and counter-clockwise indices (m, 3).
+    """Return constrained Delaunay triangles: vertices (n, 2), counter-clockwise indices (m, 3).
 
-    Zero-area triangles may be among them. GeometryError if they do not tile the part exactly.
+    Triangles may have zero area. Raises GeometryError if they do not tile the part exactly.
     """
     vertices = np.unique(np.concatenate(part), axis=0)
     index = {vertex.tobytes(): number for number, vertex in enumerate(vertices)}
-    found = shapely.constrained_delaunay_triangles(polygon_of_part(part))
-    corners = shapely.get_coordinates(found).reshape(-1, 4, 2)[:, :3] + 0.0
+    polygons = shapely.constrained_delaunay_triangles(polygon_of_part(part))
+    corners = shapely.get_coordinates(polygons).reshape(-1, 4, 2)[:, :3] + 0.0
     triangles = np.array(
         [[index[corner.tobytes()] for corner in triangle] for triangle in corners], dtype=np.intp
     ).reshape(-1, 3)
     if shoelace(vertices[triangles]) < 0:
-        # All together: triangles of zero area, too, keep edges that run against their neighbours'.
+        # All triangles are reversed, so that those of zero area stay consistent with neighbours.
         triangles = triangles[:, ::-1]
     if shoelace(vertices[triangles]) != shoelace(part):
         raise GeometryError(
@@ -44,7 +44,7 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
 
 
 class _Merger:
-    """Pieces as cycles of vertex numbers, merged across diagonals while they stay convex."""
+    """Pieces as cycles of vertex numbers, merged across diagonals if they stay convex."""
 
     def __init__(self, vertices: Ring, triangles: Indices) -> None:
         self.points = [(float(x), float(y)) for x, y in vertices]
@@ -64,7 +64,7 @@ class _Merger:
         at_j = back[q - 2], j, ahead[(p + 1) % len(ahead)]
         if left == right or any(turn(*(self.points[k] for k in at)) < 0 for at in (at_i, at_j)):
             return
-        # From j round the left piece to i, then from i round the right piece to j.
+        # from j around the left piece to i, then from i around the right piece to j
         merged = (ahead[p:] + ahead[:p])[:-1] + (back[q:] + back[:q])[:-1]
         self.pieces[left], self.pieces[right] = merged, []
         for k in range(len(merged)):
@@ -78,7 +78,7 @@ class _Merger:
 
 
 def convex_pieces(part: Part) -> list[Ring]:
-    """Convex counter-clockwise polygons that tile the part, with its own vertices only.
+    """Split a part into convex counter-clockwise polygons without new vertices.
 
     Constrained Delaunay triangles are merged greedily while convex (Hertel and Mehlhorn 1983: at
     most four times the fewest possible). The better of two orders is used: the longest diagonals
@@ -100,8 +100,8 @@ def convex_pieces(part: Part) -> list[Ring]:
     return [piece for piece in pieces if shoelace([piece]) > 0]
 
 
-# Vertices that should share an abscissa and differ in the last digits make trapezoids of no
-# account; dropping them changes the density by less than single precision can tell.
+# Relative area of trapezoids between vertices whose abscissas differ by rounding. Dropping them
+# changes the density by less than the rounding of single precision.
 _NEGLIGIBLE = 1e-12
 
 # Smaller than any height of an aperture and above zero in single precision.
@@ -125,7 +125,7 @@ class Trapezoids(NamedTuple):
 
     @property
     def rows(self) -> NDArray[np.float64]:
-        """(n, 6): all numbers of each."""
+        """(n, 6) all numbers of each trapezoid."""
         return np.stack(self, axis=-1)
 
     @property
@@ -141,18 +141,18 @@ class Trapezoids(NamedTuple):
         return np.stack([self.left + 0.5 * self.width, y], axis=-1)
 
     def divided(self, count: int) -> Trapezoids:
-        """Each in ``count`` strips of equal width, these in as many pieces of equal height."""
+        """Split each trapezoid into ``count`` strips, and each strip into ``count`` pieces."""
         step = np.arange(count + 1) / count
         u, v = step[:, None, None], step[:-1, None]
         height = self.height_left + u * (self.height_right - self.height_left)
         low = self.low_left + u * (self.low_right - self.low_left) + v * height  # (strip, piece, n)
         left, part = self.left + u[:-1] * self.width, height / count
-        found = left, self.width / count, part[:-1], part[1:], low[:-1], low[1:]
-        return Trapezoids(*(a.reshape(-1) for a in np.broadcast_arrays(*found)))
+        parts = left, self.width / count, part[:-1], part[1:], low[:-1], low[1:]
+        return Trapezoids(*(a.reshape(-1) for a in np.broadcast_arrays(*parts)))
 
 
 def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
-    """The trapezoids between the boundary rings (n, 2) of an aperture, from left to right."""
+    """Split an aperture with boundary rings (n, 2) into trapezoids, from left to right."""
     start = np.concatenate(rings)
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     rightwards = start[:, :1] <= end[:, :1]
@@ -168,15 +168,15 @@ def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
 def _slab(
     start: NDArray[np.float64], end: NDArray[np.float64], left: float, right: float
 ) -> NDArray[np.float64]:
-    """The trapezoids between two neighbouring cuts, from below upwards."""
+    """Return the trapezoids between two adjacent cuts, from below upwards."""
     across = (start[:, 0] <= left) & (end[:, 0] >= right)
     a, b = start[across], end[across]
     slope = (b[:, 1] - a[:, 1]) / (b[:, 0] - a[:, 0])
     at_left = a[:, 1] + slope * (left - a[:, 0])
     at_right = a[:, 1] + slope * (right - a[:, 0])
     order = np.argsort(at_left + at_right, kind="stable")
-    # Edges alternate between entering and leaving the aperture; touching parts tie, and either
-    # order of a tie gives the same trapezoids.
+    # Edges alternate between entering and leaving the aperture. Edges of touching parts coincide,
+    # and their order does not matter.
     low, high = order[0::2], order[1::2]
     heights = at_left[high] - at_left[low], at_right[high] - at_right[low]
     sides = np.full(low.shape, left), np.full(low.shape, right - left), *heights
@@ -184,12 +184,12 @@ def _slab(
 
 
 def point_in_trapezoid(ops: Any, row: Sequence[Any], u: Any, v: Any) -> tuple[Any, Any]:
-    """The point of a trapezoid, uniform by area, for (u, v) uniform in the unit square.
+    """Map (u, v), uniform in the unit square, to a point uniform in a trapezoid.
 
     ``row``: of :attr:`Trapezoids.columns`; ``ops``: the namespace of its type.
     """
     left, width, height_left, height_right, low_left, low_right = row
-    # Solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 without cancellation.
+    # Solve (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 without cancellation.
     root = ops.sqrt((1.0 - u) * height_left * height_left + u * height_right * height_right)
     below = height_left + root
     t = u * (height_left + height_right) / ops.select(below > _TINY, below, _TINY)

@@ -35,7 +35,7 @@ _UNITS = (LengthUnit("nm", 1e-9), LengthUnit("µm", 1e-6), LengthUnit("mm", 1e-3
 
 
 def length_unit(length: float) -> LengthUnit:
-    """The unit in which a length (metres) reads as a number from 1 to 1000, where there is one."""
+    """Return the unit that expresses a length (m) as a number from 1 to 1000, or metres."""
     for unit in _UNITS:
         if length < 1000 * unit.metres:
             return unit
@@ -43,7 +43,7 @@ def length_unit(length: float) -> LengthUnit:
 
 
 def length_text(*lengths: float) -> str:
-    """Lengths in the unit of the largest, ``20 x 12 mm``; metres from a metre on."""
+    """Return lengths (m) in the unit of the largest one, such as ``20 x 12 mm``."""
     unit = length_unit(max(lengths))
     return f"{' x '.join(f'{length / unit.metres:.4g}' for length in lengths)} {unit.name}"
 
@@ -54,15 +54,15 @@ def shown_as_html(
     rings: Sequence[Points] = (),
     lines: Sequence[Points] = (),
 ) -> str:
-    """A drawing of filled rings and of lines, y upwards, beside a table of facts."""
+    """Return a drawing of filled rings and lines, y upwards, next to a table of properties."""
     cells = "".join(
         f"<tr><td style='text-align:left'>{html.escape(name)}</td>"
         f"<td style='text-align:left'>{html.escape(value)}</td></tr>"
         for name, value in rows
     )
-    picture = _svg(rings, lines)
+    drawing = _svg(rings, lines)
     return (
-        f"<div><div style='display:inline-block;vertical-align:top'>{picture}</div>"
+        f"<div><div style='display:inline-block;vertical-align:top'>{drawing}</div>"
         "<div style='display:inline-block;vertical-align:top;margin-left:1em'>"
         f"<b>{html.escape(title)}</b><table>{cells}</table></div></div>"
     )
@@ -90,9 +90,9 @@ def _svg(rings: Sequence[Points], lines: Sequence[Points]) -> str:
 
 
 def plot_rings(rings: Sequence[Points], ax: Axes | None, unit: str) -> Axes:
-    """The rings filled on ``ax``, or on new axes that pyplot shows, in a unit of length.
+    """Plot filled rings on ``ax``, or on new axes of pyplot, in a unit of length.
 
-    Raises ArgumentError for what are no axes, QuantityError for a unit that is none.
+    Raises ArgumentError for other objects than axes, QuantityError for an unknown unit.
     """
     scale = parse_unit(unit)
     if ax is None:
@@ -111,7 +111,7 @@ def plot_rings(rings: Sequence[Points], ax: Axes | None, unit: str) -> Axes:
 
 
 def draw_rings(ax: Axes, rings: Sequence[Points], metres: float, **how: Any) -> None:
-    """Closed rings in metres as one patch, holes cut out, in a unit of so many metres."""
+    """Draw closed rings (m) with holes as one patch; the axes have a unit of ``metres``."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 

@@ -1,4 +1,4 @@
-"""The parts of triangles in a figure that other triangles hide, as exact polygons.
+"""Exact polygons for the visible parts of projected triangles.
 
 Radar cross sections use the visible parts as surfaces, and silhouettes use their contours. The set
 operations on arrays of polygons are at the end of the module.
@@ -6,7 +6,7 @@ operations on arrays of polygons are at the end of the module.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely.errors import GEOSException
+from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import ArgumentError
 
@@ -23,29 +24,29 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Shapes = NDArray[np.object_]
 
-# Lengths that count as none, as a fraction of the size of the whole: a hundred times what rounding
-# does to a projection, and still too little to shadow anything.
+# Lengths below this fraction of the size of the body count as zero: a hundred times the rounding
+# of a projection, and too short to cast a shadow.
 NOTHING = 1e-12
-# Least width of triangles that are cut, in the same unit: parts whose area is below NOTHING times
-# their outline count as hidden, and whole triangles must be larger.
+# Least width of triangles, in units of NOTHING: parts whose area is below NOTHING times their
+# perimeter count as hidden, and complete triangles must be larger.
 _WIDTH = 8.0
-# Pairs of triangles that overlap as they are seen: half a gigabyte of polygons. Of long ones that
-# stand before one, any two may cross: so many take a minute or two.
-_MOST_PAIRS, _BLOCK, _MOST_CROSSINGS = 1 << 20, 256, 2e7
+# Pairs of triangles whose projections overlap: half a gigabyte of polygons. Crossings are pairs of
+# triangles in front of one triangle: unions with more crossings take minutes.
+_MOST_PAIRS, _BLOCK, _MOST_CROSSINGS = 1 << 20, 256, 2e8
 
 
 @dataclass(frozen=True, eq=False)
 class Projected:
-    """Triangles (n,) as seen along a direction, counter-clockwise."""
+    """Projections of triangles (n,) along a direction, counter-clockwise."""
 
     points: Floats
-    """(n, 3, 2) corners across the direction."""
+    """(n, 3, 2) corners in the projection plane."""
     depth: Floats
-    """(n, 3) of the corners along the direction; a smaller depth is nearer to the observer."""
+    """(n, 3) coordinates of the corners along the direction, ascending away from the observer."""
     size: float
-    """Size of the whole body."""
+    """Size of the body."""
     ranges: Floats
-    """(n, 3) of the corners from an observer who is near, relative to each other; far away, 1."""
+    """(n, 3) relative distances of the corners from a near observer; 1 for a distant one."""
 
     @cached_property
     def sides(self) -> Floats:
@@ -60,13 +61,13 @@ class Projected:
 
     @property
     def has_width(self) -> NDArray[np.bool_]:
-        """(n,) whether they are more than lines, after rounding."""
+        """Mask (n,) of triangles that rounding has not reduced to lines."""
         longest = np.linalg.norm(self.sides, axis=2).max(axis=1)
         return np.asarray(self.area > _WIDTH * NOTHING * self.size * longest)
 
     @property
     def slopes(self) -> Floats:
-        """Change of depth with the place (n, 2)."""
+        """Gradient (n, 2) of the depth in the projection plane."""
         rise = self.depth[:, 1:] - self.depth[:, :1]
         across = rise[:, 0] * self.sides[:, 1, 1] - rise[:, 1] * self.sides[:, 0, 1]
         along = rise[:, 1] * self.sides[:, 0, 0] - rise[:, 0] * self.sides[:, 1, 0]
@@ -77,14 +78,14 @@ class Projected:
 
 
 def in_perspective(corners: Floats, frame: Floats, distance: float, size: float) -> Projected:
-    """Return triangles (n, 3, 3) as an observer at the origin sees them, all in front.
+    """Project triangles (n, 3, 3) in front of an observer at the origin.
 
     Parameters
     ----------
     corners : (n, 3, 3) corners of the triangles.
     frame : rows x, y, z of the observer, who looks along z.
     distance : distance of the plane onto which the triangles are projected.
-    size : size of the whole, to which lengths that count as none are relative.
+    size : size of the body, to which negligible lengths are relative.
 
     Notes
     -----
@@ -98,32 +99,32 @@ def in_perspective(corners: Floats, frame: Floats, distance: float, size: float)
 
 def _too_many(triangles: int) -> ArgumentError:
     return ArgumentError(
-        f"expected a body whose triangles hardly overlap as they are seen, got {triangles} of "
-        "which too many do; leave out what is hidden, or simplify the mesh"
+        f"too many of the {triangles} triangles of the bodies overlap in projection; leave out "
+        "hidden surfaces, or simplify the mesh"
     )
 
 
 def _overlapping(seen: Projected, polygons: Shapes) -> tuple[Indices, Indices]:
-    """Numbers of both triangles (m,) of pairs that overlap, each once.
+    """Return the triangles (m,) and (m,) of all pairs whose projections overlap.
 
-    ``polygons``: the triangles or boxes around them; only those whose boxes meet are compared.
+    ``polygons``: the triangles, or boxes around them; pairs with separate boxes are skipped.
     """
-    tree, found, total = shapely.STRtree(polygons), [np.empty((2, 0), np.intp)], 0
+    tree, pairs, total = shapely.STRtree(polygons), [np.empty((2, 0), np.intp)], 0
     for start in range(0, len(polygons), _BLOCK):
         one, other = tree.query(polygons[start : start + _BLOCK])
         once = one + start < other
         one, other = one[once] + start, other[once]
         apart = _apart(seen, one, other) | _apart(seen, other, one)
-        found.append(np.stack([one[~apart], other[~apart]]))
-        total += found[-1].shape[1]
+        pairs.append(np.stack([one[~apart], other[~apart]]))
+        total += pairs[-1].shape[1]
         if total > _MOST_PAIRS:
             raise _too_many(len(polygons))
-    one, other = np.concatenate(found, axis=1)
+    one, other = np.concatenate(pairs, axis=1)
     return one, other
 
 
 def _apart(seen: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
-    """Whether an edge of the one separates both."""
+    """Return a mask of the pairs that an edge of the first triangle separates."""
     apart = np.zeros(len(one), np.bool_)
     points, least = seen.points, NOTHING * seen.size
     for k in range(3):
@@ -136,46 +137,12 @@ def _apart(seen: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
     return apart
 
 
-def _before_planes(
-    seen: Projected, polygons: Shapes, hidden: Indices, before: Indices, bodies: Indices
-) -> tuple[NDArray[np.bool_], Indices, Shapes]:
-    """Convex bodies that are entirely in front of the planes of triangles that they overlap.
-
-    Returns which pairs these are, and once for each the hidden triangle and the body's outline.
-    """
-    whole = np.zeros(len(hidden), np.bool_)
-    numbers, outlines = [np.empty(0, np.intp)], [np.empty(0, object)]
-    slopes, label = seen.slopes, bodies[before]
-    order = np.argsort(label, kind="stable")
-    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
-    for pairs in np.split(order, starts) if len(starts) else ():
-        if not len(pairs) or label[pairs[0]] < 0:
-            continue
-        members = np.flatnonzero(bodies == label[pairs[0]])
-        rows, which = np.unique(hidden[pairs], return_inverse=True)
-        if len(members) < 2 or len(pairs) < 2 * len(rows):
-            continue
-        points, depth = seen.points[members].reshape(-1, 2), seen.depth[members].ravel()
-        plane = seen.depth[rows, :1] - (seen.points[rows, 0] * slopes[rows]).sum(axis=1)[:, None]
-        ahead = plane + slopes[rows] @ points.T - depth
-        level = NOTHING * seen.size * (1 + np.abs(slopes[rows]).sum(axis=1))
-        # of two that coincide only one hides the other: these are compared one by one
-        in_front = (ahead >= -level[:, None]).all(axis=1) & (ahead > level[:, None]).any(axis=1)
-        if in_front.any():
-            whole[pairs[in_front[which]]] = True
-            extent = max(seen.size, float(np.abs(points).max()))
-            outline = unions(polygons[members], np.zeros(len(members), np.intp), extent)
-            numbers.append(rows[in_front])
-            outlines.append(np.repeat(outline, len(numbers[-1])))
-    return whole, np.concatenate(numbers), np.concatenate(outlines)
-
-
 def _nearer_parts(seen: Projected, hidden: Indices, before: Indices) -> tuple[Indices, Shapes]:
-    """Numbers of hidden triangles, and the parts of others nearer than the planes of these."""
+    """Return hidden triangles, and the parts of other triangles in front of their planes."""
     slopes = seen.slopes
-    place = seen.points[before] - seen.points[hidden, :1]
-    plane = seen.depth[hidden, :1] + (place * slopes[hidden, None]).sum(axis=2)
-    ahead = plane - seen.depth[before]  # how far the corners stand before the hidden plane
+    offset = seen.points[before] - seen.points[hidden, :1]
+    plane = seen.depth[hidden, :1] + (offset * slopes[hidden, None]).sum(axis=2)
+    ahead = plane - seen.depth[before]  # distance of the corners in front of the hidden plane
     steep = 1 + np.abs(slopes[hidden]).sum(axis=1) + np.abs(slopes[before]).sum(axis=1)
     level = (NOTHING * seen.size * steep)[:, None]
     coincide = (np.abs(ahead) <= level).all(axis=1)
@@ -189,20 +156,21 @@ def _nearer_parts(seen: Projected, hidden: Indices, before: Indices) -> tuple[In
 
 
 def _cut(points: Floats, ahead: Floats) -> Shapes:
-    """The parts of triangles (n, 3, 2) where a linear function, given at the corners, is positive.
+    """Return the parts of triangles (n, 3, 2) in which a linear function is positive.
 
-    It is so at one corner at least (Sutherland and Hodgman 1974). Parts without area may be lines.
+    ``ahead``: (n, 3) values of the function at the corners, one of them positive for each triangle
+    (Sutherland and Hodgman 1974). Parts without area may be lines.
     """
     following, there = np.roll(points, -1, axis=1), np.roll(ahead, -1, axis=1)
     crosses = (ahead > 0) != (there > 0)
     share = (ahead / np.where(crosses, ahead - there, 1.0))[..., None]
     between = np.where(share == 1, following, points + share * (following - points))
     candidates = np.stack([points, between], axis=2).reshape(-1, 6, 2)
-    kept = np.stack([ahead > 0, crosses], axis=2).reshape(-1, 6)
-    owner = np.repeat(np.arange(len(points)), kept.sum(axis=1))
-    rings = shapely.linearrings(candidates[kept], indices=owner)
+    used = np.stack([ahead > 0, crosses], axis=2).reshape(-1, 6)
+    owner = np.repeat(np.arange(len(points)), used.sum(axis=1))
+    rings = shapely.linearrings(candidates[used], indices=owner)
     parts = np.asarray(shapely.polygons(rings), dtype=object)
-    bent = ~shapely.is_valid(parts)  # by rounding: they are convex
+    bent = ~shapely.is_valid(parts)  # by rounding: the parts are convex
     parts[bent] = shapely.convex_hull(parts[bent])
     return parts
 
@@ -213,28 +181,34 @@ def less_shadows(
     lit: Shapes,
     boxes: Shapes | None = None,
     grid: float | None = None,
-    bodies: Indices | None = None,
 ) -> tuple[Indices, Shapes]:
-    """Return numbers of triangles behind others (m,), and their lit parts less the shadows.
+    """Subtract from triangles the parts that other triangles hide.
 
-    ``polygons``: the triangles as such; ``lit``: the part of each triangle; ``boxes``: around the
-    triangles, those of several pictures apart; None: of one picture; ``grid``: of corners, where
-    edges of lit parts may be those of shadows but for rounding; ``bodies``: numbers (n,) of the
-    convex bodies that the triangles belong to, whose faces cast one shadow; -1 for none.
-    Of two triangles that coincide the first one hides the other.
+    If two triangles coincide, the first one hides the second one.
 
-    Raises ArgumentError for more pairs that overlap than fit in memory.
+    Parameters
+    ----------
+    seen : the triangles (n,).
+    polygons : (n,) the same triangles as polygons.
+    lit : (n,) the part of each triangle that is considered.
+    boxes : (n,) boxes around the triangles, separate for separate figures; None: one figure.
+    grid : grid size of the result, if edges of ``lit`` coincide with edges of shadows up to
+        rounding.
+
+    Returns
+    -------
+    Numbers (m,) of the triangles behind others, and their visible parts (m,).
+
+    Raises
+    ------
+    ArgumentError
+        More pairs of triangles overlap than fit in memory.
     """
     one, other = _overlapping(seen, polygons if boxes is None else boxes)
     hidden, before = np.concatenate([one, other]), np.concatenate([other, one])
-    covered, covers = np.empty(0, np.intp), np.empty(0, object)
-    if bodies is not None:
-        whole, covered, covers = _before_planes(seen, polygons, hidden, before, bodies)
-        hidden, before = hidden[~whole], before[~whole]
     if float((np.bincount(hidden).astype(np.float64) ** 2).sum()) > _MOST_CROSSINGS:
         raise _too_many(len(polygons))
     hidden, shadows = _nearer_parts(seen, hidden, before)
-    hidden, shadows = np.concatenate([hidden, covered]), np.concatenate([shadows, covers])
     if not len(hidden):
         return hidden, shadows
     order = np.argsort(hidden, kind="stable")
@@ -244,10 +218,10 @@ def less_shadows(
 
 
 def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
-    """Shapes (m,) of the picture in coordinates of triangles (m, 3, 2), as :class:`Projected`."""
+    """Transform shapes (m,) in the projection plane to coordinates of triangles (m, 3, 2)."""
     inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
-    places, owner = shapely.get_coordinates(shapes, return_index=True)
-    inside = np.einsum("nij,nj->ni", inverse[owner], places - points[owner, 0])
+    vertices, owner = shapely.get_coordinates(shapes, return_index=True)
+    inside = np.einsum("nij,nj->ni", inverse[owner], vertices - points[owner, 0])
     shares = np.column_stack([1 - inside.sum(axis=1), inside]) / ranges[owner]
     inside = shares[:, 1:] / shares.sum(axis=1, keepdims=True)
     return np.asarray(shapely.set_coordinates(shapes.copy(), inside), dtype=object)
@@ -276,28 +250,28 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
 
 
 # Set operations on arrays of polygons that return polygons only. GEOS also returns the lines and
-# points along which polygons touch, refuses these mixtures as arguments, fails at times where edges
-# almost coincide, and may then lose a polygon silently.
+# points in which polygons touch, and refuses such mixtures as arguments. If edges almost coincide,
+# it may fail or silently lose a polygon.
 
-# Grid of set operations as a fraction of the figure: above rounding, far below what is cut.
+# Grid of set operations as a fraction of the size of the figure, above rounding.
 GRID = 1e-14
-# Grids where GEOS fails, as fractions of the extent. The last one moves edges by less than rounding
-# to single precision does.
+# Grids that are tried after GEOS has failed, as fractions of the extent. The last one moves edges
+# by less than the rounding of single precision.
 _GRIDS = (GRID, 1e-12, 1e-10)
 # Rounding of areas, as a fraction of the extent times a length of the outline.
 _ROUNDING = 1e-14
 
 
 def intersections(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Intersections (m,) of polygons (m,) and (m,); ``grid``: of their corners."""
+    """Return the intersections (m,) of polygons (m,) and (m,), on a grid of this size if any."""
     return _overlay(shapely.intersection, one, other, grid)
 
 
 def differences(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Polygons (m,) less other polygons (m,); ``grid``: of their corners.
+    """Subtract polygons (m,) from polygons (m,), on a grid of this size if any.
 
-    Without a grid GEOS may lose a narrow polygon. It has done so if the area is less than that of
-    the polygon less the intersection.
+    Without a grid GEOS may lose a narrow polygon. The sum of the areas of difference and
+    intersection reveals the loss; a grid is used then.
     """
     result = _overlay(shapely.difference, one, other, grid)
     if grid is None and len(one):
@@ -310,7 +284,7 @@ def differences(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes
 
 
 def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
-    """Unions of the polygons (m,) that have the same number.
+    """Return the unions of the polygons (m,) that have the same number.
 
     Parameters
     ----------
@@ -336,9 +310,9 @@ def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
 
 
 def mended(shapes: Shapes) -> Shapes:
-    """Polygons made valid: without spikes turned inside out or holes over the edge by rounding.
+    """Repair polygons that rounding has made invalid.
 
-    Each of GEOS' methods may lose a part, so the result with the more similar area is taken.
+    Each of GEOS' two methods may lose a part, so the result with the more similar area is used.
     """
     bent = ~shapely.is_valid(shapes)
     result, some = shapes.copy(), shapes[bent]
@@ -356,12 +330,12 @@ def mended(shapes: Shapes) -> Shapes:
 
 
 def polygonal(shapes: Any) -> Shapes:
-    """Shapes (m,) without their lines and points."""
+    """Remove lines and points from shapes (m,)."""
     result = np.array(shapes, dtype=object)
     kinds = shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON
     mixed = ~np.isin(shapely.get_type_id(result), kinds) & ~shapely.is_missing(result)
     parts, owner = shapely.get_parts(result[mixed], return_index=True)
-    parts, inner = shapely.get_parts(parts, return_index=True)  # of collections in collections
+    parts, inner = shapely.get_parts(parts, return_index=True)  # collections may be nested
     flat = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     owner, number = np.unique(owner[inner][flat], return_inverse=True)
     result[mixed] = shapely.Polygon()
@@ -371,7 +345,7 @@ def polygonal(shapes: Any) -> Shapes:
 
 
 def _overlay(
-    operation: Callable[..., Any], one: Shapes, other: Shapes, grid: float | None
+    operation: Callable[..., BaseGeometry], one: Shapes, other: Shapes, grid: float | None
 ) -> Shapes:
     try:
         return polygonal(operation(one, other, grid_size=grid))
@@ -380,8 +354,12 @@ def _overlay(
         return polygonal([_alone(partial(operation, *pair), pair, grid) for pair in pairs])
 
 
-def _alone(compute: Callable[..., Any], shapes: Any, first: float | None = None) -> Any:
-    """Return the result of one operation on the first grid on which GEOS does not fail."""
+def _alone(
+    compute: Callable[..., BaseGeometry],
+    shapes: BaseGeometry | Sequence[BaseGeometry],
+    first: float | None = None,
+) -> BaseGeometry:
+    """Return the result of an operation on the first grid on which GEOS does not fail."""
     extent = float(np.ptp(shapely.get_coordinates(shapes), axis=0).max(initial=0.0))
     *grids, last = first, *(size * extent for size in _GRIDS)
     for grid in grids:

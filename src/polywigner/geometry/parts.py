@@ -1,7 +1,7 @@
-"""From clean rings to a valid set of parts: simple, apart from each other, merged where they touch.
+"""Valid sets of polygons from rings: simple, separate, and merged where they touch.
 
-Exact predicates (GEOS) decide on validity. Where coordinates differ by rounding only (tiles that
-were rotated), places are welded, by at most 64 ulp, and tried again.
+Exact predicates of GEOS decide on validity. Vertices that differ by rounding only, such as corners
+of rotated tiles, are welded within 64 ulp before parts are merged.
 """
 
 from __future__ import annotations
@@ -30,22 +30,21 @@ from polywigner.geometry.rings import (
     rounding_tolerance,
     shoelace,
     spans_area,
-    without_slight_bends,
 )
 
-# 256 ulp of a coordinate as large as the size: above the few ulp by which computed vertices are
-# off, and a factor 20 below the 1e-12 to which areas and transforms are promised.
+# 256 ulp of the extent: above the rounding of computed vertices, and a factor of 20 below 1e-12,
+# the stated accuracy of areas and transforms.
 _GRID = 2.0**-44
 
 
 def grid_size(points: Ring) -> float:
-    """A power of two near 2^-44 of the extent (or of the distance from the origin, if larger)."""
+    """Return a power of two near 2^-44 of the extent, or of the largest coordinate if larger."""
     scale = max(extent(points), float(np.abs(points).max()))
     return float(_GRID * 2.0 ** np.ceil(np.log2(scale)))
 
 
 def polygons_in(geometry: BaseGeometry) -> list[shapely.Polygon]:
-    """The polygons of any geometry; points and lines, which have no area, are left out."""
+    """Return the polygons of any geometry, without its points and lines."""
     if geometry.geom_type == "Polygon":
         return [] if geometry.is_empty else [geometry]
     return [p for part in getattr(geometry, "geoms", ()) for p in polygons_in(part)]
@@ -68,17 +67,12 @@ def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeome
 
 
 def straightened(geometry: BaseGeometry, reach: float) -> BaseGeometry:
-    """Drop vertices within `reach` of the line between the kept ones, if that stays valid."""
-    parts = [
-        [without_slight_bends(ring, reach) for ring in rings_of_polygon(polygon)]
-        for polygon in polygons_in(geometry)
-    ]
-    left = sum(len(ring) + 1 for rings in parts for ring in rings)
-    if left >= shapely.get_num_coordinates(geometry):
-        return geometry
-    polygons = [shapely.Polygon(outer, holes) for outer, *holes in parts]
-    simple = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
-    return simple if shapely.is_valid(simple) else geometry
+    """Drop vertices within `reach` of the line between their neighbours, if that stays valid."""
+    # The rings begin at their lowest vertex, so that the result does not depend on the first one.
+    polygons = shapely.simplify(shapely.normalize(np.array(polygons_in(geometry), object)), reach)
+    simple = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons.tolist())
+    fewer = shapely.get_num_coordinates(simple) < shapely.get_num_coordinates(geometry)
+    return simple if fewer and shapely.is_valid(simple) else geometry
 
 
 def _is_hairline(region: BaseGeometry, width: float) -> bool:
@@ -86,13 +80,13 @@ def _is_hairline(region: BaseGeometry, width: float) -> bool:
 
 
 def _without_hairlines(polygon: shapely.Polygon, width: float) -> shapely.Polygon:
-    """Close holes that are cracks no wider than the grid."""
+    """Close holes that are cracks of at most this width."""
     holes = [hole for hole in polygon.interiors if not _is_hairline(shapely.Polygon(hole), width)]
     return shapely.Polygon(polygon.exterior, holes)
 
 
 def connected(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return labels (count,), equal for items that pairs (one, other) connect."""
+    """Return labels (count,), equal for items connected by pairs (one, other)."""
     labels = np.arange(count)
     while True:
         least = np.minimum(labels[one], labels[other])
@@ -105,9 +99,9 @@ def connected(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> NDA
 
 
 def _union(geometries: Sequence[BaseGeometry], grid: float) -> BaseGeometry:
-    """Return the union of groups of geometries whose boxes are apart.
+    """Return the union of geometries, computed for each group of overlapping boxes.
 
-    GEOS's union of many that lie apart takes ten times as long as those of the groups.
+    GEOS takes ten times as long to unite many separate geometries at once.
     """
     array = np.array(geometries, dtype=object)
     boxes = shapely.box(*(shapely.bounds(array) + grid * np.array([-1, -1, 1, 1])).T)
@@ -124,9 +118,9 @@ def _union(geometries: Sequence[BaseGeometry], grid: float) -> BaseGeometry:
 def union_on_grid(
     geometries: Sequence[BaseGeometry], originals: Ring | None = None
 ) -> BaseGeometry:
-    """Union of polygons with hairline gaps and overlaps closed.
+    """Return the union of polygons, with hairline gaps and overlaps closed.
 
-    The vertices `originals` (n, 2) are kept exactly; None means those of `geometries`.
+    Vertices near `originals` (n, 2) become equal to them; None: the vertices of `geometries`.
     """
     points = shapely.get_coordinates(list(geometries)) if originals is None else originals
     grid = grid_size(points)
@@ -136,25 +130,25 @@ def union_on_grid(
 def combined_on_grid(
     operation: Callable[..., BaseGeometry], one: BaseGeometry, other: BaseGeometry
 ) -> BaseGeometry:
-    """``shapely.intersection`` or ``shapely.difference`` of two, cleaned as unions are."""
+    """Apply a set operation of shapely, and clean the result like :func:`union_on_grid`."""
     points = shapely.get_coordinates([one, other])
     grid = grid_size(points)
-    found = operation(one, other, grid_size=grid)
-    if not any(not _is_hairline(polygon, grid) for polygon in polygons_in(found)):
+    result = operation(one, other, grid_size=grid)
+    if all(_is_hairline(polygon, grid) for polygon in polygons_in(result)):
         return shapely.MultiPolygon()
-    return _cleaned(found, points, grid)
+    return _cleaned(result, points, grid)
 
 
-def _cleaned(found: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
-    """Without cracks and slivers, with the vertices of ``points`` as they were."""
-    polygons = [_without_hairlines(polygon, grid) for polygon in polygons_in(found)]
+def _cleaned(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
+    """Remove cracks and slivers, and restore the vertices ``points``."""
+    polygons = [_without_hairlines(polygon, grid) for polygon in polygons_in(region)]
     wide = [polygon for polygon in polygons if not _is_hairline(polygon, grid)] or polygons
     joined = wide[0] if len(wide) == 1 else shapely.MultiPolygon(wide)
     return straightened(restored(joined, points, grid), grid)
 
 
 def _joined_vertices(points: Ring, reach: float) -> Ring:
-    """Replace each point by the first point of the set within reach (itself, mostly)."""
+    """Replace each point by the first point of the set within reach."""
     geometries = shapely.points(points)
     later, earlier = shapely.STRtree(geometries).query(
         geometries, predicate="dwithin", distance=reach
@@ -165,9 +159,7 @@ def _joined_vertices(points: Ring, reach: float) -> Ring:
 
 
 def _with_vertices_on_edges(ring: Ring, tree: shapely.STRtree, points: Ring, reach: float) -> Ring:
-    """Insert into each edge the points that lie within reach of it."""
-    if not len(ring):  # all of it was within reach of one point
-        return ring
+    """Insert into each edge of a ring the points within reach of the edge."""
     following = np.roll(ring, -1, axis=0)
     edges = shapely.linestrings(np.stack([ring, following], axis=1))
     edge, point = tree.query(edges, predicate="dwithin", distance=reach)
@@ -185,10 +177,10 @@ def _with_vertices_on_edges(ring: Ring, tree: shapely.STRtree, points: Ring, rea
 
 
 def weld(parts: Sequence[Part]) -> list[Part]:
-    """Parts with nearly equal vertices made equal, and vertices put into the edges they touch.
+    """Make nearly equal vertices equal, and insert vertices into the edges that they touch.
 
-    Nothing moves by more than 64 ulp of the largest coordinate; parts that touch along an edge then
-    share the very same chain of vertices.
+    Vertices move by at most 64 ulp of the largest coordinate. Parts that touch along an edge then
+    have the same vertices on it.
     """
     rings = [ring for part in parts for ring in part]
     reach = max(rounding_tolerance(ring) for ring in rings)
@@ -196,30 +188,27 @@ def weld(parts: Sequence[Part]) -> list[Part]:
     joined = np.split(_joined_vertices(np.concatenate(rings), reach), np.cumsum(sizes)[:-1])
     points = np.unique(np.concatenate(joined), axis=0)
     tree = shapely.STRtree(shapely.points(points))
-    kept = [ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)] for ring in joined]
-    welded = iter([_with_vertices_on_edges(ring, tree, points, reach) for ring in kept])
+    distinct = [ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)] for ring in joined]
+    welded = iter(
+        [_with_vertices_on_edges(r, tree, points, reach) if len(r) else r for r in distinct]
+    )
     return [tuple(next(welded) for _ in part) for part in parts]
 
 
-# In units of area/diameter: dropping vertices this near a line changes the area by about as small
-# a fraction of itself, however thin the part is. In a unit square it is 16 ulp.
+# Distance of vertices on a straight line, in units of area/diameter: the relative change of the
+# area is about the same, also for a thin part. For a unit square the distance is 16 ulp.
 _STRAIGHT = 2.0**-48
 
-# A block of parts that overlap all others is then intersected in about a second.
+# A block of parts that overlap all other parts is intersected in about a second.
 _VERTICES_AT_ONCE = 200_000
 
 _MERGE = "merge them with shapely.union_all, or give a hole as shapely.Polygon(outer, [hole])"
 
-_PLACE = re.compile(r"\[(\S+) (\S+)\]")
-
-
-def _place(reason: str) -> str:
-    found = _PLACE.search(reason)
-    return f" at ({found[1]}, {found[2]})" if found else ""
+_COORDINATES = re.compile(r"\[(\S+) (\S+)\]")  # in the reasons of GEOS
 
 
 def part_of_ring(vertices: object, name: str = "the ring") -> Part:
-    """A simple ring as a part without holes; a self-crossing one raises with the place."""
+    """Convert a simple ring to a part without holes; GeometryError for other rings."""
     ring = clean_ring(vertices, name)
     spans = spans_area(ring)
     if not spans and not hull_spans_area(ring):
@@ -227,8 +216,10 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
     reason = shapely.is_valid_reason(shapely.Polygon(ring))
     if reason != "Valid Geometry":
         what = "touches itself" if reason.startswith("Ring") else "crosses itself"
+        point = _COORDINATES.search(reason)
+        where = f" at ({point[1]}, {point[2]})" if point else ""
         raise GeometryError(
-            f"expected a simple outline, got {name} that {what}{_place(reason)}; "
+            f"expected a simple outline, got {name} that {what}{where}; "
             'split it with Aperture.from_ring(ring, winding="nonzero") or winding="evenodd"'
         )
     if not spans:
@@ -237,7 +228,7 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
 
 
 def _straightened(part: Part) -> Part:
-    """Drop vertices on straight lines up to rounding, until none is left on one."""
+    """Drop vertices on straight lines, up to rounding, until none is left."""
     while True:
         polygon = polygon_of_part(part)
         simple = straightened(polygon, _STRAIGHT * polygon.area / extent(part[0]))
@@ -251,7 +242,7 @@ def part_of_rings(
     name: str = "the polygon",
     remedy: str = "repair it with shapely.make_valid or shapely.difference",
 ) -> Part:
-    """An exterior and its holes as a part; raises where one crosses itself or another."""
+    """Convert an exterior and its holes to a part; GeometryError if rings cross."""
     outer, *holes = (
         part_of_ring(ring, f"hole {number} of {name}" if number else f"the exterior of {name}")[0]
         for number, ring in enumerate(rings)
@@ -271,11 +262,11 @@ def part_of_rings(
 def _check_overlaps(
     parts: Sequence[Part], polygons: Sequence[shapely.Polygon], remedy: str
 ) -> bool:
-    """Raise where two parts overlap by more than rounding; tell whether any two touch.
+    """Return whether any two parts touch; GeometryError if two overlap by more than rounding.
 
-    In blocks: a thousand parts upon each other make a million pairs.
+    Pairs are formed in blocks: a thousand parts on top of each other make a million pairs.
     """
-    # Parts a rounding error apart are meant to touch, too.
+    # Parts within a rounding error of each other count as touching.
     shift = max(rounding_tolerance(part[0]) for part in parts)
     array = np.array(polygons, dtype=object)
     tree = shapely.STRtree(array)
@@ -300,10 +291,10 @@ def check_pairs(
     things: str,
     remedy: str,
 ) -> None:
-    """Raise GeometryError where pairs of polygons overlap by more than a rounding error `shift`."""
+    """Raise GeometryError if pairs of polygons overlap by more than a rounding error `shift`."""
     common = shapely.intersection(array[first], array[second])
-    # An edge displaced by the rounding tolerance sweeps that tolerance times its length. Half of a
-    # sliver is an overlap, however thin it is.
+    # An edge displaced by the rounding tolerance sweeps this tolerance times its length. Half the
+    # area of a sliver is an overlap, also if the sliver is thin.
     allowed = shift * np.minimum(shapely.length(array[first]), shapely.length(array[second]))
     smaller = np.minimum(shapely.area(array[first]), shapely.area(array[second]))
     excess = shapely.area(common) - np.minimum(allowed, smaller / 2)
@@ -320,9 +311,9 @@ def check_pairs(
 
 
 def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
-    """The union of touching parts if it is exact: same area, and no vertex that is new."""
+    """Return the union of touching parts if it has the same area and no new vertex, else None."""
     if any(len(ring) < 3 for part in parts for ring in part):
-        return None  # a sliver that welding has closed
+        return None  # welding has closed a sliver
     try:
         merged = shapely.union_all([polygon_of_part(part) for part in parts])
     except shapely.errors.GEOSException:
@@ -337,22 +328,22 @@ def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
 
 
 def merge_parts(parts: Sequence[Part], remedy: str = _MERGE) -> list[Part]:
-    """Parts whose union has no inner edges; touching ones are joined, overlapping ones raise."""
+    """Join parts that touch, so that no inner edges are left; GeometryError if parts overlap."""
     polygons = [polygon_of_part(part) for part in parts]
     if len(parts) == 1 or not _check_overlaps(parts, polygons, remedy):
         return list(parts)
     merged = _clean_union(weld(parts)) or _clean_union(parts)
     if merged is not None:
-        # Corners of tiles along a side of the whole are on one line up to rounding: drop them.
-        whole = shapely.MultiPolygon([polygon_of_part(part) for part in merged])
+        # Corners of tiles along a side of the union are on one line up to rounding.
+        union = shapely.MultiPolygon([polygon_of_part(part) for part in merged])
         reach = max(rounding_tolerance(part[0]) for part in merged)
-        return [part_of_polygon(polygon) for polygon in polygons_in(straightened(whole, reach))]
-    # Rare: the parts' edges run along each other at rounding distance without sharing vertices.
+        return [part_of_polygon(polygon) for polygon in polygons_in(straightened(union, reach))]
+    # Rare: edges run along each other at rounding distance without common vertices.
     return _joined_on_grid(polygons)
 
 
 def union_parts(parts: Sequence[Part]) -> list[Part]:
-    """Parts of the union of parts that may overlap; as :func:`merge_parts` where none does."""
+    """Return the union of parts that may overlap, like :func:`merge_parts` if none does."""
     try:
         return merge_parts(parts)
     except GeometryError:
@@ -363,17 +354,16 @@ def _joined_on_grid(polygons: Sequence[shapely.Polygon]) -> list[Part]:
     return [part_of_polygon(polygon) for polygon in polygons_in(union_on_grid(polygons))]
 
 
-# Bounds the memory of one step.
+# Pairs of a point and an edge per step, which bounds the memory.
 _PAIRS_AT_ONCE = 1_000_000
 
 _RULES = ("nonzero", "evenodd")
 
 
 def _turns(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
-    """Winding numbers (m,) of closed rings given by their edges, start and end (n, 2).
+    """Return the winding numbers (m,) of closed rings with the edges start, end (n, 2).
 
-    Counts signed crossings of the ray towards +x; points on a ring get the value of one of its
-    sides.
+    Counts signed crossings of the ray towards +x. Points on a ring get the number of one side.
     """
     tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
     farthest = np.column_stack([np.full(len(points), start[:, 0].max()), points[:, 1]])
@@ -381,54 +371,53 @@ def _turns(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
     numbers = np.zeros(len(points), dtype=np.int64)
     step = max(1, _PAIRS_AT_ONCE // len(start))
     for first in range(0, len(points), step):
-        # Edges elsewhere do not meet the ray: not even their boxes do.
-        place, edge = tree.query(rays[first : first + step])
-        place += first
-        a, b, point = start[edge], end[edge], points[place]
+        of_point, edge = tree.query(rays[first : first + step])
+        of_point += first
+        a, b, point = start[edge], end[edge], points[of_point]
         side = orientations(a, b, point)
         upward = (a[:, 1] <= point[:, 1]) & (b[:, 1] > point[:, 1]) & (side > 0)
         downward = (a[:, 1] > point[:, 1]) & (b[:, 1] <= point[:, 1]) & (side < 0)
-        np.add.at(numbers, place, upward.astype(np.int64) - downward)
+        np.add.at(numbers, of_point, upward.astype(np.int64) - downward)
     return numbers
 
 
 def split_ring(vertices: Any, winding: str) -> list[Part]:
-    """The parts of the region where the ring's winding number is not zero, or is odd."""
+    """Return the parts of the region in which the winding number of a ring is not zero, or odd."""
     if not isinstance(winding, str) or winding not in _RULES:
         raise ArgumentError(f"expected winding to be one of {_RULES}, got {winding!r}")
     ring = clean_ring(vertices, "the ring")
     if shapely.is_valid(shapely.Polygon(ring)):
         return [part_of_ring(ring)]
-    kept = enclosed([ring], winding)
-    if not kept:
+    polygons = enclosed([ring], winding)
+    if not polygons:
         raise GeometryError(
             f"expected a ring that encloses an area, got none by the {winding!r} rule"
         )
-    return [part_of_polygon(polygon) for polygon in kept]
+    return [part_of_polygon(polygon) for polygon in polygons]
 
 
 def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
-    """The region that the rings (n, 2), which may cross, together run around by a winding rule.
+    """Return the region that rings (n, 2), which may cross, enclose by a winding rule.
 
-    Polygons that are apart or touch in points; none where no area is enclosed.
+    The polygons are separate or touch in points. The list is empty if no area is enclosed.
     """
-    # Faces of the arrangement of the rings' edges, noded on a grid: passes that differ by rounding
-    # only, as in a curve run through twice, then leave no hairline faces between them.
+    # The faces of the arrangement of all edges, noded on a grid: a curve that is traversed twice,
+    # with different rounding, leaves no hairline faces.
     points = np.concatenate(rings)
     following = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
-    # One line per ring: GEOS takes many times longer over as many lines as there are edges.
+    # One line per ring: GEOS takes many times as long for one line per edge.
     lines = [shapely.LineString(np.concatenate([ring, ring[:1]])) for ring in rings]
     noded = shapely.union_all(lines, grid_size=grid_size(points))
     faces = polygons_in(shapely.polygonize([noded]))
     inside = shapely.get_coordinates(shapely.point_on_surface(faces)).reshape(-1, 2)
     numbers = _turns(points, following, inside)
     chosen = numbers != 0 if winding == "nonzero" else numbers % 2 == 1
-    kept = [face for face, keep in zip(faces, chosen, strict=True) if keep]
-    return polygons_in(union_on_grid(kept, points)) if kept else []
+    inner = [face for face, is_inner in zip(faces, chosen, strict=True) if is_inner]
+    return polygons_in(union_on_grid(inner, points)) if inner else []
 
 
 def _is_ring(vertices: Any) -> bool:
-    """Whether this is one ring of (x, y) pairs rather than a sequence of rings."""
+    """Return whether vertices are one ring of (x, y) pairs, not a sequence of rings."""
     if isinstance(vertices, np.ndarray) and vertices.dtype != object:
         return vertices.ndim <= 2
     if not len(vertices) or isinstance(vertices[0], shapely.Polygon):
@@ -436,20 +425,17 @@ def _is_ring(vertices: Any) -> bool:
     return np.ndim(np.asarray(vertices[0], dtype=object)) < 2
 
 
-def _part_of_polygon(polygon: shapely.Polygon, name: str) -> Part:
-    return part_of_rings(rings_of_polygon(polygon, name), name)
-
-
 def parts_from(vertices: Any) -> list[Part]:
-    """The parts of one ring (n, 2), of a list of rings, or of shapely polygons."""
+    """Convert one ring (n, 2), a list of rings, or shapely polygons to parts."""
     if isinstance(vertices, (shapely.Polygon, shapely.MultiPolygon)):
         polygons = polygons_in(vertices)
         if not polygons:
             raise GeometryError("expected a polygon with vertices, got an empty one")
-        single = len(polygons) == 1
+        names = [
+            f"polygon {n}" if len(polygons) > 1 else "the polygon" for n in range(len(polygons))
+        ]
         return [
-            _part_of_polygon(p, "the polygon" if single else f"polygon {n}")
-            for n, p in enumerate(polygons)
+            part_of_rings(rings_of_polygon(p, n), n) for p, n in zip(polygons, names, strict=True)
         ]
     if not isinstance(vertices, (np.ndarray, Sequence)) or isinstance(vertices, (str, bytes)):
         raise GeometryError(
@@ -459,7 +445,7 @@ def parts_from(vertices: Any) -> list[Part]:
     if _is_ring(vertices):
         return [part_of_ring(vertices)]
     return [
-        _part_of_polygon(ring, f"part {n}")
+        part_of_rings(rings_of_polygon(ring, f"part {n}"), f"part {n}")
         if isinstance(ring, shapely.Polygon)
         else part_of_ring(ring, f"ring {n}")
         for n, ring in enumerate(vertices)

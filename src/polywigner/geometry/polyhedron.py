@@ -20,11 +20,11 @@ from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.parts import connected, polygons_in
 from polywigner.geometry.rings import rings_of_polygon, whole_numbers
 
-# How far a vertex of a face may lie off the face's plane, as a fraction of the body's diameter:
-# coordinates printed with ten digits pass; the volume differs by less than 1e-9 of diameter^3.
+# Largest distance of a vertex from the plane of its face, as a fraction of the body's diameter.
+# Coordinates printed with ten digits pass; the volume changes by less than 1e-9 of diameter^3.
 _PLANAR = 1e-9
 
-# Rounding of radii and distances, sums of a few terms; rows of distances at a time: 80 MB at
+# Rounding of radii and distances, sums of a few terms. Rows of distances per step: 80 MB for
 # 10,000 ends.
 _ROUNDING = 1e-14
 _ROWS = 1024
@@ -38,12 +38,12 @@ _ON_SURFACE = 1e-9
 # Vertices of a surface that are tested for being inside another surface.
 _SAMPLES = 16
 
-# Pairs of a point and a triangle at a time: some 50 MB.
+# Pairs of a point and a triangle per step: some 50 MB.
 _PAIRS = 1 << 18
-# Stands for lengths and areas of zero in a denominator.
+# Replaces lengths and areas of zero in denominators.
 _TINY = 1e-300
 
-# Faces that a notebook draws.
+# Most faces that a notebook draws.
 _MOST_DRAWN = 2000
 
 Vertices = NDArray[np.float64]
@@ -57,13 +57,16 @@ class Polyhedron:
     Parameters
     ----------
     vertices : (n, 3) in metres (any one consistent unit works).
-    faces : one list of vertex numbers per face, three or more, counter-clockwise seen from outside;
-        convex or not. Several closed surfaces may share one list: separate bodies, which may touch,
-        and cavities. A surface inside another one is the wall of a cavity, and a surface inside a
-        cavity is a body. A surface whose faces all run the wrong way round is reversed.
+    faces : three or more vertex numbers for each face, counter-clockwise from outside; convex or
+        not. The list may contain several closed surfaces: separate bodies, which may touch, and
+        cavities. A surface inside another surface is the wall of a cavity, and a surface inside a
+        cavity is a body. A surface with inverted orientation is reversed.
 
-    Raises GeometryError for values that are not finite numbers, faces that are not planar or cross
-    themselves, a surface that is not closed or not consistently oriented, and zero volume.
+    Raises
+    ------
+    GeometryError
+        A coordinate is not finite, a face is not planar or crosses itself, a surface is not closed
+        or not consistently oriented, or the volume is zero.
 
     >>> import polywigner as pw
     >>> corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
@@ -75,6 +78,7 @@ class Polyhedron:
     vertices: Vertices
     """(n, 3) float64, read-only."""
     faces: tuple[tuple[int, ...], ...]
+    """Vertex numbers of each face, counter-clockwise from outside."""
 
     def __init__(self, vertices: ArrayLike, faces: Iterable[Iterable[SupportsIndex]]) -> None:
         expected = "expected vertices as an (n, 3) array of numbers"
@@ -91,7 +95,7 @@ class Polyhedron:
 
     @cached_property
     def volume(self) -> float:
-        """Volume, rounded once from its exact value."""
+        """Volume, the exact value rounded once."""
         return float(_six_volumes(self.vertices, [self.faces])[0] / 6)
 
     @cached_property
@@ -106,7 +110,7 @@ class Polyhedron:
 
     @cached_property
     def triangles(self) -> NDArray[np.intp]:
-        """(m, 3) vertex numbers of triangles that cover each face once, oriented as the faces."""
+        """Vertex numbers (m, 3) of triangles that cover each face once, with its orientation."""
         result = triangulate_faces(self.vertices, self.faces)
         result.setflags(write=False)
         return result
@@ -127,10 +131,10 @@ class Polyhedron:
         return _restored, (self.vertices, self.faces)
 
     def _repr_html_(self) -> str:
-        # seen along (1, 1, 1), z upwards
+        # isometric view along (1, 1, 1), z upwards
         x, y, z = (self.vertices - self.vertices.mean(axis=0)).T
-        seen = np.stack([(y - x) / 2**0.5, (2 * z - x - y) / 6**0.5], axis=-1)
-        lines = [seen[[*face, face[0]]] for face in self.faces[:_MOST_DRAWN]]
+        view = np.stack([(y - x) / 2**0.5, (2 * z - x - y) / 6**0.5], axis=-1)
+        lines = [view[[*face, face[0]]] for face in self.faces[:_MOST_DRAWN]]
         rows = [
             ("size", length_text(*np.ptp(self.vertices, axis=0).tolist())),
             ("volume", f"{self.volume:.6g} m³"),
@@ -147,7 +151,7 @@ class Polyhedron:
 
 
 def _restored(vertices: Vertices, faces: tuple[tuple[int, ...], ...]) -> Polyhedron:
-    """A body that was checked before it was copied."""
+    """Return a body that needs no checks."""
     body = object.__new__(Polyhedron)
     vertices.setflags(write=False)
     object.__setattr__(body, "vertices", vertices)
@@ -156,7 +160,7 @@ def _restored(vertices: Vertices, faces: tuple[tuple[int, ...], ...]) -> Polyhed
 
 
 def _largest_distance(points: Vertices) -> float:
-    """By all pairs of the points that may be an end of it, some at a time."""
+    """Return the largest distance of two points (n, 3)."""
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     offsets = points - centre
     radii = np.linalg.norm(offsets, axis=1)
@@ -165,20 +169,19 @@ def _largest_distance(points: Vertices) -> float:
     # An end at radius r is at most r + max(radii) away from the other.
     ends = offsets[radii >= (1 - _ROUNDING) * (least - radii.max())]
     squares = (ends**2).sum(axis=1)
-    best, pair = -np.inf, (0, 0)
     for k in range(0, len(ends), _ROWS):
         apart = squares[k : k + _ROWS, None] + squares - 2 * ends[k : k + _ROWS] @ ends.T
-        row, column = np.unravel_index(int(apart.argmax()), apart.shape)
-        if apart[row, column] > best:
-            best, pair = apart[row, column], (k + int(row), int(column))
-    return max(least, float(np.linalg.norm(ends[pair[0]] - ends[pair[1]])))
+        least = max(least, float(np.sqrt(apart.max())))
+    return least
 
 
 def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
     try:
         numbers = tuple(tuple(operator.index(k) for k in face) for face in faces)
     except (TypeError, ValueError, OverflowError):
-        raise GeometryError("expected faces as lists of vertex numbers, which are whole") from None
+        raise GeometryError(
+            "expected faces as lists of vertex numbers, which are whole numbers"
+        ) from None
     for n, face in enumerate(numbers):
         if len(face) < 3 or len(set(face)) != len(face):
             raise GeometryError(
@@ -193,7 +196,7 @@ def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
 
 
 def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
-    """Every directed edge must occur as often as its reverse: twice where bodies touch along it."""
+    """Raise GeometryError unless each directed edge occurs as often as its reverse."""
     starts = [face.index(min(face)) for face in faces]
     turned = Counter(f[k:] + f[:k] for f, k in zip(faces, starts, strict=True))
     repeated, times = next(iter(turned.most_common(1)), ((), 0))
@@ -231,7 +234,7 @@ def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
 def _oriented(
     points: Vertices, faces: tuple[tuple[int, ...], ...]
 ) -> tuple[tuple[tuple[int, ...], ...], Fraction]:
-    """Faces that are counter-clockwise seen from outside the solid, and six times its volume."""
+    """Return the faces, counter-clockwise from outside the solid, and six times its volume."""
     surfaces = closed_surfaces(faces)
     members = [[faces[k] for k in surface] for surface in surfaces]
     volumes = _six_volumes(points, members)
@@ -250,13 +253,13 @@ def _oriented(
         if sign < 0 and len(outermost) and volume * volumes[outermost[0]] > 0:
             warn_caller(
                 f"the surface with face {surface[0]} lies inside another surface and faces the "
-                "same way: it is read as a cavity; leave it out if it is a body in the body"
+                "same way: it is read as a cavity; remove it if it is a body inside the body"
             )
     return tuple(oriented), total
 
 
 def _six_volumes(points: Vertices, surfaces: Sequence[Sequence[tuple[int, ...]]]) -> list[Fraction]:
-    """Six times the volume that each closed surface encloses, exactly."""
+    """Return six times the exact volume inside each closed surface."""
     whole, exponent = whole_numbers(points)
     exact = (whole - whole[0]).tolist()
     volumes = []
@@ -274,7 +277,7 @@ def _six_volumes(points: Vertices, surfaces: Sequence[Sequence[tuple[int, ...]]]
 
 
 def normals_of(corners: Vertices) -> Vertices:
-    """Return the normals (k, 3) of faces (k, n, 3), as long as twice the face's area."""
+    """Return the normals (k, 3) of faces (k, n, 3), with twice the area as length."""
     relative = corners - corners[:, :1]
     return np.cross(relative[:, :-1], relative[:, 1:]).sum(axis=1)
 
@@ -295,7 +298,7 @@ def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
     for numbers, indices in _by_size(faces):
         corners = points[indices]
         if corners.shape[1] == 3:
-            continue  # three points always lie in a plane
+            continue  # triangles are planar
         normals = _unit(normals_of(corners))
         relative = corners - corners.mean(axis=1, keepdims=True)
         heights[numbers] = np.abs(np.einsum("kni,ki->kn", relative, normals)).max(axis=1)
@@ -305,8 +308,8 @@ def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
 def triangulate_faces(points: Vertices, faces: Sequence[Sequence[int]]) -> Indices:
     """Return triangles that cover each face once, whether the face is convex or not.
 
-    Convex faces become fans. Other faces are projected onto their plane and become constrained
-    Delaunay triangles. An edge that a face runs along in both directions may lead to a hole.
+    Convex faces become fans. Other faces become constrained Delaunay triangles in their plane. A
+    face may contain an edge in both directions, as a bridge to a hole.
 
     Parameters
     ----------
@@ -340,7 +343,7 @@ def triangulate_faces(points: Vertices, faces: Sequence[Sequence[int]]) -> Indic
 
 
 def _by_size(faces: Sequence[Sequence[int]]) -> list[tuple[Indices, Indices]]:
-    """Numbers (k,) and vertex numbers (k, n) of the faces of each size n."""
+    """Return face numbers (k,) and vertex numbers (k, n) for each size n of faces."""
     sizes = np.array([len(face) for face in faces])
     groups = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
     return [
@@ -364,7 +367,7 @@ def _are_convex(corners: Vertices) -> NDArray[np.bool_]:
 
 
 def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
-    """Constrained Delaunay triangles (m, 3) of one face."""
+    """Return constrained Delaunay triangles (m, 3) of one face."""
     corners = points[face]
     normal = _unit(normals_of(corners[None]))[0]
     x = _unit(np.cross(normal, np.eye(3)[np.abs(normal).argmin()]))
@@ -372,15 +375,15 @@ def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
     vertex = {corner.tobytes(): int(k) for corner, k in zip(flat, face, strict=True)}
     outline = shapely.Polygon(flat)
     area = float(normals_of(corners[None])[0] @ normal) / 2
-    # An edge to a hole, run along in both directions, is left out of the valid polygon.
+    # make_valid removes a bridge to a hole, an edge in both directions.
     valid = outline if outline.is_valid else shapely.make_valid(outline)
-    found = [np.empty((0, 2))]
+    pieces = [np.empty((0, 2))]
     for part in polygons_in(shapely.orient_polygons(valid)):
         vertices, triangles = triangulate_part(tuple(rings_of_polygon(part)))
-        found.append(vertices[triangles.ravel()])
-    numbers = [vertex.get(corner.tobytes(), -1) for corner in np.concatenate(found)]
-    is_whole = abs(valid.area - area) <= _LOST * area
-    if not (area > 0 and is_whole and min(numbers, default=-1) >= 0):
+        pieces.append(vertices[triangles.ravel()])
+    numbers = [vertex.get(corner.tobytes(), -1) for corner in np.concatenate(pieces)]
+    is_complete = abs(valid.area - area) <= _LOST * area
+    if not (area > 0 and is_complete and min(numbers, default=-1) >= 0):
         raise GeometryError(
             f"expected faces that do not cross themselves, got face {number} with vertices "
             f"{face[:8].tolist()}; split it into triangles"
@@ -389,10 +392,10 @@ def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
 
 
 def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
-    """Return the face numbers of each closed surface among faces that are closed together.
+    """Split the faces of a closed mesh into closed surfaces, as lists of face numbers.
 
-    Surfaces that touch in vertices or along edges are separate. Surfaces that share a face, as two
-    boxes side by side do, count as one.
+    Surfaces that touch in vertices or along edges are separate. Surfaces with a common face, such
+    as two boxes side by side, count as one.
     """
     if not len(faces):
         return []
@@ -408,7 +411,7 @@ def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
     pairs = starts[times == 2]  # two faces meet at the edge, and no other
     labels = connected(len(faces), owner[order[pairs]], owner[order[pairs + 1]])
     if (times != 2).any():
-        # A surface is closed if each of its edges runs as often forwards as backwards.
+        # A surface is closed if each edge occurs equally often in both directions.
         _, numbers = np.unique(np.stack([keys, labels[owner]]), axis=1, return_inverse=True)
         balance = np.bincount(numbers.ravel(), np.where(begin < end, 1, -1))
         is_open = np.zeros(len(faces), dtype=bool)
@@ -418,7 +421,7 @@ def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
 
 
 def nesting_of(surfaces: Sequence[Vertices]) -> NDArray[np.bool_]:
-    """Return which closed surfaces lie around which others.
+    """Return which closed surfaces enclose which other surfaces.
 
     Parameters
     ----------
@@ -426,7 +429,7 @@ def nesting_of(surfaces: Sequence[Vertices]) -> NDArray[np.bool_]:
 
     Returns
     -------
-    around : (n, n) whether the first surface lies around the second one.
+    around : (n, n) whether the first surface encloses the second one.
     """
     low = np.array([triangles.min(axis=(0, 1)) for triangles in surfaces])
     high = np.array([triangles.max(axis=(0, 1)) for triangles in surfaces])
@@ -439,7 +442,7 @@ def nesting_of(surfaces: Sequence[Vertices]) -> NDArray[np.bool_]:
 
 
 def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
-    """Whether all centroids of one surface's triangles that are not on the other lie inside it."""
+    """Return whether a surface lies inside another one, by centroids of its triangles."""
     centroids = inner[:: max(1, len(inner) // _SAMPLES)].mean(axis=1)
     size = float(np.ptp(outer.reshape(-1, 3), axis=0).max())
     centroids = centroids[distances_from(outer, centroids) > _ON_SURFACE * size]
@@ -466,8 +469,8 @@ def point_distances(points: Vertices, corners: Vertices) -> Vertices:
     for k in range(3):
         side = corners[..., (k + 1) % 3, :] - corners[..., k, :]
         ahead = points - corners[..., k, :]
-        share = dot_products(ahead, side) / np.maximum(dot_products(side, side), _TINY)
-        off = ahead - np.clip(share, 0.0, 1.0)[..., None] * side
+        fraction = dot_products(ahead, side) / np.maximum(dot_products(side, side), _TINY)
+        off = ahead - np.clip(fraction, 0.0, 1.0)[..., None] * side
         best = np.minimum(best, np.linalg.norm(off, axis=-1))
         above = above & (dot_products(ahead, np.cross(normal, side)) >= 0.0)
     area = np.linalg.norm(normal, axis=-1)
@@ -490,7 +493,7 @@ def windings_about(points: Vertices, corners: Vertices) -> Vertices:
 
     Returns
     -------
-    turns : (n,) whole numbers up to rounding; about 1/2 for points on a face.
+    turns : (n,) integers up to rounding; about 1/2 for points on a face.
 
     References
     ----------

@@ -1,9 +1,9 @@
 """Catalogue of apertures, in the plane and on a line.
 
-Lengths are in metres (any one consistent unit works); the centre of the bounds is the origin where
-nothing else is said. ``slit``, ``slit_pair`` and ``grating`` make :class:`polywigner.Slits`, all
-others a :class:`polywigner.Aperture`. All raise ArgumentError for lengths that are not finite and
-above zero, and for sizes that do not fit together.
+Lengths are in metres (any one consistent unit works). The centre of the bounds is the origin
+unless stated otherwise. ``slit``, ``slit_pair`` and ``grating`` return :class:`polywigner.Slits`,
+the other functions a :class:`polywigner.Aperture`. All raise ArgumentError for lengths that are
+not finite and above zero, and for inconsistent sizes.
 """
 
 from __future__ import annotations
@@ -99,8 +99,9 @@ def regular_polygon(n: int, radius: float) -> Aperture:
 def disc(radius: float, n: int = 64) -> Aperture:
     """Regular n-gon around the origin with the area of a disc of the given radius.
 
-    Its vertices lie outside of that, by a factor of 1 + pi^2/(3 n^2): 1.0008 for 64. Tell
-    :func:`polywigner.otf` the disc's ``pupil_radius``, which by default is that of the vertices.
+    The vertices lie outside the disc by a factor of 1 + pi^2/(3 n^2), 1.0008 for 64. Pass the
+    radius of the disc as ``pupil_radius`` to :func:`polywigner.otf`, whose default is the radius of
+    the vertices.
     """
     sides = _count(n, "n", 3)
     return Aperture(_circle(_length(radius, "radius") * _equal_area_factor(sides), sides))
@@ -190,7 +191,7 @@ def bow_tie(width: float, height: float, gap: float = 0.0) -> Aperture:
 def double_slit(widths: ArrayLike, height: float, offsets: ArrayLike) -> Aperture:
     """Two slits along y, of the widths (w1, w2), centred at x = offsets (x1, x2) and y = 0.
 
-    One number for `widths` means two equal slits. The slits stay where `offsets` puts them.
+    One number for `widths` means two equal slits. The slits are not centred.
     """
     y = _length(height, "height")
     return Aperture([_box(x, 0.0, width, y) for x, width in _two_slits(widths, offsets)])
@@ -200,8 +201,8 @@ def _two_slits(widths: ArrayLike, offsets: ArrayLike) -> list[tuple[float, float
     """(centre, width) of two slits; one number for `widths` means two equal ones."""
     single = np.isscalar(widths) or getattr(widths, "ndim", None) == 0
     pair = _pair((widths, widths) if single else widths, "widths")
-    places = _pair(offsets, "offsets")
-    return [(float(x), _length(float(w), "widths")) for x, w in zip(places, pair, strict=True)]
+    centres = _pair(offsets, "offsets")
+    return [(float(x), _length(float(w), "widths")) for x, w in zip(centres, pair, strict=True)]
 
 
 def slit(width: float, offset: float = 0.0) -> Slits:
@@ -214,7 +215,7 @@ def slit(width: float, offset: float = 0.0) -> Slits:
 def slit_pair(widths: ArrayLike, offsets: ArrayLike) -> Slits:
     """One-dimensional double slit of the widths (w1, w2), centred at x = offsets (x1, x2).
 
-    One number for `widths` means two equal slits. The slits stay where `offsets` puts them. Slits
+    One number for `widths` means two equal slits. The slits are not centred. Slits
     that overlap raise GeometryError.
     """
     return Slits([(x - width / 2, x + width / 2) for x, width in _two_slits(widths, offsets)])
@@ -253,15 +254,15 @@ def hexagonal_segments(
     stay apart in `.segments`.
     """
     flat, space = _length(flat_to_flat, "flat_to_flat"), _length(gap, "gap", zero=True)
-    whole = checked_flag(centre, "centre")
-    cells = _hexagon_centres(_count(rings, "rings", 0 if whole else 1), whole)
+    has_centre = checked_flag(centre, "centre")
+    cells = _hexagon_centres(_count(rings, "rings", 0 if has_centre else 1), has_centre)
     corners = np.array([(2, 0), (1, 1), (-1, 1), (-2, 0), (-1, -1), (1, -1)], dtype=np.float64)
-    # Half a side along x and half a flat-to-flat along y: all corners are multiples of these.
+    # All corners are multiples of half a side along x and half a flat-to-flat along y.
     unit = np.array([flat / math.sqrt(12.0), flat / 2])
     extra = np.array([space / math.sqrt(12.0), space / 2])
-    places = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)
-    with np.errstate(over="ignore"):  # an Aperture says so
-        return Aperture._of_segments([(corners + place) * unit + place * extra for place in places])
+    centres = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)
+    with np.errstate(over="ignore"):  # an Aperture raises the error
+        return Aperture._of_segments([(corners + at) * unit + at * extra for at in centres])
 
 
 def patch_row(count: int, width: float, length: float, pitch: float) -> Aperture:
@@ -273,10 +274,10 @@ def patch_row(count: int, width: float, length: float, pitch: float) -> Aperture
 
 
 def interferometer(positions: ArrayLike, radius: float, n: int = 32) -> Aperture:
-    """Equal discs (n-gons of equal area) at the positions (m, 2), where they stay."""
-    places = finite_array(positions, "expected positions as an (m, 2) array", (None, 2))
+    """Equal discs (n-gons of equal area) at the positions (m, 2), not centred."""
+    shifts = finite_array(positions, "expected positions as an (m, 2) array", (None, 2))
     circle = disc(radius, n).rings[0]
-    return Aperture([circle + place for place in places])
+    return Aperture([circle + shift for shift in shifts])
 
 
 def __dir__() -> list[str]:

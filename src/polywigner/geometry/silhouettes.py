@@ -1,8 +1,8 @@
-"""Silhouettes of opaque bodies and plates, seen from a point: the edges of the shadow they cast.
+"""Opaque bodies and plates: their triangles, contacts, and the edges of the shadows they cast.
 
 The silhouette of a convex body is the set of edges between a face towards the source and a face
-away from it; that of a plate is its boundary. Bodies that hide each other or parts of themselves
-have the net contours of their visible surfaces (docs/theory/shadows.md).
+away from the source. The silhouette of a plate is its boundary. Bodies that hide each other or
+parts of themselves have the net contours of their visible surfaces (docs/theory/shadows.md).
 """
 
 from __future__ import annotations
@@ -10,45 +10,178 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.aperture import PlacedAperture
+from polywigner.geometry.aperture import PlacedAperture, triangulate
 from polywigner.geometry.contours import Silhouette, Surface, net_contours
-from polywigner.geometry.obstacles import ON, PAIRS, Obstacle, contacts, obstacle_of, shells
 from polywigner.geometry.parts import connected
-from polywigner.geometry.polyhedron import Polyhedron, windings_about
+from polywigner.geometry.polyhedron import (
+    Polyhedron,
+    distances_from,
+    dot_products,
+    point_distances,
+    windings_about,
+)
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Faces times points of a source, beyond which these share the silhouette that their middle sees.
+# Distance of points on an edge or in a plane, as a fraction of a body's size.
+ON = 1e-9
+# Distance, in sizes of a body, that stands for infinity.
+_AFAR = 1e6
+# Pairs of a point, a ray or a triangle with a triangle per step: some 50 MB.
+PAIRS, _PAIRS_OF_TRIANGLES = 1 << 20, 1 << 14
+# Largest number of faces times points of a source with a silhouette for each point.
 _MOST_FACES = 1 << 15
-# Cones around bodies are wider by this angle, in rad: beyond rounding.
+# Margin of cones around bodies in rad, above rounding.
 _WIDER = 1e-6
-# Winding number of bodies about a point inside them, less rounding.
+# Least winding number of a body about a point inside it, with a margin for rounding.
 _IN = 0.9975
-# Bodies this close together are one, in wavelengths: a narrower slit passes no light to speak of.
-# Also as a fraction of their extent, for coordinates in single precision.
+# Distance of bodies in contact, in wavelengths, because a narrower slit passes a negligible field;
+# and as a fraction of their extent, for coordinates in single precision.
 _CLOSED, _ROUNDED = 0.05, 1e-6
-# Components of the normals of faces in one plane differ by less.
+# Largest difference of components of the normals of faces in one plane.
 _SKEW = 1e-5
-
-
 _NOTHING_BEHIND = np.array([0.0, 0.0, 0.0, 1.0])
 
 
+@dataclass(frozen=True)
+class Obstacle:
+    """Triangles of an opaque body or plate, in any one unit of length."""
+
+    vertices: Floats
+    """(n, 3)."""
+    triangles: Indices
+    """(t, 3) vertex numbers, counter-clockwise from the front."""
+    owner: Indices
+    """(t,) number of the planar face that contains each triangle."""
+    normals: Floats
+    """(f, 3) normals of the faces, of any length."""
+    is_solid: bool
+    """Whether the faces enclose a volume; otherwise both sides are visible."""
+    is_simple: bool
+    """Whether no part can hide another part: a convex body or a plate."""
+
+    def distance(self, points: Floats) -> Floats:
+        """Return the distances (n,) of points (n, 3) from the nearest face."""
+        return distances_from(self.vertices[self.triangles], points)
+
+    def heights(self, source: Floats) -> Floats:
+        """Return the heights (t,) of a source above the planes of the triangles."""
+        normals = self.normals / np.linalg.norm(self.normals, axis=1)[:, None]
+        first = self.vertices[self.triangles[:, 0]]
+        return np.asarray(np.einsum("tk,tk->t", normals[self.owner], source - first))
+
+    def facing(self, source: Floats) -> Floats:
+        """Return 1 for triangles whose front faces a source, -1 for backs of plates, else 0."""
+        facing = np.sign(self.heights(source))
+        return np.maximum(facing, 0.0) if self.is_solid else facing
+
+    @property
+    def rim(self) -> Floats | None:
+        """Edges (m, 2, 3) of a plate or an open mesh with one triangle; None for closed meshes."""
+        ends = np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2)
+        keys, times = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_counts=True)
+        return self.vertices[keys[times == 1]] if (times == 1).any() else None
+
+    def silhouette(self, source: Floats) -> Indices:
+        """Return vertex numbers (m, 2) of the directed edges of the silhouette, hidden or not."""
+        facing = self.facing(source)
+        start, end = self.triangles.T.ravel(), np.roll(self.triangles, -1, axis=1).T.ravel()
+        sign = np.where(start < end, 1.0, -1.0) * np.tile(facing, 3)
+        keys, which = np.unique(
+            np.minimum(start, end) * len(self.vertices) + np.maximum(start, end),
+            return_inverse=True,
+        )
+        net = np.bincount(which, sign)
+        ends = np.stack([keys // len(self.vertices), keys % len(self.vertices)], axis=1)
+        ends[net < 0.0] = ends[net < 0.0, ::-1]
+        return ends[net != 0.0]
+
+    def outline(self, towards: Floats) -> Floats:
+        """Return the edges (m, 2, 3) of the silhouette for a distant source towards (3,)."""
+        size = np.linalg.norm(self.vertices, axis=1).max()
+        return self.vertices[self.silhouette(_AFAR * size / np.linalg.norm(towards) * towards)]
+
+    def cut(self, origin: Floats, along: Floats) -> Floats:
+        """Return the intersection (k, 2, 2) of the surface with a plane of axes (2, 3)."""
+        normal = np.cross(*along)
+        height = (self.vertices - origin) @ normal
+        if np.abs(height).max() <= ON * np.ptp(self.vertices, axis=0).max():
+            ends = self.vertices[self.silhouette(origin + normal)]
+            return np.asarray((ends - origin) @ along.T)
+        at = height[self.triangles]
+        start, end = self.vertices[self.triangles], self.vertices[np.roll(self.triangles, -1, 1)]
+        after = np.roll(at, -1, axis=1)
+        meets = (at >= 0.0) != (after >= 0.0)
+        some = meets.any(axis=1)
+        fraction = np.where(meets, at, 0.0) / np.where(meets, at - after, 1.0)
+        points = (start + fraction[..., None] * (end - start) - origin) @ along.T
+        return np.asarray(points[some][meets[some]].reshape(-1, 2, 2))
+
+
+def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
+    """Convert a body, or a plate in its pose, to triangles."""
+    if isinstance(body, PlacedAperture):
+        flat, corners_of = triangulate(body.aperture)
+        vertices = np.column_stack([flat, np.zeros(len(flat))])
+        vertices = vertices @ body.pose[:3, :3].T + body.pose[:3, 3]
+        owner = np.zeros(len(corners_of), np.intp)
+        return Obstacle(vertices, corners_of, owner, body.normal[None], False, True)
+    points, triangles = body.vertices, body.triangles
+    owner = np.repeat(np.arange(len(body.faces)), [len(face) - 2 for face in body.faces])
+    corners = points[triangles]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros((len(body.faces), 3))
+    np.add.at(normals, owner, areas)
+    convex = _is_convex(points, points[[face[0] for face in body.faces]], normals)
+    # several bodies are never convex: some vertex is in front of a face
+    return Obstacle(points, triangles, owner, normals, True, convex)
+
+
+def shells(body: Obstacle) -> list[Obstacle]:
+    """Split a body into its connected surfaces."""
+    a, b, c = body.triangles.T
+    label = connected(len(body.vertices), np.append(a, a), np.append(b, c))
+    numbers = np.unique(label[a])
+    if not body.is_solid or len(numbers) == 1:
+        return [body]
+    bodies = []
+    for number in numbers:
+        rows = label[a] == number
+        used, corners = np.unique(body.triangles[rows], return_inverse=True)
+        faces, owner = np.unique(body.owner[rows], return_inverse=True)
+        points, normals = body.vertices[used], body.normals[faces]
+        triangles = corners.reshape(-1, 3)
+        simple = _is_convex(
+            points, points[triangles[np.unique(owner, return_index=True)[1], 0]], normals
+        )
+        bodies.append(Obstacle(points, triangles, owner.ravel(), normals, True, simple))
+    return bodies
+
+
+def _is_convex(points: Floats, on_faces: Floats, normals: Floats) -> bool:
+    """Return whether no point (n, 3) is in front of a face, given by a point and a normal."""
+    offsets = np.einsum("fk,fk->f", normals, on_faces)
+    size = float(np.ptp(points, axis=0).max()) * np.linalg.norm(normals, axis=1)
+    return bool((normals @ points.T - offsets[:, None] <= ON * size[:, None]).all())
+
+
 def bodies_if_any(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
-    """Obstacles as a tuple, see :func:`listed_bodies`; () for None and for no obstacles."""
+    """Return :func:`listed_bodies` of obstacles; () for None and for an empty list."""
     is_none = bodies is None or (isinstance(bodies, (list, tuple)) and not bodies)
     return () if is_none else listed_bodies(bodies)
 
 
 def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
-    """One or several obstacles, Polyhedra or apertures in a pose, as a tuple."""
+    """Return one or several obstacles, Polyhedra or placed apertures, as a tuple."""
     listed = tuple(bodies) if isinstance(bodies, (list, tuple)) else (bodies,)
     if not listed:
         raise ArgumentError("expected at least one obstacle, got none; leave obstacles out")
@@ -67,14 +200,14 @@ def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
 
 
 def obstacles_of(bodies: Any, unit: float) -> Obstacles:
-    """The obstacles that a user lists, in units of ``unit`` metres."""
-    found = [shell for body in listed_bodies(bodies) for shell in shells(obstacle_of(body))]
-    return Obstacles([replace(body, vertices=body.vertices / unit) for body in found])
+    """Convert obstacles to triangles, in units of ``unit`` metres."""
+    surfaces = [shell for body in listed_bodies(bodies) for shell in shells(obstacle_of(body))]
+    return Obstacles([replace(body, vertices=body.vertices / unit) for body in surfaces])
 
 
 @dataclass(frozen=True)
 class Obstacles:
-    """Opaque bodies and plates in space, with the questions that light asks of them."""
+    """Opaque bodies and plates in space: silhouettes, contacts and visibility."""
 
     bodies: list[Obstacle]
 
@@ -84,9 +217,9 @@ class Obstacles:
         return np.concatenate([body.vertices for body in self.bodies])
 
     def beyond(self, source: Floats, points: Floats) -> NDArray[np.bool_]:
-        """Whether points (n, 3) are farther from a source than all bodies, and none is behind it.
+        """Return a mask of points (n, 3) beyond all bodies, with no body behind the source.
 
-        The line through the source and such a point meets bodies between these two only.
+        The line through the source and such a point meets bodies between the two only.
         """
         rays, (axis, angle) = points - source, _cone(self.vertices - source)
         away = np.linalg.norm(rays, axis=1)
@@ -94,13 +227,13 @@ class Obstacles:
         return (away > reach) & (rays @ -axis < np.cos(min(angle + _WIDER, np.pi)) * away)
 
     def silhouettes(self, sources: Sequence[Floats]) -> list[Silhouette]:
-        """Return silhouettes for places (k, 3) of one source; of a large mesh one for all."""
+        """Return silhouettes for points (k, 3) of a source; one for all if the mesh is large."""
         if len(sources) * sum(len(body.triangles) for body in self.bodies) > _MOST_FACES:
             return [self.silhouette(np.mean(sources, axis=0))] * len(sources)
-        return [self.silhouette(place) for place in sources]
+        return [self.silhouette(point) for point in sources]
 
     def silhouette(self, source: Floats) -> Silhouette:
-        """Return the edges of the shadows that all bodies cast, seen from a source (3,)."""
+        """Return the edges of the shadows of all bodies for a source (3,)."""
         alone = self._alone(source)
         parts = [self._mesh_silhouette(number, source) for number in np.flatnonzero(alone).tolist()]
         if not alone.all():
@@ -117,11 +250,11 @@ class Obstacles:
     def _mesh_silhouette(self, number: int, source: Floats) -> Silhouette:
         body = self.bodies[number]
         ends = body.silhouette(source)
-        own, none = np.full(len(ends), number), np.full(len(ends), -1)
-        return Silhouette(body.vertices[ends], self._edge_numbers(number, ends), own, none)
+        bodies, behind = np.full(len(ends), number), np.full(len(ends), -1)
+        return Silhouette(body.vertices[ends], self._edge_numbers(number, ends), bodies, behind)
 
     def _alone(self, source: Floats) -> NDArray[np.bool_]:
-        """Return a mask of the bodies that hide no part of another or of themselves."""
+        """Return a mask of the bodies that hide no part of themselves or of other bodies."""
         cones = [_cone(body.vertices - source) for body in self.bodies]
         axes = np.array([axis for axis, _ in cones])
         angles = np.array([angle for _, angle in cones])
@@ -134,7 +267,7 @@ class Obstacles:
 
     @cached_property
     def contact(self) -> float:
-        """Distance up to which bodies are in contact."""
+        """Largest distance of bodies in contact."""
         return max(_CLOSED, _ROUNDED * float(np.ptp(self.vertices, axis=0).max()))
 
     @cached_property
@@ -145,24 +278,24 @@ class Obstacles:
             [body.rim for body in self.bodies],
             self.contact,
         )
-        # bodies of which a place is in another one
-        places = np.array([body.vertices[0] for body in self.bodies])
+        # bodies with a vertex inside another body
+        corners = np.array([body.vertices[0] for body in self.bodies])
         numbers = range(len(self.bodies))
-        own = np.array([self._turns(places[[k]], [k])[0] for k in numbers])
-        (inner,) = np.nonzero(self._turns(places, numbers) - own > _IN)
+        alone = np.array([self._turns(corners[[k]], [k])[0] for k in numbers])
+        (inner,) = np.nonzero(self._turns(corners, numbers) - alone > _IN)
         for k in numbers if len(inner) else ():
-            within = inner[self._turns(places[inner], [k]) > _IN].tolist()
+            within = inner[self._turns(corners[inner], [k]) > _IN].tolist()
             pairs += [(k, number) for number in within if number != k]
         return np.unique(np.sort(np.array(pairs, np.intp).reshape(-1, 2), axis=1), axis=0)
 
     def are_one(self, one: Indices, other: Indices) -> NDArray[np.bool_]:
-        """Whether bodies (n,) and (n,) are the same or in contact."""
+        """Return a mask of the pairs of bodies (n,), (n,) that are equal or in contact."""
         keys = (self.contacts @ [[len(self.bodies), 1], [1, len(self.bodies)]]).ravel()
         return np.asarray((one == other) | np.isin(one * len(self.bodies) + other, keys))
 
     @cached_property
     def groups(self) -> Indices:
-        """Numbers (k,) that bodies have in common which contacts connect."""
+        """Labels (k,), equal for bodies connected by contacts."""
         return connected(len(self.bodies), *self.contacts.T)
 
     @cached_property
@@ -174,33 +307,32 @@ class Obstacles:
         return np.cumsum([0, *(len(body.vertices) ** 2 for body in self.bodies)])
 
     def _edge_numbers(self, number: int, ends: Indices) -> Indices:
-        """Numbers of the edges between vertices (..., 2) of a body, of all bodies."""
+        """Return the numbers, unique among all bodies, of edges between vertices (..., 2)."""
         low, high = ends.min(axis=-1), ends.max(axis=-1)
         count = len(self.bodies[number].vertices)
         return np.asarray(self._first_edges[number] + low * count + high)
 
     def body_of_face(self, faces: Indices) -> Indices:
-        """Numbers of the bodies of faces."""
+        """Return the numbers of the bodies of faces."""
         return np.searchsorted(self._first_faces, faces, side="right") - 1
 
     def face_planes(self, source: Floats) -> Floats:
-        """Planes (f, 4) of all faces, at whose positive side the source is."""
+        """Return the planes (f, 4) of all faces, with the source on their positive sides."""
         rows = []
         for body in self.bodies:
             normals = body.normals / np.linalg.norm(body.normals, axis=1)[:, None]
             first = np.zeros(len(normals), np.intp)
             first[body.owner[::-1]] = body.triangles[::-1, 0]
-            places = body.vertices[first]
-            normals *= np.where(np.einsum("fk,fk->f", normals, source - places) < 0, -1.0, 1.0)[
-                :, None
-            ]
-            rows.append(np.column_stack([normals, -np.einsum("fk,fk->f", normals, places)]))
+            points = body.vertices[first]
+            is_behind = np.einsum("fk,fk->f", normals, source - points) < 0
+            normals *= np.where(is_behind, -1.0, 1.0)[:, None]
+            rows.append(np.column_stack([normals, -np.einsum("fk,fk->f", normals, points)]))
         return np.concatenate(rows)
 
     def flush_with(self, body: int, plane: Floats, planes: Floats) -> Indices:
-        """Numbers of bodies that contacts connect to a body, and that go on in a plane of its face.
+        """Return the bodies, connected to a body by contacts, with a face in a plane (4,).
 
-        ``planes``: (f, 4) of all faces.
+        ``planes``: (f, 4) planes of all faces.
         """
         (group,) = np.nonzero(self.groups == self.groups[body])
         if len(group) == 1:
@@ -213,7 +345,7 @@ class Obstacles:
     ) -> Surface:
         """Return the triangles of some bodies that face a source.
 
-        ``plane``: only those behind it, with the source in front of their own planes.
+        ``plane``: only triangles behind this plane, with the source in front of their planes.
         """
         parts = []
         for number in numbers:
@@ -235,7 +367,6 @@ class Obstacles:
                     self._edge_numbers(number, ends),
                     self._first_faces[number] + body.owner[rows],
                     np.full(len(rows), number),
-                    np.full(len(rows), number if body.is_solid and body.is_simple else -1),
                 )
             )
         return Surface.of(parts)
@@ -243,10 +374,10 @@ class Obstacles:
     def hide(
         self, source: Floats, points: Floats, within: Floats | float = 0.0
     ) -> NDArray[np.bool_]:
-        """Whether a surface lies strictly between a source and points (n, 3).
+        """Return a mask of points (n, 3) with a surface strictly between them and a source.
 
-        Surfaces in whose plane the source or a point is, up to a distance ``within`` (n,), do not
-        count.
+        Surfaces whose plane contains the source or the point, up to a distance ``within`` (n,),
+        do not count.
         """
         hidden = np.zeros(len(points), bool)
         within = np.broadcast_to(within, len(points))
@@ -256,46 +387,46 @@ class Obstacles:
             near, angle = _cone(body.vertices - source)
             inside = np.flatnonzero(rays @ near >= np.cos(min(angle + _WIDER, np.pi)) * length)
             triangles = body.vertices[body.triangles] - source
-            for some, share, height in hits(triangles, rays[inside]):
+            for some, fraction, height in hits(triangles, rays[inside]):
                 with np.errstate(invalid="ignore"):
-                    behind = height * (1.0 / share - 1.0) > within[inside[some], None]
+                    behind = height * (1.0 / fraction - 1.0) > within[inside[some], None]
                 hidden[inside[some]] |= behind.any(axis=1)
         return hidden
 
     def inside(self, points: Floats) -> NDArray[np.bool_]:
-        """Whether points (n, 3) are in a body, its surface left out."""
+        """Return a mask of points (n, 3) inside a body, surfaces excluded."""
         return self._turns(points, range(len(self.bodies))) > _IN
 
     def _turns(self, points: Floats, numbers: Iterable[int]) -> Floats:
-        """Winding numbers (n,) of some bodies about points (n, 3), by solid angles."""
-        found = np.zeros(len(points))
+        """Return the winding numbers (n,) of some bodies about points (n, 3)."""
+        turns = np.zeros(len(points))
         for body in (self.bodies[number] for number in numbers):
             if not body.is_solid:
                 continue
             low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
             near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
-            found[near] += windings_about(points[near], body.vertices[body.triangles])
-        return found
+            turns[near] += windings_about(points[near], body.vertices[body.triangles])
+        return turns
 
 
-def _cone(places: Floats) -> tuple[Floats, float]:
-    """Axis and half-angle of a cone from the origin around places (n, 3)."""
-    directions = places / np.linalg.norm(places, axis=1)[:, None]
+def _cone(points: Floats) -> tuple[Floats, float]:
+    """Return axis and half-angle of a cone from the origin around points (n, 3)."""
+    directions = points / np.linalg.norm(points, axis=1)[:, None]
     axis = directions.sum(axis=0)
     length = float(np.linalg.norm(axis))
     if length < 1e-9 * len(directions):
         return np.array([0.0, 0.0, 1.0]), np.pi
     axis = axis / length
     angle = float(np.arccos(np.clip(directions @ axis, -1.0, 1.0)).max()) + 1e-9
-    # a cone of half-angle pi/2 or more is not convex: it may leave out a face between its vertices
+    # a cone of half-angle pi/2 or more is not convex: it may miss parts of faces
     return axis, angle if angle < 0.5 * np.pi else np.pi
 
 
 def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
-    """Return where rays (k, 3) from the origin meet triangles (t, 3, 3).
+    """Intersect rays (k, 3) from the origin with triangles (t, 3, 3).
 
-    Yields slices of the rays, (k, t) fractions of their lengths, infinite for none, and the
-    heights (t,) of the origin above the triangles.
+    Yields slices of the rays, intersections (k, t) as fractions of the rays' lengths, infinite for
+    none, and the heights (t,) of the origin above the triangles.
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
@@ -311,3 +442,93 @@ def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]
             at = volume / total
         met = (shares * sign >= 0.0).all(axis=0) & (at > 0.0) & (sign != 0.0)
         yield some, np.where(met, at, np.inf), height
+
+
+def contacts(
+    meshes: Sequence[Floats], rims: Sequence[Floats | None], within: float
+) -> list[tuple[int, int]]:
+    """Return pairs of meshes (t, 3, 3) that cross, or whose distance is at most ``within``.
+
+    ``rims``: edges (m, 2, 3) of the rims of sheets, None for closed meshes. A body is in contact
+    with a sheet if it is close to the rim or passes through the sheet, not if it stands on it.
+    """
+    boxes = np.array([[mesh.min(axis=(0, 1)), mesh.max(axis=(0, 1))] for mesh in meshes])
+    # edges as triangles without area
+    ends = [
+        mesh if rim is None else rim[:, [0, 1, 1]] for mesh, rim in zip(meshes, rims, strict=True)
+    ]
+    pairs = []
+    for one, other in np.column_stack(_overlapping(boxes, boxes, within)).tolist():
+        if one < other and (
+            any(_are_near(*some, within) for some in _near(ends[one], ends[other], within))
+            or any(_cross(*some, within).any() for some in _near(meshes[one], meshes[other], 0.0))
+        ):
+            pairs.append((one, other))
+    return pairs
+
+
+def _overlapping(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
+    """Return pairs of near boxes (n, 2, 3) and (m, 2, 3), given by lowest and highest corners."""
+    low, high = boxes[:, 0] - within, boxes[:, 1] + within
+    tree = shapely.STRtree(shapely.box(*others[:, 0, :2].T, *others[:, 1, :2].T))
+    one, other = tree.query(shapely.box(*low[:, :2].T, *high[:, :2].T))
+    near = (others[other, 0, 2] <= high[one, 2]) & (others[other, 1, 2] >= low[one, 2])
+    return one[near], other[near]
+
+
+def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, Floats]]:
+    """Yield pairs of triangles (n, 3, 3) of both meshes whose boxes are near, in blocks."""
+    boxes = [np.stack([mesh.min(axis=1), mesh.max(axis=1)], axis=1) for mesh in (one, other)]
+    rows = []
+    for mine, theirs in (boxes, boxes[::-1]):
+        if not len(theirs):
+            return
+        low, high = theirs[:, 0].min(axis=0) - within, theirs[:, 1].max(axis=0) + within
+        rows.append(np.flatnonzero(((mine[:, 0] <= high) & (mine[:, 1] >= low)).all(axis=1)))
+    first, second = _overlapping(boxes[0][rows[0]], boxes[1][rows[1]], within)
+    for start in range(0, len(first), _PAIRS_OF_TRIANGLES):
+        some = slice(start, start + _PAIRS_OF_TRIANGLES)
+        yield one[rows[0][first[some]]], other[rows[1][second[some]]]
+
+
+def _are_near(one: Floats, other: Floats, within: float) -> bool:
+    """Return whether any pair of triangles (n, 3, 3) crosses or has at most this distance."""
+    for mine, theirs in ((one, other), (other, one)):
+        if (point_distances(np.moveaxis(mine, 1, 0), theirs) <= within).any():
+            return True
+    for k, j in product(range(3), repeat=2):
+        ends = one[:, k], one[:, (k + 1) % 3], other[:, j], other[:, (j + 1) % 3]
+        if (_between_segments(*ends) <= within).any():
+            return True
+    return bool(_cross(one, other, 0.0).any())
+
+
+def _between_segments(start: Floats, end: Floats, begin: Floats, stop: Floats) -> Floats:
+    """Return distances (n,) of segments (Ericson, Real-Time Collision Detection, 5.1.9)."""
+    along, beside, apart = end - start, stop - begin, start - begin
+    a, e, b = dot_products(along, along), dot_products(beside, beside), dot_products(along, beside)
+    c, f = dot_products(along, apart), dot_products(beside, apart)
+    area = a * e - b * b
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = np.where(area > 1e-12 * a * e, np.clip((b * f - c * e) / area, 0.0, 1.0), 0.0)
+        t = np.where(e > 0.0, np.clip((b * s + f) / e, 0.0, 1.0), 0.0)
+        s = np.where(a > 0.0, np.clip((b * t - c) / a, 0.0, 1.0), 0.0)
+    return np.linalg.norm(apart + s[:, None] * along - t[:, None] * beside, axis=1)
+
+
+def _cross(one: Floats, other: Floats, depth: float) -> NDArray[np.bool_]:
+    """Return a mask of pairs of triangles that cross by more than a depth."""
+    crosses = np.zeros(len(one), bool)
+    for mine, theirs in ((one, other), (other, one)):
+        a, b, c = np.moveaxis(theirs, 1, 0)
+        normal = np.cross(b - a, c - a)
+        height = np.stack([dot_products(mine[:, k] - a, normal) for k in range(3)])
+        far = np.abs(height) > depth * np.linalg.norm(normal, axis=1)
+        for k in range(3):
+            j = (k + 1) % 3
+            p, along = mine[:, k], mine[:, j] - mine[:, k]
+            sides = (a, b), (b, c), (c, a)
+            turns = np.stack([dot_products(np.cross(s - p, e - p), along) for s, e in sides])
+            inside = (turns > 0.0).all(axis=0) | (turns < 0.0).all(axis=0)
+            crosses |= inside & far[k] & far[j] & (height[k] * height[j] < 0.0)
+    return crosses

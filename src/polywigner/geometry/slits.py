@@ -13,21 +13,23 @@ from polywigner.geometry.arguments import finite_array
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.wavefront import Field, TakesWaves, checked_field, checked_shift
 
-# Intervals that overlap by no more than this fraction of the extent touch; see ``rings``.
+# Largest overlap of intervals that touch, as a fraction of the largest coordinate; see ``rings``.
 _ROUNDING = 2.0**-46
 
 
 @final
 class Slits(TakesWaves):
-    """A one-dimensional aperture, one interval or several; uniform unless given an illumination.
+    """A one-dimensional aperture of intervals; its field is 1 without an illumination.
 
     Parameters
     ----------
-    intervals : (m, 2) begin and end of every slit, or (2,) of one, in metres (any one consistent
-        unit works), in any order. Slits that touch are merged.
+    intervals : (m, 2) begin and end of each slit, or (2,) for one slit, in metres (any one
+        consistent unit works), in any order. Slits that touch are merged.
 
-    Raises GeometryError for values that are not finite numbers, slits of zero width, and slits that
-    overlap.
+    Raises
+    ------
+    GeometryError
+        A number is not finite, a slit has zero width, or slits overlap.
 
     >>> import polywigner as pw
     >>> pw.Slits([[0.0, 1e-3], [3e-3, 4e-3]]).length
@@ -37,7 +39,7 @@ class Slits(TakesWaves):
     intervals: NDArray[np.float64]
     """(m, 2) float64, ascending, read-only."""
     illumination: Field | None
-    """The field on the slits, an Illumination; None where it is 1."""
+    """The field on the slits, an Illumination; None for the field 1."""
 
     def __init__(self, intervals: ArrayLike) -> None:
         array = _ascending(intervals)
@@ -46,16 +48,16 @@ class Slits(TakesWaves):
         object.__setattr__(self, "illumination", None)
 
     def with_illumination(self, illumination: Field | None) -> Slits:
-        """A copy of the slits with another field in them, an Illumination; None for the field 1.
+        """Return the slits with another field, an Illumination; None for the field 1.
 
-        Raises ArgumentError for what is not an Illumination, IlluminationError for one in 2D.
+        Raises ArgumentError for objects of another type, IlluminationError for a field in 2D.
         """
         return _restored(self.intervals, illumination)
 
     def moved(self, shift: ArrayLike) -> Slits:
-        """The slits and the field in them shifted by a number, or by (1,).
+        """Return the slits and their field shifted by a number, or by (1,), in m.
 
-        Raises ArgumentError for anything but one finite number.
+        Raises ArgumentError unless the shift is one finite number.
         """
         offset = checked_shift(shift, 1)
         field = None if self.illumination is None else self.illumination.moved(offset)
@@ -63,22 +65,22 @@ class Slits(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Slits, ...]:
-        """The slits themselves, as the one element on their line; an Array has several."""
+        """The slits as the only element; an Array has several elements."""
         return (self,)
 
     @cached_property
     def length(self) -> float:
-        """Total width, the content of the set."""
+        """Total width in m."""
         return float(np.diff(self.intervals, axis=1).sum())
 
     @cached_property
     def bounds(self) -> tuple[float, float]:
-        """(begin of the first slit, end of the last)."""
+        """(begin of the first slit, end of the last slit) in m."""
         return float(self.intervals[0, 0]), float(self.intervals[-1, 1])
 
     @property
     def centre(self) -> float:
-        """Middle of the bounds."""
+        """Centre of the bounds in m."""
         return self.bounds[0] / 2 + self.bounds[1] / 2
 
     @cached_property

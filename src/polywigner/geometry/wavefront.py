@@ -1,4 +1,4 @@
-"""Sources whose wave is curved, or coherent over a width only."""
+"""Sources with curved or partially coherent waves."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Field(Protocol):
 
 
 def checked_field(field: Any, dimension: int) -> Field:
-    """The field of a source in ``dimension`` dimensions, or ArgumentError or IlluminationError."""
+    """Return the field of a source; ArgumentError or IlluminationError for an invalid one."""
     if not isinstance(field, Field):
         advice = (
             "give its .illumination"
@@ -58,14 +58,14 @@ def checked_field(field: Any, dimension: int) -> Field:
 
 
 def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[np.float64]:
-    """A shift as (dimension,) finite numbers; ArgumentError if it is none."""
+    """Return a shift (dimension,) of finite numbers; ArgumentError for other values."""
     shapes = ((), (1,)) if dimension == 1 else ((dimension,),)
     expected = f"expected {name} of {dimension} finite numbers"
     return np.atleast_1d(finite_array(shift, expected, *shapes))
 
 
 def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64]:
-    """Points (n, 2) turned counter-clockwise about the origin by an angle in radians.
+    """Rotate points (n, 2) counter-clockwise about the origin by an angle in radians.
 
     Quarter turns are exact.
     """
@@ -79,10 +79,10 @@ def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64
 
 
 class TakesWaves:
-    """Methods of all sources, which are immutable values: a curved wave, partly coherent light."""
+    """Methods of all sources, which are immutable: curved and partially coherent waves."""
 
     _key: Any
-    """Content that equal sources share."""
+    """Content for equality and hashes."""
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, TakesWaves) or type(other) is not type(self):
@@ -95,12 +95,12 @@ class TakesWaves:
     __setattr__ = __delattr__ = unchangeable
 
     def at_wavelength(self, wavelength: float) -> Any:
-        """Return this source with the phases that its path lengths have at another wavelength.
+        """Return this source with the phases of its path lengths at another wavelength.
 
         Curved waves made by ``curved`` and the pistons and tilts of
         :func:`polywigner.segmented_pupil` are path lengths: their phases grow with the frequency.
         All other phases (weights, illuminations, ``Wavefront(curvature=)``) stay as they are, as
-        behind phase shifters. Functions that take a wavelength call this method themselves.
+        behind phase shifters. Functions that take a wavelength call this method.
 
         Parameters
         ----------
@@ -121,21 +121,26 @@ class TakesWaves:
     def curved(
         self, radius: float | Sequence[float], wavelength: float, centre: ArrayLike | None = None
     ) -> Wavefront:
-        """This source with a curved wave: its field times exp(i pi |x - c|^2 / (wavelength R)).
+        """Return this source with a curved wave, times exp(i pi |x - c|^2 / (wavelength R)).
 
         Source: Bastiaans, "Wigner distribution function applied to optical signals and systems"
         (1978); the quadratic phase of a horn's aperture or of defocus.
 
         Parameters
         ----------
-        radius : R in m, or one for each axis; R > 0 diverges, as from a point R behind the
-            aperture, R < 0 converges, inf is flat.
-        wavelength : in m, at which the phase is the one above. At other wavelengths the radius
-            stays, see :meth:`at_wavelength`.
-        centre : c in m, where the wave touches the plane; default: that of the curved wave that is
-            there, else the origin.
+        radius : R in m, or a radius for each axis. R > 0 diverges, as from a point R behind the
+            aperture; R < 0 converges; inf is flat.
+        wavelength : in m, for the phase above. The radius is the same at other wavelengths, see
+            :meth:`at_wavelength`.
+        centre : c in m, the point at which the wave touches the plane. Default: the centre of the
+            present curved wave, or the origin.
 
-        Raises ArgumentError for a radius that is zero or no number, or a wavelength that is none.
+        Raises
+        ------
+        ArgumentError
+            The radius is zero or NaN, or the wavelength is not a number above zero.
+        IlluminationError
+            The source has a curved wave with another centre.
 
         >>> import polywigner as pw
         >>> pw.shapes.square(0.01).curved(0.05, 3e-3).curvature.diagonal().round(1).tolist()
@@ -149,38 +154,45 @@ class TakesWaves:
             wave = wave.at_wavelength(wavelength)
         if not wave.is_flat and centre is not None and not np.array_equal(wave.centre, centre):
             raise IlluminationError(
-                "expected curved waves with one centre, got two; give one of them"
+                "expected curved waves with one centre, got two centres; pass the present one"
             )
         c = wave.centre if centre is None else centre
         return wave._with(curvature=wave.curvature + q, centre=c)
 
     def partially_coherent(self, width: float) -> Wavefront:
-        """This source with a Gaussian degree of coherence exp(-xi^2 / (2 width^2)), Gauss-Schell.
+        """Return this source with a degree of coherence exp(-xi^2 / (2 width^2)), Gauss-Schell.
 
-        Source: Mandel and Wolf, "Optical Coherence and Quantum Optics", section 5.2. `width`: in m,
-        the lag at which the degree of coherence is exp(-1/2); inf is coherent.
+        Source: Mandel and Wolf, "Optical Coherence and Quantum Optics", section 5.2.
 
-        Raises ArgumentError for what is not a length above zero.
+        Parameters
+        ----------
+        width : coherence width in m, the lag with a degree of coherence of exp(-1/2); inf is
+            coherent.
+
+        Raises
+        ------
+        ArgumentError
+            The width is not a length above zero.
 
         >>> import polywigner as pw
         >>> pw.shapes.square(0.01).partially_coherent(2e-3).coherence_width
         0.002
         """
         wave = self if isinstance(self, Wavefront) else Wavefront(self)
-        sigma, own = _checked_width(width, "width"), wave.coherence_width
-        if np.inf in (sigma, own):
-            return wave._with(coherence_width=min(sigma, own))
-        least, most = sorted((sigma, own))
-        # 1/sqrt(1/sigma^2 + 1/own^2), where no square overflows
+        least, most = sorted((_checked_width(width, "width"), wave.coherence_width))
+        if least == np.inf:
+            return wave
+        # 1/sqrt(1/least^2 + 1/most^2) without squares that overflow
         return wave._with(coherence_width=least / math.hypot(1.0, least / most))
 
 
 @final
 class Wavefront(TakesWaves):
-    """A source with a curved or partly coherent wave; made by ``curved``, ``partially_coherent``.
+    """A source with a curved or partially coherent wave.
 
-    Its field is that of ``source`` times exp(i pi (x - c)^T Q (x - c)), its mutual coherence
-    that of ``source`` times exp(-xi^2 / (2 width^2)), xi the distance of two points.
+    The methods ``curved`` and ``partially_coherent`` of sources make it. The field of ``source`` is
+    multiplied by exp(i pi (x - c)^T Q (x - c)), and the mutual coherence of two points at a
+    distance xi by exp(-xi^2 / (2 width^2)).
 
     Parameters
     ----------
@@ -188,11 +200,16 @@ class Wavefront(TakesWaves):
     curvature : Q (d, d) in 1/m^2, symmetric; None: flat.
     centre : c (d,) in m; None: the origin.
     coherence_width : in m; infinite: coherent.
-    wavelength : in m, to which the curvature belongs: at others it is as much smaller as they are
-        longer. None: the same curvature at all wavelengths.
+    wavelength : in m, of the curvature, which is inversely proportional to the wavelength. None:
+        the curvature is the same at all wavelengths.
 
-    Raises ArgumentError for another source, a centre that is not d finite numbers, and a width that
-    is not above zero; IlluminationError for what is no symmetric matrix of finite numbers.
+    Raises
+    ------
+    ArgumentError
+        The source has another type, the centre is not d finite numbers, or the width is not above
+        zero.
+    IlluminationError
+        The curvature is not a symmetric matrix of finite numbers.
 
     >>> import polywigner as pw
     >>> wave = pw.shapes.square(10e-3).curved((0.05, float("inf")), 3.2e-3)
@@ -205,11 +222,11 @@ class Wavefront(TakesWaves):
     curvature: NDArray[np.float64]
     """Q (d, d) in 1/m^2, symmetric, read-only: 1/(wavelength radius) for each axis; zero: flat."""
     centre: NDArray[np.float64]
-    """c (d,) in m, read-only: where the curved wave touches the plane; of flat ones the origin."""
+    """c (d,) in m, read-only: the point at which a curved wave touches the plane, else 0."""
     coherence_width: float
     """Standard deviation in m of the degree of coherence over lag; infinite: coherent."""
     wavelength: float | None
-    """Wavelength in m to which the curvature belongs; None: it is the same at all wavelengths."""
+    """Wavelength of the curvature in m; None: the curvature is the same at all wavelengths."""
 
     def __init__(
         self,
@@ -270,19 +287,20 @@ class Wavefront(TakesWaves):
 
     @property
     def coherent(self) -> Any:
-        """The source as it is in coherent light: without a curved wave the source itself."""
+        """The source with a coherent wave; the flat source itself if the wave is not curved."""
         if self.is_flat:
             return self.source
         return self._with(coherence_width=np.inf)
 
     @property
-    def bounds(self) -> Any:
-        """The box of the source."""
-        return self.source.bounds
+    def bounds(self) -> tuple[float, ...]:
+        """Bounds of the source in m."""
+        bounds: tuple[float, ...] = self.source.bounds
+        return bounds
 
     @property
     def area(self) -> float:
-        """Area of the aperture in m^2; arrays and slits have none."""
+        """Area of an aperture in m^2."""
         return float(self.source.area)
 
     @property
@@ -291,32 +309,32 @@ class Wavefront(TakesWaves):
         return float(self.source.diameter)
 
     def plot(self, ax: Any = None, unit: str = "mm") -> Any:
-        """The outline of an aperture, see :meth:`Aperture.plot`."""
+        """Plot the outline of an aperture, see :meth:`Aperture.plot`."""
         return self._of_source("plot")(ax, unit)
 
     def _of_source(self, name: str) -> Any:
-        """A method of the source; ArgumentError for one that has fewer than an Aperture."""
+        """Return a method of the source; ArgumentError if the source does not have it."""
         method = getattr(self.source, name, None)
         if method is None:
             kind = type(self.source).__name__
             raise ArgumentError(
-                f"expected a wave on an Aperture for {name}, got one on {kind}; of an array, use "
-                f"{name} of its elements with their waves, and make an array of these"
+                f"expected a wave on an Aperture for {name}, got one on {kind}; apply {name} to "
+                "the elements of an array with their waves, and make an array of the results"
             )
         return method
 
     def on(self, source: Any, shift: ArrayLike | None = None) -> Wavefront:
-        """This wave, shifted by (d,), on another flat source."""
+        """Return this wave, shifted by (d,), on another flat source."""
         moved = 0.0 if shift is None else checked_shift(shift, self.dimension)
         return self._with(source=source, centre=self.centre + moved)
 
     def moved(self, shift: ArrayLike) -> Wavefront:
-        """The source and its wave shifted by (d,)."""
+        """Return the source and its wave shifted by (d,)."""
         offset = checked_shift(shift, self.dimension)
         return self._with(source=self._of_source("moved")(offset), centre=self.centre + offset)
 
     def turned(self, angle: float) -> Wavefront:
-        """The source and its wave turned about the origin by an angle in radians."""
+        """Return the source and its wave rotated about the origin by an angle in radians."""
         if self.dimension != 2:
             raise IlluminationError("expected a source in two dimensions to turn, got slits")
         turn = turned_points(np.eye(2), angle).T
@@ -327,7 +345,7 @@ class Wavefront(TakesWaves):
         )
 
     def scaled(self, factor: float) -> Wavefront:
-        """The source and its wave ``factor`` times as large about the origin."""
+        """Return the source and its wave scaled about the origin by a factor."""
         size = checked_length(factor, "factor")
         return self._with(
             source=self._of_source("scaled")(size),
@@ -364,11 +382,11 @@ class Wavefront(TakesWaves):
 def _curvature_of(
     radius: float | Sequence[float], wavelength: float, dimension: int
 ) -> NDArray[np.float64]:
-    """The matrix Q (d, d) in 1/m^2 of a wave of this radius, or of one radius for each axis."""
+    """Return the matrix Q (d, d) in 1/m^2 for a radius, or for one radius per axis."""
     length = checked_wavelength(wavelength)
     axes = "a number" if dimension == 1 else "a number or two (radius_x, radius_y)"
     expected = (
-        f"expected radius as {axes} in m, positive where the wave diverges and inf where it is flat"
+        f"expected radius as {axes} in m, positive for diverging waves and inf for flat waves"
     )
     radii = checked_row(radius, expected)
     if len(radii) not in (1, dimension) or np.isnan(radii).any() or (radii == 0).any():
@@ -377,7 +395,7 @@ def _curvature_of(
 
 
 def _checked_width(value: Any, name: str) -> float:
-    """Return a width of coherence in m, infinite for coherent light; else ArgumentError."""
+    """Return a coherence width in m, infinite for coherent waves; ArgumentError if invalid."""
     if np.isscalar(value) and value == np.inf:
         return math.inf
     return checked_length(value, name)

@@ -1,4 +1,4 @@
-"""Fields on sources: sums of plane waves, and weights of the elements of coherent collections.
+"""Fields on sources as sums of plane waves, and weights of the elements of arrays.
 
 - ``waves``: the immutable :class:`Illumination`, and waves for sampled fields; ``tapers``:
   steering, tapers and modes
@@ -7,7 +7,7 @@
 - ``arrays``: layouts and weights of elements, and tables of both
 - ``source_files``: sources in TOML and JSON; ``source_tables``: tables and short texts of fields,
   layouts, weights and shapes
-- ``support``: the region outside of which W is zero
+- ``support``: the region that contains all points with W != 0
 - ``obliquities``: factors of angle and wave, for each boundary condition
 """
 

@@ -1,35 +1,36 @@
-"""Coherent collections: elements that radiate together, each with a complex weight."""
+"""Arrays: elements that radiate coherently, each with a complex weight."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final, overload
+from typing import Any, TypeVar, final, overload
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, GeometryError, IlluminationError, value_text
+from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.geometry.arguments import (
     checked_wavelength,
-    real_numbers,
+    finite_array,
     rigid_pose,
     takes_frequency,
+    warn_caller,
 )
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.parts import union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
 from polywigner.source.lattices import checked_sites, checked_weights
-from polywigner.source.overlaps import warn_of_overlaps
 from polywigner.source.waves import Illumination
 
 Element = Aperture | PlacedAperture | Polyhedron | Slits
+_E = TypeVar("_E")
 
-# How far an element may lie off the plane z = 0, as a fraction of its diameter, and lean, in
-# radians, and still be in it: what rounding does to a pose multiplied from several.
+# Largest distance of an element from the plane z = 0, as a fraction of its diameter, and largest
+# tilt in radians: the rounding of a product of several poses.
 _IN_PLANE = 1e-12
 
 
@@ -59,7 +60,7 @@ def _placed(element: Element, pose: NDArray[np.float64]) -> Element:
     if isinstance(element, Polyhedron):
         moved = element.vertices @ pose[:3, :3].T + pose[:3, 3]
         return Polyhedron(moved, element.faces)
-    raise GeometryError("expected elements of the plane or of space to place, got Slits")
+    raise GeometryError("expected apertures or polyhedra for a pose in space, got Slits")
 
 
 def aperture_in_plane(number: int, element: Element) -> Aperture:
@@ -73,15 +74,15 @@ def aperture_in_plane(number: int, element: Element) -> Aperture:
     if isinstance(element, PlacedAperture):
         rotation, shift = element.pose[:3, :3], element.pose[:3, 3]
         lean = float(np.arctan2(np.hypot(*rotation[:2, 2]), abs(rotation[2, 2])))
-        got = f"one at z = {shift[2]:.6g}"
+        got = f"z = {shift[2]:.6g}"
         if lean > _IN_PLANE:
-            got = f"one that leans by {np.degrees(lean):.3g} degrees"
+            got = f"a tilt of {np.degrees(lean):.3g} degrees"
         elif abs(shift[2]) <= _IN_PLANE * element.aperture.diameter:
             got = ""
     if got:
         raise GeometryError(
             f"expected elements of one plane, got {got} at {number}; Wigner and ambiguity "
-            "functions need all elements in the plane z = 0 (polywigner.fourier has the others)"
+            "functions need all elements in the plane z = 0 (polywigner.fourier takes others)"
         )
     assert isinstance(element, PlacedAperture)
     plane = rotation[:2, :2]
@@ -93,12 +94,12 @@ def aperture_in_plane(number: int, element: Element) -> Aperture:
     return Aperture(outline).with_illumination(turned.moved(shift[:2]))
 
 
-# Curvatures of elements that were turned, or read, differ by rounding.
+# Relative difference of curvatures by rounding, after rotations or in files.
 _SAME = 1e-12
 
 
 def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
-    """The array of elements whose waves have one curvature, as one curved wave on an array."""
+    """Convert elements with equally curved waves to one curved wave on an array."""
     waves = [e if isinstance(e, Wavefront) else Wavefront(e) for e in elements]
     first = waves[0]
     curvatures = np.array([wave.curvature for wave in waves])
@@ -112,11 +113,11 @@ def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
         if apart > _SAME * size or differs:
             raise IlluminationError(
                 f"expected elements with one curvature and coherence width, got {wave!r} as "
-                f"element {k} beside {first!r}; make an array of those alike, and add fields"
+                f"element {k} and {first!r}; make an array of equal ones, and add the fields"
             )
     factors = checked_weights(weights, len(waves))
-    # of a wave whose centre c is d away exp(-2 pi i x.Q d) stands on the source, and the phase
-    # exp(2 pi i (c - d/2).Q d) is left
+    # A wave with its centre c at a distance d from the first one differs from it by the plane wave
+    # exp(-2 pi i x.Q d) and the phase exp(2 pi i (c - d/2).Q d).
     centres = np.array([wave.centre for wave in waves])
     away = centres - first.centre
     slopes = (curvatures @ away[:, :, None])[:, :, 0]
@@ -129,53 +130,57 @@ def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
 
 @dataclass(frozen=True, eq=False)
 class PathLengths:
-    """The phases of an array's elements that stem from path lengths, at one wavelength."""
+    """Phases of the elements of an array due to path lengths, at one wavelength."""
 
     cycles: NDArray[np.float64]
     """(n,) phases at the origin in cycles."""
     slopes: NDArray[np.float64]
     """(n, d) tilts in 1/m."""
     wavelength: float
-    """In m."""
+    """Wavelength in m."""
 
 
 def _with_phases(array: Array, cycles: NDArray[np.float64], slopes: NDArray[np.float64]) -> Array:
-    """An array whose element k is multiplied by exp(2 pi i (cycles_k + slopes_k.x))."""
+    """Multiply element k of an array by exp(2 pi i (cycles_k + slopes_k.x))."""
     pairs = zip(array.elements, slopes, strict=True)
     elements = [_tilted(element, slope) for element, slope in pairs]
     return Array(elements, array.weights * np.exp(2j * np.pi * (cycles - np.round(cycles))))
 
 
-def _tilted(element: Any, kappa: NDArray[np.float64]) -> Any:
-    """An element times exp(2 pi i kappa.x), kappa (d,)."""
+def _tilted(element: _E, kappa: NDArray[np.float64]) -> _E:
+    """Multiply an element by exp(2 pi i kappa.x), kappa (d,)."""
     if not kappa.any():
         return element
-    tilt, field = Illumination([1.0], kappa[None]), element.illumination
-    return element.with_illumination(tilt if field is None else field * tilt)
+    outline: Any = element
+    tilt, field = Illumination([1.0], kappa[None]), outline.illumination
+    tilted: _E = outline.with_illumination(tilt if field is None else field * tilt)
+    return tilted
 
 
-# Outlines that a notebook draws: a few hundred kB.
+# Most outlines that a notebook draws: a few hundred kB.
 _MOST_DRAWN = 2000
 
 
 @final
 class Array(TakesWaves):
-    """A coherent collection of elements with complex weights: u(x) = sum_k w_k 1_k(x).
+    """A coherent array of elements with complex weights: u(x) = sum_k w_k 1_k(x).
 
     Elements may touch, overlap or coincide: their fields add up. `Array([a, a], [1, -1])` is dark.
+    All arrays have a Fourier transform. Wigner and ambiguity functions require slits, or elements
+    in the plane z = 0.
 
     Parameters
     ----------
-    elements : sources of one space: Slits alone, or any mix of apertures (in the plane z = 0),
-        placed apertures and polyhedra. Of elements with curved waves of one curvature, in a list,
-        it is a :class:`Wavefront` on the array of all.
+    elements : Slits, or any mix of apertures (in the plane z = 0), placed apertures and polyhedra.
+        A list of elements with waves of one curvature becomes a :class:`Wavefront` on an array.
     weights : (n,) complex amplitude of each element; default: all 1.
 
-    The Fourier transform is there for all of these, Wigner and ambiguity functions for slits and
-    for elements that all lie in the plane z = 0.
-
-    Raises ArgumentError for anything but elements, none of them, and slits mixed with others;
-    IlluminationError for weights that are not n finite complex numbers, or all zero.
+    Raises
+    ------
+    ArgumentError
+        The list is empty, an element has another type, or slits are mixed with other elements.
+    IlluminationError
+        The weights are not n finite complex numbers, or all zero.
 
     >>> import polywigner as pw
     >>> pair = pw.Array([pw.shapes.square(1.0), pw.shapes.square(1.0).moved((3, 0))], [1, -1])
@@ -186,23 +191,23 @@ class Array(TakesWaves):
     weights: NDArray[np.complex128]
     """(n,), read-only."""
     repeated: tuple[Aperture | Slits, NDArray[np.float64]] | None
-    """The one element and the positions (n, d) of its copies, if made by `phased_array`."""
+    """The element and the positions (n, d) of its copies in a `phased_array`; None otherwise."""
     paths: PathLengths | None
-    """The phases that stem from path lengths, of :func:`segmented_pupil`; None: none of them."""
+    """The phases due to path lengths of a :func:`segmented_pupil`; None otherwise."""
 
     def __new__(cls, elements: Any = (), weights: Any = None) -> Any:
-        """An array; of elements with curved waves of one curvature a curved wave on an array."""
+        """Make an array, or a curved wave on an array for elements with curved waves."""
         if isinstance(elements, Sequence) and any(isinstance(e, Wavefront) for e in elements):
             return _array_of_waves(elements, weights)
         return object.__new__(cls)
 
     def __init__(self, elements: Iterable[Element], weights: ArrayLike | None = None) -> None:
-        found = _checked_elements(elements)
-        factors = checked_weights(weights, len(found))
-        self.__dict__.update(elements=found, weights=factors, repeated=None, paths=None)
+        items = _checked_elements(elements)
+        factors = checked_weights(weights, len(items))
+        self.__dict__.update(elements=items, weights=factors, repeated=None, paths=None)
 
     def with_paths(self, paths: PathLengths | None) -> Array:
-        """Return this array with the part of its phases that stems from path lengths declared.
+        """Return this array with the part of its phases that is due to path lengths.
 
         Raises ArgumentError for path lengths of another number of elements.
         """
@@ -225,19 +230,19 @@ class Array(TakesWaves):
 
     @cached_property
     def elements(self) -> tuple[Element, ...]:
-        """The sources, each with its own field."""
+        """The elements, each with its field."""
         assert self.repeated is not None  # else __init__ has set them
         element, positions = self.repeated
         return tuple(element.moved(position) for position in positions)
 
     @property
     def distinct(self) -> tuple[Element, ...]:
-        """The elements, the equal ones of a `phased_array` once."""
+        """The different elements: a `phased_array` has one."""
         return self.elements if self.repeated is None else (self.repeated[0],)
 
     @property
     def dimension(self) -> int:
-        """Dimension of the elements' space: 1 for slits, 2 for apertures without a pose, else 3."""
+        """Dimension of the space: 1 for slits, 2 for apertures without a pose, else 3."""
         kinds = {type(element) for element in self.distinct}
         if kinds == {Slits}:
             return 1
@@ -269,9 +274,9 @@ class Array(TakesWaves):
 
     @cached_property
     def support(self) -> Aperture:
-        """The union of the elements, which may overlap: where the field may differ from zero.
+        """The union of the elements, which contains all points with a field.
 
-        ``polywigner.automean(array.support)`` is where the Wigner function may.
+        ``polywigner.automean(array.support)`` contains the support of the Wigner function.
 
         Raises GeometryError if an element does not lie in the plane z = 0, and for slits.
         """
@@ -280,7 +285,7 @@ class Array(TakesWaves):
         return Aperture(union_on_grid([element.polygons for element in self.elements_in_plane]))
 
     def placed(self, to_world: ArrayLike) -> Array:
-        """The whole array moved by a rigid pose (4, 4), for transforms with three-component nu.
+        """Return the array in a rigid pose (4, 4), for transforms with three-component nu.
 
         Raises GeometryError for a matrix that is not a rotation and a translation, and for slits.
         """
@@ -344,21 +349,28 @@ def phased_array(
 def phased_array(
     element: Aperture | Slits | Wavefront, positions: ArrayLike, weights: ArrayLike | None = None
 ) -> Array | Wavefront:
-    """One element many times: copies of it, its field included, shifted to the positions.
+    """Make an array of equal elements: copies of an element and its field at positions.
 
-    The same field as `Array([element.moved(p) for p in positions], weights)`, at a fraction of the
-    cost.
+    The field is that of `Array([element.moved(p) for p in positions], weights)`, at a fraction of
+    the cost. A PolywignerWarning reports elements that overlap.
 
     Parameters
     ----------
-    element : an Aperture, or Slits, with its own illumination; or one with a curved wave, of which
-        each copy has its own, tilted one.
+    element : Aperture or Slits, with an illumination or without; or one of these with a curved
+        wave, which is copied as well.
     positions : (n, d) shifts in m, d = 2 for an aperture; for slits (n, 1) or (n,).
     weights : (n,) complex; default: all 1.
 
-    Raises ArgumentError for other elements, and positions that are not (n, d) finite numbers;
-    IlluminationError for weights as :class:`Array` does. Warns (PolywignerWarning) if elements
-    overlap.
+    Returns
+    -------
+    Array, or a Wavefront on an array for an element with a curved wave.
+
+    Raises
+    ------
+    ArgumentError
+        The element has another type, or the positions are not (n, d) finite numbers.
+    IlluminationError
+        The weights are not n finite complex numbers, or all zero.
 
     >>> import polywigner as pw
     >>> places = pw.arrays.grid_positions(8, 8, 2e-3, 2e-3)
@@ -375,13 +387,73 @@ def phased_array(
     return array
 
 
+# The search for overlaps ends after this many pairs: a million equal positions have 5e11.
+_MOST_PAIRS = 1000
+# Overlaps below this fraction of an element are rounding errors of elements that touch.
+_TOUCHING = 1e-9
+# Elements per query of the tree.
+_ROWS = 32
+
+
+def warn_of_overlaps(array: Array) -> None:
+    """Warn if elements of an array cover the same area, or slits the same length.
+
+    Elements that only touch do not overlap. The warning names the pair with the largest overlap.
+    """
+    shifts = np.zeros((len(array), 2))
+    if array.repeated is None:
+        try:
+            elements = array.elements_in_plane
+        except GeometryError:  # elements in space have no common plane
+            return
+        outlines = np.array([_outline(element) for element in elements], object)
+    else:
+        element, positions = array.repeated
+        outlines = np.full(len(array), _outline(element), object)
+        shifts[:, : positions.shape[1]] = positions
+    bounds = shapely.bounds(outlines) + np.tile(shifts, 2)
+    margins = np.tile(_TOUCHING * (bounds[:, 2:] - bounds[:, :2]), 2) * (1, 1, -1, -1)
+    boxes = shapely.box(*(bounds + margins).T)
+    tree = shapely.STRtree(boxes)
+    overlaps: list[tuple[float, int, int]] = []
+    for start in range(0, len(boxes), _ROWS):
+        first, second = tree.query(boxes[start : start + _ROWS])
+        ahead = np.flatnonzero(second > first + start)[:_MOST_PAIRS]
+        first, second = first[ahead] + start, second[ahead]
+        counts = shapely.get_num_coordinates(outlines[second])
+        offsets = np.repeat(shifts[second] - shifts[first], counts, axis=0)
+        moved = shapely.transform(outlines[second], lambda points, by=offsets: points + by)
+        shared = shapely.area(shapely.intersection(outlines[first], moved))
+        real = shared > _TOUCHING * shapely.area(outlines[first])
+        columns = (values[real].tolist() for values in (shared, first, second))
+        overlaps += zip(*columns, strict=True)
+        if len(overlaps) >= _MOST_PAIRS:
+            break
+    if not overlaps:
+        return
+    area, one, other = max(overlaps, key=lambda pair: (pair[0], -pair[1], -pair[2]))
+    more = len(overlaps) - 1
+    unit = "m" if array.dimension == 1 else "m^2"
+    others = f", and {more} other pair{'s' * (more > 1)}" if more else ""
+    limit = " or more" if len(overlaps) >= _MOST_PAIRS else ""
+    warn_caller(
+        f"elements {one} and {other} overlap by {area:.4g} {unit}{others}{limit}, counted from 0: "
+        "their fields add up there; check the positions, their unit and the element's size"
+    )
+
+
+def _outline(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygon:
+    """Return the outline of an aperture, or rectangles of height 1 for slits."""
+    if isinstance(element, Aperture):
+        return element.polygons
+    begin, end = element.intervals.T
+    return shapely.union_all(shapely.box(begin, 0.0, end, 1.0))
+
+
 def repeated_element(
     element: Aperture | Slits, positions: ArrayLike, weights: ArrayLike | None = None
 ) -> Array:
-    """Return the :func:`phased_array` of an element with a flat wave, without a look for overlaps.
-
-    The package makes arrays from arrays with it.
-    """
+    """Return the :func:`phased_array` of an element with a flat wave, without the warning."""
     if not isinstance(element, Aperture | Slits):
         raise ArgumentError(
             f"expected an Aperture or Slits to repeat, got {type(element).__name__}; use "
@@ -401,25 +473,31 @@ def segmented_pupil(
     piston: ArrayLike = 0.0,
     tilt: ArrayLike = 0.0,
 ) -> Array:
-    """Return a pupil of segments with pistons and tilts: phases of weights, and plane waves.
+    """Return a pupil of segments with pistons and tilts.
 
     Pistons and tilts are path lengths. Functions that take a wavelength (:func:`psf`, :func:`mtf`,
     :func:`irradiance` with its ``bandwidth``, ...) use the phases at that wavelength. Functions
-    without one (:func:`otf`, :func:`fourier`, :func:`wigner`) use those at ``wavelength``;
-    :meth:`Array.at_wavelength` gives them at another one. The phases of a :func:`phased_array`
-    come from phase shifters and are the same at all wavelengths.
+    without a wavelength (:func:`otf`, :func:`fourier`, :func:`wigner`) use the phases at the
+    ``wavelength`` of this function; :meth:`Array.at_wavelength` changes it. The phases of a
+    :func:`phased_array` come from phase shifters and are the same at all wavelengths.
 
     Parameters
     ----------
     pupil : Aperture whose ``segments`` are the segments, in their order; or a list of apertures,
         each with its own field.
     wavelength : in m, to which the phases of the returned array belong.
-    piston : (n,) of the wavefront at each segment's centroid, in m; or one for all. A segmented
-        mirror's is twice its step.
+    piston : (n,) path length of the wavefront at each segment's centroid in m, or one number. The
+        piston of a segmented mirror is twice its step.
     tilt : (n, 2) slopes of the wavefront along x and y on each segment, without unit.
 
-    Returns the :class:`Array` of segments, for :func:`psf`, :func:`mtf`, :func:`otf` and others.
-    Raises ArgumentError for other pupils, and for pistons and tilts that are not n finite numbers.
+    Returns
+    -------
+    Array of segments, for :func:`psf`, :func:`mtf`, :func:`otf` and others.
+
+    Raises
+    ------
+    ArgumentError
+        The pupil has another type, or pistons and tilts are not n finite numbers.
 
     >>> import polywigner as pw
     >>> mirror = pw.shapes.hexagonal_segments(1.32, 0.01, rings=1)
@@ -436,19 +514,12 @@ def segmented_pupil(
     if not segments or not all(isinstance(segment, Aperture) for segment in segments):
         raise ArgumentError("expected pupil as an Aperture, or as a list of apertures")
     count = len(segments)
-    steps = _for_segments("piston", piston, (count,))
-    slopes = _for_segments("tilt", tilt, (count, 2)) / length
+    expected = f"expected piston as finite numbers ({count},), tilt as ({count}, 2), or one for all"
+    steps = np.broadcast_to(finite_array(piston, expected, (), (count,)), (count,))
+    slopes = (
+        np.broadcast_to(finite_array(tilt, expected, (), (2,), (count, 2)), (count, 2)) / length
+    )
     centres = np.array([segment.polygons.centroid.coords[0] for segment in segments])
     cycles = steps / length - np.einsum("ij,ij->i", slopes, centres)
     array = _with_phases(Array(segments), cycles, slopes)
     return array.with_paths(PathLengths(cycles, slopes, length))
-
-
-def _for_segments(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    try:
-        found = np.broadcast_to(real_numbers(values), shape)
-    except ValueError:
-        found = np.full(shape, np.nan)
-    if not np.isfinite(found).all():
-        raise ArgumentError(f"expected {name} as finite numbers {shape}, got {value_text(values)}")
-    return found

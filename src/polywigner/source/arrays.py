@@ -26,9 +26,8 @@ from polywigner.geometry.arguments import (
 from polywigner.geometry.io.limits import bytes_of, text_of
 from polywigner.geometry.io.text import fields_of
 from polywigner.quantities import parse_unit
-from polywigner.source.array import Array, repeated_element
+from polywigner.source.array import Array, repeated_element, warn_of_overlaps
 from polywigner.source.lattices import checked_positions, checked_weights
-from polywigner.source.overlaps import warn_of_overlaps
 from polywigner.source.tapers import checked_sidelobes, transverse, unit_vector
 
 __all__ = [
@@ -44,13 +43,13 @@ __all__ = [
 ]
 
 MOST_ELEMENTS = 2**20
-"""Most elements of one layout: 16 MiB of positions."""
+"""Largest number of elements of a layout: 16 MiB of positions."""
 
 Positions = NDArray[np.float64]
 
 
 def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = None) -> Positions:
-    """A rectangular lattice: (nx ny, 2), y running fastest.
+    """Return the positions of a rectangular lattice, (nx ny, 2), with y running fastest.
 
     `grid_positions(nx, ny, ...).reshape(nx, ny, 2)[i, j]` is at
     ((i - (nx - 1)/2) pitch_x, (j - (ny - 1)/2) pitch_y). Slits take the x of one row,
@@ -69,10 +68,10 @@ def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = Non
 def triangular_positions(
     nx: int, ny: int, pitch_x: float, pitch_y: float | None = None
 ) -> Positions:
-    """A triangular lattice: ny rows of nx elements, every other one shifted by half a pitch.
+    """Return a triangular lattice: ny rows of nx elements, alternately shifted by half a pitch.
 
-    (nx ny, 2), y running fastest. Even rows are a quarter of pitch_x to the left of where
-    :func:`grid_positions` has them, odd rows a quarter to the right.
+    The positions (nx ny, 2) have y running fastest. Compared with :func:`grid_positions`, even rows
+    are shifted by a quarter of pitch_x to the left, odd rows to the right.
 
     Parameters
     ----------
@@ -88,7 +87,7 @@ def triangular_positions(
 def _rows(
     nx: int, ny: int, pitch_x: float, pitch_y: float | None, stretch: float, is_staggered: bool
 ) -> Positions:
-    """Rows of a lattice; `stretch`: their distance in pitches along x where pitch_y is None."""
+    """Return rows of a lattice; `stretch`: default of pitch_y in units of pitch_x."""
     columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
     _check_number(columns * rows)
     across = checked_length(pitch_x, "pitch_x")
@@ -100,10 +99,10 @@ def _rows(
 
 
 def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
-    """Concentric rings: counts[k] elements at equal angles on the circle of radius radii[k].
+    """Return concentric rings with counts[k] elements at equal angles on the radius radii[k].
 
-    (sum of counts, 2), ring after ring, each counter-clockwise from the x axis; a radius of 0 with
-    a count of 1 is an element at the centre.
+    The positions (sum of counts, 2) are sorted by ring, each counter-clockwise from the x axis. A
+    radius of 0 with a count of 1 is an element at the centre.
 
     Raises ArgumentError for radii below zero, counts below 1, several elements at the centre,
     another number of counts than of radii, and more than 2^20 elements.
@@ -150,11 +149,11 @@ def thinned(
     taper: ArrayLike | None = None,
     return_index: bool = False,
 ) -> Positions | tuple[Positions, NDArray[np.intp]]:
-    """Positions drawn at random from a full layout: statistical thinning.
+    """Draw positions at random from a full layout: statistical thinning.
 
-    Each element is kept, independently of the others, with a probability p_k proportional to the
-    taper, on average fill times n in all. With weights of 1 the mean pattern is that of the tapered
-    full array, plus a floor:
+    Each element is drawn independently with a probability p_k proportional to the taper; the mean
+    number is fill times n. With weights of 1, the mean pattern is the pattern of the tapered full
+    array plus a floor:
 
         <|AF|^2> = |sum_k p_k exp(-2 pi i nu.x_k)|^2 + sum_k p_k (1 - p_k)
 
@@ -163,28 +162,28 @@ def thinned(
     Parameters
     ----------
     positions : (n, 2) in metres; for slits (n,) or (n, 1); in space (n, 3).
-    fill : fraction kept on average, above 0 and up to 1, or up to mean/peak of the taper.
+    fill : mean fraction of drawn elements, above 0 and up to 1, or up to mean/peak of the taper.
     seed : of NumPy's default generator: equal seeds draw equal elements.
     taper : (n,) real weights of the full array, of zero or more; None: all equal.
-    return_index : whether to return their numbers (m,) in the full layout as well, for
+    return_index : whether to return the numbers (m,) in the full layout as well, for
         `window_weights(...)[index]`.
 
     Returns
     -------
-    (m, d), in the order given, the very same floats.
+    (m, d) positions in the original order.
 
     Raises ArgumentError for positions, tapers, fills and seeds out of shape or range, and if no
     element was drawn.
     """
-    places = checked_positions(positions, (1, 2, 3))
+    layout = checked_positions(positions, (1, 2, 3))
     fraction = checked_number(fill, "fill", "a fraction above 0 and up to 1")
     try:
-        density = np.ones(len(places)) if taper is None else real_numbers(taper)
+        density = np.ones(len(layout)) if taper is None else real_numbers(taper)
     except ValueError:
         density = np.empty(0)
-    if density.shape != places.shape[:1] or not (density >= 0).all() or not density.any():
+    if density.shape != layout.shape[:1] or not (density >= 0).all() or not density.any():
         raise ArgumentError(
-            f"expected a taper of {len(places)} real weights of zero or more, got "
+            f"expected a taper of {len(layout)} real weights of zero or more, got "
             f"{value_text(taper)}; give the moduli of complex weights"
         )
     most = float(density.mean() / density.max())
@@ -194,11 +193,11 @@ def thinned(
             f"got {value_text(fill)}"
         )
     random = np.random.default_rng(checked_count(seed, "seed", 0))
-    index = np.flatnonzero(random.random(len(places)) < density * (fraction / density.mean()))
+    index = np.flatnonzero(random.random(len(layout)) < density * (fraction / density.mean()))
     if not len(index):
         raise ArgumentError("expected an element to be drawn, got none; try another seed")
     is_indexed = checked_flag(return_index, "return_index")
-    return (places[index], index) if is_indexed else places[index]
+    return (layout[index], index) if is_indexed else layout[index]
 
 
 def _listed(values: Any) -> list[Any]:
@@ -211,12 +210,12 @@ def _check_number(elements: int) -> None:
 
 
 def _steps(count: int) -> NDArray[np.int64]:
-    """-(n - 1), -(n - 3), ..., n - 1: twice the centred numbers, whole."""
+    """Return -(n - 1), -(n - 3), ..., n - 1, twice the centred numbers."""
     return 2 * np.arange(count) - (count - 1)
 
 
-# Virtual elements so near, as a fraction of their extent, are one: sums of positions are rounded.
-_ONE_PLACE = 1e-12
+# Largest distance of equal virtual elements, as a fraction of the extent: sums are rounded.
+_EQUAL_POSITIONS = 1e-12
 
 
 def virtual_array(
@@ -227,9 +226,9 @@ def virtual_array(
 ) -> tuple[Positions, NDArray[np.complex128]]:
     """Return positions and weights of the virtual array of a transmitter and a receiver.
 
-    A radar far from its target sees the path of transmitting element j and receiving element k as
-    that of one element at x_j + y_k with the weight v_j w_k: the array factor is the product of
-    both. Elements in one place become one, with the sum of their weights.
+    Far from a radar, the path of transmitting element j and receiving element k is equivalent to
+    one element at x_j + y_k with the weight v_j w_k: the array factor is the product of both array
+    factors. Elements at equal positions are merged, and their weights are added.
 
     Parameters
     ----------
@@ -249,7 +248,7 @@ def virtual_array(
     >>> places[:, 0].tolist(), weights.real.tolist()
     ([0.0, 0.001, 0.002, 0.003], [1.0, 1.0, 1.0, 1.0])
     """
-    sent, received = (checked_positions(given, (1, 2, 3)) for given in (transmit, receive))
+    sent, received = (checked_positions(p, (1, 2, 3)) for p in (transmit, receive))
     if sent.shape[1] != received.shape[1]:
         raise ArgumentError(
             f"expected positions with the same number of components, got {sent.shape[1]} and "
@@ -259,7 +258,7 @@ def virtual_array(
     v = checked_weights(transmit_weights, len(sent))
     w = checked_weights(receive_weights, len(received))
     places = (sent[:, None] + received).reshape(-1, sent.shape[1])
-    near = _ONE_PLACE * float(max(np.abs(sent).max(), np.abs(received).max()))
+    near = _EQUAL_POSITIONS * float(max(np.abs(sent).max(), np.abs(received).max()))
     order = np.argsort(places, axis=0, kind="stable")
     ranks = np.empty_like(order)
     for axis, along in enumerate(order.T):  # equal coordinates have equal ranks
@@ -272,21 +271,21 @@ def virtual_array(
 
 
 WINDOWS = ("uniform", "taylor", "chebyshev", "hamming")
-"""Windows that :func:`window_weights` knows."""
+"""Windows of :func:`window_weights`."""
 
 
 @takes_frequency
 def steering_weights(
     positions: ArrayLike, direction: ArrayLike, wavelength: float
 ) -> NDArray[np.complex128]:
-    """Weights (n,) that steer an array: w_k = exp(2 pi i s.x_k/wavelength).
+    """Return weights (n,) that steer an array: w_k = exp(2 pi i s.x_k/wavelength).
 
-    The array factor peaks towards `direction`; the elements' own fields stay as they are, see
-    :func:`polywigner.steering` for those.
+    The array factor peaks towards `direction`. The fields of the elements do not change; see
+    :func:`polywigner.steering` for fields.
 
     Parameters
     ----------
-    positions : (n, 2) in metres; for slits (n,) or (n, 1); (n, 3) anywhere in space, which need a
+    positions : (n, 2) in metres; for slits (n,) or (n, 1); (n, 3) in space, which require a
         direction (3,).
     direction : unit vector (3,) with a positive z; or its components (2,) along the array; or for
         slits the sine of the angle.
@@ -309,11 +308,11 @@ def steering_weights(
 def focusing_weights(
     positions: ArrayLike, point: ArrayLike, wavelength: float
 ) -> NDArray[np.complex128]:
-    """Weights (n,) that focus an array: w_k = exp(-2 pi i (R_k - R)/wavelength).
+    """Return weights (n,) that focus an array: w_k = exp(-2 pi i (R_k - R)/wavelength).
 
-    R_k is the distance from element k to the point, R from the origin: the waves
-    exp(2 pi i R_k/wavelength)/R_k of all elements arrive in phase. Far away they are the
-    :func:`steering_weights` towards the point.
+    R_k and R are the distances of the point from element k and from the origin. The waves
+    exp(2 pi i R_k/wavelength)/R_k of all elements arrive in phase. For a distant point, the weights
+    are the :func:`steering_weights` towards the point.
 
     Parameters
     ----------
@@ -331,7 +330,7 @@ def focusing_weights(
         raise ArgumentError(f"{expected}, got {value_text(point)}")
     apart = np.column_stack([focus[:2] - places, np.full(len(places), focus[2])])
     distance = np.linalg.norm(apart, axis=1) + np.linalg.norm(focus)
-    # R_k - R without the difference of two long distances
+    # R_k - R without cancellation
     path = ((places - 2 * focus[:2]) * places).sum(axis=1) / distance
     return np.exp(-2j * np.pi * path / checked_length(wavelength, "wavelength"))
 
@@ -339,7 +338,7 @@ def focusing_weights(
 def window_weights(
     shape: int | Sequence[int], window: str | Sequence[str], sll: float = 30.0, nbar: int = 4
 ) -> NDArray[np.float64]:
-    """Amplitudes of a taper over a row or a grid of elements, real, the largest in size 1.
+    """Return real amplitudes of a taper over a row or a grid of elements, with a maximum of 1.
 
     Parameters
     ----------
@@ -366,7 +365,7 @@ def window_weights(
     _check_number(math.prod(checked_count(n, "shape", 1) for n in sizes))
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     weights = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
-    # The largest amplitude may be negative if there are few sidelobes, which hardly fall off.
+    # The largest amplitude may be negative for few sidelobes with a slow decay.
     return np.asarray(weights / weights[np.abs(weights).argmax()])
 
 
@@ -381,7 +380,7 @@ def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]
     if name == "taylor":
         return np.asarray(windows.taylor(count, nbar=nbar, sll=sll, norm=True, sym=True))
     with warnings.catch_warnings():
-        # It warns below 45 dB that the window is a poor one for spectra of signals.
+        # scipy warns below 45 dB about spectra of signals, which does not concern arrays.
         warnings.simplefilter("ignore")
         return np.asarray(windows.chebwin(count, at=sll))
 
@@ -397,7 +396,7 @@ def read_elements(
     The first line names the columns, in any order: ``x`` and ``y``; the weight as ``amplitude``
     (linear) and ``phase`` in degrees, or as ``re`` and ``im``; and ``angle`` in degrees,
     counter-clockwise, by which the element with its field is turned about its origin. Missing
-    columns are 1 for amplitudes and 0 for the rest; without names the columns are x and y.
+    columns are 1 for amplitudes and 0 for others; without names the columns are x and y.
     Semicolons, commas or blanks separate them; # begins a comment.
 
     Parameters
@@ -408,7 +407,7 @@ def read_elements(
 
     Returns
     -------
-    An :class:`polywigner.Array`: a :func:`polywigner.phased_array` where all angles are equal.
+    An :class:`polywigner.Array`, a :func:`polywigner.phased_array` if all angles are equal.
 
     Raises FileFormatError for a file that is missing, larger than 64 MiB, or not a table of finite
     numbers with these columns; ArgumentError for an element that is not an Aperture;
@@ -444,7 +443,7 @@ def read_elements(
 
 
 def _columns(text: str) -> dict[str, NDArray[np.float64]]:
-    """The columns of a table by name; x and y without a line of names."""
+    """Return the columns of a table by name; x and y without a line of names."""
     lines = enumerate(text.splitlines(), start=1)
     rows = [(n, fields) for n, line in lines if (fields := fields_of(line.split("#")[0]))]
     names = [name.lower() for name in rows[0][1]] if rows else []

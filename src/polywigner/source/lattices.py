@@ -1,4 +1,4 @@
-"""Arrays whose elements sit on a lattice, recognised from their positions and weights."""
+"""Lattices recognised from the positions and weights of the elements of arrays."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from polywigner.errors import IlluminationError, value_text
 from polywigner.geometry.arguments import finite_array
 
-# Positions count as those of a lattice if they miss it by less than this fraction of the extent of
-# the array: what rounding does to multiples of a pitch.
+# Largest distance of positions from a lattice, as a fraction of the extent of the array: the
+# rounding of multiples of a pitch.
 _ROUNDING = 4e-15
-# Sites a lattice may have for each element on it: those without one count as weight 0.
+# Most sites of a lattice per element; sites without an element have the weight 0.
 _SITES_PER_ELEMENT = 16
-# Weights count as a product of two profiles, or as real but for a phase that grows evenly along the
-# array, if this fraction of the largest is all that is left.
+# Largest deviation of weights from a product of two profiles, or from real weights times a linear
+# phase, as a fraction of the largest weight.
 _EQUAL = 1e-14
-# Positions whose differences from all others are taken, to find the shortest: on a lattice of which
-# one site in 16 is filled, none of so many has a neighbour in one of 10^7 arrays.
+# Number of positions whose differences from all others are computed to find the shortest one. If
+# one site in 16 is filled, none of them has a neighbour in one of 10^7 arrays.
 _PAIRED_WITH_ALL = 128
 
 
@@ -31,17 +31,19 @@ class Lattice:
 
     origin: tuple[float, float]
     basis: tuple[tuple[float, float], tuple[float, float]]
-    """b1 and b2."""
+    """b1 and b2 in m."""
     weights: NDArray[np.complex128]
-    """(n1, n2)"""
+    """(n1, n2); 0 for sites without an element."""
     middle: tuple[tuple[float, float], tuple[float, float]]
-    """Middle of the sites, x and y, each as the sum of two floats."""
+    """Centre of the sites, x and y, each as the sum of two floats."""
     misfit: float
-    """The most by which a position misses its site in x or y, as a fraction of the extent."""
+    """Largest distance of a position from its site in x or y, as a fraction of the extent."""
 
 
 def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> Lattice | None:
-    """The lattice of positions (n, 2), or None if they are on none (or hardly fill it)."""
+    """Return the lattice of positions (n, 2); None without one, or if it is nearly empty."""
+    if positions.shape[1] != 2 or len(positions) < 2:
+        return None
     extent = float(np.ptp(positions, axis=0).max())
     if extent == 0.0:
         return None
@@ -76,7 +78,7 @@ def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) 
 
 
 def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64] | None:
-    """Two short differences that are not parallel, as rows; any second one for a row."""
+    """Return two short differences that are not parallel, the second one arbitrary for a row."""
     first = _shortest(positions, extent, None)
     if first is None:
         return None
@@ -89,9 +91,9 @@ def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64]
 def _shortest(
     positions: NDArray[np.float64], extent: float, other: NDArray[np.float64] | None
 ) -> NDArray[np.float64] | None:
-    """The shortest difference of two positions, not parallel to another; towards +x, or +y."""
+    """Return the shortest difference of positions, not parallel to ``other``, towards +x or +y."""
     best, length = None, np.inf
-    # even in the order given, which is that of rows more often than not: one in each of many rows
+    # equally spaced numbers, because positions are usually in the order of rows
     paired = np.linspace(0, len(positions) - 1, min(len(positions), _PAIRED_WITH_ALL))
     for start in positions[paired.astype(np.intp)]:
         block = positions - start
@@ -111,7 +113,7 @@ def _shortest(
 
 
 def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The basis from the farthest sites rather than from neighbours."""
+    """Refine a basis by the most distant sites."""
     steps = np.rint(np.linalg.solve(basis.T, (positions - positions[0]).T).T)
     if np.linalg.matrix_rank(steps - steps.mean(axis=0)) < 2:
         used = int(np.argmax(np.ptp(steps, axis=0)))
@@ -120,21 +122,21 @@ def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDAr
         if count:
             basis[used] = (positions[k] - positions[m]) / count
         return basis
-    # By normal equations, which are well conditioned, in extended precision where there is one: the
-    # basis is good to an ulp, since its error counts once for every step.
+    # Normal equations, which are well conditioned, in extended precision if available: an error of
+    # the basis is multiplied by the number of steps, so the basis must be accurate to an ulp.
     s, p = steps.astype(np.longdouble), positions.astype(np.longdouble)
     s, p = s - s.mean(axis=0), p - p.mean(axis=0)
     (aa, ab), (_, bb) = s.T @ s
     right = s.T @ p
     first, second = bb * right[0] - ab * right[1], aa * right[1] - ab * right[0]
-    found = (np.stack([first, second]) / (aa * bb - ab * ab)).astype(np.float64)
-    found[np.abs(found) <= 1e-15 * np.abs(found).max(axis=1)[:, None]] = 0.0
-    return found
+    refined = (np.stack([first, second]) / (aa * bb - ab * ab)).astype(np.float64)
+    refined[np.abs(refined) <= 1e-15 * np.abs(refined).max(axis=1)[:, None]] = 0.0
+    return refined
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Weights factor a_i exp(2 pi i turns i) along one direction; the a_i real if possible."""
+    """Weights factor a_i exp(2 pi i turns i) along one direction, with real a_i if possible."""
 
     amplitudes: tuple[complex, ...]
     turns: float
@@ -146,15 +148,15 @@ class Profile:
 
 
 def separated(weights: NDArray[np.complex128]) -> tuple[Profile, Profile] | None:
-    """Two profiles whose product the weights (n1, n2) are, or None."""
-    found = column_and_row(weights)
-    return None if found is None else (_profile(found[0]), _profile(found[1]))
+    """Split weights (n1, n2) into a product of two profiles; None if that is impossible."""
+    factors = column_and_row(weights)
+    return None if factors is None else (_profile(factors[0]), _profile(factors[1]))
 
 
 def column_and_row(
     weights: NDArray[np.complex128],
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]] | None:
-    """(n1,) and (n2,) numbers whose product the weights (n1, n2) are, or None."""
+    """Split weights (n1, n2) into a product of (n1,) and (n2,); None if that is impossible."""
     i, j = np.unravel_index(int(np.argmax(np.abs(weights))), weights.shape)
     row, column = weights[i, :], weights[:, j] / weights[i, j]
     if np.abs(np.outer(column, row) - weights).max() > _EQUAL * np.abs(weights[i, j]):
@@ -163,12 +165,12 @@ def column_and_row(
 
 
 def _profile(values: NDArray[np.complex128]) -> Profile:
-    """An even phase, a constant factor, and real amplitudes, all 1 if they are equal."""
+    """Split values into a linear phase, a constant, and real amplitudes (1 if all are equal)."""
     size = np.abs(values)
-    lit = np.flatnonzero(size > _EQUAL * size.max())
-    turns = _even_phase(values, lit)
+    active = np.flatnonzero(size > _EQUAL * size.max())
+    turns = _even_phase(values, active)
     steady = values * np.exp(-2j * np.pi * turns * np.arange(len(values)))
-    factor = complex(steady[lit[0]])
+    factor = complex(steady[active[0]])
     relative = steady / factor
     allowed = 8 * _EQUAL * len(values) * np.abs(relative).max()
     if np.abs(relative - 1.0).max() <= allowed:
@@ -178,25 +180,24 @@ def _profile(values: NDArray[np.complex128]) -> Profile:
     return Profile(tuple(values.tolist()), 0.0, 1.0)
 
 
-def _even_phase(values: NDArray[np.complex128], lit: NDArray[np.intp]) -> float:
-    """Turns by which the phase grows from one element to the next, up to changes of sign."""
-    neighbours = lit[:-1][np.diff(lit) == 1]
+def _even_phase(values: NDArray[np.complex128], active: NDArray[np.intp]) -> float:
+    """Return the cycles by which the phase grows per element, up to changes of sign."""
+    neighbours = active[:-1][np.diff(active) == 1]
     if not len(neighbours):
         return 0.0
     squares = (values / np.abs(values).max()) ** 2
     turns = float(np.angle((squares[neighbours + 1] * squares[neighbours].conj()).sum())) / (
         4 * np.pi
     )
-    left = np.angle(squares[lit] * np.exp(-4j * np.pi * turns * lit) / squares[lit[0]]) / (
-        4 * np.pi
-    )
-    slope = float(np.polyfit(lit - lit.mean(), left, 1)[0]) if len(lit) > 2 else 0.0
-    turns += slope
+    rest = squares[active] * np.exp(-4j * np.pi * turns * active) / squares[active[0]]
+    if len(active) > 2:
+        slope = np.polyfit(active - active.mean(), np.angle(rest) / (4 * np.pi), 1)[0]
+        turns += float(slope)
     return 0.0 if abs(turns) < 1e-15 else turns
 
 
 class Sites:
-    """Positions (n, d) and complex weights (n,), compared by content; to be left unchanged."""
+    """Constant positions (n, d) and complex weights (n,), compared by content."""
 
     def __init__(self, positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> None:
         self.positions, self.weights = positions, weights
@@ -208,9 +209,7 @@ class Sites:
 
     @cached_property
     def lattice(self) -> Lattice | None:
-        """The plane lattice that the sites are on, if they are."""
-        if self.dimension != 2 or len(self.positions) < 2:
-            return None
+        """The plane lattice of the sites; None without one."""
         return lattice_of(self.positions, self.weights)
 
     def __eq__(self, other: object) -> bool:
@@ -221,7 +220,7 @@ class Sites:
 
 
 def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np.float64]:
-    """Finite positions (n, d) with a d out of `components`, (n,) standing for (n, 1)."""
+    """Return finite positions (n, d), d one of `components`; (n,) means (n, 1)."""
     expected = f"expected finite positions of shape {' or '.join(f'(n, {c})' for c in components)}"
     shapes: list[tuple[int | None, ...]] = [(None, c) for c in components]
     shapes += [(None,)] if 1 in components else []
@@ -232,14 +231,14 @@ def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np
 def checked_sites(
     positions: Any, weights: Any, dimension: int | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    """Positions (n, d) and weights (n,), read-only; of one dimension, or of any up to three."""
+    """Return read-only positions (n, d), with d <= 3 if `dimension` is None, and weights (n,)."""
     places = checked_positions(positions, (1, 2, 3) if dimension is None else (dimension,)) + 0.0
     places.setflags(write=False)
     return places, checked_weights(weights, len(places))
 
 
 def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
-    """Weights (n,) of n elements, read-only; None for all 1."""
+    """Return read-only weights (n,); None means all 1."""
     if weights is None:
         array = np.ones(count, np.complex128)
     else:

@@ -1,4 +1,4 @@
-"""The normal form of a source: elements with weights and plane waves, one wavefront for all.
+"""The normal form of a source: elements with weights and plane waves, and one wavefront.
 
 `Aperture`, `PlacedAperture`, `Slits`, `Array` and `Wavefront` are constructors.
 :func:`normal_form` converts them once, at the public edge; the code behind takes a :class:`Source`:
@@ -28,13 +28,12 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 PublicSource = Aperture | PlacedAperture | Slits | Array | Wavefront
 
-# Amplitudes of two elements count as proportional if they miss a common factor by this fraction of
-# the largest: a few roundings.
+# Largest deviation of proportional amplitudes, as a fraction of the largest: a few roundings.
 _PROPORTIONAL = 1e-15
-# From so many elements on it is looked for whether they are shifted copies of one.
+# Least number of elements that are compared with shifted copies of one element.
 _LEAST_COPIES = 24
-# Elements are copies if their vertices, shifted, miss those of the first by this fraction of the
-# largest coordinate: a few roundings; fields, which come from a sine, may miss by more.
+# Largest deviation of copies, as a fraction of the largest coordinate and of the largest amplitude:
+# a few roundings. Amplitudes come from a sine, which adds errors.
 _COPIES, _COPIED_FIELDS = 1e-15, 1e-13
 
 
@@ -44,7 +43,7 @@ class SourceElement:
     """An outline with a complex weight and a sum of plane waves."""
 
     outline: Aperture | Slits
-    """Without an illumination; in its own plane if there is a pose."""
+    """Aperture or Slits without an illumination, in the plane of the pose."""
     weight: complex
     amplitudes: Complexes
     """(m,) amplitudes of the waves, without the weight; 1 for a uniform field."""
@@ -55,12 +54,12 @@ class SourceElement:
 
     @property
     def is_uniform(self) -> bool:
-        """Whether the field is constant; the weight may be any."""
+        """Whether the field is constant."""
         return len(self.amplitudes) == 1 and not self.frequencies.any()
 
     @property
     def has_unit_field(self) -> bool:
-        """Whether the field without the weight is 1."""
+        """Whether the field is 1, without the weight."""
         return self.is_uniform and self.amplitudes[0] == 1.0
 
     @cached_property
@@ -107,7 +106,7 @@ class SourceElement:
 @final
 @dataclass(frozen=True, eq=False)
 class RepeatedElement:
-    """Copies of one element, shifted, with a weight each."""
+    """Shifted copies of an element, with weights."""
 
     element: SourceElement
     """The element at the origin, of weight 1."""
@@ -118,31 +117,31 @@ class RepeatedElement:
 
     @cached_property
     def sites(self) -> Lattice | None:
-        """The plane lattice that the positions are on, if they are."""
-        if self.positions.shape[1] != 2 or len(self.positions) < 2:
-            return None
+        """The plane lattice of the positions; None without one."""
         return lattice_of(self.positions, self.weights)
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class WaveGroup:
-    """Elements whose waves are the same but for a factor."""
+    """Elements with proportional waves."""
 
     amplitudes: Complexes
+    """(m,) amplitudes of the waves of the first element."""
     frequencies: Floats
+    """(m, d) frequencies of the waves in 1/m."""
     members: NDArray[np.intp]
     """(k,) numbers of the elements."""
     factors: Complexes
-    """(k,) waves of each element over those of the group, without its weight."""
+    """(k,) factors between the waves of the elements and the waves of the group."""
 
 
 @final
 class Source:
     """Elements that radiate together, with one curvature and one coherence width.
 
-    Sources with the same content are equal. ``repeated`` stands for the elements of a phased
-    array, which are made when they are used.
+    Sources with the same content are equal. ``repeated`` replaces the elements of a phased array,
+    which are made on demand.
     """
 
     def __init__(
@@ -176,7 +175,7 @@ class Source:
         """Phases of the elements that stem from path lengths; None: none of them."""
 
     def _with(self, **changes: Any) -> Source:
-        """Return a source with other values; ``elements`` replaces repeated elements as well."""
+        """Return a source with other values; ``elements`` also replaces repeated elements."""
         values: dict[str, Any] = {
             "elements": self.__dict__.get("elements"),
             "dimension": self.dimension,
@@ -203,7 +202,7 @@ class Source:
 
     @property
     def distinct(self) -> tuple[SourceElement, ...]:
-        """The elements, the equal ones of a phased array once."""
+        """The different elements: a phased array has one."""
         return self.elements if self.repeated is None else (self.repeated.element,)
 
     @cached_property
@@ -218,7 +217,7 @@ class Source:
 
     @cached_property
     def lattice(self) -> RepeatedElement | None:
-        """How the elements repeat: one element, positions and weights; None if they do not."""
+        """The elements as copies of one element; None if they are not copies."""
         if self.repeated is not None or len(self) < _LEAST_COPIES:
             return self.repeated
         try:
@@ -240,7 +239,7 @@ class Source:
 
     @cached_property
     def is_uniform(self) -> bool:
-        """Whether the field is 1 on every element, before a curved wave."""
+        """Whether the field, without a curved wave, is 1 on all elements."""
         weights_are_one = bool((self.weights == 1.0).all())
         return weights_are_one and all(element.has_unit_field for element in self.distinct)
 
@@ -251,7 +250,7 @@ class Source:
 
     @cached_property
     def groups(self) -> tuple[WaveGroup, ...]:
-        """The elements by their waves."""
+        """Groups of elements with proportional waves."""
         if self.repeated is not None and self.repeated.element.is_uniform:
             element, count = self.repeated.element, len(self)
             return (_group(element, range(count), [1.0] * count),)
@@ -322,18 +321,18 @@ class Source:
 
     @property
     def flat(self) -> Source:
-        """The source without its curved wave and as a coherent one."""
+        """The source with a flat, coherent wave."""
         if self.is_flat and self.is_coherent:
             return self
         return self._with(curvature=None, centre=None, coherence_width=np.inf, wavelength=None)
 
     @property
     def coherent(self) -> Source:
-        """The source in coherent light."""
+        """The source with a coherent wave."""
         return self if self.is_coherent else self._with(coherence_width=np.inf)
 
     def with_weights(self, weights: ArrayLike) -> Source:
-        """Return the source with other weights (n,) of its elements."""
+        """Return the source with other weights (n,)."""
         factors = np.asarray(weights, np.complex128)
         if factors.shape != (len(self),):
             raise ArgumentError(f"expected {len(self)} weights, got shape {factors.shape}")
@@ -349,7 +348,7 @@ class Source:
             return self
         if self.repeated is None:
             return self._with(elements=[e.tilted(tilt) for e in self.in_plane.elements])
-        copies = self.repeated  # each brings the tilt of its element along
+        copies = self.repeated  # copies contain the tilt of the element
         phases = np.exp(2j * np.pi * (copies.positions @ tilt))
         element = copies.element.tilted(tilt)
         tilted = RepeatedElement(element, copies.positions, copies.weights * phases)
@@ -376,7 +375,7 @@ class Source:
 
     @cached_property
     def public(self) -> Any:
-        """The source as a public object, which transforms and results take and show."""
+        """The source as an Aperture, PlacedAperture, Slits, Array or Wavefront."""
         if self.repeated is not None:
             flat: Any = repeated_element(
                 self.repeated.element.shape, self.repeated.positions, self.repeated.weights
@@ -429,9 +428,9 @@ class Source:
 
 
 def normal_form(public: PublicSource | Source) -> Source:
-    """Return the normal form of a public source, kept with it.
+    """Return the normal form of a public source, cached in the source.
 
-    Raises ArgumentError for other objects, polyhedra and arrays of polyhedra among them.
+    Raises ArgumentError for other objects, and for polyhedra and arrays of polyhedra.
     """
     if isinstance(public, Source):
         return public
@@ -464,7 +463,7 @@ def _converted(public: PublicSource) -> Source:
 
 
 def _element(public: Any, weight: complex) -> SourceElement:
-    """Return an element of a public outline, with its waves."""
+    """Convert a public element and its waves."""
     pose = None
     if isinstance(public, PlacedAperture):
         public, pose = public.aperture, public.pose
@@ -480,7 +479,7 @@ def _element(public: Any, weight: complex) -> SourceElement:
 
 
 def _copies(elements: Sequence[SourceElement]) -> RepeatedElement | None:
-    """Return elements as shifted copies of the first one; None if they are not."""
+    """Convert elements to shifted copies of the first one; None if they are not copies."""
     first = elements[0]
     if not isinstance(first.outline, Aperture):
         return None
@@ -508,7 +507,7 @@ def _common_factor(
     amplitudes: Complexes,
     tolerance: float = _PROPORTIONAL,
 ) -> complex | None:
-    """Return the factor between the waves of an element and others; None if there is none."""
+    """Return the factor between waves; None if the waves are not proportional."""
     if not np.array_equal(element.frequencies, frequencies):
         return None
     factor = complex(element.amplitudes[0] / amplitudes[0])

@@ -1,4 +1,4 @@
-"""Obliquity factors: how strong a wave that leaves a source is at an angle to the normal.
+"""Obliquity factors: the field of a source at an angle to its normal.
 
 At the cosine c the field of a wave that leaves the plane with the direction cosine p_m (D1) carries
 
@@ -10,7 +10,7 @@ of a boundary condition (a, b), and the irradiance of two waves m and n
 
 So g is linear in three forms: p_m p_n*, p_m + p_n* and 1. If all waves have one cosine, the forms
 are numbers. Otherwise each form is a combination of functions W of fields with amplitudes p_m c_m
-and (1 + p_m) c_m, see (D2) and (D3). The paper's factor g = c is no boundary condition.
+and (1 + p_m) c_m, see (D2) and (D3). The factor g = c of the paper is not a boundary condition.
 """
 
 from __future__ import annotations
@@ -26,37 +26,43 @@ from polywigner.errors import ArgumentError, IlluminationError, PolywignerWarnin
 from polywigner.geometry import Aperture, PlacedAperture
 from polywigner.geometry.arguments import checked_length
 from polywigner.source.array import Array
-from polywigner.source.normal_form import RepeatedElement, Source, SourceElement, normal_form
+from polywigner.source.normal_form import (
+    PublicSource,
+    RepeatedElement,
+    Source,
+    SourceElement,
+    normal_form,
+)
 
 Floats = NDArray[np.float64]
 
 
 def direction_cosines(frequencies: Floats, wavelength: float) -> NDArray[np.complex128]:
-    """p = sqrt(1 - (wavelength |kappa|)^2) of waves with frequencies (..., d), complex (...).
+    """Return p = sqrt(1 - (wavelength |kappa|)^2) (...) of waves with frequencies (..., d): (D1).
 
-    (D1): the cosine of the angle between a wave's direction and the normal of the plane; i times a
-    number above zero for evanescent waves, |kappa| > 1/wavelength. The wavelength in metres.
-    Accurate to a few roundings of kappa, near grazing too.
+    p is the cosine of the angle between a wave and the normal of the plane, and positive imaginary
+    for evanescent waves, |kappa| > 1/wavelength. The wavelength is in metres. The result is
+    accurate to a few roundings of kappa, also near grazing.
     """
     sine = np.linalg.norm(np.asarray(frequencies, dtype=np.float64) * wavelength, axis=-1)
-    # As a product of two roots, which loses nothing to the square of a sine near 1, and does not
-    # overflow.
+    # The product of two roots is accurate for sines near 1 and does not overflow.
     return np.sqrt((1 - sine).astype(np.complex128)) * np.sqrt(1 + sine)
 
 
-def times_direction_cosine(source: Any, wavelength: float, constant: complex = 0.0) -> Any:
-    """The flat source with amplitudes (p_m + constant) c_m in place of c_m, p_m as in (D1).
+def times_direction_cosine(
+    source: PublicSource | Source, wavelength: float, constant: complex = 0.0
+) -> PublicSource:
+    """Multiply the amplitudes c_m of a flat source by p_m + constant, with p_m as in (D1).
 
-    Uniform elements are waves at normal incidence, p = 1. Equal elements of a `phased_array` stay
-    equal. ArgumentError for polyhedra; IlluminationError if all waves graze the plane,
-    |kappa| = 1/wavelength.
+    Uniform elements have p = 1. Equal elements of a `phased_array` stay equal. Raises ArgumentError
+    for polyhedra, IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
     """
     length, form = checked_length(wavelength, "wavelength"), normal_form(source)
 
     def scaled(element: SourceElement) -> SourceElement:
         factors = direction_cosines(element.frequencies, length) + constant
         amplitudes = factors * element.amplitudes
-        # The weight keeps elements uniform, whose kernels are faster; it is 0 for grazing waves.
+        # A changed weight keeps elements uniform, which have faster kernels; grazing waves get 0.
         if element.has_unit_field or not amplitudes.any():
             return replace(element, weight=element.weight * amplitudes[0])
         return replace(element, amplitudes=amplitudes)
@@ -72,9 +78,9 @@ def times_direction_cosine(source: Any, wavelength: float, constant: complex = 0
 
 
 def grazing_error(wavelength: float) -> IlluminationError:
-    """The error for a field that does not leave the plane."""
+    """Return the error for a field without waves that leave the plane."""
     return IlluminationError(
-        "expected a field with waves that leave the plane, got waves that graze it only, with "
+        "expected a field with waves that leave the plane, got waves that graze it, with "
         f"frequencies of 1/wavelength; use another wavelength than {wavelength:g} m"
     )
 
@@ -99,10 +105,10 @@ class Forms(NamedTuple):
         return self.square * cosine * cosine + self.linear * cosine + self.one
 
     def radiance(self, cosine: Any) -> Any:
-        """Return h = g/cos for a cosine above zero: the factor of a radiance h W/lambda^2, (R1).
+        """Return h = g/cos for a cosine above zero: the factor in the radiance h W/lambda^2, (R1).
 
-        Dimensionless. If a boundary condition needs the normal derivative, h grows without bound
-        towards grazing directions; the cosine of the projected area makes it finite.
+        If a boundary condition needs the normal derivative, the dimensionless h grows without bound
+        towards grazing directions; the cosine of the projected area makes the power finite.
         """
         return self.square * cosine + self.linear + (self.one / cosine if self.one else 0.0)
 
@@ -123,18 +129,19 @@ class Forms(NamedTuple):
 @final
 @dataclass(frozen=True)
 class Obliquity:
-    """An obliquity: a boundary condition (a, b), or the paper's factor, which is none."""
+    """An obliquity: a boundary condition (a, b), or the factor of the paper."""
 
     name: ObliquityName
     title: str
-    """Its name in figures."""
+    """Name in figures."""
     field: float
-    """a: the part of the field in the opening in the far field."""
+    """a: weight of the field in the aperture."""
     slope: float
-    """b = 1 - a: the part of its derivative along the normal."""
+    """b = 1 - a: weight of the normal derivative of the field."""
 
     @property
     def is_boundary_condition(self) -> bool:
+        """Whether the obliquity is a boundary condition."""
         return self.field + self.slope > 0
 
     @property
@@ -144,20 +151,20 @@ class Obliquity:
 
     @property
     def mirrored(self) -> float:
-        """Fraction of the field at a point's mirror image in the field at the point (B2)."""
+        """Factor of the field at the mirror image of a point, in the field at the point (B2)."""
         return self.slope - self.field
 
     def amplitude(self, cosine: Any, p: Any = 1.0) -> Any:
-        """Return the factor of the field of waves of the direction cosine p, at a cosine."""
+        """Return the factor of the field at a cosine, for waves of the direction cosine p."""
         if not self.is_boundary_condition:
             return np.sqrt(cosine)
         return self.field * cosine + self.slope * p
 
     def terms(self, source: Aperture | Array, wavelength: float) -> list[tuple[Any, Forms]]:
-        """Flat sources and coefficients of their forms (D2) that add up to the irradiance.
+        """Return flat sources and coefficients of their forms that add up to the irradiance.
 
-        One source if all waves leave at one angle, as those of a steered aperture, of a TE10 mode
-        and of uniform elements; else up to three: (D2), (D3).
+        There is one source if all waves leave at one angle, as for steered apertures, TE10 modes
+        and uniform elements; otherwise there are up to three: (D2), (D3).
         """
         if not self.is_boundary_condition:
             return [(source, Forms(0.0, 1.0, 0.0))]
@@ -165,7 +172,7 @@ class Obliquity:
         a, b, mixed = self.field, self.slope, self.field * self.slope
         p = direction_cosines(normal_form(source).frequencies, wavelength)
         if not b or float(np.abs(p - p[0]).max()) <= _SAME_COSINE:
-            # Python's numbers: products of NumPy's with Dr.Jit arrays are NumPy arrays
+            # floats, because products of NumPy's numbers with Dr.Jit arrays are NumPy arrays
             return [(source, Forms(a * a, float(2 * mixed * p[0].real), float(abs(b * p[0]) ** 2)))]
         turned = times_direction_cosine(source, wavelength)
         if not a:
@@ -178,10 +185,9 @@ class Obliquity:
         ]
 
     def warn_of_fit(self, source: Any, wavelength: float) -> None:
-        """Warn if the obliquity needs normal derivatives that a fitted field does not determine.
+        """Warn if the obliquity needs normal derivatives of evanescent waves of a fitted field.
 
-        These are the derivatives of evanescent waves of a fit. Other fields, such as tapers, have
-        their own.
+        A fit does not determine these derivatives. Other fields, such as tapers, do.
         """
         if not self.needs_normal_derivative:
             return
@@ -194,8 +200,8 @@ class Obliquity:
             if evanescent:
                 warnings.warn(
                     f"{evanescent} of the {len(field)} waves of a fitted field are evanescent, and "
-                    f"{self.name!r} takes their slopes, which values on the aperture do not fix; "
-                    f"use {DEFAULT!r}, or fit frequencies below 1/wavelength alone",
+                    f"{self.name!r} needs their normal derivatives, which a fit does not fix; "
+                    f"use {DEFAULT!r}, or fit frequencies below 1/wavelength only",
                     PolywignerWarning,
                     stacklevel=3,
                 )
@@ -217,12 +223,12 @@ DERIVATIVE_OF = {
 }
 """The boundary condition of the derivative in z of a field, by the condition of the field."""
 
-# Waves whose cosines differ by less are at one angle: the rounding of their frequencies.
+# Largest difference of the cosines of waves at one angle: the rounding of their frequencies.
 _SAME_COSINE = 1e-13
 
 
 def obliquity_of(name: object) -> Obliquity:
-    """The obliquity of a name, the default for None; ArgumentError for others."""
+    """Return the obliquity of a name, the default for None; ArgumentError for other values."""
     if name is None:
         return OBLIQUITIES[DEFAULT]
     if not isinstance(name, str) or name not in OBLIQUITIES:

@@ -1,7 +1,7 @@
 """Polarisations of sources: Jones vectors in the x and y of an aperture.
 
-Waves turn as exp(-i omega t) (the convention exp(+i k R) of free space), seen with z towards the
-reader; "right" and "left" are IEEE's: the thumb along the wave, fingers as the field turns.
+The time factor is exp(-i omega t), with exp(+i k R) in free space. "right" and "left" follow IEEE:
+with the thumb along the wave, the fingers of that hand follow the rotation of the field.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CurrentModel = Literal["huygens", "magnetic", "electric"]
 
 
 class Currents(NamedTuple):
-    """Shares of the magnetic and of the electric current that stand for a field u p: (VP1)."""
+    """Fractions of the magnetic and the electric current that replace a field u p: (VP1)."""
 
     magnetic: float
     electric: float
@@ -33,7 +33,7 @@ MODELS = {
     "magnetic": Currents(1.0, 0.0),
     "electric": Currents(0.0, 1.0),
 }
-"""Models of polarised sources, by the currents in their plane."""
+"""Models of polarised sources: the currents in their plane."""
 
 _HALF = math.sqrt(0.5)
 _NAMED = {
@@ -50,16 +50,16 @@ _EXPECTED = (
 
 
 def checked_polarisation(polarisation: Any, source: Any = None) -> Complexes:
-    """Unit Jones vector (2,) in the source's x and y, or one (n, 2) for each element of an array.
+    """Return a unit Jones vector (2,) along x and y, or (n, 2) for the elements of an array.
 
     Parameters
     ----------
     polarisation
-        "x", "y", "right", "left", a slant from x towards y such as "45 deg"; or a Jones vector
-        (2,), complex, of any length; for an `Array` of n elements also vectors (n, 2), or a list of
-        n names. ArgumentError for anything else.
+        "x", "y", "right", "left", a slant from x towards y such as "45 deg"; or a complex Jones
+        vector (2,) of any length; for an `Array` of n elements also vectors (n, 2), or a list of
+        n names. Other values raise ArgumentError.
     source
-        The source that has it; None: one vector alone is allowed.
+        The polarised source; None allows a single vector only.
 
     >>> checked_polarisation("right").round(3)
     array([0.707+0.j   , 0.   +0.707j])
@@ -86,21 +86,21 @@ def checked_polarisation(polarisation: Any, source: Any = None) -> Complexes:
 
 
 def is_pair(polarisation: Any) -> bool:
-    """Whether there is a polarisation for each of two sources, not one for both."""
+    """Return whether there is a polarisation for each of two sources."""
     if not isinstance(polarisation, (list, tuple)):
         polarisation = list(polarisation) if np.ndim(polarisation) > 0 else []
     kinds = (str, list, tuple, np.ndarray)
-    return len(polarisation) == 2 and all(isinstance(one, kinds) for one in polarisation)
+    return len(polarisation) == 2 and all(isinstance(item, kinds) for item in polarisation)
 
 
 def checked_pair(polarisation: Any, first: Any, second: Any) -> tuple[Complexes, Complexes]:
-    """Jones vectors of two sources, from one of :func:`checked_polarisation` for both or a pair."""
+    """Return the Jones vectors of two sources, from a pair or from one polarisation for both."""
     one, other = polarisation if is_pair(polarisation) else (polarisation, polarisation)
     return checked_polarisation(one, first), checked_polarisation(other, second)
 
 
 def _count(source: Any) -> int:
-    """Number of elements of an array; zero for another source, and for none."""
+    """Return the number of elements of an array; 0 for other sources and None."""
     return len(getattr(getattr(source, "source", source), "weights", ()))
 
 
@@ -121,9 +121,10 @@ def _error(value: Any, count: int) -> ArgumentError:
 
 
 def components(source: Any, polarisation: Complexes) -> list[tuple[Any, Complexes]]:
-    """Scalar sources u and vectors (2,) whose products add up to the polarised field.
+    """Return scalar sources u and vectors (2,) whose products add up to the polarised field.
 
-    One source where all elements have one polarisation; else the parts along x and along y.
+    There is one source if all elements have one polarisation; otherwise there are parts along x
+    and along y.
     """
     if polarisation.ndim == 1:
         return [(source, polarisation)]
@@ -137,55 +138,58 @@ def components(source: Any, polarisation: Complexes) -> list[tuple[Any, Complexe
 
 
 Stokes = tuple[float, float, float, float]
-"""S0 to S3 along x and y, seen with the wave towards the reader; S3 > 0 is left (IEEE)."""
+"""S0 to S3 for a wave towards the observer, with respect to x and y; S3 > 0 is left (IEEE)."""
 
-# Weights of sums of fields below this are rounding.
+# Weights of sums of fields below this fraction are rounding errors.
 _ROUNDING = 1e-12
 
 
 def stokes_vector(polarisation: Complexes) -> Stokes:
     """Return (1, S1, S2, S3) of a unit Jones vector (2,), with S3 = 2 Im(p_x p_y*).
 
-    This sign of S3 is Mitsuba's: minus one for "right", which optics calls left.
+    Mitsuba has the same sign of S3: -1 for "right", which is called left in optics.
 
     >>> stokes_vector(checked_polarisation("right"))
     (1.0, 0.0, 0.0, -1.0)
     """
     x, y = (complex(value) for value in polarisation)
-    both = 2 * x * y.conjugate()
-    own = (abs(x) ** 2 - abs(y) ** 2, both.real, both.imag)
-    s1, s2, s3 = (round(value, 15) + 0.0 for value in own)
+    product = 2 * x * y.conjugate()
+    values = (abs(x) ** 2 - abs(y) ** 2, product.real, product.imag)
+    s1, s2, s3 = (round(value, 15) + 0.0 for value in values)
     return (1.0, s1, s2, s3)
 
 
 def stokes_fields(source: Any, polarisation: Complexes) -> list[tuple[Any, Stokes]]:
-    """Scalar sources and the Stokes vectors by which their irradiances add up to the field's.
+    """Return scalar sources and Stokes vectors whose products with irradiances add up.
 
-    The source itself where all of it has one polarisation, (2,). Of one for each element (n, 2) the
-    fields u_x, u_y, u_x + u_y and u_x + i u_y, but dark ones, whose real irradiances (or functions
-    W) make the complex one of u_x and u_y*.
+    For one polarisation (2,) this is the source. For one polarisation per element (n, 2) these are
+    the fields u_x, u_y, u_x + u_y and u_x + i u_y, except for zero fields. Their real irradiances
+    (or functions W) determine the complex one of u_x and u_y*.
     """
     if polarisation.ndim == 1:
         return [(source, stokes_vector(polarisation))]
     form = normal_form(source)
     x, y = form.weights * polarisation.T
-    each: list[tuple[Complexes, Stokes]] = [
+    fields: list[tuple[Complexes, Stokes]] = [
         (x, (1.0, 1.0, -1.0, -1.0)),
         (y, (1.0, -1.0, -1.0, -1.0)),
         (x + y, (0.0, 0.0, 1.0, 0.0)),
         (x + 1j * y, (0.0, 0.0, 0.0, 1.0)),
     ]
     least = _ROUNDING * np.abs(form.weights).max()
-    lit = [(weights, stokes) for weights, stokes in each if np.abs(weights).max() > least]
-    return [(form.with_weights(weights).public, stokes) for weights, stokes in lit]
+    return [
+        (form.with_weights(weights).public, stokes)
+        for weights, stokes in fields
+        if np.abs(weights).max() > least
+    ]
 
 
 def ludwig_axes(x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
-    """Return the unit vectors that fields along x and y have in the direction (x, y, z), z >= 0.
+    """Return the unit vectors of fields along x and y in the direction s = (x, y, z), z >= 0.
 
-    Floats or arrays of any engine. q - (q.s)(z + s)/(1 + z.s) for q = x and q = y: the plane's axes
-    turn as z turns into s the shortest way. Times a scalar far field it has the scalar's
-    irradiance; of Kirchhoff's condition it is Huygens' source.
+    The arguments are floats or arrays of any engine. The vectors are q - (q.s)(z + s)/(1 + z.s) for
+    q = x and q = y: the axes rotate with z into s by the smallest angle. With Kirchhoff's condition
+    the product with a scalar far field is a Huygens source.
 
     Source: A. C. Ludwig, "The definition of cross polarization", IEEE Trans. Antennas Propag. 21,
     116 (1973).
@@ -193,19 +197,19 @@ def ludwig_axes(x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any
     >>> ludwig_axes(0.0, 0.6, 0.8)
     ((1.0, -0.0, -0.0), (-0.0, 0.8, -0.6))
     """
-    share = 1.0 / (1.0 + z)
-    both = -x * y * share
-    return (1.0 - x * x * share, both, -x), (both, 1.0 - y * y * share, -y)
+    scale = 1.0 / (1.0 + z)
+    mixed = -x * y * scale
+    return (1.0 - x * x * scale, mixed, -x), (mixed, 1.0 - y * y * scale, -y)
 
 
 def polarisation_text(polarisation: Complexes) -> str:
-    """Return the text of Jones vectors (2,) or (n, 2) for a scene: "1, 0.5j; ..."."""
+    """Format Jones vectors (2,) or (n, 2) for a scene: "1, 0.5j; ..."."""
     rows = np.atleast_2d(polarisation).tolist()
     return "; ".join(", ".join(str(value) for value in row) for row in rows)
 
 
 def polarisation_name(polarisation: Complexes) -> str:
-    """Return a short text of Jones vectors (2,) or (n, 2) for people: "y", "45 deg", "right".
+    """Format Jones vectors (2,) or (n, 2) for messages: "y", "45 deg", "right".
 
     >>> polarisation_name(checked_polarisation("45 deg")), polarisation_name(np.array([0, 1]))
     ('45 deg', 'y')
@@ -222,7 +226,7 @@ def polarisation_name(polarisation: Complexes) -> str:
 
 
 def polarisation_of_text(text: str, source: Any) -> Complexes:
-    """Return the Jones vectors of a scene's text: names, slants or "1, 0.5j", one or many by ";".
+    """Parse the Jones vectors of a scene: names, slants or "1, 0.5j", separated by ";".
 
     >>> polarisation_of_text("1, 1j", None).round(3)
     array([0.707+0.j   , 0.   +0.707j])
@@ -233,13 +237,13 @@ def polarisation_of_text(text: str, source: Any) -> Complexes:
         return vectors[0]
     if not vectors or len(vectors) != _count(source):
         raise _error(text, _count(source))
-    found = np.array(vectors)
-    same = np.abs(found - found[0]).max() <= _ROUNDING
-    return found[0] if same else found
+    jones = np.array(vectors)
+    same = np.abs(jones - jones[0]).max() <= _ROUNDING
+    return jones[0] if same else jones
 
 
-def _numbers(text: str) -> Any:
-    """Return a text, or the list of complex numbers that it has between commas."""
+def _numbers(text: str) -> str | list[complex]:
+    """Parse complex numbers between commas; other texts are returned."""
     if "," not in text:
         return text
     try:

@@ -54,7 +54,7 @@ VERSION = 1
 """Version of the format; files of another version are refused."""
 
 SOURCE_COORDINATE = "source_json"
-"""Name of the coordinate of a dataset that holds its source, as the text of a source file."""
+"""Name of the coordinate of a dataset with the text of its source file."""
 
 _Item = TypeVar("_Item")
 NonEmpty = Annotated[list[_Item], msgspec.Meta(min_length=1)]
@@ -64,14 +64,14 @@ Ring = Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=3)
 
 
 class Context(NamedTuple):
-    """Folder of a file, whether it may name files outside, and its wavelength in m, if any."""
+    """Folder of a file, whether it may refer to files outside, and its wavelength in m or None."""
 
     folder: Path
     allow_outside: bool
     wavelength: float | None
 
     def path(self, name: str) -> Path:
-        """Return the path of another file, which has to be in the folder unless allowed."""
+        """Return the path of another file, which must be in the folder unless allowed."""
         path = (self.folder / name).resolve()
         if self.allow_outside or path.is_relative_to(self.folder.resolve()):
             return path
@@ -82,7 +82,7 @@ class Context(NamedTuple):
 
 
 def _origin(table: Table, *origins: str) -> str:
-    """The one of several keys that a table has."""
+    """Return the only present key of several; FileFormatError for none or several."""
     present = [key for key in origins if getattr(table, key) is not None]
     if len(present) != 1:
         got = " and ".join(present) or "none"
@@ -98,7 +98,7 @@ class _Illuminated(Kind):
     illumination: FieldTable | NonEmpty[FieldTable] | None = None  # type: ignore[valid-type]
 
     def illuminated(self, outline: Any, kind: type, context: Context) -> Any:
-        """Return an outline, which has to be of a type, with the field of this table."""
+        """Return an outline of the required type with the field of this table."""
         got = type(outline).__name__
         if got != kind.__name__:
             raise FileFormatError(f"shape: expected a shape of type {kind.__name__}, got {got}")
@@ -132,7 +132,7 @@ class ApertureTable(_Illuminated, tag="aperture"):
             return aperture
         with at_key("to_world"):
             pose = rigid_pose(self.to_world)
-        # A pose that was written is read back equal: the nearest rotation may be rounded.
+        # The nearest rotation may be rounded: a written pose must be read back unchanged.
         is_rigid = np.allclose(self.to_world, pose, rtol=0.0, atol=1e-15)
         return PlacedAperture(aperture, np.array(self.to_world) if is_rigid else pose)
 
@@ -161,9 +161,9 @@ class PolyhedronTable(Kind, tag="polyhedron"):
 
 
 def _aperture(polygons: list[list[Any]]) -> Aperture:
-    """The aperture of polygons, each a list of rings with the exterior first.
+    """Make an aperture of polygons, which are lists of rings with the exterior first.
 
-    Valid polygons keep all their vertices. Others are cleaned, and joined where they touch.
+    Valid polygons keep all vertices. Other polygons are cleaned, and merged if they touch.
     """
     parts = [
         tuple(oriented(np.array(ring), n == 0) for n, ring in enumerate(rings))
@@ -242,7 +242,7 @@ class WavefrontTable(Table):
     coherence_width: Length | None = None
 
     def on(self, source: Any, wavelength: float | None) -> Wavefront:
-        """Return a source with this wave; the file has the wavelength in m, if any."""
+        """Return a source with this wave; ``wavelength``: of the file in m, or None."""
         length = None if self.curvature is None else self.wavelength
         width = self.coherence_width or math.inf
         wave = Wavefront(source, self.curvature, self.centre, width, length)
@@ -264,9 +264,9 @@ class Top(Table):
 
 
 class FileContent(NamedTuple):
-    """The source of a file, and its wavelength in m and polarisation; None for missing ones.
+    """The source of a file, its wavelength in m, and its polarisation; None if missing.
 
-    The polarisation is a Jones vector (2,), or has one for each element (n, 2).
+    The polarisation is a Jones vector (2,), or one vector for each element (n, 2).
     """
 
     source: Element | Array | Wavefront
@@ -275,7 +275,7 @@ class FileContent(NamedTuple):
 
 
 def content_of(tables: Any, folder: Path, allow_outside: bool = False) -> FileContent:
-    """The source that the tables of a file describe, and the settings at its top."""
+    """Convert the tables of a file to a source and the settings at the top."""
     tables = converted(tables, dict[str, Any])
     at_top = {key: tables.pop(key) for key in Top.__struct_fields__ if key in tables}
     body, top = converted(tables, SourceTable), converted(at_top, Top)
@@ -374,7 +374,7 @@ def read_polarisation(
 
 
 def read_content(path: str | os.PathLike[str], allow_outside: bool = False) -> FileContent:
-    """The source of a file and the settings at its top."""
+    """Read the source of a file and the settings at its top."""
     file = checked_path(path)
     with at_key(str(file)):
         tables = _parsed(text_of(bytes_of(file)), file.suffix)
@@ -382,7 +382,7 @@ def read_content(path: str | os.PathLike[str], allow_outside: bool = False) -> F
 
 
 def _parsed(text: str, suffix: str) -> Any:
-    """The tables of a text in TOML or JSON."""
+    """Parse the tables of a text in TOML or JSON."""
     parsers = {".toml": tomllib.loads, ".json": json.loads}
     if suffix.lower() not in parsers:
         raise FileFormatError(
@@ -399,7 +399,7 @@ def _parsed(text: str, suffix: str) -> Any:
 
 
 def table_of(source: Any) -> dict[str, Any]:
-    """The complete content of a source as tables, lists, texts and numbers."""
+    """Convert a source to tables, lists, texts and numbers."""
     if not isinstance(source, Wavefront):
         return {"version": VERSION, **_table(source)}
     wave = {"curvature": source.curvature.tolist(), "centre": source.centre.tolist()}
@@ -451,19 +451,19 @@ def _array(array: Array) -> dict[str, Any]:
 
 
 def _pairs(values: NDArray[np.complex128]) -> list[Any]:
-    """Numbers if all are real, otherwise pairs [real, imaginary]."""
+    """Return numbers if all are real, otherwise pairs [real, imaginary]."""
     if not values.imag.any():
         return values.real.tolist()
     return values.view(np.float64).reshape(*values.shape, 2).tolist()
 
 
 def source_json(source: Any) -> str:
-    """A source as JSON in one line."""
+    """Convert a source to JSON in one line."""
     return json.dumps(table_of(source))
 
 
 def _toml(table: Mapping[str, Any], path: str = "") -> str:
-    """A table as TOML: values first, then nested tables under their full names."""
+    """Format a table as TOML: values first, then nested tables under their full names."""
     lines, sections = [], []
     for key, value in table.items():
         name = f"{path}.{key}" if path else key

@@ -62,7 +62,7 @@ class Complex(complex):
 
 
 def _coordinates(values: Any) -> Any:
-    """Coordinates as numbers in m, in lists nested to any depth."""
+    """Convert coordinates in nested lists to numbers in m."""
     if isinstance(values, list):
         return [_coordinates(value) for value in values]
     is_number = type(values) is float and math.isfinite(values)
@@ -87,9 +87,9 @@ _PARSERS: dict[type, Callable[[Any], Any]] = {
 
 
 def converted(table: Any, kind: Any, strict: bool = True, key: str = "") -> Any:
-    """A table as an object of the schema; FileFormatError with the path of a wrong key or value.
+    """Convert a table to an object of the schema; FileFormatError names a wrong key or value.
 
-    Numbers may be texts if not strict. The path begins with the key of the table itself.
+    If not strict, texts are converted to numbers. `key` is the key of the table, for errors.
     """
     try:
         hook: Any = lambda kind, value: kind(_PARSERS[kind](value))  # noqa: E731
@@ -102,7 +102,7 @@ def converted(table: Any, kind: Any, strict: bool = True, key: str = "") -> Any:
 
 
 def wavelength_in(table: Any, default: float | None = None) -> float | None:
-    """The wavelength in m that a table specifies, also by its frequency; else the default."""
+    """Return the wavelength in m from the wavelength or frequency of a table, or the default."""
     if table.frequency is not None and table.wavelength is not None:
         raise FileFormatError("expected a frequency or a wavelength, got both; leave one out")
     if table.frequency is not None:
@@ -111,14 +111,14 @@ def wavelength_in(table: Any, default: float | None = None) -> float | None:
 
 
 def required_wavelength(wavelength: float | None) -> float:
-    """The wavelength in m that a beam or a curved wave needs; FileFormatError without one."""
+    """Return the wavelength in m; FileFormatError if it is None."""
     if wavelength is None:
-        raise FileFormatError("expected a frequency or a wavelength for it, got none; give one")
+        raise FileFormatError("expected a frequency or a wavelength, got none; add one")
     return wavelength
 
 
 class Table(msgspec.Struct, forbid_unknown_fields=True):
-    """A table of a fixed meaning."""
+    """A table without variants."""
 
 
 class Kind(Table, tag_field="kind"):
@@ -129,8 +129,8 @@ class _Shape(Table, tag_field="name"):
     """A table whose key "name" selects a shape of the catalogue."""
 
 
-# Tables that name a function. Its parameters are the keys, except those that other tables set, and
-# angles for a direction. A key has the type of its parameter, and the same meaning in all tables.
+# Tables that name a function. The keys are its parameters, with angles for a direction, and without
+# parameters that follow from other tables. A key has the same type and meaning in all tables.
 
 _OF_ANNOTATION: dict[str, Any] = {
     "float": Coordinate, "ArrayLike": Coordinates, "int": int, "bool": bool, "str": str,
@@ -140,14 +140,14 @@ _OF_KEY: dict[str, Any] = {
     "counts": list[int], "coefficients": list[Any], "amplitudes": list[Complex],
     "frequencies": list[float | list[float]],
 }  # fmt: skip
-# Parameters without a key, which follow from other tables.
+# Parameters that follow from other tables.
 _FROM_CONTEXT = ("dimension", "positions", "shape")
 
 _FUNCTIONS: dict[type, Callable[..., Any]] = {}
 
 
 def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) -> Any:
-    """The union of the tables of functions by name."""
+    """Return the union of the tables of functions by name."""
     tables = []
     for name, function in functions.items():
         fields: list[Any] = []
@@ -189,8 +189,8 @@ ShapeTable = _union_of({name: getattr(shapes, name) for name in shapes.__all__},
 def called(table: Any, wavelength: float | None = None, layout: Any = None, **context: Any) -> Any:
     """Call the function of a table with its values.
 
-    `wavelength`, in m, is used by a table without its own; `layout`, the table of the positions, by
-    a window. `context` has the parameters that are no keys, for functions that have them.
+    `wavelength` in m is the default of tables. `layout` is the table of the positions, for windows.
+    `context` contains values of parameters that are not keys.
     """
     function, values = _FUNCTIONS[type(table)], msgspec.structs.asdict(table)
     parameters = inspect.signature(function).parameters
@@ -212,12 +212,12 @@ def called(table: Any, wavelength: float | None = None, layout: Any = None, **co
 
 
 def product_of(tables: Any, wavelength: float | None, **context: Any) -> Any:
-    """The product of the objects of a table or of a list of tables."""
+    """Return the product of the objects of one or several tables."""
     factors = (called(table, wavelength, **context) for table in _listed(tables))
     return functools.reduce(operator.mul, factors)
 
 
-# Short texts, which stand for a table each. Groups of the patterns are keys of the table.
+# Short texts that stand for a table. Groups of the patterns are keys of the table.
 
 SOURCE_TEXTS = ("taper", "array", "window", "steering", "focus", "curved", "coherence")
 """Names of the texts of :func:`apply_texts`."""
@@ -243,7 +243,7 @@ _EXPECTED = {
 
 
 def _table(name: str, text: str) -> dict[str, Any]:
-    """The table of a source file that a text stands for."""
+    """Convert a short text to a table of a source file."""
     if name == "steering":
         return {"kind": name, **dict(zip(("theta", "phi"), direction_angles(text), strict=True))}
     if name == "focus":
@@ -262,11 +262,11 @@ def _parts(text: str) -> list[Any]:
 
 
 def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
-    """Return a source with the field, the copies, the weights and the wave that texts describe.
+    """Apply short texts for field, copies, weights and wave to a source.
 
     Lengths without a unit are in metres, angles in radians. Errors begin with the name of the text:
-    QuantityError or FileFormatError for a text that cannot be read, ArgumentError for one that does
-    not fit the source.
+    QuantityError or FileFormatError for an invalid text, ArgumentError for a text that does not fit
+    the source.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
 
 
 def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
-    """An aperture with the taper of a table across its bounds."""
+    """Apply the taper of a table to the bounds of an aperture."""
     xmin, ymin, xmax, ymax = aperture.bounds
     sizes = {"width": xmax - xmin, "height": ymax - ymin}
     axis = table.pop("axis", None)
@@ -331,13 +331,13 @@ def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
 
 
 def _times(aperture: Aperture, field: Illumination) -> Aperture:
-    """An aperture whose field is multiplied by another."""
+    """Multiply the field of an aperture by another field."""
     other: Any = aperture.illumination
     return aperture.with_illumination(field if other is None else other * field)
 
 
 def direction_angles(text: str) -> tuple[float, float]:
-    """Theta, from 0, and phi in rad of "20 deg" or "20 deg, 90 deg"; else QuantityError."""
+    """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; QuantityError if invalid."""
     theta, *phi = map(quantities.parse_angle, _parts(text))
     if len(phi) > 1 or not abs(theta) < math.pi / 2:  # perhaps degrees without a unit
         raise QuantityError(

@@ -1,4 +1,4 @@
-"""Where a source's Wigner function may differ from zero: its mutual support, or a little more."""
+"""The support of the Wigner function of a source, or a slightly larger region."""
 
 from __future__ import annotations
 
@@ -11,23 +11,22 @@ from polywigner.geometry.parts import union_on_grid
 from polywigner.source.array import Array
 from polywigner.source.normal_form import normal_form
 
-# The exact region costs a hull for each pair of convex pieces and a union of them: 0.7 s for
-# 30 pieces anywhere, 2.3 s (and 60000 trapezoids) for 60.
+# The exact region is a union over all pairs of convex pieces: 0.7 s for 30 pieces, 2.3 s (and
+# 60000 trapezoids) for 60 pieces.
 _MOST_PAIRS = 500
-# Copies on a lattice cost less, but their union still 4 s for 16000 vertices.
+# The union of copies on a lattice takes 4 s for 16000 vertices.
 _MOST_VERTICES = 4096
 
 
 def mutual_support(source: Aperture | Array) -> Aperture:
-    """Region beyond which W(x, nu) of a source is zero, whatever the weights and fields.
+    """Return a region that contains all x with W(x, nu) != 0, for any weights and fields.
 
-    Of an aperture its automean, of an array the automean of its support, {(a + b)/2}, for up to 500
-    pairs of convex pieces; of equal elements on a lattice as long as the copies of the element's
-    automean at the midpoints of all pairs of sites have up to 4096 vertices. Beyond these the
-    convex hull, which any automean lies in.
+    The region is the automean {(a + b)/2} of an aperture, or of the support of an array, for up to
+    500 pairs of convex pieces. For equal elements on a lattice it is the union of the automeans of
+    the element at the midpoints of all sites, for up to 4096 vertices. In other cases it is the
+    convex hull, which contains the automean.
 
-    Raises GeometryError for arrays whose elements do not lie in the plane z = 0, and those of
-    slits.
+    Raises GeometryError for arrays of slits, and if elements do not lie in the plane z = 0.
     """
     if isinstance(source, Aperture):
         return _of_aperture(source)
@@ -48,25 +47,24 @@ def _of_aperture(aperture: Aperture) -> Aperture:
 
 
 def _copies_on_lattice(array: Array) -> list[shapely.MultiPolygon] | None:
-    """The element's automean at all midpoints of a lattice; None if there is none, or too many."""
+    """Return the element's automean at all midpoints of a lattice; None if that is impossible."""
     copies = normal_form(array).repeated if array.repeated is not None else None
     if copies is None or copies.sites is None:
         return None
     element, lattice = copies.element.shape, copies.sites
-    lit = np.argwhere(lattice.weights != 0)
-    sums = _sums(lit)
+    sums = _sums(np.argwhere(lattice.weights != 0))
     if len(sums) * sum(map(len, element.rings)) > _MOST_VERTICES:
         return None
     mean = _of_aperture(element).polygons
     if len(sums) * len(shapely.get_coordinates(mean)) > 2 * _MOST_VERTICES:
         return None
-    places = np.array(lattice.origin) + sums / 2 @ np.array(lattice.basis)
-    return [shapely.transform(mean, lambda p, at=at: p + at) for at in places]
+    midpoints = np.array(lattice.origin) + sums / 2 @ np.array(lattice.basis)
+    return [shapely.transform(mean, lambda p, at=at: p + at) for at in midpoints]
 
 
 def _sums(sites: NDArray[np.intp]) -> NDArray[np.float64]:
-    """All different sums (m, 2) of two of the sites (n, 2), whole numbers from 0 upwards."""
-    taken = np.zeros(tuple(2 * sites.max(axis=0) + 1), dtype=bool)
+    """Return the distinct sums (m, 2) of two sites (n, 2), which are integers >= 0."""
+    is_sum = np.zeros(tuple(2 * sites.max(axis=0) + 1), dtype=bool)
     for site in sites:
-        taken[tuple((sites + site).T)] = True
-    return np.argwhere(taken).astype(np.float64)
+        is_sum[tuple((sites + site).T)] = True
+    return np.argwhere(is_sum).astype(np.float64)

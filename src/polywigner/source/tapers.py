@@ -1,7 +1,7 @@
-"""Fields that antennas and pupils have: steering, tapers, modes of guides.
+"""Fields of antennas and pupils: steering, tapers, and waveguide modes.
 
-All are sums of few plane waves, exact inside the rectangle (or interval) they are made for, which
-is centred at the origin; outside of it they go on periodically.
+All fields are sums of few plane waves, exact in a rectangle (or interval) around the origin and
+periodic outside it.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.source.waves import Illumination
 
-# Directions that passed through single precision, or were typed with seven digits, pass.
+# Tolerance of the length of unit vectors: single precision, or seven digits.
 _UNIT = 1e-6
 
 _ADVICE = "divide it by its length"
 
 
 def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
-    """Vectors (..., 3) of length 1 after rounding, as given; ArgumentError for others."""
+    """Return unit vectors (..., 3); ArgumentError for vectors of another length."""
     expected = f"expected {name} as unit vectors of shape (..., 3)"
     array = checked_vectors(vectors, expected, (3,))
     length = np.linalg.norm(array, axis=-1)
@@ -46,27 +46,27 @@ def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
 
 
 def unit_vector(direction: Any) -> NDArray[np.float64]:
-    """A unit vector (3,) that points away from the aperture, as given; ArgumentError if not."""
+    """Return a unit vector (3,) with z >= 0; ArgumentError for other vectors."""
     expected = "expected a direction as a unit vector (3,)"
     vector = checked_unit_vectors("direction", finite_array(direction, expected, (3,)))
     if vector[2] < 0:
         raise ArgumentError(
-            f"expected a direction into z > 0, to which the aperture radiates, "
+            f"expected a direction with z > 0, in front of the aperture, "
             f"got {value_text(direction)}"
         )
     return vector
 
 
 def direction_of(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
-    """The unit vector at an angle theta to the normal and phi around it from x, in radians."""
+    """Return the unit vector at the polar angle theta and the azimuth phi, in radians."""
     sine = math.sin(theta)
     return unit_vector([sine * math.cos(phi), sine * math.sin(phi), math.cos(theta)])
 
 
 def transverse(direction: Any) -> NDArray[np.float64]:
-    """The components of a direction along the aperture: (2,), or (1,) for slits.
+    """Return the components of a direction along the aperture: (2,), or (1,) for slits.
 
-    From a unit vector (3,), these components (2,), or the sine of an angle, a number or (1,).
+    The direction is a unit vector (3,), these components (2,), or the sine of an angle.
     """
     expected = (
         "expected a direction as a unit vector (3,), its components (2,) along the aperture, or "
@@ -84,21 +84,20 @@ def transverse(direction: Any) -> NDArray[np.float64]:
     return given
 
 
-# Highest power of a cosine: binomials up to it are whole numbers that floats hold.
+# Highest power of a cosine: its binomial coefficients are exact floats.
 _HIGHEST_POWER = 32
-# Highest TE mode, and n-bar: far beyond all that is built. A field in the plane has the square of
-# the number of waves along one axis.
+# Highest TE mode and n-bar, far beyond real designs.
 _HIGHEST_MODE = 1000
 _HIGHEST_NBAR = 100
-# dB. Float64 resolves a field to -300 dB.
+# Lowest sidelobes in dB; float64 resolves a field to -300 dB.
 _LOWEST_SIDELOBES = 200.0
 
 _Waves = tuple[NDArray[Any], NDArray[Any]]
-"""Along one axis: complex or real amplitudes (m,), and frequencies (m,) in cycles per metre."""
+"""Complex or real amplitudes (m,) along one axis, and frequencies (m,) in cycles per metre."""
 
 
 def uniform(dimension: int = 2) -> Illumination:
-    """The field 1: one plane wave of frequency 0. `dimension`: 2, or 1 for slits.
+    """Return the field 1, a plane wave of frequency 0. `dimension`: 2, or 1 for slits.
 
     >>> import polywigner as pw
     >>> float(pw.uniform()((0.0, 0.0)).real)
@@ -109,7 +108,7 @@ def uniform(dimension: int = 2) -> Illumination:
 
 @takes_frequency
 def steering(direction: ArrayLike, wavelength: float) -> Illumination:
-    """The phase that turns a beam: u(x) = exp(2 pi i s.x/wavelength), s the transverse direction.
+    """Return the phase that steers a beam: u(x) = exp(2 pi i s.x/wavelength), s transverse.
 
     The Fourier transform of the aperture with this field peaks at nu = s/wavelength.
 
@@ -119,8 +118,11 @@ def steering(direction: ArrayLike, wavelength: float) -> Illumination:
         along the aperture; or for slits the sine of the angle.
     wavelength : in metres.
 
-    Raises ArgumentError for a vector that is not of unit length or points behind the aperture,
-    components that are longer than 1 together, and wavelengths that are not above zero.
+    Raises
+    ------
+    ArgumentError
+        The vector is not a unit vector, or points behind the aperture; the components are longer
+        than 1; or the wavelength is not above zero.
 
     >>> import polywigner as pw
     >>> beam = pw.steering((0.5, 0.0, 3**0.5 / 2), 10e-3)
@@ -135,9 +137,9 @@ def steering(direction: ArrayLike, wavelength: float) -> Illumination:
 def cosine_taper(
     width: float | None, height: float | None = None, power: int = 1, dimension: int = 2
 ) -> Illumination:
-    """u(x, y) = cos(pi x/width)^power cos(pi y/height)^power: 1 at the centre, 0 at the edges.
+    """Return the taper u(x, y) = cos(pi x/width)^power cos(pi y/height)^power.
 
-    power + 1 waves for each axis.
+    It is 1 at the centre and 0 at the edges, and has power + 1 waves for each axis.
 
     Parameters
     ----------
@@ -162,16 +164,16 @@ def cosine_taper(
 def te_mode(
     width: float, height: float, m: int = 1, n: int = 0, component: str = "y"
 ) -> Illumination:
-    """Transverse electric field of the mode TE_mn of a rectangular guide, as a horn's mouth has it.
+    """Return a transverse electric field of the mode TE_mn of a rectangular waveguide.
 
-    With x' = x + width/2 and y' = y + height/2, from a corner of the guide, and peaks of 1,
+    With x' = x + width/2 and y' = y + height/2, from a corner of the guide, and a peak of 1,
 
         E_y = sin(m pi x'/width) cos(n pi y'/height)
         E_x = cos(m pi x'/width) sin(n pi y'/height)
 
-    so that E_y of TE10 is cos(pi x/width). Together E = (-n/height E_x, m/width E_y) times a common
-    factor. Kirchhoff and Rayleigh-Sommerfeld II take the slopes of these waves in free space, not
-    those of the mode in its guide.
+    E_y of TE10 is cos(pi x/width). The vector field is (-n/height E_x, m/width E_y) times a common
+    factor. Kirchhoff and Rayleigh-Sommerfeld II use the normal derivatives of plane waves in free
+    space, not the normal derivative of the mode in the guide.
 
     Parameters
     ----------
@@ -196,7 +198,7 @@ def te_mode(
     if number == 0:
         raise ArgumentError(
             f"expected {axis} of at least 1 for the component {component}, got 0: TE_{m}{n} has "
-            "none; ask for the other component"
+            "none; use the other component"
         )
     return _product(
         _half_periods(along_x, a, sine=component == "y"),
@@ -211,7 +213,7 @@ def taylor_taper(
     nbar: int = 4,
     dimension: int = 2,
 ) -> Illumination:
-    """Taylor's n-bar taper of a line source, along x and along y: sidelobes at -sll dB.
+    """Return Taylor's n-bar taper of a line source, along x and y, with sidelobes at -sll dB.
 
     Along each axis u = [1 + 2 sum_{m < nbar} F_m cos(2 pi m x/width)]/u_0, with u(0) = 1 and, with
     A = arccosh(10^(sll/20))/pi and s^2 = nbar^2/(A^2 + (nbar - 1/2)^2),
@@ -228,8 +230,8 @@ def taylor_taper(
     ----------
     width, height : in metres. None: no taper along this axis.
     sll : sidelobe suppression in dB, above 0 and up to 200: 30 for sidelobes at -30 dB.
-    nbar : number of zeros moved, plus one; up to 100. Taylor's choice is at least 2 A^2 + 1/2 (4
-        for 30 dB, 7 for 40 dB); with fewer, sidelobes may be higher.
+    nbar : number of shifted zeros plus one, up to 100. Taylor recommends at least 2 A^2 + 1/2 (4
+        for 30 dB, 7 for 40 dB); smaller values may raise the sidelobes.
     dimension : 2; or 1 for slits, whose taper has a width alone.
 
     Raises ArgumentError for lengths that are not above zero, both None, sll and nbar out of range,
@@ -251,13 +253,13 @@ def taylor_taper(
 def fourier_taper(
     width: float, height: float | None = None, *, coefficients: ArrayLike, dimension: int = 2
 ) -> Illumination:
-    """A Fourier series over the width: u(x) = sum_k a_k exp(2 pi i k x/width).
+    """Return a Fourier series over the width: u(x) = sum_k a_k exp(2 pi i k x/width).
 
     Parameters
     ----------
     width, height : periods along x and y in metres. Without a height, the field does not depend on
         y.
-    coefficients : complex, of odd length, a_0 in the middle: (2K + 1,) for k = -K..K; with a height
+    coefficients : complex, of odd length, a_0 at the centre: (2K + 1,) for k = -K..K; with a height
         (2K + 1, 2L + 1) for exp(2 pi i (k x/width + l y/height)). Cosines b_0 + b_1 cos(2 pi
         x/width) have [b_1/2, b_0, b_1/2].
     dimension : 2; or 1 for slits.
@@ -289,7 +291,7 @@ def fourier_taper(
 
 
 def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
-    """Suppression in dB and n-bar of Taylor's taper; ArgumentError if out of range."""
+    """Return suppression in dB and n-bar of a Taylor taper; ArgumentError if out of range."""
     decibels = checked_number(sll, "sll", "a sidelobe suppression in dB, such as 30")
     if not 0 < decibels <= _LOWEST_SIDELOBES:
         raise ArgumentError(
@@ -303,7 +305,7 @@ def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
 def _axes(
     width: float | None, height: float | None, dimension: int
 ) -> tuple[float | None, float | None]:
-    """The lengths, checked: of slits a width alone, else one of them at least."""
+    """Check the lengths: only a width for slits, otherwise at least one of both."""
     if checked_count(dimension, "dimension", 1, 2) == 1 and height is not None:
         raise ArgumentError(f"expected no height for a taper of slits (dimension 1), got {height}")
     if width is None and (height is None or dimension == 1):
@@ -317,9 +319,9 @@ def _axes(
 def _tapered(
     width: float | None, height: float | None, dimension: int, taper: Callable[[float], _Waves]
 ) -> Illumination:
-    """The field with one taper along each axis that has a length."""
+    """Return the field with a taper along each axis that has a length."""
     axes = _axes(width, height, dimension)
-    with np.errstate(over="ignore"):  # of a size too small to divide by; refused as a field
+    with np.errstate(over="ignore"):  # an Illumination refuses infinite frequencies
         along = [_CONSTANT if size is None else taper(size) for size in axes]
     return Illumination(*along[0]) if dimension == 1 else _product(*along)
 
@@ -334,9 +336,9 @@ def _product(along_x: _Waves, along_y: _Waves) -> Illumination:
 
 
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
-    """sin or cos of number pi (x/size + 1/2), as waves with exact amplitudes: powers of i."""
+    """Return sin or cos of number pi (x/size + 1/2) as waves whose amplitudes are exact."""
     if number == 0:
-        return _CONSTANT  # a cosine: sines of 0 are refused before
+        return _CONSTANT  # a cosine: te_mode refuses sines of 0
     quarter = (1, 1j, -1, -1j)[number % 4]
     forth, back = complex(quarter) / 2, complex(quarter).conjugate() / 2
     amplitudes = [-1j * forth, 1j * back] if sine else [forth, back]
@@ -345,7 +347,7 @@ def _half_periods(number: int, size: float, sine: bool) -> _Waves:
 
 def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
     """F_1 ... F_(nbar - 1)."""
-    # arccosh(10^(sll/20)), also where 10^(sll/20) is so near 1 that its last digits matter
+    # arccosh(10^(sll/20)) without cancellation for small sll
     excess = math.expm1(decibels / 20 * math.log(10))
     a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi
     stretch = nbar**2 / (a**2 + (nbar - 0.5) ** 2)

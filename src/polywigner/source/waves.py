@@ -1,4 +1,4 @@
-"""Fields that are sums of plane waves: given as such, or fitted to samples of a measurement."""
+"""Fields as sums of plane waves, specified directly or fitted to samples."""
 
 from __future__ import annotations
 
@@ -27,16 +27,18 @@ from polywigner.geometry.wavefront import checked_shift, turned_points
 class Illumination:
     """A field u(x) = sum_m c_m exp(2 pi i kappa_m.x) on an aperture (d = 2) or on slits (d = 1).
 
-    All transforms stay closed forms. `a * b` multiplies two fields, `2j * a` and `a / 2` scale one,
-    and `a + b` and `a - b` superpose them. Waves of one frequency are merged.
+    All transforms have closed forms. `a * b` multiplies two fields, `2j * a` and `a / 2` scale a
+    field, and `a + b` and `a - b` superpose fields. Waves of one frequency are merged.
 
     Parameters
     ----------
     amplitudes : (m,) complex c_m, in the unit of the field.
     frequencies : (m, d) real kappa_m in cycles per metre; for d = 1 also (m,).
 
-    Raises IlluminationError for values that are not finite numbers, shapes that do not match,
-    and a field that is zero everywhere.
+    Raises
+    ------
+    IlluminationError
+        A value is not finite, the shapes do not match, or the field is zero everywhere.
 
     >>> import polywigner as pw
     >>> tilt = pw.Illumination([1.0], [(100.0, 0.0)])  # towards s_x = 100 m^-1 times lambda
@@ -49,7 +51,7 @@ class Illumination:
     frequencies: NDArray[np.float64]
     """(m, d), read-only, in lexicographic order."""
     is_fit: bool
-    """Whether waves come from :func:`polywigner.fit_illumination`; equality and files ignore it."""
+    """Whether waves come from :func:`polywigner.fit_illumination`; ignored by ``==`` and files."""
 
     def __init__(self, amplitudes: ArrayLike, frequencies: ArrayLike) -> None:
         waves = _merged(*_checked(amplitudes, frequencies))
@@ -59,7 +61,7 @@ class Illumination:
         object.__setattr__(self, "is_fit", False)
 
     def _from(self, amplitudes: Any, frequencies: Any, is_fit: bool = False) -> Illumination:
-        """A field made of this one; ``is_fit``: or of a fit."""
+        """Make a field from this field; it is a fit if this field or the other factor is."""
         return restored(amplitudes, frequencies, self.is_fit or is_fit)
 
     @property
@@ -67,8 +69,8 @@ class Illumination:
         """d, the number of components of a position."""
         return int(self.frequencies.shape[1])
 
-    def __call__(self, x: ArrayLike) -> Any:
-        """The field at positions x (..., d), complex (...)."""
+    def __call__(self, x: ArrayLike) -> NDArray[np.complex128]:
+        """Return the field (...), complex, at positions x (..., d) in m."""
         try:
             points = real_numbers(x)
         except ValueError as error:
@@ -78,13 +80,13 @@ class Illumination:
         return np.exp(2j * np.pi * (points @ self.frequencies.T)) @ self.amplitudes
 
     def moved(self, shift: ArrayLike) -> Illumination:
-        """The field carried along by a shift (d,): u(x - shift)."""
+        """Return the field shifted by (d,) m: u(x - shift)."""
         offset = checked_shift(shift, self.dimension)
         turns = [exact_turns(kappa, offset.tolist()) for kappa in self.frequencies.tolist()]
         return self._from(self.amplitudes * np.exp(-2j * np.pi * np.array(turns)), self.frequencies)
 
     def turned(self, angle: float) -> Illumination:
-        """The field carried along by a turn about the origin, by an angle in radians.
+        """Return the field rotated about the origin by an angle in radians.
 
         Counter-clockwise; quarter turns are exact. Raises IlluminationError for a field of slits.
         """
@@ -93,7 +95,7 @@ class Illumination:
         return self._from(self.amplitudes, turned_points(self.frequencies, angle))
 
     def scaled(self, factor: float) -> Illumination:
-        """The field carried along when its source grows by a factor about the origin."""
+        """Return the field scaled about the origin by a factor."""
         size = checked_length(factor, "factor")
         with np.errstate(over="ignore"):
             return self._from(self.amplitudes, self.frequencies / size)
@@ -101,8 +103,8 @@ class Illumination:
     def _repr_html_(self) -> str:
         rows = [("waves", f"{len(self.amplitudes)} in {self.dimension} dimensions")]
         for amplitude, nu in list(zip(self.amplitudes, self.frequencies, strict=True))[:4]:
-            place = ", ".join(f"{component:.4g}" for component in nu)
-            rows.append((f"({place}) /m", f"{complex(amplitude):.4g}"))
+            position = ", ".join(f"{component:.4g}" for component in nu)
+            rows.append((f"({position}) /m", f"{complex(amplitude):.4g}"))
         return shown_as_html("Illumination", rows)
 
     def __mul__(self, other: Illumination | complex) -> Illumination:
@@ -171,14 +173,14 @@ class Illumination:
 
 
 def restored(amplitudes: Any, frequencies: Any, is_fit: bool) -> Illumination:
-    """An Illumination that knows whether it is a fit."""
+    """Make an Illumination with its attribute `is_fit`."""
     field = Illumination(amplitudes, frequencies)
     object.__setattr__(field, "is_fit", is_fit)
     return field
 
 
 def exact_turns(kappa: list[float], shift: list[float]) -> float:
-    """kappa.shift modulo 1, exact: far away it has many turns, whose rounding would spoil it."""
+    """Return kappa.shift modulo 1, exactly, because large products would be rounded."""
     turns = sum((Fraction(k) * Fraction(s) for k, s in zip(kappa, shift, strict=True)), Fraction(0))
     return float(turns - round(turns))
 
@@ -214,29 +216,29 @@ def _checked(
 def _merged(
     amplitudes: NDArray[np.complex128], frequencies: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """One wave for each frequency, in lexicographic order; no negative zeros.
+    """Merge waves of equal frequencies, in lexicographic order, without negative zeros.
 
-    Amplitudes left by cancellation, below rounding of the terms that cancelled, count as 0.
+    Amplitudes below the rounding of terms that cancel count as zero.
     """
-    found, number = np.unique(frequencies + 0.0, axis=0, return_inverse=True)
-    total, size = np.zeros(len(found), np.complex128), np.zeros(len(found))
+    distinct, number = np.unique(frequencies + 0.0, axis=0, return_inverse=True)
+    total, size = np.zeros(len(distinct), np.complex128), np.zeros(len(distinct))
     np.add.at(total, number.ravel(), amplitudes)
     np.add.at(size, number.ravel(), np.abs(amplitudes))
-    kept = np.abs(total) > 1e-15 * size
-    if not kept.any():
+    nonzero = np.abs(total) > 1e-15 * size
+    if not nonzero.any():
         raise IlluminationError("expected a field other than zero, got amplitudes of zero only")
-    return total[kept] + 0.0, found[kept]
+    return total[nonzero] + 0.0, distinct[nonzero]
 
 
-# Waves of twice the period are nearly dependent on the samples' extent: singular values below this
-# fraction change the fit by about as much, with amplitudes up to its inverse that cancel.
+# Smallest relative singular value. Waves with twice the period are nearly dependent on the extent
+# of the samples: smaller singular values cause large amplitudes that cancel.
 _CUT_OFF = 1e-6
 
-# The default periods, in extents of the samples: with twice the extent a field need not be
-# periodic to be approximated up to its edges.
+# Default period in extents of the samples. With twice the extent, fields that are not periodic are
+# approximated up to the edges.
 _PERIODS = 2
 
-# Samples that are in memory as rows of the matrix at a time.
+# Samples per block of rows of the matrix.
 _ROWS = 4096
 _MOST_WAVES = 4096
 
@@ -248,10 +250,10 @@ class FittedIllumination(NamedTuple):
     residual: float
     """sqrt(sum |u - values|^2 / sum |values|^2) over the samples."""
     rank: int
-    """Number of combinations of waves that the samples determined."""
+    """Number of combinations of waves that the samples determine."""
     cancellation: float
-    """sum |c_m| over the rms of the values: transforms lose this factor in accuracy, W and A its
-    square. About 1 to 10 is harmless."""
+    """sum |c_m| divided by the rms value. Errors of transforms grow by this factor, errors of W and
+    A by its square. Values of 1 to 10 are harmless."""
 
 
 def fit_illumination(
@@ -263,34 +265,39 @@ def fit_illumination(
     cut_off: float = _CUT_OFF,
     largest_residual: float | None = None,
 ) -> FittedIllumination:
-    """Plane waves whose sum comes nearest to a sampled field: least squares on given frequencies.
+    """Fit plane waves of fixed frequencies to a sampled field by least squares.
 
-    Minimises sum_j |u(x_j) - values_j|^2 by a singular value decomposition without the values below
-    `cut_off`. Memory is bounded by the square of the number of waves.
+    Minimises sum_j |u(x_j) - values_j|^2 by a singular value decomposition without singular values
+    below `cut_off`. The memory is proportional to the square of the number of waves.
 
-    The samples do not fix how the field changes away from the plane. Kirchhoff and
-    Rayleigh-Sommerfeld II take that from the waves found, above all from evanescent ones, |kappa| >
-    1/wavelength, and warn: two fits of one field on a square of one wavelength, with residuals of
-    1e-9 and less, were 0.12 dB apart by Rayleigh-Sommerfeld II, and 1e-4 dB by I.
+    Samples in the plane do not determine the normal derivative of the field. Kirchhoff and
+    Rayleigh-Sommerfeld II use the derivative of the fitted waves, which depends on evanescent waves
+    (|kappa| > 1/wavelength), and warn. Two fits of one field on a square of one wavelength, with
+    residuals below 1e-9, differed by 0.12 dB with Rayleigh-Sommerfeld II, and 1e-4 dB with I.
 
     Parameters
     ----------
-    points : (n, 2) positions in m; for slits (n, 1) or (n,); on a grid or not. Outside of their
-        bounds the fit means nothing: sample up to the edges of the aperture.
+    points : (n, 2) positions in m; for slits (n, 1) or (n,). They need not form a grid. The fit is
+        meaningless outside their bounds, so sample up to the edges of the aperture.
     values : (n,) complex field at these points.
     frequencies : (m, d) in cycles per metre. None: waves whose period is twice the extent of the
         points, -order..order periods along each axis.
-    order : of these waves, fewer where there are fewer samples. A phase that turns by q over the
-        aperture needs about 2 q + 4.
+    order : largest number of periods, reduced for few samples. A phase of q cycles over the
+        aperture needs an order of about 2 q + 4.
     cut_off : fraction of the largest singular value, from 1e-15 up to below 1; larger for noise.
-    largest_residual : refuse fits that are worse; None: the caller looks at the residual.
+    largest_residual : residual above which the fit is an error; None: no limit.
 
     Returns
     -------
     FittedIllumination : (illumination, residual, rank, cancellation).
 
-    Raises ArgumentError for points, values or options of other shapes or ranges; IlluminationError
-    for values all zero, frequencies that do not fit, and a residual above `largest_residual`.
+    Raises
+    ------
+    ArgumentError
+        Points, values or options have a wrong shape or range.
+    IlluminationError
+        All values are zero, the frequencies have a wrong shape, or the residual is above
+        `largest_residual`.
 
     >>> import polywigner as pw
     >>> import numpy as np
@@ -299,22 +306,22 @@ def fit_illumination(
     >>> fit.residual < 1e-2
     True
     """
-    places, field = _samples(points, values)
+    positions, field = _samples(points, values)
     least = checked_number(cut_off, "cut_off", "a fraction from 1e-15 to 1")
     if not 1e-15 <= least < 1:
         raise ArgumentError(f"expected cut_off from 1e-15 up to below 1, got {cut_off!r}")
-    low, high = places.min(axis=0), places.max(axis=0)
+    low, high = positions.min(axis=0), positions.max(axis=0)
     centre = low / 2 + high / 2
     if frequencies is None:
-        kappa = _lattice(high - low, checked_count(order, "order", 0), len(places))
+        kappa = _lattice(high - low, checked_count(order, "order", 0), len(positions))
     else:
-        kappa = _given(frequencies, places.shape[1])
+        kappa = _distinct(frequencies, positions.shape[1])
     if len(kappa) > _MOST_WAVES:
         raise ArgumentError(
             f"expected at most {_MOST_WAVES} waves, got {len(kappa)}; give fewer frequencies, or a "
             "lower order"
         )
-    amplitudes, left, rank = _least_squares(places - centre, field, kappa, least)
+    amplitudes, left, rank = _least_squares(positions - centre, field, kappa, least)
     size = float(np.linalg.norm(field))
     residual = left / size
     if largest_residual is not None and not residual <= checked_number(
@@ -346,8 +353,8 @@ def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.
     return places, field
 
 
-def _given(frequencies: Any, dimension: int) -> NDArray[np.float64]:
-    """Frequencies (m, d), each once, as an Illumination has them."""
+def _distinct(frequencies: Any, dimension: int) -> NDArray[np.float64]:
+    """Return the distinct frequencies (m, d) in the order of an Illumination."""
     count = len(frequencies) if hasattr(frequencies, "__len__") else 1
     kappa = Illumination(np.ones(count), frequencies).frequencies
     if kappa.shape[1] != dimension:
@@ -358,7 +365,7 @@ def _given(frequencies: Any, dimension: int) -> NDArray[np.float64]:
 
 
 def _lattice(extent: NDArray[np.float64], order: int, samples: int) -> NDArray[np.float64]:
-    """Frequencies (m, d): whole numbers of periods in twice the extent; no more than samples."""
+    """Return frequencies (m, d) with whole numbers of periods in twice the extent."""
     axes = int(np.count_nonzero(extent))
     highest = order
     while highest and (2 * highest + 1) ** axes > samples:
@@ -369,26 +376,26 @@ def _lattice(extent: NDArray[np.float64], order: int, samples: int) -> NDArray[n
 
 
 def _least_squares(
-    places: NDArray[np.float64],
+    positions: NDArray[np.float64],
     field: NDArray[np.complex128],
     kappa: NDArray[np.float64],
     cut_off: float,
 ) -> tuple[NDArray[np.complex128], float, int]:
-    """Amplitudes, norm of the rest of the field, and rank.
+    """Return amplitudes, norm of the residual field, and rank.
 
-    The triangle of a QR decomposition grows by blocks of rows (the field as the last column), so
-    that any number of samples fits into memory.
+    A QR decomposition adds blocks of rows, with the field as the last column, so that any number of
+    samples fits into memory.
     """
     waves = len(kappa)
     triangle: NDArray[np.complex128] = np.empty((0, waves + 1), np.complex128)
-    for start in range(0, len(places), _ROWS):
+    for start in range(0, len(positions), _ROWS):
         block = slice(start, start + _ROWS)
-        matrix = np.exp(2j * np.pi * (places[block] @ kappa.T))
+        matrix = np.exp(2j * np.pi * (positions[block] @ kappa.T))
         rows = np.vstack([triangle, np.column_stack([matrix, field[block]])])
         triangle = np.asarray(np.linalg.qr(rows, mode="r"))
     left, values, right = np.linalg.svd(triangle[:, :waves], full_matrices=False)
-    kept = values > cut_off * values[0]
+    used = values > cut_off * values[0]
     along = left.conj().T @ triangle[:, waves]
-    amplitudes = right.conj().T[:, kept] @ (along[kept] / values[kept])
+    amplitudes = right.conj().T[:, used] @ (along[used] / values[used])
     remainder = triangle[:, waves] - triangle[:, :waves] @ amplitudes
-    return amplitudes, float(np.linalg.norm(remainder)), int(kept.sum())
+    return amplitudes, float(np.linalg.norm(remainder)), int(used.sum())

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit, ops_for, without_collection
-from polywigner.geometry.obstacles import Obstacle
-from polywigner.geometry.silhouettes import Obstacles, Silhouette
+from polywigner.geometry.silhouettes import Obstacle, Obstacles, Silhouette
 from polywigner.kernels.boundary import edge_waves
 from polywigner.kernels.boundary.edge_waves import difference, dot
 from polywigner.mitsuba.plugins.exact_field import AWAY, ExactEstimator

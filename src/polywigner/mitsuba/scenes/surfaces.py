@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit
-from polywigner.geometry.obstacles import Obstacle
 from polywigner.geometry.parts import connected
-from polywigner.geometry.silhouettes import Silhouette
+from polywigner.geometry.silhouettes import Obstacle, Silhouette
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
