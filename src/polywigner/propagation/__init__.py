@@ -7,9 +7,8 @@ metres; a free wave is exp(+i k R)/R (docs/conventions). Fields are in the unit 
 module               what is in it
 ===================  ==========================================================================
 ``places``           points, angles, grids of points and names of methods, checked
-``irradiances``      |U|^2 at points, of mixtures of waves too; ``partial_coherence`` and
-                     ``lag_sums`` for partly coherent light
-``wigner_rays``      sums of Wigner rays, to a tolerance
+``irradiances``      |U|^2 at points: Wigner rays to a tolerance, and mixtures of waves;
+                     ``partial_coherence`` for partially coherent light
 ``quadrature``       Gauss rules on triangles, and on rows of trapezoids
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field
 ``boundary``         sums along edges, cut into panels with their waves, to a tolerance

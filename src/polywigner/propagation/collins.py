@@ -27,9 +27,9 @@ from polywigner.propagation.places import (
     checked_coordinates,
     warn_of_missed,
 )
-from polywigner.propagation.quadrature import field_at, gauss_rule, node_count, weighted_elements
+from polywigner.propagation.quadrature import gauss_rule, node_count
 from polywigner.source import Array
-from polywigner.source.normal_form import normal_form
+from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.transforms import autocorrelation, fourier
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
@@ -244,10 +244,16 @@ def _image(
 def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
     """u itself; points on the boundary as in :func:`autocorrelation`."""
     total = np.zeros(len(x), np.complex128)
-    for element, weight in weighted_elements(source):
-        inside = autocorrelation(element.with_illumination(None), x, (0.0, 0.0), engine="numpy")
-        total += weight * inside * field_at(element, x)
+    for element in normal_form(source).in_plane.elements:
+        inside = autocorrelation(element.outline, x, (0.0, 0.0), engine="numpy")
+        total += inside * _element_field(element, x)
     return total
+
+
+def _element_field(element: SourceElement, x: Floats) -> Complex:
+    """The waves of an element at x (n, 2), times its weight."""
+    waves = np.exp(2j * np.pi * (x @ element.frequencies.T))
+    return np.asarray(element.weight * (waves @ element.amplitudes))
 
 
 def _line_image(
@@ -378,8 +384,12 @@ def _folded(
 
 def _cut(plane: Any, outline: Aperture) -> Any:
     """A source or stop cut by an outline in its plane."""
-    parts = weighted_elements(plane)
-    met = [(e & outline, w) for e, w in parts if (e.polygons & outline.polygons).area > 0]
+    elements = normal_form(plane).in_plane.elements
+    met = [
+        (e.shape & outline, e.weight)
+        for e in elements
+        if (e.shape.polygons & outline.polygons).area > 0
+    ]
     if not met:
         raise ArgumentError(
             "expected a stop that lets light through, got one whose opening has no part in common "
@@ -445,17 +455,17 @@ def _rate(
 
 def _rule(stop: Any, rate: float, extra: float, lattice: _Lattice) -> tuple[Floats, Complex]:
     """Nodes (m, 2) on a stop, and weights (m,) times the field that it lets through."""
-    triangles = [(v[t], e, w) for e, w in weighted_elements(stop) for v, t in [triangulate(e)]]
-    work = sum(node_count(found, rate, extra) for found, _, _ in triangles) * lattice.work
+    elements = normal_form(stop).in_plane.elements
+    triangles = [corners[t] for corners, t in (triangulate(e.outline) for e in elements)]
+    work = sum(node_count(part, rate, extra) for part in triangles) * lattice.work
     if not work <= _MOST_WORK:
         raise ArgumentError(
             f"expected at most {_MOST_WORK:.0e} waves from places on a stop to points, got "
             f"{work:.1e}; take fewer points, on a grid along x and y, or a smaller source or stop"
         )
-    rules = [(gauss_rule(found, rate, extra), e, w) for found, e, w in triangles]
-    nodes = np.concatenate([x for (x, _), _, _ in rules])
-    fields = [w * a * field_at(e, x) for (x, a), e, w in rules]
-    return nodes, np.concatenate(fields).astype(np.complex128)
+    rules = [gauss_rule(part, rate, extra) for part in triangles]
+    fields = [a * _element_field(e, x) for (x, a), e in zip(rules, elements, strict=True)]
+    return np.concatenate([x for x, _ in rules]), np.concatenate(fields)
 
 
 class _Lattice:

@@ -28,9 +28,13 @@ from polywigner.kernels.boundary.integrals import distance_of, point_in_waveleng
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field
 from polywigner.propagation.places import checked_method, warn_of_missed
-from polywigner.propagation.quadrature import gauss_rule, node_count
+from polywigner.propagation.quadrature import (
+    gauss_rule,
+    has_few_kinks,
+    node_count,
+    smooth_triangles,
+)
 from polywigner.propagation.vector_fields import parts_of as parts_of_polarised
-from polywigner.propagation.wigner_rays import has_few_kinks, smooth_triangles
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.reception.cell_pairs import (
     Cells,

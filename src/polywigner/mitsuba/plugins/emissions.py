@@ -15,7 +15,7 @@ from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
 from polywigner.geometry.parts import union_on_grid
 from polywigner.propagation.far_fields import check_slopes, powers_of
-from polywigner.propagation.irradiances import parts_of
+from polywigner.propagation.irradiances import mixture_parts
 from polywigner.radiometry.directions import (
     checked_bandwidth,
     checked_radiator,
@@ -105,7 +105,7 @@ class Mixture:
         wave = source
         if self.coherence_width < math.inf:
             wave = source.partially_coherent(self.coherence_width)
-        return parts_of(wave, wavelength, self.bandwidth, error)
+        return mixture_parts(wave, wavelength, self.bandwidth, error)
 
     def nodes(self, source: Any, wavelength: float) -> Floats:
         """Waves (n, 4) of the coherent ``source`` whose mean power is the mixture's.
