@@ -259,7 +259,7 @@ SAMPLED: list[tuple[dict[str, Any], str]] = [
     ({"wavelength": 0.0}, "wavelength"),
     ({"source": pw.Slits([[0.0, 1.0]])}, "Aperture"),
     ({"source": SQUARE.placed(np.eye(4)), "to_world": np.eye(4)}, "both"),
-    ({"source": DARK, "power": 1.0}, "expected a source that radiates"),
+    ({"source": DARK, "power": 1.0}, "source radiates only"),
     ({"to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales"),
     *(
         ({"source": source, "obliquity": name}, "curved wave or partly coherent")

@@ -15,14 +15,13 @@ module               what is in it
 ``vector_fields``    electric fields of polarised sources, near by and far away
 ``screens``          opaque plates and openings lit by point sources and plane waves
 ``shadows``          fields behind opaque bodies, by ``equivalent_points`` of the source
-``collins``          fields behind first-order systems
+``collins``          fields behind first-order systems; point spread functions
 ``curved_fields``    fields of curved waves, as sums over cells of the source
-``far_fields``       the far field and its power; the image of a point
+``far_fields``       far fields as functions of direction, their power, and the search for the beam
 ``patterns``         radiation patterns, great circles through the beam, and the cuts of both
 ``pattern_files``    radiation patterns read and written; ``far_field_tables`` of simulators
 ``array_patterns``   arrays with errors, and radars of two arrays
 ``element_patterns`` far fields known at angles: between these, and as those of apertures
-``radiators``        sources as functions of direction, and the search for the beam
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
 ``datasets``         lines, planes, hemispheres and volumes: computed, lazy, or stored
 ``stores``           results larger than memory: lazy datasets, written to zarr stores by chunks
@@ -38,10 +37,11 @@ from polywigner.propagation import horns
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.array_patterns import array_tolerance, two_way_pattern
 from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
+from polywigner.propagation.collins import psf
 from polywigner.propagation.datasets import hemisphere, line, plane, volume
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
 from polywigner.propagation.exports import write_netcdf, write_vti
-from polywigner.propagation.far_fields import psf, radiated_power
+from polywigner.propagation.far_fields import radiated_power
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import read_pattern, write_pattern
 from polywigner.propagation.patterns import beam_cuts, radiation_pattern

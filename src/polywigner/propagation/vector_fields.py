@@ -37,7 +37,6 @@ from polywigner.propagation.boundary import (
     strata_of,
 )
 from polywigner.propagation.curved_fields import lit_nodes, summed_over_cells
-from polywigner.propagation.far_fields import checked_powers
 from polywigner.propagation.places import (
     checked_amplitude_tolerance,
     checked_method,
@@ -46,6 +45,7 @@ from polywigner.propagation.places import (
 )
 from polywigner.radiometry.directions import (
     PlaneSource,
+    checked_powers,
     checked_radiator,
     directions_and_weights,
     largest_lag,
@@ -80,7 +80,7 @@ _MEANS = ((-2.0, -1 / 6), (-1.0, 4 / 6), (1.0, 4 / 6), (2.0, -1 / 6))
 _LEAST = 1e-13
 
 
-def parts_of(source: Any, polarisation: Any) -> list[tuple[Any, Complex]]:
+def polarised_parts(source: Any, polarisation: Any) -> list[tuple[Any, Complex]]:
     """Scalar sources and unit vectors q (3,) whose products add up to the polarised source."""
     jones = checked_polarisation(polarisation, source)
     return [(part, np.append(p, 0.0)) for part, p in components(source, jones)]
@@ -149,7 +149,7 @@ def field(
     places, length = checked_points(points), checked_wavelength(wavelength)
     allowed = checked_amplitude_tolerance(tolerance, True)
     radiator = checked_radiator(source)
-    parts = parts_of(radiator, polarisation)
+    parts = polarised_parts(radiator, polarisation)
     flat = places.reshape(-1, 3)
     total, errors = np.zeros((len(flat), 3), np.complex128), np.zeros(len(flat))
     limits = np.zeros(len(flat))
@@ -382,7 +382,7 @@ def far_vectors(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Complex:
-    """lim r exp(-ikr) E(r s) (..., 3) at unit vectors s (..., 3), of :func:`parts_of`: (VP2).
+    """lim r exp(-ikr) E(r s) (..., 3) at unit vectors s (..., 3) of polarised parts: (VP2).
 
     In m times the unit of u; zero where z < 0.
     """

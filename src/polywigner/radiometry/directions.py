@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_number, checked_vectors
@@ -312,3 +312,18 @@ def _lag_angles(source: PlaneSource | Wavefront, turns: float) -> tuple[Floats, 
         nodes.append(start + width * (node + 1) / 2)
         weights.append(width * weight)
     return np.concatenate(nodes), np.concatenate(weights)
+
+
+# Smallest radiated fraction of the energy: rounding errors are 1e-13 of the energy, so that
+# directivities of sources that radiate less have no digits.
+_DARK = 1e-12
+
+
+def checked_powers(power: float, energy: float, wavelength: float) -> tuple[float, float]:
+    """Return both; raise IlluminationError for a source that radiates nothing."""
+    if not power > _DARK * max(0.0, energy):
+        raise IlluminationError(
+            f"source radiates only {power:.3g} W at a wavelength of {wavelength:g} m; check the "
+            "unit of the wavelength, and whether waves graze the aperture or cancel"
+        )
+    return power, energy

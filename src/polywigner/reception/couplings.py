@@ -34,7 +34,7 @@ from polywigner.propagation.quadrature import (
     node_count,
     smooth_triangles,
 )
-from polywigner.propagation.vector_fields import parts_of as parts_of_polarised
+from polywigner.propagation.vector_fields import polarised_parts
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.reception.cell_pairs import (
     Cells,
@@ -312,7 +312,7 @@ class _Link:
         values, errors, limits = np.zeros(len(poses), np.complex128), *np.zeros((2, len(poses)))
         parts: list[Any] = [[(source, None)] for source in self.sources]
         if self.jones is not None:
-            parts = list(map(parts_of_polarised, self.sources, self.jones))
+            parts = list(map(polarised_parts, self.sources, self.jones))
         floor = 0.0 if self.method == "fraunhofer" else _FLOOR * self.norm("aperture")
         for sender, taker in product(*parts):
             with told("links", range(0, len(poses), _BLOCK)) as starts:
