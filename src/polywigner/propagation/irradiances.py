@@ -280,7 +280,7 @@ def _has_closed_form(source: LightSource, obliquity: ObliquityName | None) -> bo
     """
     if not is_partly_coherent(source) or obliquity_of(obliquity).needs_normal_derivative:
         return False
-    return kernels.partly_coherent_kernel(source) is not None
+    return isinstance(source, Wavefront) and kernels.partly_coherent_kernel(source) is not None
 
 
 def _squared(
@@ -386,8 +386,6 @@ def _of_shared_samples(
 _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
 # Number of triangles above which a rule with one node in each is tried first.
 _MANY_TRIANGLES = 500
-# Pairs of a point and a triangle per block.
-_PAIRS_AT_ONCE = 1 << 20
 # Largest number of nodes of a rule, 64 MiB.
 _MOST_NODES = 1 << 22
 # Points whose phase rates agree within this fraction of 1/wavelength share their rules.
@@ -424,7 +422,8 @@ def _by_rays(
         kernel = _along_rays(kernel_for("wigner", part))
         terms.append((kernel, part, (wavelength, *forms, *curved)))
     radiator = radiator_of(flat)
-    if (radiator.distance(points) < _NEAREST * wavelength).any():
+    clearance = radiator.distance(points)
+    if (clearance < _NEAREST * wavelength).any():
         warn_caller(
             "Wigner rays are a rough approximation at points less than "
             f"{_NEAREST:g} wavelengths from the source; use method={DEFAULT!r}, which is exact"
@@ -456,7 +455,7 @@ def _by_rays(
         rate, group = float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
         _check_nodes(triangles, rate, wavelength)
         values[group], errors[group] = _refined_sums(
-            node_sum, triangles, rate, points[group], allowed, floor[group]
+            node_sum, triangles, rate, points[group], clearance[group], allowed, floor[group]
         )
     if not (errors <= allowed * np.maximum(np.abs(values), floor)).all():
         warn_caller(
@@ -519,12 +518,16 @@ def _refined_sums(
     triangles: Triangles,
     rate: float,
     points: Floats,
+    clearance: Floats,
     tolerance: float,
     floor: Floats,
 ) -> tuple[Floats, Floats]:
     """Irradiance and error estimates (n,): rules are refined until all points are settled.
 
     The allowed error is ``tolerance`` times the irradiance or ``floor`` (n,), if that is larger.
+    ``clearance`` (n,): distances from the source. The integrand has singularities at complex
+    positions as far from the real ones. At a distance d, nodes h apart err by a fraction of
+    exp(-2 pi d/h). If that exceeds 1/e, two rules may agree although neither is right.
     """
     values, errors = np.zeros(len(points)), np.full(len(points), np.inf)
     remaining = np.arange(len(points))
@@ -538,7 +541,7 @@ def _refined_sums(
             previous = sums
             continue
         change = np.abs(sums - previous)
-        change[_are_unresolved(triangles, rate, extra, points[remaining])] = np.inf
+        change[clearance[remaining] < spacings(triangles, rate, extra).max() / (2 * np.pi)] = np.inf
         errors[remaining] = change
         allowed = tolerance * np.maximum(np.abs(sums), floor[remaining])
         if (change <= allowed).all():
@@ -546,29 +549,6 @@ def _refined_sums(
         unsettled = change > _SETTLED * allowed
         remaining, previous = remaining[unsettled], sums[unsettled]
     return values, errors
-
-
-def _are_unresolved(
-    triangles: Triangles, rate: float, extra: float, points: Floats
-) -> NDArray[np.bool_]:
-    """Return a mask (n,) of points so near to the triangles that their rays pass between nodes.
-
-    The integrand has singularities at complex positions as far from the real ones as the point is
-    from the source: at a distance d, nodes h apart err by a fraction of exp(-2 pi d/h). If that is
-    more than 1/e, two rules may agree because neither of them resolves the integrand.
-    """
-    nearest = spacings(triangles, rate, extra) / (2 * np.pi)
-    low, high = triangles.min(axis=1), triangles.max(axis=1)
-    unresolved = points[:, 2] < nearest.max()
-    candidates = np.flatnonzero(unresolved)
-    step = max(1, _PAIRS_AT_ONCE // len(triangles))
-    for start in range(0, len(candidates), step):
-        some = candidates[start : start + step]
-        point = points[some, None]
-        aside = point[..., :2] - np.clip(point[..., :2], low, high)
-        gap = np.sqrt((aside**2).sum(axis=-1) + point[..., 2] ** 2)
-        unresolved[some] = (gap < nearest).any(axis=1)
-    return unresolved
 
 
 def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:

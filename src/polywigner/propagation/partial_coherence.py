@@ -403,7 +403,7 @@ def _summed_over_tilts(
         blocks.append((members, counts))
         cost += _NODE * len(members) * sum(float(c.prod(axis=1).sum()) for c in counts)
     edges = sum(len(ring) for ring in normal_form(source).rings)
-    cycles = sum(element.outline.polygons.length for element in elements) / wavelength
+    cycles = sum(element.shape.polygons.length for element in elements) / wavelength
     if cost > len(points) * count * (_WAVELENGTH * cycles + _EDGE * edges):
         return None
     # |c + i s|^2 + |c - i s|^2 = 2 |c|^2 + 2 |s|^2

@@ -129,7 +129,7 @@ def _by_counts(
 
 
 @lru_cache(maxsize=256)
-def _legendre(count: int) -> tuple[Floats, Floats]:
+def _legendre(count: int) -> Rule:
     """Nodes and weights on [0, 1]; for large counts, slightly more than ``count``."""
     panels = 1 if count <= _MOST_IN_ONE else -(-2 * count // _MOST_IN_ONE)
     nodes, weights = np.polynomial.legendre.leggauss(-(-count // panels))
