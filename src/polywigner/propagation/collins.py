@@ -123,7 +123,7 @@ def collins_field(
     system: FirstOrder,
     tolerance: float,
     double: bool,
-    engine: str,
+    engine: Engine,
 ) -> FieldEstimate:
     """Compute the field at points (n, 2).
 
@@ -338,7 +338,7 @@ def field_behind(
     field, error, bounds = _behind(source, systems, stops, flat, length, **how)
     field = field * phase
     warn_of_missed(error, bounds, "points")
-    result: Complex | Floats = field
+    result: Any = field
     if squared:
         result, error = squared_field(field, error)
     elif not double:
