@@ -347,7 +347,7 @@ def _of_elements(
     if abs(frequency * wavelength / SPEED_OF_LIGHT - 1) > _OTHER_FREQUENCY:
         warn_caller(
             f"got an element's pattern at {frequency:.6g} Hz for an array at "
-            f"{SPEED_OF_LIGHT / wavelength:.6g} Hz: it is taken as it is"
+            f"{SPEED_OF_LIGHT / wavelength:.6g} Hz: it is used without correction"
         )
     _, positions = source.repeated
 

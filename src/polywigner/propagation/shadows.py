@@ -300,7 +300,9 @@ def _edge(
 def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> None:
     places = np.array([place for place, *_ in sources])
     if bodies.inside(places).any():
-        raise ArgumentError("an obstacle encloses a part of the source; move it away")
+        raise ArgumentError(
+            "an obstacle encloses a part of the source; move it away from the source"
+        )
     nearest = min(float(body.distance(places).min()) for body in bodies.bodies)
     if nearest < _NEAR and len(sources) > 1:
         warn_caller(

@@ -138,7 +138,8 @@ def radiant_intensity(
         parts = wavelengths_of_band(length, band, longest_path(radiator), _BAND_ERROR)
         how: dict[str, Any] = {"precision": precision, "engine": engine}
         # each call takes the phases of path lengths at its own wavelength
-        return sum(w * radiant_intensity(radiator, directions, one, **how) for one, w in parts)
+        total = sum(w * radiant_intensity(radiator, directions, one, **how) for one, w in parts)
+        return np.asarray(total)[()]
 
     def per_frequency(source: PlaneSource | Wavefront, nu: NDArray[np.float64]) -> Any:
         """|F|^2/lambda^2."""
