@@ -91,7 +91,7 @@ def test_the_error_of_rays_falls_with_the_square_of_the_distance(name, condition
 
 def test_points_on_the_source_whose_rays_pass_between_all_nodes_have_no_error_estimate():
     square, points = pw.shapes.square(10e-3), [(0, 0, 1e-9), (1e-3, 2e-3, 1e-9)]
-    with pytest.warns(PolywignerWarning, match="tolerance asked for is not met"):
+    with pytest.warns(PolywignerWarning, match="tolerance is not met"):
         found, error = pw.irradiance(square, points, 3.2e-3, return_error=True)
     exact = pw.irradiance(square, points, 3.2e-3, "auto")
     assert (np.abs(found - exact) > 0.5).all()  # of 1
@@ -192,7 +192,7 @@ def test_the_sum_over_hundreds_of_wavelengths_is_right_or_refused():
     exact = pw.irradiance(strip, lobes, wavelength, "rayleigh-sommerfeld-1", tolerance=1e-12)
     # of leading order, at 5 L^2/wavelength
     assert found == pytest.approx(exact, rel=1e-3, abs=0.0)
-    with pytest.raises(ArgumentError, match="fewer wavelengths"):
+    with pytest.raises(ArgumentError, match="too large for Wigner rays"):
         pw.irradiance(pw.shapes.square(1.0), (0.5, 0.0, 2.0), 1e-5)
 
 

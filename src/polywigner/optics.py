@@ -1,4 +1,4 @@
-"""First-order optics: systems that act on rays of light by a symplectic matrix."""
+"""First-order optics: systems that act on rays by a symplectic matrix."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from polywigner.geometry.wavefront import turned_points
 
 Matrix = NDArray[np.float64]
 
-# Relative to the products that conditions are sums of: a matrix typed to ten digits passes, one
-# with a wrong sign or a forgotten element does not.
+# Tolerance relative to the products in the conditions: a matrix typed to ten digits passes, a wrong
+# sign or a missing element does not.
 _SYMPLECTIC = 1e-9
-# Of each element of a matrix as it is given, and of each product.
+# Relative rounding error of matrix elements and of products.
 _ULP = 2.0**-52
 _ONE = np.eye(2)
-# Of smaller numbers the inverse is infinite.
+# The inverse of smaller numbers is infinite.
 _LEAST = 2.0**-1023
 
 
 def check_symplectic(matrix: Matrix) -> None:
-    """A^T C and B^T D symmetric, A^T D - C^T B = 1, each within rounding of its products."""
+    """Raise ArgumentError unless A^T C and B^T D are symmetric and A^T D - C^T B = 1."""
     half = len(matrix) // 2
     a, b = matrix[:half, :half], matrix[:half, half:]
     c, d = matrix[half:, :half], matrix[half:, half:]
@@ -36,18 +36,18 @@ def check_symplectic(matrix: Matrix) -> None:
         ("B^T D - D^T B = 0", b.T @ d - d.T @ b, abs(b).T @ abs(d)),
         ("A^T D - C^T B = 1", a.T @ d - c.T @ b - np.eye(half), 1 + abs(a).T @ abs(d)),
     )
-    for law, found, size in conditions:
-        wrong = float(abs(found).max())
+    for law, deviation, size in conditions:
+        wrong = float(abs(deviation).max())
         if wrong > _SYMPLECTIC * float(size.max()):
             raise ArgumentError(
-                f"expected a symplectic ray matrix, {law}, got one that misses it by {wrong:.3g}; "
-                "give A to D of rays (x, s), s the direction cosines, to ten digits, or compose "
-                "the system of free_space, lens and magnifier"
+                f"ray matrix is not symplectic: {law} deviates by {wrong:.3g}; write A to D for "
+                "rays (x, s), s the direction cosines, with ten digits, or compose the system from "
+                "free_space, lens and magnifier"
             )
 
 
 def checked_pair(value: Any, expected: str) -> Matrix:
-    """One number or two, as two, none of them zero or NaN."""
+    """Return one or two numbers as two; raise ArgumentError for zero and NaN."""
     numbers = checked_vectors(value, expected, ())
     if numbers.shape not in ((), (2,)) or not (np.abs(numbers) >= _LEAST).all():
         raise ArgumentError(f"{expected}, got {value_text(value)}")
@@ -71,7 +71,8 @@ class FirstOrder:
 
     Raises
     ------
-    ArgumentError for what is no such matrix of finite numbers, and for one that is not symplectic.
+    ArgumentError
+        If the matrix has another shape, is not finite, or is not symplectic.
 
     >>> import polywigner as pw
     >>> pw.FirstOrder.free_space(0.2) @ pw.FirstOrder.lens(0.2)
@@ -82,7 +83,7 @@ class FirstOrder:
     """(4, 4), read-only."""
     rounding: Matrix
     """(4, 4): bounds on the rounding errors of the elements. In a product, elements within their
-    bounds become zero, so that an image composed of lenses and distances stays an image."""
+    bounds become zero, so that a system of lenses and distances with an image has B = 0."""
 
     def __init__(self, matrix: ArrayLike) -> None:
         expected = "expected a ray matrix of finite real numbers, (4, 4), or (2, 2)"
@@ -97,7 +98,7 @@ class FirstOrder:
 
     @classmethod
     def free_space(cls, z: float) -> FirstOrder:
-        """The way from one plane to another, z behind it, in m; back to it where z < 0.
+        """Return free space between planes at a distance z in m, backwards if z < 0.
 
         >>> import polywigner as pw
         >>> pw.FirstOrder.free_space(0.1)
@@ -107,13 +108,13 @@ class FirstOrder:
 
     @classmethod
     def lens(cls, f: float | tuple[float, float], angle: float = 0.0) -> FirstOrder:
-        """A thin lens, or a pair of crossed cylindrical lenses.
+        """Return a thin lens, or a pair of crossed cylindrical lenses.
 
         Parameters
         ----------
-        f : focal length in m, not 0, negative of a diverging lens; or (f_x, f_y), ``inf`` for an
-            axis along which it is flat.
-        angle : of the lens's x axis to that of the plane, in radians, counter-clockwise.
+        f : focal length in m, not 0, negative for a diverging lens; or (f_x, f_y), ``inf`` for a
+            flat axis.
+        angle : counter-clockwise angle from the x axis to the lens's x axis, in radians.
 
         Raises ArgumentError for other focal lengths and angles.
 
@@ -130,9 +131,9 @@ class FirstOrder:
 
     @classmethod
     def magnifier(cls, m: float | tuple[float, float]) -> FirstOrder:
-        """An image m times as large as its object, upside down where m < 0; or (m_x, m_y).
+        """Return an image m times as large as its object, inverted if m < 0; or (m_x, m_y).
 
-        Raises ArgumentError for a magnification of zero and for what is no number.
+        Raises ArgumentError for a magnification of zero, and for values that are not finite.
 
         >>> import polywigner as pw
         >>> pw.FirstOrder.magnifier(-2.0)
@@ -147,9 +148,9 @@ class FirstOrder:
 
     @classmethod
     def fourier(cls, f: float) -> FirstOrder:
-        """From the front to the back focal plane of a lens: the field there is F(x/(lambda f)).
+        """Return a lens between its focal planes: the field at the back is F(x/(lambda f)).
 
-        Raises ArgumentError for a focal length f in m that is 0, or no number.
+        Raises ArgumentError for a focal length f in m that is 0 or NaN.
 
         >>> import polywigner as pw
         >>> pw.FirstOrder.fourier(0.5)
@@ -159,17 +160,17 @@ class FirstOrder:
 
     @classmethod
     def fractional(cls, order: float, f: float) -> FirstOrder:
-        """The fractional Fourier transformer, which turns phase space by ``order`` quarter turns.
+        """Return the fractional Fourier transformer, a rotation of phase space by quarter turns.
 
-        Orders add up: 1 is :meth:`fourier`, 2 an image upside down, 4 the identity. Source:
+        Orders add up: 1 is :meth:`fourier`, 2 an inverted image, 4 the identity. Source:
         A. W. Lohmann, J. Opt. Soc. Am. A 10, 2181 (1993).
 
         Parameters
         ----------
-        order : a, of an angle a pi/2 between (x, f s) and (x', f s').
+        order : number a of quarter turns, the angle a pi/2 between (x, f s) and (x', f s').
         f : the scale in m, other than 0: the focal length of the transformer of order 1.
 
-        Raises ArgumentError for what are no such numbers.
+        Raises ArgumentError for other values.
 
         >>> import polywigner as pw
         >>> half = pw.FirstOrder.fractional(0.5, 0.3)
@@ -187,9 +188,9 @@ class FirstOrder:
 
     @classmethod
     def rotation(cls, angle: float) -> FirstOrder:
-        """A turn of the plane about its axis, such as a prism's; counter-clockwise.
+        """Return a counter-clockwise rotation of the plane about its axis, as by a prism.
 
-        Raises ArgumentError for an angle, in radians, that is no number.
+        Raises ArgumentError for an angle, in radians, that is not a number.
 
         >>> import math
         >>> import polywigner as pw
@@ -221,7 +222,7 @@ class FirstOrder:
 
     @property
     def inverse(self) -> FirstOrder:
-        """The system that undoes this one: [[D^T, -B^T], [-C^T, A^T]]."""
+        """Inverse system [[D^T, -B^T], [-C^T, A^T]]."""
         swap = np.array([2, 3, 0, 1])
         signs = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.ones((2, 2)))
         matrix, rounding = (m.T[swap][:, swap] for m in (self.matrix, self.rounding))
@@ -229,12 +230,12 @@ class FirstOrder:
 
     @property
     def is_symmetric(self) -> bool:
-        """Whether it is rotationally symmetric: each block a number times the unit matrix."""
+        """Whether the system is rotationally symmetric: all blocks multiples of the unit matrix."""
         blocks = (self.A, self.B, self.C, self.D)
         return all(b[0, 0] == b[1, 1] and not (b[0, 1] or b[1, 0]) for b in blocks)
 
     def rays(self, x: ArrayLike, s: ArrayLike) -> tuple[Matrix, Matrix]:
-        """Where rays leave the system, and in which directions.
+        """Return the positions and directions of rays behind the system.
 
         Parameters
         ----------
@@ -260,13 +261,13 @@ class FirstOrder:
         return rays[..., :2], rays[..., 2:]
 
     def __matmul__(self, other: FirstOrder) -> FirstOrder:
-        """The system that is ``other`` followed by this one."""
+        """Return the system of ``other`` followed by this one."""
         if not isinstance(other, FirstOrder):
             return NotImplemented
         with np.errstate(over="ignore", invalid="ignore"):
             product = _product(self.matrix, other.matrix)
         if not np.isfinite(product).all():
-            raise ArgumentError("expected systems whose product is finite, got one that overflows")
+            raise ArgumentError("the product of these systems overflows; check their units")
         first, second = abs(self.matrix), abs(other.matrix)
         rounding = _product(self.rounding + _ULP * first, second)
         rounding += _product(first, other.rounding)
@@ -293,7 +294,7 @@ class FirstOrder:
 
 
 def restored(matrix: Matrix, rounding: Matrix) -> FirstOrder:
-    """A system of a matrix (4, 4) that is known to be symplectic: products keep that, rounded."""
+    """Return a system of a matrix (4, 4) that is symplectic but for rounding errors."""
     system = FirstOrder.__new__(FirstOrder)
     _set(system, matrix, rounding)
     return system
@@ -306,5 +307,5 @@ def _set(system: FirstOrder, matrix: Matrix, rounding: Matrix) -> None:
 
 
 def _product(first: Matrix, second: Matrix) -> Matrix:
-    """The product of matrices by rounded products: fused ones differ between machines."""
+    """Matrix product without fused operations, whose rounding differs between machines."""
     return np.asarray((first[:, :, None] * second).sum(axis=1), np.float64)

@@ -7,23 +7,21 @@ metres; a free wave is exp(+i k R)/R (docs/conventions). Fields are in the unit 
 module               what is in it
 ===================  ==========================================================================
 ``places``           points, angles, grids of points and names of methods, checked
-``irradiances``      |U|^2 at points, of mixtures of waves too; ``partial_coherence`` and
-                     ``lag_sums`` for partly coherent light
-``wigner_rays``      sums of Wigner rays, to a tolerance
+``irradiances``      |U|^2 at points: Wigner rays to a tolerance, and mixtures of waves;
+                     ``partial_coherence`` for partially coherent light
 ``quadrature``       Gauss rules on triangles, and on rows of trapezoids
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field
 ``boundary``         sums along edges, cut into panels with their waves, to a tolerance
 ``vector_fields``    electric fields of polarised sources, near by and far away
 ``screens``          opaque plates and openings lit by point sources and plane waves
 ``shadows``          fields behind opaque bodies, by ``equivalent_points`` of the source
-``collins``          fields behind first-order systems
+``collins``          fields behind first-order systems; point spread functions
 ``curved_fields``    fields of curved waves, as sums over cells of the source
-``far_fields``       the far field and its power; the image of a point
+``far_fields``       far fields as functions of direction, their power, and the search for the beam
 ``patterns``         radiation patterns, great circles through the beam, and the cuts of both
 ``pattern_files``    radiation patterns read and written; ``far_field_tables`` of simulators
 ``array_patterns``   arrays with errors, and radars of two arrays
 ``element_patterns`` far fields known at angles: between these, and as those of apertures
-``radiators``        sources as functions of direction, and the search for the beam
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
 ``datasets``         lines, planes, hemispheres, volumes, tables of W and A: lazy, or stored
 ``stores``           datasets on disk: zarr stores written by chunks, NetCDF and VTK files
@@ -37,6 +35,7 @@ from polywigner.propagation import horns
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.array_patterns import array_tolerance, two_way_pattern
 from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
+from polywigner.propagation.collins import psf
 from polywigner.propagation.datasets import (
     ambiguity_table,
     hemisphere,
@@ -46,7 +45,7 @@ from polywigner.propagation.datasets import (
     wigner_table,
 )
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
-from polywigner.propagation.far_fields import psf, radiated_power
+from polywigner.propagation.far_fields import radiated_power
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import read_pattern, write_pattern
 from polywigner.propagation.patterns import beam_cuts, radiation_pattern

@@ -1,6 +1,7 @@
-"""Fields of curved waves: exact by sums over cells of the source (Q7), Fresnel's by transforms.
+"""Fields of curved waves: exact sums over cells of the source (Q7), and Fresnel fields.
 
-A cell is a triangle on which phases turn so little that one Gauss rule does for all.
+A cell is a triangle so small that the phase changes by at most four cycles. All cells have the same
+Gauss rule.
 """
 
 from __future__ import annotations
@@ -25,39 +26,39 @@ from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# So many Gauss nodes along each side of a cell have 13 digits of waves of four turns there, and of
-# the static field of places half as far away as the cell is long.
+# Gauss nodes along each side of a cell, and largest number of cycles there. This rule has 13 digits
+# for waves, and for the static field at distances from half the length of a cell on.
 _NODES, _TURNS = 20, 4.0
-# Rounding of a sum, relative to the sum of the moduli.
+# Rounding error of a sum, relative to the sum of the moduli.
 _ROUNDING = 1e-13
-# Pairs of a point and a cell: so many nodes at a time, points at a time, and the most in all.
+# Cells per block, points per block, and largest number of pairs of a point and a cell.
 _READY, _POINTS, _MOST_PAIRS = 1 << 9, 1 << 9, 1 << 22
 
 
 def curved_field(
     wave: Wavefront, points: Floats, wavelength: float, method: str
 ) -> tuple[Complex, Floats]:
-    """The field at points (n, 3), and a bound on the rounding of it."""
+    """Return the field at points (n, 3), and a bound on its rounding errors."""
     if method == "fresnel":
         return _fresnel(wave, points, wavelength)
     return summed_over_cells(wave, points, wavelength, partial(_terms, wave, method=method))
 
 
 def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Complex, Floats]:
-    """(Q6): the transform with a further parabola in its phase, the way to each point."""
+    """Fresnel field (Q6): the transform with the parabola of each path added to the phase."""
     q, axes = principal_axes(wave.curvature)
     scale = 1.0 / (wavelength * points[:, 2])
-    place, centre = points[:, :2], wave.centre
-    nu = (place - centre) * scale[:, None]
-    found = chirp_transform(wave.source, q + scale[:, None], axes, centre, nu)
+    position, centre = points[:, :2], wave.centre
+    nu = (position - centre) * scale[:, None]
+    spectrum = chirp_transform(wave.source, q + scale[:, None], axes, centre, nu)
     turns = points[:, 2] / wavelength
-    turns = turns - np.round(turns) + scale / 2 * ((place**2).sum(axis=1) - centre @ centre)
-    values = found * (scale / 1j) * np.exp(2j * math.pi * (turns - np.round(turns)))
+    turns = turns - np.round(turns) + scale / 2 * ((position**2).sum(axis=1) - centre @ centre)
+    values = spectrum * (scale / 1j) * np.exp(2j * math.pi * (turns - np.round(turns)))
     return values, _ROUNDING * scale * radiator_of(wave.source).content
 
 
 class _Part(NamedTuple):
-    """A copy of an element: its triangles where it is, its place, and its waves."""
+    """A copy of an element: triangles, shift in m, and waves."""
 
     triangles: Floats
     shift: Floats
@@ -72,10 +73,10 @@ def summed_over_cells(
     terms: Callable[[_Part, Floats, Floats, float], Complex],
     components: tuple[int, ...] = (),
 ) -> tuple[Complex, Floats]:
-    """Sums over a source at points (n, 3), (n, *components), and bounds on their rounding (n,).
+    """Return sums (n, *components) over a source at points (n, 3), and bounds on rounding (n,).
 
-    ``terms(part, cells, points, wavelength)``: (k, nodes, *components) of cells (k, 3, 2) and
-    points (k, 3). Cells are so small that one rule does for all.
+    ``terms(part, cells, points, wavelength)``: (k, nodes, *components) for cells (k, 3, 2) and
+    points (k, 3).
     """
     values, sizes = np.zeros((len(points), *components), np.complex128), np.zeros(len(points))
     with told("points", range(0, len(points), _POINTS)) as starts:
@@ -83,11 +84,10 @@ def summed_over_cells(
             some = points[start : start + _POINTS]
             for part in _parts(wave):
                 for owners, cells in _cells(wave, part, some, wavelength):
-                    found = terms(part, cells, some[owners], wavelength)
-                    np.add.at(values, owners + start, found.sum(axis=1))
-                    np.add.at(
-                        sizes, owners + start, np.abs(found).reshape(len(cells), -1).sum(axis=1)
-                    )
+                    result = terms(part, cells, some[owners], wavelength)
+                    moduli = np.abs(result).reshape(len(cells), -1).sum(axis=1)
+                    np.add.at(values, owners + start, result.sum(axis=1))
+                    np.add.at(sizes, owners + start, moduli)
     return values, _ROUNDING * sizes
 
 
@@ -100,9 +100,9 @@ def _parts(wave: Wavefront) -> Iterator[_Part]:
 
 
 def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, Floats]]:
-    """Parts of a source, and triangles (k, 3, 2) on which phases turn four times at most.
+    """Yield parts of a source, and triangles (k, 3, 2) with at most four cycles of phase.
 
-    The phases are those of the wave, and of plane waves in any direction.
+    The phase is the phase of the wave times a plane wave in any direction.
     """
     for part in _parts(wave):
         cells = part.triangles
@@ -120,7 +120,7 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, F
 
 
 def _steepest(wave: Wavefront, part: _Part, cells: Floats, slopes: Any) -> Floats:
-    """Largest spatial frequency (k,) of the wave on cells, ``slopes`` added."""
+    """Largest spatial frequency (k,) of the wave on cells, with ``slopes`` added."""
     slopes = slopes + (cells - wave.centre) @ wave.curvature
     highest = np.zeros(len(cells))
     for kappa in part.frequencies:
@@ -131,7 +131,7 @@ def _steepest(wave: Wavefront, part: _Part, cells: Floats, slopes: Any) -> Float
 def _cells(
     wave: Wavefront, part: _Part, points: Floats, wavelength: float
 ) -> Iterator[tuple[NDArray[np.intp], Floats]]:
-    """Numbers of points (k,) and triangles (k, 3, 2), in blocks: each point has all of the part."""
+    """Yield indices of points (k,) and triangles (k, 3, 2): for each point, the entire part."""
     count = len(part.triangles)
     owners = np.repeat(np.arange(len(points)), count)
     cells = np.tile(part.triangles, (len(points), 1, 1))
@@ -143,15 +143,15 @@ def _cells(
         owners, cells = np.repeat(owners[~small], 4), quartered(cells[~small])
         if len(owners) > _MOST_PAIRS:
             raise ArgumentError(
-                "expected points farther from a source with a curved wave, or a smaller source: "
-                "its exact field is a sum over places; use method='fresnel' for large ones"
+                "the exact field of this curved wave requires too many nodes on the source; use "
+                "points farther away, a smaller source, or method='fresnel'"
             )
 
 
 def _are_small(
     wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
-    """Whether phases turn four times at most across a cell, at most twice as long as far."""
+    """Whether a cell has at most four cycles of phase, and at most twice its distance as length."""
     sides = cells - np.roll(cells, 1, axis=1)
     size = np.linalg.norm(sides, axis=2).max(axis=1)
     away = cells - points[:, None, :2]
@@ -168,9 +168,9 @@ def _are_small(
 def lit_nodes(
     wave: Wavefront, part: _Part, cells: Floats, wavelength: float, with_slopes: bool = False
 ) -> tuple[Floats, Complex, Complex]:
-    """Nodes (k, n, 2) of cells, with the field (k, n) and its normal slope over ik, times weights.
+    """Nodes (k, n, 2) of cells; field and normal derivative over ik there, (k, n), times weights.
 
-    The slope is zero unless ``with_slopes``.
+    The derivative is zero unless ``with_slopes``.
     """
     shares, weights = _rule()
     nodes = np.einsum("nc,kcd->knd", shares, cells)

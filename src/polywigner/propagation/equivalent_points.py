@@ -1,8 +1,7 @@
-"""Points that radiate as a source does, from some wavelengths on. Source: (B8).
+"""Point sources with the field of a source, beyond a few wavelengths. Source: (B8).
 
-A grid of Gauss nodes over the bounds of the source gets weights with the source's far field in the
-directions that matter. The number of nodes is known before anything is computed. Lengths are in
-wavelengths.
+The points are Gauss nodes over the bounds of the source. Their weights reproduce the far field of
+the source in the required directions. Lengths are in wavelengths.
 """
 
 from __future__ import annotations
@@ -32,32 +31,32 @@ from polywigner.transforms.wavefronts import flat_of
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Most points that stand for a source.
+# Largest number of points for a source.
 _MOST_SOURCES = 1 << 15
-# Nodes beyond those of a uniform aperture, and beyond those of any source, that are tried one after
-# the other.
+# Additional nodes that are tried in turn, beyond the count for a uniform aperture, and beyond the
+# count for any source.
 _MORE_OF_UNIFORM, _MORE_OF_ANY = (0, 2, 4, 6, 9, 12, 16, 20), (0, 8, 16)
-# Singular values of plane waves at nodes that are rounding, over the largest.
+# Singular values of plane waves at nodes below this fraction of the largest are rounding errors.
 _ROUNDING = 1e-9
-# Sines beyond those of the directions that matter, times the length of a side in wavelengths.
+# Margin of the sines of the required directions, times the length of a side in wavelengths.
 _MARGIN = 4.0
-# Triangles at a time, of 400 nodes each.
+# Triangles per block, with 400 nodes each.
 _CELLS = 1 << 6
-# The far field is compared at so many directions for each node's length, and so many more.
+# Number of directions in which the far fields are compared: per cycle, and in addition.
 _DIRECTIONS, _MORE_DIRECTIONS = 4.0, 24
 
 
 @dataclass(frozen=True)
 class EquivalentGrid:
-    """Gauss nodes over the bounds of a source. Lengths in wavelengths, from its middle."""
+    """Gauss nodes over the bounds of a source, in wavelengths from its centre."""
 
     nodes: tuple[Floats, Floats]
-    """Along x and y, as shares of half the sides."""
+    """Nodes along x and y, as fractions of half the sides."""
     half: Floats
     """Half the sides (2,)."""
     weights: tuple[Complex, ...]
-    """(nx, ny) each, in units of u times a square wavelength: for the field's share of the
-    obliquity and for its slope's, as far as there are any."""
+    """(nx, ny) each, in units of u times a square wavelength: for the field, and for the normal
+    derivative, if the boundary condition contains them."""
 
 
 Sines = tuple[tuple[float, float], tuple[float, float]]
@@ -79,26 +78,26 @@ def equivalent_grid(
     None if ``allowed`` rejects the numbers of nodes along x and y.
     """
     half = (radiator.high - radiator.low) / (2 * wavelength)
-    middles, widths = np.mean(sines, axis=1), np.ptp(sines, axis=1) / 2
-    # cycles over half a side that directions differ by
+    centres, widths = np.mean(sines, axis=1), np.ptp(sines, axis=1) / 2
+    # phase differences between directions over half a side
     cycles = half * widths
     waves: list[Floats] = []
     spectra: list[Complex] = []
     for counts in zip(*(_numbers_of_nodes(c, error) for c in cycles), strict=True):
         if not allowed(counts):
             return None
-        if not spectra:  # not before it is known that there are few
+        if not spectra:  # after the check of the number of nodes
             numbers = [math.ceil(2 * _DIRECTIONS * c) + _MORE_DIRECTIONS for c in cycles]
             waves = [
                 m + w * np.cos(math.pi * (np.arange(n) + 0.5) / n)
-                for m, w, n in zip(middles, widths, numbers, strict=True)
+                for m, w, n in zip(centres, widths, numbers, strict=True)
             ]
             spectra = _spectra(source, waves, radiator.centre, wavelength, condition)
             if not spectra:
                 return None
         x, y = (np.polynomial.legendre.leggauss(n)[0] for n in counts)
         weights = [_fitted(s, waves, (half[0] * x, half[1] * y), error) for s in spectra]
-        if all(found is not None for found in weights):
+        if all(part is not None for part in weights):
             return EquivalentGrid((x, y), half, tuple(w for w in weights if w is not None))
     return None
 
@@ -107,7 +106,8 @@ def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
     """Return increasing numbers of nodes along a side, to be tried one after the other.
 
     ``cycles``: phase difference over half the side between the outermost and the central direction.
-    Gauss' rule sums uniform apertures; other sources need nodes in the middle as dense as waves.
+    The first counts suit uniform apertures. Other sources require nodes at the centre that resolve
+    their waves.
     """
     uniform = math.ceil(3.0 * cycles) + math.ceil(-0.7 * math.log10(error) * cycles ** (1 / 3)) + 1
     numbers = [uniform + more for more in _MORE_OF_UNIFORM]
@@ -117,14 +117,14 @@ def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
 
 
 def _spectra(
-    source: Any, sines: list[Floats], middle: Floats, wavelength: float, condition: Obliquity
+    source: Any, sines: list[Floats], centre: Floats, wavelength: float, condition: Obliquity
 ) -> list[Complex]:
-    """Far fields of the field's part of a boundary condition and of its slope's, if there are any.
+    """Far fields of the parts of a boundary condition: the field and the normal derivative.
 
-    In units of a square wavelength, seen from the middle.
+    In units of a square wavelength, relative to the centre.
     """
     nu = np.stack(np.meshgrid(*sines, indexing="ij"), axis=-1) / wavelength
-    phase = np.exp(2j * math.pi * (nu @ middle)) / wavelength**2
+    phase = np.exp(2j * math.pi * (nu @ centre)) / wavelength**2
     spectra = []
     if condition.field:
         spectra.append(condition.field * fourier(source, nu) * phase)
@@ -138,7 +138,7 @@ def _spectra(
 
 
 def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> Complex:
-    """The transform of the normal derivative of a curved wave, over ik."""
+    """Transform of the normal derivative of a curved wave, over ik."""
     total = np.zeros([len(s) for s in sines], np.complex128)
     for part, cells in cells_of_wave(wave, wavelength):
         for start in range(0, len(cells), _CELLS):
@@ -154,23 +154,23 @@ def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> 
 
 
 def _fitted(
-    spectrum: Complex, sines: list[Floats], places: tuple[Floats, Floats], error: float
+    spectrum: Complex, sines: list[Floats], nodes: tuple[Floats, Floats], error: float
 ) -> Complex | None:
-    """The weights of a grid of places with this far field; None if they miss it."""
-    waves = [np.exp(-2j * math.pi * np.outer(s, x)) for s, x in zip(sines, places, strict=True)]
+    """Weights of a grid of nodes with this far field; None if their error is too large."""
+    waves = [np.exp(-2j * math.pi * np.outer(s, x)) for s, x in zip(sines, nodes, strict=True)]
     first, second = (np.linalg.pinv(wave, rcond=_ROUNDING) for wave in waves)
     weights = first @ spectrum @ second.T
-    found = waves[0] @ weights @ waves[1].T
-    seen = np.add.outer(sines[0] ** 2, sines[1] ** 2) <= 1.0
-    expected = np.abs(spectrum[seen]) ** 2
-    missed = np.abs(np.abs(found[seen]) ** 2 - expected).max()
-    return weights if missed <= error * expected.max() else None
+    fit = waves[0] @ weights @ waves[1].T
+    real = np.add.outer(sines[0] ** 2, sines[1] ** 2) <= 1.0
+    expected = np.abs(spectrum[real]) ** 2
+    deviation = np.abs(np.abs(fit[real]) ** 2 - expected).max()
+    return weights if deviation <= error * expected.max() else None
 
 
 def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
     """Bounds on the sines of directions from a rectangle (2,) to (2,) at z = 0 to boxes (n, 2, 3).
 
-    Wider by what the ends of a source of this size tell apart.
+    They are widened by the angular resolution of a source of this size.
     """
     start = np.column_stack([low, high]).T
     first, last = boxes[:, 0].copy(), boxes[:, 1].copy()
@@ -188,7 +188,7 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
         least = first[:, k] / np.hypot(first[:, k], np.where(first[:, k] < 0.0, closest, farthest))
         lowest = max(-1.0, float(least.min()) - margin)
         highest = min(1.0, float(largest.max()) + margin)
-        if lowest < 0.0 < highest:  # Gauss' nodes need fewer for directions on both sides
+        if lowest < 0.0 < highest:  # symmetric ranges require fewer Gauss nodes
             highest = max(-lowest, highest)
             lowest = -highest
         bounds.append((lowest, highest))
@@ -196,9 +196,9 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
 
 
 def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, turns: Any = None) -> Pair:
-    """Return the term of (SB5) that turns the obliquity at the point into that at the edge.
+    """Return the term of (SB5) that replaces the obliquity at the point by the one at the edge.
 
-    ``rate``: the derivative of the boundary wave in the z of the source. ``turns``: see
+    ``rate``: derivative of the boundary wave with respect to z of the source. ``turns``: see
     :func:`spherical_wave`.
     """
     # i/(2 pi) of the derivative, times -1/(2 pi) of the boundary wave
@@ -209,7 +209,7 @@ def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, turns: Any 
 def spherical_wave(ops: Any, ahead: Point, turns: Any = None) -> Pair:
     """exp(2 pi i R)/(i R), R the length of ``ahead``.
 
-    ``turns``: of the wave, where they are known better than by the distance.
+    ``turns``: phase in cycles, if known more accurately than from the distance.
     """
     distance = ops.sqrt(sum(a * a for a in ahead))
     c, s = cos_sin_turns(ops, distance if turns is None else turns)
@@ -217,7 +217,7 @@ def spherical_wave(ops: Any, ahead: Point, turns: Any = None) -> Pair:
 
 
 def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = None) -> Pair:
-    """The wave of a point that radiates, ``ahead`` of it; weights of its field and slope.
+    """Wave ``ahead`` of a radiating point with these weights of the field and normal derivative.
 
     ``turns``: see :func:`spherical_wave`.
     """
@@ -227,7 +227,7 @@ def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = 
 
 
 class RadiatingPoint(NamedTuple):
-    """A point in place of a part of a source. Lengths in wavelengths."""
+    """A point that represents a part of a source. Lengths in wavelengths."""
 
     place: Floats
     field: complex
@@ -240,14 +240,14 @@ class RadiatingPoint(NamedTuple):
 
     @property
     def row(self) -> Floats:
-        """(7,): place, and real and imaginary parts of both weights."""
+        """(7,): position, and real and imaginary parts of both weights."""
         return np.array([*self.place, *self.weights[0], *self.weights[1]])
 
     def wave(self, points: Floats) -> Complex:
-        """Its wave at points (3, n)."""
+        """Return the wave of the point at points (3, n)."""
         ahead = points - self.place[:, None]
-        found = wave_ahead(NumpyOperations(double=True), tuple(ahead), *self.weights)
-        return np.asarray(found.real + 1j * found.imag)
+        wave = wave_ahead(NumpyOperations(double=True), tuple(ahead), *self.weights)
+        return np.asarray(wave.real + 1j * wave.imag)
 
 
 def radiating_points(
@@ -258,12 +258,12 @@ def radiating_points(
     most: int = _MOST_SOURCES,
     targets: Floats | None = None,
 ) -> list[RadiatingPoint]:
-    """Return points that radiate as a source does, but for an error of |F|^2 over its peak.
+    """Return points with the field of a source, up to an error of |F|^2 relative to its peak.
 
-    ``targets`` (n, 2, 3): low and high corners, in wavelengths, of boxes that the points may be
-    seen from; None: all directions.
+    ``targets`` (n, 2, 3): low and high corners, in wavelengths, of boxes with the points of
+    observation; None: all directions.
 
-    Raises ArgumentError at once for sources that need more than ``most`` points.
+    Raises ArgumentError for sources that require more than ``most`` points.
     """
     if isinstance(source, PointSource):
         # exp(ikR)/R is i/wavelength times exp(ikR)/(i R/wavelength)
@@ -279,8 +279,8 @@ def radiating_points(
         tried[:] = counts
         return math.prod(counts) <= most
 
-    found = equivalent_grid(source, radiator, wavelength, condition, error, allowed, sines)
-    if found is None:
+    grid = equivalent_grid(source, radiator, wavelength, condition, error, allowed, sines)
+    if grid is None:
         size, count = " × ".join(f"{side:.3g}" for side in high - low), math.prod(tried)
         raise ArgumentError(
             f"source of {size} wavelengths needs {count} or more equivalent points with obstacles, "
@@ -290,11 +290,11 @@ def radiating_points(
             else f"no {count} equivalent points match the source of {size} wavelengths; increase "
             "the tolerance"
         )
-    middle = radiator.centre / wavelength
-    x, y = (m + h * n for m, h, n in zip(middle, found.half, found.nodes, strict=True))
-    none = np.zeros_like(found.weights[0])
-    field = found.weights[0] if condition.field else none
-    slope = found.weights[-1] if len(found.weights) > bool(condition.field) else none
+    centre = radiator.centre / wavelength
+    x, y = (c + h * n for c, h, n in zip(centre, grid.half, grid.nodes, strict=True))
+    none = np.zeros_like(grid.weights[0])
+    field = grid.weights[0] if condition.field else none
+    slope = grid.weights[-1] if len(grid.weights) > bool(condition.field) else none
     return [
         RadiatingPoint(np.array([a, b, 0.0]), complex(field[i, j]), complex(slope[i, j]))
         for i, a in enumerate(x)

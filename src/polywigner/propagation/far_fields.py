@@ -1,28 +1,35 @@
-"""Far fields over directions, for each boundary condition; their power; the image of a point."""
+"""The far field of a source as a function of direction: field, power, beam and steering."""
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture, Wavefront
+from polywigner.execution import Engine, Precision, checked_engine, checked_precision
+from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import (
-    Points,
     checked_choice,
-    checked_length,
-    checked_row,
     checked_wavelength,
     takes_frequency,
-    warn_of_lens,
+    warn_caller,
 )
-from polywigner.optics import FirstOrder
-from polywigner.propagation.collins import field_behind
+from polywigner.numerics.band_limited import climbed, largest
+from polywigner.propagation.element_patterns import element_pattern_of
+from polywigner.propagation.places import unit_vectors
+from polywigner.propagation.vector_fields import far_vectors, polarised_parts, vector_powers
+from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import (
     PlaneSource,
+    check_width,
+    checked_powers,
     checked_radiator,
     directions_and_weights,
     largest_lag,
@@ -30,52 +37,53 @@ from polywigner.radiometry.directions import (
 )
 from polywigner.radiometry.flux import radiant_intensity
 from polywigner.source import Array
+from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import (
     DEFAULT,
     OBLIQUITIES,
     ObliquityName,
+    obliquity_of,
     times_direction_cosine,
 )
-from polywigner.transforms import fourier, pupil
+from polywigner.source.polarisation import MODELS, CurrentModel, checked_polarisation
+from polywigner.transforms import array_factor, fourier
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
-from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Rounding leaves 1e-13 of the energy; a directivity relative to less than this has no digits.
-_DARK = 1e-12
+if TYPE_CHECKING:
+    import xarray
+
+Values = NDArray[Any]
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 
 def far_field(
     source: Any,
-    directions: NDArray[np.float64],
+    directions: Floats,
     wavelength: float,
     obliquity: str,
     *,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> NDArray[Any]:
-    """lim r exp(-i k r) U(r s) (...), complex, at unit vectors s (..., 3): docs/patterns.md, (RP1).
+) -> Complex:
+    """lim r exp(-i k r) U(r s) (...) at unit vectors s (..., 3): docs/patterns.md, (RP1).
 
-    In m times the unit of u; zero where z < 0.
+    In m times the unit of u; zero where z < 0. complex64 in single precision.
     """
     nu, cosine = directions[..., :2] / wavelength, directions[..., 2]
     front = np.maximum(cosine, 0.0)
 
-    def spectrum(turned: bool) -> Any:
-        try:
-            field = times_direction_cosine(source, wavelength) if turned else source
-        except IlluminationError:  # all waves graze the plane: their cosines are zero
-            return 0.0
-        return fourier(field, nu, precision=precision, engine=engine)
-
     condition = OBLIQUITIES[obliquity]
-    if not condition.is_boundary_condition:
-        total = np.sqrt(front) * spectrum(False)
-    else:
-        total = condition.field * front * spectrum(False) if condition.field else 0.0
-        total = (
-            total + condition.slope * spectrum(True) if condition.needs_normal_derivative else total
-        )
+    factor = condition.field * front if condition.is_boundary_condition else np.sqrt(front)
+    total = np.zeros(front.shape, np.complex128)
+    if condition.field or not condition.is_boundary_condition:
+        total = factor * fourier(source, nu, precision=precision, engine=engine)
+    if condition.needs_normal_derivative:
+        with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
+            slopes = times_direction_cosine(source, wavelength)
+            spectrum = fourier(slopes, nu, precision=precision, engine=engine)
+            total = total + condition.slope * spectrum
     values = np.where(cosine < 0, 0.0, total / (1j * wavelength))
     return values.astype(np.complex64 if precision == "single" else np.complex128)
 
@@ -86,29 +94,39 @@ def radiated_power(
     wavelength: float,
     obliquity: ObliquityName = DEFAULT,
 ) -> float:
-    """Power that leaves through the far hemisphere, P = int |E|^2 dOmega (docs/patterns.md, (RP2)).
+    """Compute the power radiated through the far hemisphere, P = int |E|^2 dOmega (RP2).
 
-    With ``obliquity="paper"`` it is :func:`power`. It differs from int |u|^2 by what is evanescent
-    and by the boundary condition: small patches radiate a seventh.
+    With ``obliquity="paper"`` the result equals :func:`power`. It differs from int |u|^2 by the
+    evanescent part and by the boundary condition: patches of a fraction of a wavelength radiate a
+    seventh (docs/patterns.md).
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
-        curved or partly coherent wave.
-    wavelength : in m.
-    obliquity : as of :func:`radiation_pattern`.
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0, |u|^2 in W/m^2; its light may be partially coherent.
+    wavelength : float
+        Wavelength in m.
+    obliquity : str, default "rayleigh-sommerfeld-1"
+        See :func:`radiation_pattern`.
 
     Returns
     -------
-    In W, to 1e-12 of int |u|^2. Cost: F in some 15 (diameter/wavelength)^2 + 1000 directions.
-    Beyond 600 wavelengths by lags as :func:`power`, to 1e-8, or 1e-5 for obliquities that take
-    slopes.
+    float
+        Power in W, to 1e-12 of int |u|^2. The cost is F in about 15 (diameter/wavelength)^2 + 1000
+        directions. Sources beyond 600 wavelengths use lags as :func:`power` does, to 1e-8, or 1e-5
+        for obliquities with normal derivatives.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or range; IlluminationError for a source that
-    radiates nothing; GeometryError for an Array whose elements do not lie in the plane z = 0.
+    ArgumentError
+        For arguments of the wrong type or range.
+    IlluminationError
+        If the source radiates nothing.
+    GeometryError
+        If elements of an Array do not lie in the plane z = 0.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> patch = pw.shapes.rectangle(1.2e-3, 0.9e-3)  # |u|^2 = 1 W/m^2 on 1.08 mm^2
     >>> round(pw.radiated_power(patch, 3.9e-3) / patch.area, 3)
@@ -122,12 +140,12 @@ def radiated_power(
 
 
 def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
-    """Raise ArgumentError for an obliquity that takes the slopes of a curved wave, or of tilts."""
+    """Raise ArgumentError for an obliquity that needs normal derivatives of a Wavefront."""
     if isinstance(source, Wavefront) and OBLIQUITIES[name].needs_normal_derivative:
         raise ArgumentError(
-            f'expected obliquity {DEFAULT!r} or "paper" for a curved wave or partly '
-            f"coherent light, got {name!r}, whose factor differs from place to place and from tilt "
-            "to tilt; amplitude has it near by, of coherent light"
+            f"obliquity {name!r} is not available for a curved wave or partially coherent light, "
+            f'where it varies with position and tilt; use {DEFAULT!r} or "paper", or the near '
+            "field by amplitude (coherent light only)"
         )
 
 
@@ -142,17 +160,6 @@ def powers_of(
     return checked_powers(power, energy_of(source), wavelength)
 
 
-def checked_powers(power: float, energy: float, wavelength: float) -> tuple[float, float]:
-    """The radiated power and int |u|^2; IlluminationError for a source that radiates nothing."""
-    if not power > _DARK * max(0.0, energy):
-        raise IlluminationError(
-            f"expected a source that radiates at a wavelength of {wavelength:g} m, got one whose "
-            f"far field carries {power:.3g} W; check the unit of the wavelength, and whether waves "
-            "graze the aperture or cancel"
-        )
-    return power, energy
-
-
 def _intensity(
     source: PlaneSource | Wavefront, directions: NDArray[np.float64], wavelength: float, name: str
 ) -> NDArray[np.float64]:
@@ -164,73 +171,273 @@ def _intensity(
     return np.asarray(radiant_intensity(source, directions, wavelength) * factor)
 
 
-@takes_xarray("points", units="m-2", long_name="point spread function")
-def psf(
-    source: Aperture | Array,
-    points: Points,
-    wavelength: ArrayLike,
-    focal_length: float,
-    defocus: float = 0.0,
-    pupil_radius: float | None = None,
-    *,
-    weights: ArrayLike | None = None,
-    precision: Precision = None,
-    engine: Engine = "auto",
-) -> Any:
-    """Point spread function of a lens with a pupil of this shape, in or out of focus.
+# ---- sources as functions of direction -----------------------------------------------------------
 
-    The irradiance behind a lens, in its focal plane, of a star on the axis, as a share of its power
-    for each m^2: its integral over the plane is 1, its Fourier transform is :func:`otf`. Any other
-    first-order system: :func:`irradiance` with ``through``. Of several wavelengths it is the mean,
-    as of a detector that sees them all.
+# Samples of direction cosines across the hemisphere at least: the obliquity varies if the source is
+# small. Directions per block: some megabytes.
+_LEAST_STEPS = 16
+_BLOCK = 1 << 17
+# Directions of the full hemisphere, a tenth of a second. The beam of a wider source is searched
+# near its waves, within this number of lobes of an element.
+_MOST, _LOBES = 1 << 20, 4.0
+# Relative difference between the frequencies of an element's pattern and of the array.
+_OTHER_FREQUENCY = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class FarField:
+    """The far field of a source as a function of direction."""
+
+    source: PlaneSource | Wavefront | None
+    """None for the field of a table."""
+    wavelength: float
+    at: Callable[..., Values]
+    """The field (...), or its vectors (..., 3), at unit vectors (..., 3)."""
+    powers: tuple[float, float]
+    """Radiated power and aperture power."""
+    about: dict[str, Any]
+    """The boundary condition, or the model of currents."""
+    is_vector: bool = True
+    jones: Values | None = None
+    """The polarisation that co-polar refers to; None: the beam's."""
+    goes_backwards: bool = False
+    """Whether the source radiates behind its plane."""
+    known_beam: tuple[float, float, float] | None = None
+    """The beam of a table."""
+    on_grid: Callable[[Values, Values], Values] | None = None
+    """The field over theta (n,) and phi (m,); None: ``at`` their directions."""
+    how: dict[str, Any] = field(default_factory=dict)
+    """Precision and engine of fields over angles."""
+
+    def grid(self, theta: Values, phi: Values) -> Values:
+        """Return the field (n, m), or its vectors (n, m, 3), over theta (n,) and phi (m,)."""
+        if self.on_grid is not None:
+            return self.on_grid(theta, phi)
+        return self.at(unit_vectors(theta, phi), **self.how)
+
+    def intensity(self, directions: Values) -> Values:
+        """Return |E|^2 (...) in W/sr at unit vectors (..., 3)."""
+        squares = np.square(np.abs(self.at(directions)))
+        return np.asarray(squares.sum(axis=-1) if self.is_vector else squares)
+
+    @cached_property
+    def beam(self) -> tuple[float, float, float]:
+        """Largest |E|^2 of all directions in front, in W/sr, and its theta and phi.
+
+        If several are equal, the direction is the one with the smallest theta, then phi.
+        """
+        if self.known_beam is not None:
+            return self.known_beam
+        extent = np.ptp(np.reshape(flat_of(self.source).bounds, (2, 2)), axis=0)
+        width = extent / self.wavelength
+        steps = np.maximum(2 * np.ceil(2 * width), _LEAST_STEPS).astype(int)
+        windows = [(np.zeros(2), steps // 2)]
+        if steps.prod() > _MOST:
+            windows = self._windows(2 / steps)
+        candidates = []
+        for centre, counts in windows:
+            across, along = (
+                m + step * np.arange(-n, n + 1)
+                for m, step, n in zip(centre, 2 / steps, counts, strict=True)
+            )
+            rows = max(1, _BLOCK // len(across))
+            for k in range(0, len(along), rows):
+                grid = np.stack(np.meshgrid(across, along[k : k + rows]), axis=-1).reshape(-1, 2)
+                candidates.append(largest(*self._on_disc(grid), 2 / steps, width))
+        cosines, values = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
+        cosines, _ = largest(cosines, values, 2 / steps, width)
+        cosines, values = climbed(self._on_disc, cosines, 2 / steps, width)
+        theta = np.arcsin(np.minimum(1, np.linalg.norm(cosines, axis=-1)))
+        phi = np.arctan2(cosines[:, 1], cosines[:, 0]) % (2 * math.pi)
+        first = np.lexsort([phi.round(6), theta.round(6)])[0]
+        return float(values.max()), float(theta[first]), float(phi[first])
+
+    def _windows(self, step: Values) -> list[tuple[Values, NDArray[np.intp]]]:
+        """Centres of windows of direction cosines that hold the beam of a wide source, and sizes.
+
+        Sizes are half the numbers of samples.
+        """
+        source, wavelength = self.source, self.wavelength
+        flat = flat_of(source)
+        sides = [np.ptp(np.reshape(e.bounds, (2, 2)), axis=0) for e in flat.elements_in_plane]
+        reach = _LOBES * wavelength / np.min(sides, axis=0)
+        if isinstance(source, Wavefront):
+            half = np.ptp(np.reshape(flat.bounds, (2, 2)), axis=0) / 2
+            reach = reach + wavelength * np.abs(source.curvature) @ half
+        counts = np.ceil(np.minimum(reach, 1.0) / step).astype(np.intp)
+        waves = normal_form(flat).frequencies
+        centres = np.unique(np.round(waves * wavelength / step), axis=0) * step
+        return [(centre, counts) for centre in centres if np.linalg.norm(centre) <= 1.0]
+
+    def _on_disc(self, cosines: Values) -> tuple[Values, Values]:
+        """Direction cosines (..., 2), moved into the unit disc, and |E|^2 (...) there."""
+        cosines = cosines / np.maximum(1, np.linalg.norm(cosines, axis=-1, keepdims=True))
+        third = np.sqrt(np.maximum(0, 1 - np.square(cosines).sum(axis=-1, keepdims=True)))
+        directions = np.concatenate([cosines, third], axis=-1).reshape(-1, 3)
+        return cosines, self.intensity(directions).reshape(cosines.shape[:-1])
+
+
+class FarFieldOptions(TypedDict, total=False):
+    """Options of :func:`radiation_pattern` and :func:`beam_cuts`."""
+
+    obliquity: ObliquityName | None
+    polarisation: str | ArrayLike | None
+    method: CurrentModel | None
+    element: xarray.Dataset | None
+    precision: Precision
+    engine: Engine
+
+
+def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) -> FarField:
+    """Return the far field of arguments of :func:`radiation_pattern`, which raises their errors."""
+    known = FarFieldOptions.__annotations__
+    unknown = [name for name in options if name not in known]
+    if unknown:
+        raise ArgumentError(f"expected options among {', '.join(known)}, got {unknown[0]!r}")
+    obliquity, polarisation, method, element = (
+        options.get(name) for name in ("obliquity", "polarisation", "method", "element")
+    )
+    how: dict[str, Any] = {
+        "precision": checked_precision(options.get("precision")),
+        "engine": checked_engine(options.get("engine", "auto")),
+    }
+    if element is not None and not (obliquity is None and method is None):
+        raise ArgumentError(
+            f"expected an element's pattern without obliquity and method, got {obliquity!r} and "
+            f"{method!r}; leave them out"
+        )
+    if polarisation is not None and obliquity is not None:
+        raise ArgumentError(
+            f"expected an obliquity or a polarisation, got {obliquity!r} and {polarisation!r}; a "
+            "polarised field has a method instead"
+        )
+    if polarisation is None and method is not None:
+        raise ArgumentError(f"expected a polarisation with method={method!r}, got none; give one")
+    radiator, length = checked_radiator(source), checked_wavelength(wavelength)
+    check_width(largest_lag(radiator), length)
+    if element is not None:
+        return _of_elements(radiator, length, element, polarisation, how)
+    if polarisation is not None:
+        model = checked_choice("huygens" if method is None else method, "method", MODELS)
+        parts = polarised_parts(radiator, polarisation)
+        at = partial(far_vectors, parts, wavelength=length, model=model)
+        powers = vector_powers(parts, length, model)
+        jones = checked_polarisation(polarisation, radiator)
+        return FarField(radiator, length, at, powers, {"method": model}, jones=jones, how=how)
+    condition = obliquity_of(obliquity)
+    name = condition.name
+    check_slopes(radiator, name)
+    condition.warn_of_fit(flat_of(radiator), length)
+    at = partial(far_field, radiator, wavelength=length, obliquity=name)
+    powers = powers_of(radiator, length, name)
+    return FarField(radiator, length, at, powers, {"obliquity": name}, is_vector=False, how=how)
+
+
+def _of_elements(
+    source: Any, wavelength: float, pattern: Any, polarisation: Any, how: dict[str, Any]
+) -> FarField:
+    """The far field of an array of elements with a pattern from a file or a solver."""
+    if not isinstance(source, Array) or source.repeated is None:
+        raise ArgumentError(
+            "expected a phased_array with an element's pattern, got "
+            f"{type(source).__name__}; make one by phased_array(element, positions, weights)"
+        )
+    element = element_pattern_of(pattern)
+    frequency = float(pattern.attrs.get("frequency", math.nan))
+    if abs(frequency * wavelength / SPEED_OF_LIGHT - 1) > _OTHER_FREQUENCY:
+        warn_caller(
+            f"got an element's pattern at {frequency:.6g} Hz for an array at "
+            f"{SPEED_OF_LIGHT / wavelength:.6g} Hz: it is used without correction"
+        )
+    _, positions = source.repeated
+
+    def factor(s: Values, **how: Any) -> Values:
+        return np.asarray(array_factor(positions, source.weights, s[..., :2] / wavelength, **how))
+
+    def at(s: Values) -> Values:
+        return element.vectors(s) * factor(s)[..., None]
+
+    def on_grid(theta: Values, phi: Values) -> Values:
+        return element.grid(theta, phi) * factor(unit_vectors(theta, phi), **how)[..., None]
+
+    extent = float(np.linalg.norm(np.ptp(positions, axis=0)))
+    power = element.power(2 * math.pi * extent / wavelength, factor)
+    jones = None if polarisation is None else checked_polarisation(polarisation)
+    return FarField(
+        source, wavelength, at, (power, math.nan), {"method": "pattern of the elements"},
+        jones=jones, goes_backwards=element.is_whole, on_grid=on_grid,
+    )  # fmt: skip
+
+
+# ---- steering -----------------------------------------------------------------------------------
+
+# Deviations that steering allows: of the phases of weights from a plane, in rad, and of waves from
+# symmetry, in parts of 1/wavelength. Rounded tables pass, quantised phases do not.
+_LINEAR = 0.02
+_SYMMETRIC = 1e-6
+# Waves of a field that are compared with their opposites.
+_MOST_WAVES = 4096
+
+
+def steered_direction(
+    source: PlaneSource | Wavefront | None, wavelength: float, beam: tuple[float, float]
+) -> tuple[float, float] | None:
+    """Return theta and phi to which a source is steered, in rad; None if it is not known.
+
+    A phased array is steered if the phases of its weights rise linearly, up to sign. An aperture is
+    steered if its waves lie symmetrically about one wave, such as a real taper times a plane wave.
 
     Parameters
     ----------
-    source : Aperture, or an Array of apertures in the plane z = 0, with the field in the pupil; the
-        axis passes through the origin.
-    points : (..., 2) in the image in m.
-    wavelength : in m, or (k,) of a polychromatic source.
-    focal_length : in m, or the distance of the image from the pupil.
-    defocus : the wavefront aberration W20 at ``pupil_radius``, in waves of the mean wavelength; the
-        aberration in m is that of all wavelengths.
-    pupil_radius : see :func:`otf`.
-    weights : (k,) of the wavelengths, zero or more; None: all the same.
-    precision, engine : see :func:`fourier`.
-
-    Returns
-    -------
-    (...) float64, at least 0, in 1/m^2.
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
-
-    Raises
-    ------
-    ArgumentError for arguments of the wrong type, shape or range; IlluminationError for an Array
-    whose fields cancel everywhere; GeometryError for one in other planes; EngineError without the
-    engine.
-
-    >>> import polywigner as pw
-    >>> pupil = pw.shapes.square(10e-3)
-    >>> peak = pw.psf(pupil, (0.0, 0.0), 0.5e-6, 0.1)  # area/(lambda f)^2
-    >>> round(float(peak * (0.5e-6 * 0.1) ** 2 / 1e-4), 12)
-    1.0
+    beam : theta and phi of the beam. Among the directions to which the array is steered, up to
+        grating lobes, the result is the one next to it.
     """
-    checked_radiator(source)
-    lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
-    for length in lengths.tolist():
-        checked_length(length, "wavelength")
-    distance = checked_length(focal_length, "focal_length")
-    warn_of_lens(source, float(lengths.max()), distance)
-    system = FirstOrder.fourier(distance)
-    share = pupil.shares_of(weights, lengths.size)
-    radius = pupil.checked_pupil_radius(source, pupil_radius)
-    # exp(2 pi i w |x|^2/a^2) is a lens of power -2 w lambda/a^2, the same for all wavelengths
-    bend = 2.0 * pupil.checked_waves(defocus) * float(share @ lengths) / radius / radius
-    if bend:
-        system = system @ FirstOrder([[1.0, 0.0], [bend, 1.0]])
-    total: Any = 0.0
-    for part, length in zip(share.tolist(), lengths.tolist(), strict=True):
-        total = total + part * field_behind(
-            source.at_wavelength(length), points, length, system, None, {},
-            squared=True, precision=precision, engine=engine,
-        )  # fmt: skip
-    return total / pupil.checked_energy(source)
+    if source is None or isinstance(source, Wavefront):
+        return None
+    if isinstance(source, Array):
+        if source.repeated is None:
+            return None
+        positions = source.repeated[1]
+        cosines = _of_weights(positions, source.weights, wavelength, _cosines(*beam))
+    else:
+        cosines = _of_waves(source.illumination, wavelength)
+    if cosines is None or np.linalg.norm(cosines) > 1:
+        return None
+    theta = math.asin(float(np.linalg.norm(cosines)))
+    phi = round(math.atan2(cosines[1], cosines[0]), 12) % (2 * math.pi)
+    return theta, phi if theta > _SYMMETRIC else 0.0
+
+
+def _cosines(theta: float, phi: float) -> Values:
+    return math.sin(theta) * np.array([math.cos(phi), math.sin(phi)])
+
+
+def _of_weights(
+    positions: Values, weights: Values, wavelength: float, near: Values
+) -> Values | None:
+    """Direction cosines (2,) of weights with linear phases, next to others."""
+    if len(weights) < 2:
+        return None
+    residual = weights * np.exp(-2j * np.pi * (positions @ near) / wavelength)
+    # weights of windows may be negative: squares have no sign
+    squares = residual**2 * np.conj((residual**2).sum())
+    phases, strength = np.angle(squares) / 2, np.abs(weights)
+    columns = np.column_stack([positions / wavelength * 2 * np.pi, np.ones(len(weights))])
+    slope = np.linalg.lstsq(columns * strength[:, None], phases * strength, rcond=1e-9)[0]
+    error = np.abs(phases - columns @ slope)[strength > 1e-6 * strength.max()].max()
+    return near + slope[:2] if error <= _LINEAR else None
+
+
+def _of_waves(illumination: Any, wavelength: float) -> Values | None:
+    """Direction cosines (2,) of the wave at the centre of a symmetric set of waves."""
+    if illumination is None:
+        return np.zeros(2)
+    waves, sizes = illumination.frequencies * wavelength, np.abs(illumination.amplitudes)
+    if len(waves) > _MOST_WAVES or not sizes.any():
+        return None
+    centre = (waves * np.square(sizes)[:, None]).sum(axis=0) / np.square(sizes).sum()
+    rows = np.column_stack([waves - centre, sizes / sizes.max()])
+    opposite = rows * (-1, -1, 1)
+    order, reverse = (np.lexsort(part.round(6).T) for part in (rows, opposite))
+    is_symmetric = np.abs(rows[order] - opposite[reverse]).max() <= _SYMMETRIC
+    return centre if is_symmetric else None

@@ -1,10 +1,13 @@
-"""Irradiance |U|^2 at points in front of a source."""
+"""Irradiance |U|^2 at points in front of a source: Wigner rays, and mixtures of waves.
+
+Source: (R1), (T1), (T2).
+"""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +24,9 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
+from polywigner.kernels import Kernel, kernel_for
+from polywigner.kernels.functions.slices import SliceSum
+from polywigner.kernels.kernel import Values
 from polywigner.optics import FirstOrder
 from polywigner.propagation.amplitudes import Obstacle, amplitude, shaped
 from polywigner.propagation.boundary import radiator_of
@@ -38,90 +44,49 @@ from polywigner.propagation.places import (
     checked_method,
     checked_points,
 )
+from polywigner.propagation.quadrature import (
+    Triangles,
+    gauss_rule,
+    has_few_kinks,
+    node_count,
+    quartered,
+    smooth_triangles,
+    spacings,
+    triangulated,
+)
 from polywigner.propagation.screens import PointSource, Screen
 from polywigner.propagation.shadows import LEAST_TOLERANCE
-from polywigner.propagation.wigner_rays import Rays, summed_rays
 from polywigner.radiometry.directions import (
+    PlaneSource,
     checked_bandwidth,
     checked_radiator,
     longest_path,
     wavelengths_of_band,
 )
 from polywigner.source import Array
-from polywigner.source.obliquities import (
-    DEFAULT,
-    ObliquityName,
-    obliquity_of,
-)
+from polywigner.source.normal_form import normal_form
+from polywigner.source.obliquities import DEFAULT, Forms, ObliquityName, obliquity_of
+from polywigner.source.support import mutual_support
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import coherent_source, flat_of, is_partly_coherent, tilts_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
+Floats = NDArray[np.float64]
+LightSource = Aperture | Array | Wavefront | Screen | PointSource
+Compute = Callable[[LightSource, float, ArrayLike], Any]
+"""Irradiance of a coherent source at a wavelength in m and points, or a pair with its error."""
 
-def mean_over_mixture(
-    compute: Callable[[Any, float], Any],
-    source: Any,
-    wavelength: Any,
-    bandwidth: float | None,
-    error: float,
-    return_error: bool,
-    by_lags: bool = False,
-) -> Any:
-    """The mean of ``compute(source, wavelength)`` over the tilts and wavelengths of light.
-
-    With ``return_error`` of values and of errors. ``error`` : of the mean, relative to the largest
-    irradiance that there could be.
-    """
-    total: Any = 0.0
-    parts = parts_of(source, checked_wavelength(wavelength), bandwidth, error, by_lags)
-    for one, length, weight in parts:
-        total = total + weight * np.asarray(compute(one, length))
-    return (total[0][()], total[1][()]) if return_error else total[()]
-
-
-def parts_of(
-    source: Any,
-    wavelength: float,
-    bandwidth: float | None,
-    error: float,
-    by_lags: bool = False,
-) -> Iterator[tuple[Any, float, float]]:
-    """Sources, wavelengths in m, and weights, whose mean is the mixture.
-
-    The sources are coherent, unless partly coherent light is computed ``by_lags``.
-    """
-    band = [(wavelength, 1.0)]
-    if bandwidth is not None:
-        width = checked_bandwidth(bandwidth, wavelength)
-        band = wavelengths_of_band(wavelength, width, longest_path(source), error)
-    for length, weight in band:
-        lit = source.at_wavelength(length)
-        for tilted, share in [(lit, 1.0)] if by_lags else _tilted(lit, error):
-            yield tilted, length, share * weight
-
-
-def _tilted(source: Any, error: float) -> Iterator[tuple[Any, float]]:
-    if not is_partly_coherent(source):
-        yield source, 1.0
-        return
-    for tilt, share in zip(*tilts_of(source, error), strict=True):
-        yield coherent_source(source, tilt), float(share)
-
-
-Values = NDArray[np.float64]
-
-# Relative to the largest irradiance that there can be at a distance: below, errors are absolute.
+# Irradiance below which errors are absolute, relative to the largest possible one (T2).
 _FLOOR = 1e-3
 _TOLERANCE = 1e-3
-# Least tolerance that float32 kernels can keep, relative to the same.
+# Smallest error of float32 kernels, relative to (T2).
 _SINGLE = 1e-5
-# Errors of means over tilts and wavelengths: as a fraction of the tolerance, a tenth of the floor;
-# and of those of exact fields.
+# Errors of means over tilts and wavelengths: as a fraction of the tolerance; and of exact fields.
 _OF_MIXTURE, _OF_EXACT = 1e-4, 1e-7
 # Errors of shadows, as a fraction of the tolerance.
 _OF_SHADOWS = 0.1
-# Edges from which on rays take seconds, and the exact field a hundredth of that.
+# Number of edges above which rays take seconds, and the exact field a hundredth of that.
 _MANY_EDGES = 50
 # Distance to the source in wavelengths below which rays are a rough approximation.
 _NEAREST = 2.0
@@ -144,92 +109,120 @@ def irradiance(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Any:
-    """Irradiance |U|^2 at points in front of a source, by Wigner rays or one of the other methods.
+    """Compute the irradiance |U|^2 at points in front of a source.
 
-    By rays, each position on the automean sends one to each point, with the radiance W in that
-    direction (R1): the paper's method, to leading order. It is not the flux through a receiver
-    that is tilted. All other methods are the square of :func:`amplitude`, and exact.
+    Wigner rays are the paper's method, an approximation to leading order: each position on the
+    automean sends one ray to each point, with the radiance W in that direction (R1). All other
+    methods square the field of :func:`amplitude`. The irradiance is |U|^2, not the flux through
+    a tilted receiver.
 
     Parameters
     ----------
-    source : an Aperture, or an Array of apertures in the plane z = 0, uniform or with
-        illuminations; one with a curved wave; or a :class:`Screen`, by the methods of
-        :func:`amplitude`; or a :class:`PointSource`, by any method.
-    points : (..., 3) in m, z > 0, or (..., 2) with ``through``.
-    wavelength : in m.
-    method : "wigner" (the default), or one of :func:`amplitude`; or "auto", the exact field of the
-        boundary condition that ``obliquity`` names. Rays are for study: behind an outline of many
-        edges the exact field is a hundred times as fast (300 vertices, 50 points: 0.19 s instead
-        of 19.7 s).
-    through : as of :func:`amplitude`: the square of Collins' integral, which is exactly the
-        integral of W over all frequencies.
-    obstacles : bodies and plates in the way, whose shadows diffract, as in :func:`amplitude`; with
-        "auto" or a method of :func:`amplitude`, for light of one wavelength.
-    obliquity : the boundary condition that the rays are matched to, as of
-        :func:`radiation_pattern`; or "paper", a factor cos(theta) of no boundary condition. Of
-        fields of several waves it is applied to each pair of waves. Also that of "fraunhofer",
-        "paper" excepted; the other methods have their own.
-    tolerance : error of the sum over rays, relative to the irradiance where that is above 1e-3 of
-        the largest that a source of this power and area can make at that distance, else relative
-        to 1e-3 of that: (T2); in single precision at least 1e-5 of the largest. It is not the error
-        of rays as such, which docs/propagation.md has.
-        The other methods are at least as accurate as :func:`amplitude` is by default; in partly
-        coherent light they err by up to 1e-4 of the tolerance, 1e-7, of the largest irradiance.
-    return_error : return an estimate of that error as well.
-    bandwidth : in Hz; the mean over light of all frequencies that are at most half of it from that
-        of the wavelength (docs/coherence.md, (PC6)). None: light of the one wavelength.
-    precision, engine : see :func:`fourier`.
+    source : Aperture, Array, Wavefront, Screen or PointSource
+        Apertures of an Array lie in the plane z = 0. A :class:`Screen` requires a method of
+        :func:`amplitude`; a :class:`PointSource` takes any method.
+    points : array_like, shape (..., 3), or (..., 2) with ``through``
+        Points in m, z > 0.
+    wavelength : float
+        Wavelength in m.
+    method : str, default "wigner"
+        "wigner" (rays), one of the methods of :func:`amplitude`, or "auto": the exact field of
+        the boundary condition that ``obliquity`` names. For outlines with many edges the exact
+        field is a hundred times faster than rays (300 vertices, 50 points: 0.19 s, not 19.7 s).
+    through : FirstOrder or sequence, optional
+        First-order systems and stops, as in :func:`amplitude`. The square of Collins' integral is
+        exactly the integral of W over all frequencies.
+    obstacles : Polyhedron, placed Aperture or sequence, optional
+        Bodies and plates whose shadows diffract, as in :func:`amplitude`. Requires "auto" or a
+        method of :func:`amplitude`, and no ``bandwidth``.
+    obliquity : str, optional
+        Boundary condition that rays are matched to, as in :func:`radiation_pattern`, or "paper",
+        a factor cos(theta) of no boundary condition. It applies to each pair of the waves of a
+        field. It is also the obliquity of "fraunhofer", except "paper"; the other methods have a
+        fixed one.
+    tolerance : float, default 1e-3
+        Error of the sum over rays, relative to the irradiance where that exceeds 1e-3 of the
+        largest irradiance that a source of this power and area can produce at that distance (T2),
+        else relative to 1e-3 of that; in single precision at least 1e-5 of the largest. It does
+        not include the error of the ray approximation (docs/propagation.md). Other methods are at
+        least as accurate as :func:`amplitude` by default; their means over partially coherent
+        light err by at most 1e-4 of the tolerance, at most 1e-7, of the largest irradiance.
+    return_error : bool, default False
+        Also return the estimated errors.
+    bandwidth : float, optional
+        Bandwidth in Hz of a flat spectrum about the wavelength's frequency (docs/coherence.md,
+        (PC6)); by default the light has one wavelength.
+    precision, engine
+        See :func:`fourier`.
 
     Returns
     -------
-    (...) float64, in the unit of the source's |u|^2; slightly negative at places, near nulls. With
-    ``return_error`` a pair, the second the estimated errors of the sum, the difference between the
-    last two rules; infinite at points so near to the source that their rays pass between the nodes
-    of every rule.
-    An ``xarray.DataArray`` gives one.
+    ndarray of float64, shape (...), or a pair of these with ``return_error``
+        Irradiance in the unit of the source's |u|^2; by rays it can be slightly negative near
+        nulls. The estimated error is the difference between the last two rules. It is infinite
+        for points so near to the source that their rays pass between the nodes of every rule.
+        An ``xarray.DataArray`` of points gives a DataArray.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range, Dr.Jit arrays, sources of more
-    wavelengths than rays can be summed up of (some hundred for points aslant nearby, thousands far
-    away); GeometryError for an Array whose elements do not lie in the plane z = 0; EngineError
-    without the engine.
+    ArgumentError
+        For arguments of the wrong type, shape or range, Dr.Jit arrays, and sources too large for
+        rays (some hundred wavelengths for oblique points nearby, thousands far away).
+    GeometryError
+        If elements of an Array do not lie in the plane z = 0.
+    EngineError
+        If the engine is not available.
 
     Warns
     -----
-    PolywignerWarning where rays are not valid: points nearer than two wavelengths; where a
-    tolerance cannot be met; and where :func:`amplitude` does of fits.
+    PolywignerWarning
+        If rays are not valid (points nearer than two wavelengths), if the tolerance is not met,
+        and where :func:`amplitude` warns of fits.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> round(float(pw.irradiance(pw.shapes.square(10e-3), (0.0, 0.0, 0.1), 3.2e-3, "auto")), 4)
     0.0963
     """
-    run: dict[str, Any] = {"precision": precision, "engine": engine}
-    how: dict[str, Any] = {"obliquity": obliquity, "tolerance": tolerance}
     checked_method(method, ("wigner", *METHODS, "auto"))
     checked_flag(return_error, "return_error")
     allowed = checked_tolerance(tolerance)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     if obstacles is not None:
         _check_shadowed(method, through, bandwidth)
-    by_lags = through is None and method == "wigner" and _is_by_lags(source, obliquity)
-    if bandwidth is not None or (is_partly_coherent(source) and not by_lags):
+    by_lags = through is None and method == "wigner" and _has_closed_form(source, obliquity)
+    has_tilts = is_partly_coherent(source) and not by_lags
+    run: dict[str, Any] = {"precision": precision, "engine": engine}
+    if bandwidth is not None or has_tilts:
 
-        def compute(one: Any, length: float, places: Any = points) -> Any:
-            options: dict[str, Any] = {"through": through, "obstacles": obstacles, **how, **run}
-            return irradiance(one, places, length, method, return_error=return_error, **options)
+        def compute(part: LightSource, length: float, positions: ArrayLike) -> Any:
+            return irradiance(
+                part, positions, length, method, through=through, obstacles=obstacles,
+                obliquity=obliquity, tolerance=tolerance, return_error=return_error, **run,
+            )  # fmt: skip
 
-        error, lit = _OF_MIXTURE * allowed, compute
+        error = _OF_MIXTURE * allowed
         if obstacles is not None:
             error = _OF_SHADOWS * allowed
         elif method != "wigner":
             error = min(error, _OF_EXACT)
-        if is_partly_coherent(source) and not by_lags and obstacles is None:
-            name = obliquity_of(obliquity).name if method == "auto" else method
-            lit = partial(_of_partly_coherent, compute, points, name, through, error, return_error)
-        return mean_over_mixture(
-            lit, source, wavelength, bandwidth, error, return_error, by_lags=obstacles is None
-        )
+        total: Any = 0.0
+        for part, length, weight in _band(source, wavelength, bandwidth, error):
+            values: Any = None
+            if has_tilts:
+                if obstacles is None:
+                    name = obliquity_of(obliquity).name if method == "auto" else method
+                    values = _of_shared_samples(
+                        compute, part, points, length, name, through, error, return_error
+                    )
+                if values is None:
+                    tilted = _tilted(part, error)
+                    values = sum(w * np.asarray(compute(s, length, points)) for s, w in tilted)
+            else:
+                values = compute(part, length, points)
+            total = total + weight * np.asarray(values)
+        return (total[0][()], total[1][()]) if return_error else total[()]
     if through is not None:
         others = {"method": None if method in ("wigner", "auto", "fresnel") else method}
         return field_behind(
@@ -240,108 +233,34 @@ def irradiance(
         condition = obliquity_of(obliquity)
         is_exact = condition.is_boundary_condition
         method, obliquity = (condition.name, None) if is_exact else ("wigner", condition.name)
-    if obstacles is not None:
-        run["tolerance"] = max(_OF_SHADOWS * allowed, LEAST_TOLERANCE)
-        options: dict[str, Any] = {"obstacles": obstacles, "obliquity": obliquity, **run}
-        return _squared(source, points, wavelength, method, return_error, options)
-    length = checked_wavelength(wavelength)
-    if isinstance(source, PointSource):  # its rays carry |exp(ikR)/R|^2 exactly
-        options = {**run, "obliquity": obliquity}
-        exact = DEFAULT if method == "wigner" else method
-        return _squared(source, points, length, exact, return_error, options)
-    radiator = source if isinstance(source, Screen) else checked_radiator(source, partly=by_lags)
-    places = checked_points(points)
+    if method == "wigner" and isinstance(source, PointSource):
+        method = DEFAULT  # rays of a point source carry |exp(ikR)/R|^2 exactly
     if method != "wigner":
-        run["obliquity"] = obliquity
-        if allowed < DEFAULT_TOLERANCE[precision != "single"]:
-            run["tolerance"] = allowed
-        return _squared(radiator, places, length, method, return_error, run)
-    if isinstance(radiator, Screen):
+        if obstacles is not None:
+            run |= {"tolerance": max(_OF_SHADOWS * allowed, LEAST_TOLERANCE)}
+        elif not isinstance(source, PointSource):
+            if not isinstance(source, Screen):
+                source = checked_radiator(source)
+            if allowed < DEFAULT_TOLERANCE[precision != "single"]:
+                run |= {"tolerance": allowed}
+        return _squared(
+            source, points, wavelength, method, return_error,
+            {"obstacles": obstacles, "obliquity": obliquity, **run},
+        )  # fmt: skip
+    length = checked_wavelength(wavelength)
+    if isinstance(source, Screen):
         raise ArgumentError(
-            'expected another method than "wigner" behind a Screen, whose field has no rays of '
-            f"its own; use method={DEFAULT!r}"
+            "Wigner rays are not available behind a Screen; use another method, such as "
+            f"method={DEFAULT!r}"
         )
-    found = _by_rays(radiator, places, length, obliquity, allowed, **run)
-    return shaped(*found, places, return_error)
+    radiator = checked_radiator(source, partly=by_lags)
+    positions = checked_points(points)
+    flat = positions.reshape(-1, 3)
+    values, errors = _by_rays(radiator, flat, length, obliquity, allowed, **run)
+    return shaped(values, errors, positions, return_error)
 
 
-def _by_rays(
-    source: Aperture | Array | Wavefront,
-    places: Values,
-    wavelength: float,
-    obliquity: Any,
-    allowed: float,
-    precision: Precision,
-    engine: Engine,
-) -> tuple[Values, Values]:
-    """Irradiance by Wigner rays, and the estimate of its error, (n,) at all points (..., 3)."""
-    condition = obliquity_of(obliquity)
-    name = condition.name
-    flat_source: Any = flat_of(source)
-    curved = _curved(source)
-    if curved:
-        check_slopes(source, name)
-    execution.checked_engine(engine)
-    double = execution.checked_precision(precision) != "single"
-    fields = condition.terms(flat_source, wavelength)
-    width = source.coherence_width if isinstance(source, Wavefront) else math.inf
-    rays = Rays(fields, wavelength, engine, double, curved, width)
-    points, radiator = places.reshape(-1, 3), radiator_of(flat_source)
-    if (radiator.distance(points) < _NEAREST * wavelength).any():
-        warn_caller(
-            f"Wigner rays are a rough approximation nearer than {_NEAREST:g} wavelengths to the "
-            "source, where some of the points are; boundary integrals are exact there"
-        )
-    edges = sum(len(ring) for e in flat_source.elements_in_plane for ring in e.rings)
-    if edges > _MANY_EDGES:
-        warn_caller(
-            f"rays from {edges} edges take seconds; method='auto' gives the exact field, and is "
-            "some hundred times as fast"
-        )
-    share = _FLOOR if double else max(_FLOOR, _SINGLE / allowed)
-    floor = share * _largest(flat_source, radiator.distance_of_centre(points), wavelength)
-    values, errors = summed_rays(flat_source, rays, points, allowed, floor)
-    if not (errors <= allowed * np.maximum(np.abs(values), floor)).all():
-        warn_caller(
-            "the tolerance asked for is not met at all points; return_error=True tells where, and "
-            "method='auto' gives the exact field"
-        )
-    return values, errors
-
-
-def _of_partly_coherent(
-    compute: Callable[..., Any],
-    points: Any,
-    method: str,
-    through: Any,
-    error: float,
-    return_error: bool,
-    source: Wavefront,
-    wavelength: float,
-) -> Any:
-    """Irradiance of partly coherent light of one wavelength; ``compute`` takes coherent sources."""
-    checked_radiator(source, partly=True)
-    systems, stops = ([], []) if through is None else systems_and_stops(through)
-    if (through is not None or method != "wigner") and not stops:
-        places = checked_points(points) if through is None else checked_points_behind(points)
-
-        def fields(one: Any, some: Any) -> Any:
-            found = compute(one, wavelength, some)
-            return found if return_error else np.asarray(found)[None]
-
-        flat = places.reshape(-1, places.shape[-1])
-        if len(flat):
-            system = systems[0] if systems else None
-            found = partly_coherent_irradiance(
-                fields, source, flat, wavelength, method, system, error
-            )
-            if found is not None:
-                values = [part.reshape(places.shape[:-1]) for part in found]
-                return tuple(values[:2]) if return_error else values[0]
-    return mean_over_mixture(compute, source, wavelength, None, error, return_error)
-
-
-def _check_shadowed(method: str, through: Any, bandwidth: Any) -> None:
+def _check_shadowed(method: str, through: object, bandwidth: float | None) -> None:
     """Raise ArgumentError for options that fields behind obstacles do not have."""
     if through is not None:
         raise ArgumentError(
@@ -349,47 +268,40 @@ def _check_shadowed(method: str, through: Any, bandwidth: Any) -> None:
         )
     if method == "wigner" or bandwidth is not None:
         raise ArgumentError(
-            "expected light of one wavelength and another method than rays with obstacles, got "
+            "obstacles require one wavelength and another method than rays, got "
             f'method={method!r} and bandwidth={bandwidth!r}; use method="auto"'
         )
 
 
-def _is_by_lags(source: Any, obliquity: Any) -> bool:
-    """Whether the light is partly coherent, and rays have the W of all of its tilts together.
+def _has_closed_form(source: LightSource, obliquity: ObliquityName | None) -> bool:
+    """Whether the light is partially coherent, with a W of all tilts in closed form (PC8).
 
-    With an obliquity that does not depend on the tilt, and where it has a closed form.
+    The obliquity must not depend on the tilt.
     """
     if not is_partly_coherent(source) or obliquity_of(obliquity).needs_normal_derivative:
         return False
-    return kernels.partly_coherent_kernel(source) is not None
-
-
-def _curved(source: Any) -> tuple[float, ...]:
-    """Curvatures and centre of a wave, as rays have them; () of a flat one."""
-    if not isinstance(source, Wavefront) or source.is_flat:
-        return ()
-    (xx, xy), (_, yy) = source.curvature.tolist()
-    return (xx, xy, yy, *source.centre.tolist())
+    return isinstance(source, Wavefront) and kernels.partly_coherent_kernel(source) is not None
 
 
 def _squared(
-    source: Aperture | Array | Wavefront | Screen | PointSource,
-    points: Any,
+    source: LightSource,
+    points: ArrayLike,
     wavelength: float,
     method: Any,
     return_error: bool,
-    how: dict[str, Any],
-) -> Any:
-    """|U|^2 of an amplitude, and its error."""
-    if "obstacles" in how and not return_error:  # where an error takes as long as the field
-        return np.abs(amplitude(source, points, wavelength, method, **how)) ** 2
-    field, error = amplitude(source, points, wavelength, method, return_error=True, **how)
+    options: dict[str, Any],
+) -> Floats | tuple[Floats, Floats]:
+    """Return |U|^2 of :func:`amplitude`, and with ``return_error`` its error."""
+    if options["obstacles"] is not None and not return_error:  # the error doubles the time
+        field = amplitude(source, points, wavelength, method, **options)
+        return np.asarray(np.abs(field) ** 2, np.float64)[()]
+    field, error = amplitude(source, points, wavelength, method, return_error=True, **options)
     values, errors = squared_field(field, error)
     return (values, errors) if return_error else values
 
 
-def checked_tolerance(tolerance: Any) -> float:
-    """A number above 0 and below 1; ArgumentError for anything else."""
+def checked_tolerance(tolerance: float) -> float:
+    """Return a number above 0 and below 1; raise ArgumentError for anything else."""
     value = checked_number(tolerance, "tolerance", "a number above 0 and below 1")
     if not 0.0 < value < 1.0:
         raise ArgumentError(
@@ -398,8 +310,273 @@ def checked_tolerance(tolerance: Any) -> float:
     return value
 
 
-def _largest(source: Aperture | Array, distance: Values, wavelength: float) -> Values:
-    """(T2): the largest irradiance that a source of this power and area can make there, (n,)."""
-    area = sum(element.area for element in source.elements_in_plane)
-    mean = energy_of(source) / area
-    return mean * np.minimum(1.0, (area / (wavelength * distance)) ** 2)
+# ---- mixtures of waves ---------------------------------------------------------------------------
+
+
+def mixture_parts(
+    source: Aperture | Array | Wavefront, wavelength: float, bandwidth: float | None, error: float
+) -> Iterator[tuple[Aperture | Array | Wavefront, float, float]]:
+    """Coherent sources, wavelengths in m and weights, whose mean is the mixture of waves.
+
+    ``error``: error of the mean, relative to the largest possible irradiance.
+    """
+    for part, length, weight in _band(source, wavelength, bandwidth, error):
+        for tilted, fraction in _tilted(part, error):
+            yield tilted, length, fraction * weight
+
+
+def _band(
+    source: Any, wavelength: float, bandwidth: float | None, error: float
+) -> Iterator[tuple[Any, float, float]]:
+    """Yield the source at the wavelengths of a band, these wavelengths in m, and weights."""
+    length = checked_wavelength(wavelength)
+    band = [(length, 1.0)]
+    if bandwidth is not None:
+        width = checked_bandwidth(bandwidth, length)
+        band = wavelengths_of_band(length, width, longest_path(source), error)
+    for node, weight in band:
+        yield source.at_wavelength(node), node, weight
+
+
+def _tilted(source: Any, error: float) -> Iterator[tuple[Any, float]]:
+    """Yield the coherent source with each tilt of its partially coherent light, and weights."""
+    if not is_partly_coherent(source):
+        yield source, 1.0
+        return
+    for tilt, weight in zip(*tilts_of(source, error), strict=True):
+        yield coherent_source(source, tilt), float(weight)
+
+
+def _of_shared_samples(
+    compute: Compute,
+    source: Wavefront,
+    points: ArrayLike,
+    wavelength: float,
+    method: str,
+    through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None,
+    error: float,
+    return_error: bool,
+) -> list[Floats] | Floats | None:
+    """Irradiance of partially coherent light of one wavelength; None: take the mean over tilts."""
+    checked_radiator(source, partly=True)
+    systems, stops = ([], []) if through is None else systems_and_stops(through)
+    if stops or (through is None and method == "wigner"):
+        return None
+    positions = checked_points(points) if through is None else checked_points_behind(points)
+    flat = positions.reshape(-1, positions.shape[-1])
+    if not len(flat):
+        return None
+
+    def fields(part: Any, samples: Floats) -> Floats:
+        values = compute(part, wavelength, samples)
+        return np.asarray(values if return_error else [values])
+
+    system = systems[0] if systems else None
+    results = partly_coherent_irradiance(fields, source, flat, wavelength, method, system, error)
+    if results is None:
+        return None
+    values = [part.reshape(positions.shape[:-1]) for part in results]
+    return values[:2] if return_error else values[0]
+
+
+# ---- Wigner rays ---------------------------------------------------------------------------------
+
+# Additional nodes along a side of a triangle, rule after rule. The first rule has two, which
+# integrate W exactly on triangles far smaller than a wavelength, where it is a quadratic.
+_LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
+# Number of triangles above which a rule with one node in each is tried first.
+_MANY_TRIANGLES = 500
+# Largest number of nodes of a rule, 64 MiB.
+_MOST_NODES = 1 << 22
+# Points whose phase rates agree within this fraction of 1/wavelength share their rules.
+_RATE_STEP = 0.25
+# Points whose error is smaller than this fraction of the allowed error are not computed again.
+_SETTLED = 0.03
+
+NodeSum = Callable[[tuple[Floats, Floats], Floats], Floats]
+"""Irradiance (n,) by a rule (nodes, weights) at points (n, 3)."""
+
+
+def _by_rays(
+    source: PlaneSource | Wavefront,
+    points: Floats,
+    wavelength: float,
+    obliquity: ObliquityName | None,
+    allowed: float,
+    precision: Precision,
+    engine: Engine,
+) -> tuple[Floats, Floats]:
+    """Irradiance by Wigner rays and its estimated error, (n,), at points (n, 3)."""
+    condition, flat = obliquity_of(obliquity), flat_of(source)
+    curved: tuple[float, ...] = ()
+    if isinstance(source, Wavefront) and not source.is_flat:
+        (xx, xy), (_, yy) = source.curvature.tolist()
+        curved = (xx, xy, yy, *source.centre.tolist())
+        check_slopes(source, condition.name)
+    execution.checked_engine(engine)
+    double = execution.checked_precision(precision) != "single"
+    terms = []
+    for part, forms in condition.terms(flat, wavelength):
+        if is_partly_coherent(source):
+            part = Wavefront(part, coherence_width=normal_form(source).coherence_width)
+        kernel = _along_rays(kernel_for("wigner", part))
+        terms.append((kernel, part, (wavelength, *forms, *curved)))
+    radiator = radiator_of(flat)
+    clearance = radiator.distance(points)
+    if (clearance < _NEAREST * wavelength).any():
+        warn_caller(
+            "Wigner rays are a rough approximation at points less than "
+            f"{_NEAREST:g} wavelengths from the source; use method={DEFAULT!r}, which is exact"
+        )
+    edges = sum(len(ring) for ring in normal_form(flat).rings)
+    if edges > _MANY_EDGES:
+        warn_caller(
+            f"Wigner rays from {edges} edges take seconds; method='auto' computes the exact field, "
+            "about a hundred times faster"
+        )
+
+    def node_sum(rule: tuple[Floats, Floats], some: Floats) -> Floats:
+        total = np.zeros(len(some))
+        for kernel, part, constants in terms:
+            total += execution.evaluate_sums(
+                kernel, part, *rule, some, constants, double=double, engine=engine
+            )
+        return total
+
+    area = sum(element.area for element in flat.elements_in_plane)
+    reach = wavelength * radiator.distance_of_centre(points)
+    largest = energy_of(flat) / area * np.minimum(1.0, (area / reach) ** 2)  # (T2)
+    floor = (_FLOOR if double else max(_FLOOR, _SINGLE / allowed)) * largest
+    values, errors = np.zeros(len(points)), np.zeros(len(points))
+    rates = _phase_rates(flat, wavelength, points, curved)
+    steps = np.ceil(rates * wavelength / _RATE_STEP)
+    triangles = smooth_triangles(flat) if has_few_kinks(flat) else _coarse_triangles(flat)
+    for step in np.unique(steps):
+        rate, group = float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
+        _check_nodes(triangles, rate, wavelength)
+        values[group], errors[group] = _refined_sums(
+            node_sum, triangles, rate, points[group], clearance[group], allowed, floor[group]
+        )
+    if not (errors <= allowed * np.maximum(np.abs(values), floor)).all():
+        warn_caller(
+            "the tolerance is not met at all points; return_error=True returns the errors, and "
+            "method='auto' the exact field"
+        )
+    return values, errors
+
+
+@lru_cache(maxsize=64)
+def _along_rays(base: Kernel) -> Kernel:
+    """Return the integrand of (R1) for a kernel of W.
+
+    Arguments: ``x, y`` on the source, X, Y and Z of the point, the wavelength, the coefficients of
+    the forms of obliquity (D2), and for a curved wave Q_xx, Q_xy, Q_yy and its centre, whose
+    frequency depends on the position.
+    """
+
+    def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
+        point, wavelength, forms, curved = rest[:3], rest[3], Forms(*rest[4:7]), rest[7:]
+        along_x, along_y = point[0] - x, point[1] - y
+        square = along_x * along_x + along_y * along_y + point[2] * point[2]
+        inverse = 1.0 / ops.sqrt(square)
+        scale = inverse / wavelength
+        nu: Values = (along_x * scale, along_y * scale)
+        if curved:
+            (xx, xy, yy), (dx, dy) = curved[:3], (x - curved[3], y - curved[4])
+            nu = nu[0] - (xx * dx + xy * dy), nu[1] - (xy * dx + yy * dy)
+        factor = forms.irradiance(point[2] * inverse) * scale * scale
+        return (factor, *base.enter(ops, frame, x, y, *nu))
+
+    base_sum = base.edge_sum
+
+    def edge_sum(ops: Any, tables: Any, _: Any, *inner: Any) -> Values:
+        return base_sum(ops, tables, *inner)
+
+    def leave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
+        return (inner[0] * base.leave(ops, frame, inner[1:], sums)[0],)
+
+    return replace(
+        base,
+        name=f"{base.name} along rays",
+        enter=enter,
+        edge_sum=base_sum.after(1) if isinstance(base_sum, SliceSum) else edge_sum,
+        leave=leave,
+    )
+
+
+def _coarse_triangles(source: PlaneSource) -> Triangles:
+    """Triangles of the automean that kinks of W cross.
+
+    The gradient of W is continuous across most kinks, so that errors of the rules fall as the
+    fourth power of the size of a triangle.
+    """
+    return quartered(triangulated(list(mutual_support(source).polygons.geoms)))
+
+
+def _refined_sums(
+    node_sum: NodeSum,
+    triangles: Triangles,
+    rate: float,
+    points: Floats,
+    clearance: Floats,
+    tolerance: float,
+    floor: Floats,
+) -> tuple[Floats, Floats]:
+    """Irradiance and error estimates (n,): rules are refined until all points are settled.
+
+    The allowed error is ``tolerance`` times the irradiance or ``floor`` (n,), if that is larger.
+    ``clearance`` (n,): distances from the source. The integrand has singularities at complex
+    positions as far from the real ones. At a distance d, nodes h apart err by a fraction of
+    exp(-2 pi d/h). If that exceeds 1/e, two rules may agree although neither is right.
+    """
+    values, errors = np.zeros(len(points)), np.full(len(points), np.inf)
+    remaining = np.arange(len(points))
+    previous: Floats | None = None
+    for extra in (1.0, *_LEVELS) if len(triangles) > _MANY_TRIANGLES else _LEVELS:
+        if previous is not None and node_count(triangles, rate, extra) > _MOST_NODES:
+            break
+        sums = node_sum(gauss_rule(triangles, rate, extra), points[remaining])
+        values[remaining] = sums
+        if previous is None:
+            previous = sums
+            continue
+        change = np.abs(sums - previous)
+        change[clearance[remaining] < spacings(triangles, rate, extra).max() / (2 * np.pi)] = np.inf
+        errors[remaining] = change
+        allowed = tolerance * np.maximum(np.abs(sums), floor[remaining])
+        if (change <= allowed).all():
+            break
+        unsettled = change > _SETTLED * allowed
+        remaining, previous = remaining[unsettled], sums[unsettled]
+    return values, errors
+
+
+def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
+    count = node_count(triangles, rate, _LEVELS[0])
+    if not count <= _MOST_NODES:
+        across = float(np.ptp(triangles.reshape(-1, 2), axis=0).max()) / wavelength
+        raise ArgumentError(
+            f"source of {across:.3g} wavelengths is too large for Wigner rays to these points, "
+            f"which need {count:.2g} nodes; use method={DEFAULT!r}, which is exact, and check the "
+            "unit of the wavelength"
+        )
+
+
+def _phase_rates(
+    source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
+) -> Floats:
+    """Largest |nu - kappa| of the rays to each point, in cycles per metre, kappa of any wave."""
+    xmin, ymin, xmax, ymax = source.bounds
+    corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
+    rays = points[:, None, :2] - corners
+    length = np.sqrt((rays**2).sum(axis=-1) + points[:, None, 2] ** 2)
+    nu = rays / (wavelength * length[..., None])
+    bent = 0.0
+    if curved:
+        q = np.array([curved[:2], curved[1:3]])
+        nu = nu - (corners - np.array(curved[3:])) @ q
+        bent = float(np.linalg.norm(q, 2) * np.hypot(xmax - xmin, ymax - ymin))
+    rates = np.zeros(len(points))
+    for kappa in normal_form(source).frequencies:
+        rates = np.maximum(rates, np.linalg.norm(nu - kappa, axis=-1).max(axis=1))
+    return rates + bent

@@ -1,63 +1,50 @@
-"""Irradiance of partially coherent light: the choice of the sum, convolutions, and tilts.
+"""Irradiance of partially coherent light in parabolic and in spherical waves.
 
-The degree of coherence is the mean of exp(2 pi i t.xi) over normal tilts t of the standard
-deviation 1/(2 pi width) (PC2). In parabolic waves a tilt shifts the irradiance, so the mean is a
-convolution with a normal density. In spherical waves the fields of all tilts share samples of the
-source. Widths far below the size of the source leave short lags only (:mod:`.lag_sums`). The last
-resort computes the field of one tilt after another.
+The degree of coherence is the mean of exp(2 pi i t.xi) over normally distributed tilts t with the
+standard deviation 1/(2 pi width) (PC2). In parabolic waves a tilt shifts the irradiance: the mean
+is a convolution with a normal density (PC9), or, for widths far below the size of the source, a
+transform of the ambiguity function at short lags (PC10). In spherical waves the fields of all
+tilts share the samples of the source. Otherwise the field of each tilt is computed.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
 from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, Wavefront
+from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.optics import FirstOrder
-from polywigner.propagation.lag_sums import pair_sum, summed_over_lags, summed_over_pairs
 from polywigner.propagation.quadrature import (
     Trapezoids,
-    field_at,
-    highest,
     largest_rates,
     node_counts,
     rows_of,
+    rule_on,
     trapezoids_of,
-    waves_of,
-    weighted_elements,
 )
-from polywigner.source.normal_form import normal_form
+from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import CONDITIONS, Obliquity, direction_cosines
-from polywigner.transforms.wavefronts import coherent_source, flat_of, tilts_of
+from polywigner.transforms import ambiguity
+from polywigner.transforms.wavefronts import coherent_source
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
-
-# Coherence widths along the source from which on sums over short lags are considered.
-_MANY = 30.0
-# Standard deviations of the tilts, beyond which waves may graze the plane.
-_GRAZING = 5.0
-# Nanoseconds for each point that are not spent on pairs.
-_MOST_COST = 1e10
-# Nanoseconds of a wavelength along the outline, and of an edge, for integrals along edges.
-_WAVELENGTH, _EDGE = 250.0, 1e4
-# Places of a lattice, and points of all planes at which fields are computed.
-_MOST_IN_LATTICE, _MOST_POINTS = 1 << 24, 1 << 22
-# Points and neighbours at a time.
-_BLOCK = 1 << 22
+Compute = Callable[[Any, Floats], Floats]
+"""Irradiances (k, n) of a coherent source at n points, k = 2 with errors."""
 
 
 def partly_coherent_irradiance(
-    compute: Callable[[Any, Floats], Any],
+    compute: Compute,
     source: Wavefront,
     points: Floats,
     wavelength: float,
@@ -65,99 +52,117 @@ def partly_coherent_irradiance(
     system: FirstOrder | None,
     error: float,
 ) -> Floats | None:
-    """Irradiance (k, n) at points (n, 2) behind a system, or (n, 3); None for a mean over tilts.
+    """Irradiance (k, n) at points (n, 2) behind a system, or (n, 3); None: take a mean over tilts.
 
-    ``compute`` : a coherent source and points to irradiances (k, n), k = 2 with errors.
-    ``error`` : of the mean, relative to the largest irradiance.
+    ``error``: error of the mean, relative to the largest irradiance.
     """
-    if system is None and method != "fresnel":
-        if method not in CONDITIONS:
-            return None
-        compute(coherent_source(source), points[:1])  # for the checks of all arguments
-        return _of_spherical_waves(source, points, wavelength, method, error)
-    heights: list[float] = []
-    if system is not None:
-        planes = [(system, np.arange(len(points)))]
-    else:
-        levels, owner = np.unique(points[:, 2], return_inverse=True)
-        heights = levels.tolist()
-        planes = [
-            (FirstOrder.free_space(height), np.flatnonzero(owner == k))
-            for k, height in enumerate(heights)
-        ]
+    if system is not None or method == "fresnel":
+        return _in_parabolic_waves(compute, source, points, wavelength, system, error)
+    if method not in CONDITIONS:
+        return None
+    compute(coherent_source(source), points[:1])  # checks all arguments
+    values = _summed_over_tilts(source, points, wavelength, CONDITIONS[method], error)
+    return None if values is None else _with_error(values, error)
+
+
+def _with_error(values: Floats, error: float) -> Floats:
+    return np.stack([values, np.full(len(values), error * float(values.max(initial=0.0)))])
+
+
+def _sides(source: Wavefront) -> Floats:
+    return np.asarray(np.subtract(*np.reshape(source.bounds, (2, 2))[::-1]))
+
+
+# ---- parabolic waves -----------------------------------------------------------------------------
+
+# Coherence widths along the source above which the sum over short lags is tried first.
+_SHORT = 30.0
+# Points of a lattice, and points of all planes at which fields are computed.
+_MOST_IN_LATTICE, _MOST_POINTS = 1 << 24, 1 << 22
+# Array elements per block.
+_BLOCK = 1 << 22
+
+
+def _in_parabolic_waves(
+    compute: Compute,
+    source: Wavefront,
+    points: Floats,
+    wavelength: float,
+    system: FirstOrder | None,
+    error: float,
+) -> Floats | None:
+    heights, plane_of = np.zeros(1), np.zeros(len(points), np.intp)
+    systems = [system]
+    if system is None:
+        heights, plane_of = np.unique(points[:, 2], return_inverse=True)
+        systems = [FirstOrder.free_space(height) for height in heights.tolist()]
+    planes = [(s, np.flatnonzero(plane_of == k)) for k, s in enumerate(systems) if s is not None]
     blurs = [_blur_of(source, plane.B, wavelength) for plane, _ in planes]
 
     def by_lags() -> Floats | None:
-        found = np.empty(len(points))
-        for plane, some in planes:
-            if not abs(np.linalg.det(plane.B)) > 0.0:
-                return None
-            part = summed_over_lags(source, points[some, :2], wavelength, plane, error)
+        values = np.empty(len(points))
+        for plane, members in planes:
+            part = _summed_over_lags(source, points[members, :2], wavelength, plane, error)
             if part is None:
                 return None
-            found[some] = part
-        return _with_error(found, error)
+            values[members] = part
+        return _with_error(values, error)
 
     def by_convolution() -> Floats | None:
         rules = []
-        for (_, some), blur in zip(planes, blurs, strict=True):
-            rule = _convolution(points[some, :2], blur, error)
+        for (_, members), blur in zip(planes, blurs, strict=True):
+            rule = _convolution(points[members, :2], blur, error)
             if rule is None:
                 return None
             rules.append(rule)
-        places = [x for x, _ in rules]
-        if heights:
-            pairs = zip(places, heights, strict=True)
-            places = [np.column_stack([x, np.full(len(x), z)]) for x, z in pairs]
-        if sum(map(len, places)) > _MOST_POINTS:
+        nodes = [x for x, _ in rules]
+        counts = [len(x) for x in nodes]
+        if sum(counts) > _MOST_POINTS:
             return None
-        values = np.asarray(compute(coherent_source(source), np.concatenate(places)))
-        parts = np.split(values, np.cumsum([len(x) for x in places])[:-1], axis=-1)
-        found = np.empty((len(values), len(points)))
-        for (_, some), (_, mean), part in zip(planes, rules, parts, strict=True):
-            found[:, some] = mean(part)
-        found[1:] += error * float(found[0].max(initial=0.0))
-        return found
+        samples = np.concatenate(nodes)
+        if system is None:
+            samples = np.column_stack([samples, np.repeat(heights, counts)])
+        values = compute(coherent_source(source), samples)
+        parts = np.split(values, np.cumsum(counts)[:-1], axis=-1)
+        means = np.empty((len(values), len(points)))
+        for (_, members), (_, mean), part in zip(planes, rules, parts, strict=True):
+            means[:, members] = mean(part)
+        means[1:] += error * float(means[0].max(initial=0.0))
+        return means
 
-    is_short = max(float(blur.reaches.max()) for blur in blurs) > _MANY
+    is_short = max(float(blur.reaches.max()) for blur in blurs) > _SHORT
     first, second = (by_lags, by_convolution) if is_short else (by_convolution, by_lags)
-    found = first()
-    return second() if found is None else found
+    values = first()
+    return second() if values is None else values
 
 
 class _Blur(NamedTuple):
-    """The normal density of the shifts of an irradiance by tilts."""
+    """Normal density of the shifts of an irradiance by the tilts."""
 
     axes: Floats
-    """(2, 2), columns: its principal directions in the plane of the points."""
+    """(2, 2), columns: principal directions in the plane of the points."""
     spreads: Floats
-    """(2,) its standard deviations along them in m."""
+    """(2,) standard deviations along the axes in m."""
     reaches: Floats
-    """(2,) sides of the source, in coherence widths, that interfere along them."""
+    """(2,) sides of the source, in coherence widths, that interfere along the axes."""
 
 
 def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
-    """The blur by the tilts of a source: a tilt t shifts points by wavelength ``transfer`` t.
-
-    ``transfer`` : (2, 2) in m, B of a first-order system.
-    """
+    """Return the blur of a system with B = ``transfer``: a tilt t shifts points by lambda B t."""
     axes, scales, right = np.linalg.svd(transfer)
-    size = np.subtract(*np.reshape(source.bounds, (2, 2))[::-1])
-    reaches = (abs(right) @ size) / source.coherence_width
+    reaches = (abs(right) @ _sides(source)) / source.coherence_width
     spreads = wavelength * scales / (2 * math.pi * source.coherence_width)
     return _Blur(axes, spreads, reaches)
 
 
-Convolution = tuple[Floats, Callable[[Floats], Floats]]
-"""Points (m, 2) at which the coherent irradiance is needed, and the means (k, n) of values there
-(k, m)."""
+def _convolution(
+    points: Floats, blur: _Blur, error: float
+) -> tuple[Floats, Callable[[Floats], Floats]] | None:
+    """Nodes (m, 2) for points (n, 2), and the means (k, n) of values (k, m) at the nodes.
 
-
-def _convolution(points: Floats, blur: _Blur, error: float) -> Convolution | None:
-    """The rule of fewest fields for points (n, 2) of a plane; None if there are too many.
-
-    The rules are the trapezoidal rule on a lattice that the points share, and Gauss-Hermite's at
-    each point. ``error`` : relative to the largest irradiance.
+    The rule is the trapezoidal rule on a lattice that the points share, or Gauss-Hermite's rule
+    at each point, whichever has fewer nodes; None if both have too many. ``error``: relative to
+    the largest irradiance.
     """
     steps = math.sqrt(2.0 * math.log(16.0 / error))
     along = points @ blur.axes
@@ -169,7 +174,7 @@ def _convolution(points: Floats, blur: _Blur, error: float) -> Convolution | Non
     count = len(points) * len(weights) if (blur.spreads > 0).all() else math.inf
     step = max(1, _BLOCK // (first.near.shape[1] * second.near.shape[1]))
     blocks = [slice(k, k + step) for k in range(0, len(points), step)]
-    shape = len(first.places), len(second.places)
+    shape = len(first.nodes), len(second.nodes)
     if math.prod(shape) <= _MOST_IN_LATTICE:
         needed = np.zeros(shape, bool)
         for some in blocks:
@@ -180,15 +185,15 @@ def _convolution(points: Floats, blur: _Blur, error: float) -> Convolution | Non
             def mean_on_lattice(values: Floats) -> Floats:
                 table = np.zeros((*values.shape[:-1], *shape))
                 table[..., needed] = values
-                found = np.empty((*values.shape[:-1], len(points)))
+                means = np.empty((*values.shape[:-1], len(points)))
                 for some in blocks:
                     near = table[..., first.near[some][:, :, None], second.near[some][:, None, :]]
-                    shares = first.weights[some], second.weights[some]
-                    found[..., some] = np.einsum("...nij,ni,nj->...n", near, *shares)
-                return found
+                    factors = first.weights[some], second.weights[some]
+                    means[..., some] = np.einsum("...nij,ni,nj->...n", near, *factors)
+                return means
 
-            places = np.column_stack([first.places[x], second.places[y]])
-            return places @ blur.axes.T, mean_on_lattice
+            lattice = np.column_stack([first.nodes[x], second.nodes[y]])
+            return lattice @ blur.axes.T, mean_on_lattice
     if count > _MOST_POINTS:
         return None
     shifted = along[:, None] + nodes * blur.spreads
@@ -199,115 +204,139 @@ def _convolution(points: Floats, blur: _Blur, error: float) -> Convolution | Non
     return shifted.reshape(-1, 2) @ blur.axes.T, mean_of_nodes
 
 
-class _Axis(NamedTuple):
-    """Places (m,) of a lattice along an axis; those near points (n, k), and their weights."""
+class _LatticeAxis(NamedTuple):
+    """Nodes (m,) along an axis; indices (n, k) of those near to each point, and their weights."""
 
-    places: Floats
+    nodes: Floats
     near: Indices
     weights: Floats
 
 
-def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _Axis:
-    """The trapezoidal rule for a normal density about points (n,), on one lattice.
+def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _LatticeAxis:
+    """Return the trapezoidal rule for a normal density about coordinates (n,), on one lattice.
 
-    The irradiance has frequencies up to reach/(2 pi spread), so that steps of
-    2 pi spread/(reach + steps) leave exp(-steps^2/2) of it by aliases.
+    The irradiance has frequencies up to reach/(2 pi spread). Steps of 2 pi spread/(reach + steps)
+    leave an aliasing error of exp(-steps^2/2).
     """
     step = 2 * math.pi * spread / (reach + steps)
     if step <= 1e-12 * float(np.ptp(along)) or spread == 0.0:  # no blur along this axis
-        places, near = np.unique(along, return_inverse=True)
-        return _Axis(places, near[:, None], np.ones((len(along), 1)))
+        nodes, near = np.unique(along, return_inverse=True)
+        return _LatticeAxis(nodes, near[:, None], np.ones((len(along), 1)))
     half = math.ceil(steps * spread / step)
     origin = float(along.min())
     centre = np.rint((along - origin) / step).astype(np.intp)
-    # places of the lattice that are near to no point are left out
+    # only the nodes near to some point
     numbers = np.unique(np.unique(centre)[:, None] + np.arange(-half, half + 1))
     near = np.searchsorted(numbers, centre - half)[:, None] + np.arange(2 * half + 1)
-    places = origin + step * numbers
-    away = (places[near] - along[:, None]) / spread
-    weights = np.exp(-0.5 * away * away)
-    return _Axis(places, near, weights / weights.sum(axis=1, keepdims=True))
+    nodes = origin + step * numbers
+    distance = (nodes[near] - along[:, None]) / spread
+    weights = np.exp(-0.5 * distance * distance)
+    return _LatticeAxis(nodes, near, weights / weights.sum(axis=1, keepdims=True))
 
 
-def _of_spherical_waves(
-    source: Wavefront, points: Floats, wavelength: float, method: str, error: float
+# Largest lag in coherence widths: beyond, the degree of coherence is below 1e-10.
+_LONGEST = 6.8
+# Error of a wave in the coarsest rule; frequency of the degree of coherence times the width; and
+# additional nodes of the rules, which are tried until two of them agree.
+_ERROR, _OF_NORMAL, _LEVELS = 1e-7, 0.48, (0, 2, 5, 10, 18)
+# Largest numbers of kink segments that are cut into cells, and of nodes.
+_MOST_KINKS, _MOST_NODES = 2000, 1 << 20
+
+
+def _summed_over_lags(
+    source: Wavefront, points: Floats, wavelength: float, system: FirstOrder, error: float
 ) -> Floats | None:
-    """Irradiance by the cheapest sum, over tilts or pairs; None for one field after another."""
-    cost = _cost_of_fields(source, wavelength, error)
-    rule = _tilt_sum(source, points, wavelength, method, error)
-    if rule is not None and rule.cost >= cost:
-        rule = None
-    if rule is not None:
-        cost = rule.cost
-    if _is_short(source) and (
-        not CONDITIONS[method].needs_normal_derivative or _is_steep(source, wavelength)
-    ):
-        pairs = pair_sum(source, points, wavelength, method)
-        if pairs.cost < min(cost, _MOST_COST):
-            found = summed_over_pairs(pairs, source, points, wavelength, method, error)
-            if found is not None:
-                return _with_error(found, error)
-    return None if rule is None else _with_error(_summed_over_tilts(rule), error)
+    """Irradiance (n,) at points (n, 2) behind a system by (PC10); None: too many nodes, or B = 0.
+
+    The rule is refined until the values change by less than ``error`` of the largest irradiance.
+    """
+    if not abs(np.linalg.det(system.B)) > 0.0:
+        return None
+    inverse = np.linalg.inv(system.B)
+    bend, nu = inverse @ system.A / wavelength, points @ inverse.T / wavelength
+    bend = (bend + bend.T) / 2
+    (x0, y0), (x1, y1) = np.reshape(source.bounds, (2, 2))
+    corners = np.array([(x0, y0), (x0, y1), (x1, y0), (x1, y1)])
+    rates = corners @ (bend + source.curvature) - source.curvature @ source.centre - nu[:, None]
+    frequencies = normal_form(source).frequencies
+    highest = float(np.linalg.norm(frequencies, axis=1).max())
+    largest = abs(rates).max(axis=(0, 1), initial=0.0) + highest
+    largest = np.hypot(largest, _OF_NORMAL / source.coherence_width)
+    cells = _lag_cells(source)
+    if node_counts(cells, largest, _ERROR).prod(axis=1).sum() > _MOST_NODES:
+        return None
+    previous: Floats | None = None
+    for extra in _LEVELS:
+        lags, weights = rule_on(cells, largest, _ERROR, extra)
+        # the factor 2 accounts for the opposite lags
+        values = np.asarray(ambiguity(source, -lags @ bend, lags)) * (2.0 * weights)
+        irradiance = np.empty(len(points))
+        step = max(1, _BLOCK // len(lags))
+        for start in range(0, len(points), step):
+            waves = np.exp(-2j * np.pi * (nu[start : start + step] @ lags.T))
+            irradiance[start : start + step] = (waves @ values).real
+        irradiance /= wavelength**2 * abs(float(np.linalg.det(system.B)))
+        largest_value = abs(irradiance).max()
+        if previous is not None and abs(irradiance - previous).max() <= error * largest_value:
+            return irradiance
+        previous = irradiance
+    return None
 
 
-def _cost_of_fields(source: Wavefront, wavelength: float, error: float) -> float:
-    """Estimated nanoseconds for each point of the fields of all tilts, by integrals along edges."""
-    try:
-        count = len(tilts_of(source, error)[1])
-    except ArgumentError:  # too many
-        return math.inf
-    elements = flat_of(source).elements_in_plane
-    around = sum(element.polygons.length for element in elements) / wavelength
-    edges = sum(len(ring) for element in elements for ring in element.rings)
-    return float(count * (around * _WAVELENGTH + edges * _EDGE))
+def _lag_cells(source: Wavefront) -> Trapezoids:
+    """Trapezoids that tile half of the lags that interfere.
+
+    No kink of A crosses them, unless there are too many kinks. The kinks are the segments
+    V_i - E_k of all vertices V_i and edges E_k.
+    """
+    reach = np.minimum(_sides(source), _LONGEST * source.coherence_width)
+    half = shapely.box(-reach[0], 0.0, reach[0], reach[1])
+    rings = normal_form(source).rings
+    begin = np.concatenate(rings)
+    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    kinks: list[Any] = []
+    for start in range(0, len(begin), 256):
+        vertices = begin[start : start + 256, None]
+        segments = np.stack([vertices - begin, vertices - end], axis=2).reshape(-1, 2, 2)
+        lines = shapely.linestrings(segments)
+        kinks.extend(lines[shapely.intersects(lines, half) & (shapely.length(lines) > 0)])
+        if len(kinks) > _MOST_KINKS:
+            return trapezoids_of(np.array([half], object))
+    cut = shapely.intersection(np.array(kinks, object), half)
+    noded = shapely.union_all([*cut, half.boundary], grid_size=grid_size(np.diag(reach)))
+    return trapezoids_of(np.array(polygons_in(shapely.polygonize([noded])), object))
 
 
-def _is_short(source: Wavefront) -> bool:
-    size = np.subtract(*np.reshape(source.bounds, (2, 2))[::-1])
-    return bool((size > _MANY * source.coherence_width).all())
+# ---- spherical waves -----------------------------------------------------------------------------
 
+# A tilt multiplies the source by exp(2 pi i t.x), a product of one factor per axis. The source is
+# sampled on rows along x, with Gauss nodes on the trapezoids between the heights of its vertices.
+# One matrix product transforms each row from x to t_x, another one the rows from y to t_y.
 
-def _is_steep(source: Wavefront, wavelength: float) -> bool:
-    """Whether next to no tilted wave of a flat source grazes the plane, where p_z has a branch."""
-    steepest = highest(source) + _GRAZING / (2 * math.pi * source.coherence_width)
-    return source.is_flat and wavelength * steepest < 1.0
-
-
-def _with_error(values: Floats, error: float) -> Floats:
-    return np.stack([values, np.full(len(values), error * float(values.max(initial=0.0)))])
-
-
-# ---- means over tilts whose fields share samples of the source -----------------------------------
-
-# A tilt multiplies the source by exp(2 pi i t.x), a product of one factor for each axis. The source
-# is sampled on rows along x, with Gauss nodes on the trapezoids between the heights of its
-# vertices. One matrix product transforms each row from x to t_x, a second one the rows from y to
-# t_y.
-
-# Relative error of the quadrature on the source, for nodes that count for less than the tilts.
+# Relative error of the quadrature on the source.
 _QUADRATURE = 1e-9
-# Share of the largest tilt, whose weight is next to nothing, that the nodes resolve.
+# Fraction of the largest tilt that the nodes resolve; larger tilts have next to no weight.
 _RESOLVED = 0.8
-# Most points of a block, which share nodes; values of a spectrum and of a batch of rows.
+# Largest numbers of points that share nodes, of values of a spectrum, and of values per batch.
 _SHARED, _SPECTRUM, _BATCH = 16, 1 << 20, 1 << 16
-# Products of numbers in a matrix product that BLAS does not share among threads; columns of it.
+# Products and columns of a matrix product below which BLAS stays on one thread.
 _SERIAL, _COLUMNS = 1 << 18, 32
-# Nanoseconds of a node for each point; of a multiplication; of a tilt; and of a trapezoid in a
-# block of points.
-_NODE, _PRODUCT, _VALUE, _TRAPEZOID = 60.0, 0.25, 10.0, 3e5
+# Time [ns] per point: of a node here; of a wavelength of the outline and of an edge, for each
+# tilt, of the boundary integrals that are the alternative.
+_NODE, _WAVELENGTH, _EDGE = 60.0, 250.0, 1e4
 
 
 class _TiltAxis(NamedTuple):
-    """The trapezoidal rule for normal tilts along an axis, at -half to half steps."""
+    """Trapezoidal rule for the normally distributed tilts along an axis, -half to half steps."""
 
     step: float
-    """In cycles per metre."""
+    """Step in cycles per metre."""
     half: int
     weights: Floats
-    """(half + 1,) for tilts from 0 on."""
+    """(half + 1,) weights of the tilts from 0 on."""
 
     def tilts(self, is_even: bool) -> tuple[Floats, Floats]:
-        """Return tilts and weights; of cosines and sines instead of waves if all is even in t."""
+        """Return tilts and weights; those of cosines, then of sines, if the terms are even in t."""
         tilts = self.step * np.arange(self.half + 1)
         if is_even:
             both = np.where(tilts > 0.0, 2.0, 1.0) * self.weights
@@ -316,189 +345,167 @@ class _TiltAxis(NamedTuple):
         return np.concatenate([mirrored[0], tilts]), np.concatenate([mirrored[1], self.weights])
 
 
-class _Block(NamedTuple):
-    """Points that share nodes on the source."""
-
-    points: Indices
-    rates: Floats
-    """(2,) largest frequencies of the integrand over the source along x and y in 1/m."""
-    nearest: float
-    """Least z of the points in m."""
-
-
-class _TiltSum(NamedTuple):
-    """A mean over tilts for blocks of points."""
-
-    source: Wavefront
-    points: Floats
-    """(n, 3)."""
-    wavelength: float
-    condition: Obliquity
-    channels: list[Any]
-    """The parts of the field: None, and the frequency of each wave whose slope counts."""
-    axes: list[_TiltAxis]
-    blocks: list[_Block]
-    cost: float
-    """Estimated nanoseconds for each point."""
-
-
-def _tilt_sum(
-    source: Wavefront, points: Floats, wavelength: float, method: str, error: float
-) -> _TiltSum | None:
-    """The sum for points (n, 3); None if there are too many tilts, or for a curved wave by slopes.
-
-    ``error`` : of the mean over tilts, relative to the largest irradiance.
-    """
-    condition = CONDITIONS[method]
-    tail = math.sqrt(2 * math.log(8 / error))
-    sides = np.subtract(*np.reshape(source.bounds, (2, 2))[::-1])
-    reaches = sides / source.coherence_width + tail
-    count = math.prod((tail * reaches / math.pi + 1).tolist())
-    if count > _SPECTRUM or (condition.needs_normal_derivative and not source.is_flat):
-        return None
-    axes = [_axis(tail, reach, source.coherence_width) for reach in reaches.tolist()]
-    rates = largest_rates(source, points, wavelength)
-    rates += [_RESOLVED * axis.half * axis.step for axis in axes]
-    order = np.argsort(rates.max(axis=1), kind="stable")
-    elements = weighted_elements(source)
-    channels: list[Any] = [None] if condition.field else []
-    if condition.slope:
-        channels += list(normal_form(source).frequencies)
-    size = int(min(_SHARED, max(1, _SPECTRUM // (count * len(channels)))))
-    trapezoids = np.concatenate([_trapezoids(element) for element, _ in elements])
-    blocks, cost = [], 0.0
-    for start in range(0, len(points), size):
-        some = order[start : start + size]
-        block = _Block(some, rates[some].max(axis=0), float(points[some, 2].min()))
-        rows, columns = _counts(trapezoids, block).T.astype(np.float64)
-        nodes, width = float((rows * columns).sum()), 2 * axes[0].half + 1
-        products = nodes * width + float(rows.sum()) * count
-        work = _NODE * nodes + len(channels) * (_PRODUCT * products + _VALUE * count)
-        cost += work * len(some) + _TRAPEZOID * len(trapezoids)
-        blocks.append(block)
-    cost /= len(points)
-    return _TiltSum(source, points, wavelength, condition, channels, axes, blocks, cost)
-
-
-def _axis(tail: float, reach: float, width: float) -> _TiltAxis:
-    """Steps of 2 pi/reach standard deviations up to ``tail``."""
+def _tilt_axis(tail: float, reach: float, width: float) -> _TiltAxis:
+    """Return the rule with steps of 2 pi/reach standard deviations up to ``tail`` of them."""
     step = 2 * math.pi / reach
     half = math.ceil(tail / step)
     weights = np.exp(-0.5 * (step * np.arange(half + 1)) ** 2)
     return _TiltAxis(step / (2 * math.pi * width), half, weights / (2 * weights.sum() - 1.0))
 
 
-def _summed_over_tilts(rule: _TiltSum) -> Floats:
-    """Irradiance (n,) at all points, by (Q7)."""
-    found = np.empty(len(rule.points))
-    channels = rule.channels
+class _TiltSum(NamedTuple):
+    """Settings of a mean over tilts."""
+
+    source: Wavefront
+    elements: Sequence[SourceElement]
+    wavelength: float
+    condition: Obliquity
+    channels: Sequence[Floats | None]
+    """Parts of the field: None for the field itself, the frequency of each wave for its slope."""
+    axes: Sequence[_TiltAxis]
+
+
+def _summed_over_tilts(
+    source: Wavefront, points: Floats, wavelength: float, condition: Obliquity, error: float
+) -> Floats | None:
+    """Irradiance (n,) at points (n, 3), by (Q7).
+
+    None if there are too many tilts, if boundary integrals for each tilt are faster, or if the
+    condition requires normal derivatives of a curved wave.
+    """
+    tail = math.sqrt(2 * math.log(8 / error))
+    reaches = _sides(source) / source.coherence_width + tail
+    count = math.prod((tail * reaches / math.pi + 1).tolist())
+    if count > _SPECTRUM or (condition.needs_normal_derivative and not source.is_flat):
+        return None
+    axes = [_tilt_axis(tail, reach, source.coherence_width) for reach in reaches.tolist()]
+    channels: list[Floats | None] = [None] if condition.field else []
+    if condition.slope:
+        channels += list(normal_form(source).frequencies)
+    elements = normal_form(source).in_plane.elements
+    rule = _TiltSum(source, elements, wavelength, condition, channels, axes)
+    rates = largest_rates(source, points, wavelength)
+    rates += [_RESOLVED * axis.half * axis.step for axis in axes]
+    order = np.argsort(rates.max(axis=1), kind="stable")
+    size = int(min(_SHARED, max(1, _SPECTRUM // (count * len(channels)))))
+    blocks, cost = [], 0.0
+    for start in range(0, len(points), size):
+        members = order[start : start + size]
+        counts = [
+            node_counts(
+                _trapezoids(element.outline),
+                rates[members].max(axis=0),
+                _QUADRATURE,
+                float(points[members, 2].min()),
+            )
+            for element in elements
+        ]
+        blocks.append((members, counts))
+        cost += _NODE * len(members) * sum(float(c.prod(axis=1).sum()) for c in counts)
+    edges = sum(len(ring) for ring in normal_form(source).rings)
+    cycles = sum(element.shape.polygons.length for element in elements) / wavelength
+    if cost > len(points) * count * (_WAVELENGTH * cycles + _EDGE * edges):
+        return None
     # |c + i s|^2 + |c - i s|^2 = 2 |c|^2 + 2 |s|^2
     is_even = not any(kappa is not None and kappa.any() for kappa in channels)
-    (over_x, of_x), (over_y, of_y) = (axis.tilts(is_even) for axis in rule.axes)
+    (over_x, of_x), (over_y, of_y) = (axis.tilts(is_even) for axis in axes)
     plane = np.stack(np.meshgrid(over_x, over_y), axis=-1)
     cosines: list[Any] = [
-        1.0 if kappa is None else direction_cosines(plane + kappa, rule.wavelength)[..., None]
+        1.0 if kappa is None else direction_cosines(plane + kappa, wavelength)[..., None]
         for kappa in channels
     ]
-    with told("blocks of points", rule.blocks) as blocks:
-        for block in blocks:
-            spectra = _spectra(rule, block)
+    values = np.empty(len(points))
+    with told("blocks of points", blocks) as remaining:
+        for members, counts in remaining:
+            spectra = _spectra(rule, points[members], counts)
             if not is_even:
                 spectra = _of_both_signs(_of_both_signs(spectra, 1), 2)
             total = cosines[0] * spectra[0]
             for cosine, spectrum in zip(cosines[1:], spectra[1:], strict=True):
-                spectrum *= cosine
-                total += spectrum
+                total += cosine * spectrum
             intensity = np.square(total.real)
             intensity += np.square(total.imag)
-            found[block.points] = of_x @ np.tensordot(of_y, intensity, 1)
-    return found
+            values[members] = of_x @ np.tensordot(of_y, intensity, 1)
+    return values
 
 
 @lru_cache(maxsize=64)
-def _trapezoids(element: Aperture) -> Trapezoids:
-    return trapezoids_of(element.polygons.geoms)[0]
+def _trapezoids(outline: Aperture) -> Trapezoids:
+    return trapezoids_of(outline.polygons.geoms)
 
 
-def _counts(trapezoids: Trapezoids, block: _Block) -> Indices:
-    return node_counts(trapezoids, block.rates, _QUADRATURE, block.nearest)
-
-
-def _spectra(rule: _TiltSum, block: _Block) -> Complex:
+def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Complex:
     """Channels of the fields of all tilts at p points: (channels, t_y, t_x, p).
 
-    Sums over cosines and after these over sines of tilts t >= 0, along both axes.
+    The tilts are cosines and then sines of tilts t >= 0, along both axes. ``counts``: rows and
+    nodes on a row of the trapezoids of each element.
     """
     along_x, along_y = rule.axes
-    source, points, count = rule.source, rule.points[block.points], len(rule.channels)
+    channels = len(rule.channels)
     halves = (2 * (along_y.half + 1), 2 * (along_x.half + 1), len(points))
-    total = np.zeros((count, halves[0], halves[1] * halves[2]), np.complex128)
-    middle = np.reshape(source.bounds, (2, 2)).mean(axis=0)
-    for element, weight in weighted_elements(source):
-        trapezoids = _trapezoids(element)
-        for one, counts in zip(trapezoids, _counts(trapezoids, block), strict=True):
-            x, y, weights = rows_of(one, counts)
-            # rows of a rectangle share x
-            places = (x if np.diff(one[1:]).any() else x[:1]) - middle[0]
-            inner = np.empty((count, len(y), *halves[1:]), np.complex128)
-            columns = count * len(points) + (along_x.half if len(places) > 1 else 0)
+    total = np.zeros((channels, halves[0], halves[1] * halves[2]), np.complex128)
+    centre = np.reshape(rule.source.bounds, (2, 2)).mean(axis=0)
+    for element, of_element in zip(rule.elements, counts, strict=True):
+        for trapezoid, shape in zip(_trapezoids(element.outline), of_element, strict=True):
+            x, y, weights = rows_of(trapezoid, shape)
+            # the rows of a rectangle share x
+            nodes = (x if np.diff(trapezoid[1:]).any() else x[:1]) - centre[0]
+            inner = np.empty((channels, len(y), *halves[1:]), np.complex128)
+            columns = channels * len(points) + (along_x.half if len(nodes) > 1 else 0)
             step = max(1, _BATCH // (x.shape[1] * columns))
             for start in range(0, len(y), step):
                 some = slice(start, start + step)
-                rows = (x[some], y[some], weights[some])
-                waves = _waves(places[some] if len(places) > 1 else places, along_x)
-                values = _samples(rule, element, rows, points)
+                waves = _waves(nodes[some] if len(nodes) > 1 else nodes, along_x)
+                values = _samples(rule, element, x[some], y[some], weights[some], points)
                 inner[:, some] = _product(waves, values)
-            if weight != 1:
-                inner *= weight
-            waves = _waves(y - middle[1], along_y)
-            total += _product(waves, inner.reshape(count, len(y), -1))
-    return total.reshape(count, *halves)
+            if element.weight != 1:
+                inner *= element.weight
+            waves = _waves(y - centre[1], along_y)
+            total += _product(waves, inner.reshape(channels, len(y), -1))
+    return total.reshape(channels, *halves)
 
 
 def _samples(
-    rule: _TiltSum, element: Aperture, rows: tuple[Floats, Floats, Floats], points: Floats
+    rule: _TiltSum, element: SourceElement, x: Floats, y: Floats, weights: Floats, points: Floats
 ) -> Complex:
-    """Channels of the field at nodes times waves to points (p, 3): (channels, m, n, p).
+    """Channels of the field at nodes times the waves to points (p, 3): (channels, m, n, p).
 
-    ``rows`` : x (m, n), y (m,) and weights (m, n) of the nodes.
+    The nodes have coordinates ``x`` (m, n) and ``y`` (m,) and ``weights`` (m, n).
     """
     source, condition, wavelength = rule.source, rule.condition, rule.wavelength
-    x, y, weights = rows
     px, py, z = points.T
     squares = (x[..., None] - px) ** 2 + ((y[:, None] - py) ** 2)[:, None]
-    reach = np.sqrt(squares + z * z)
-    # the phase relative to the phase of the height, whose cycles would be rounded
-    cycles = squares / ((reach + z) * wavelength)
+    distance = np.sqrt(squares + z * z)
+    # phase relative to that of the height, which loses no digits
+    cycles = squares / ((distance + z) * wavelength)
     cycles -= np.rint(cycles)
     cycles *= 2 * math.pi
     sine, cosine = np.sin(cycles), np.cos(cycles)
-    inverse = 1.0 / reach
+    inverse = 1.0 / distance
     size = inverse * (weights / wavelength)[..., None]
     nodes = np.stack([x, np.broadcast_to(y[:, None], x.shape)], axis=-1)
-    found = np.empty((len(rule.channels), *reach.shape), np.complex128)
-    for kappa, values in zip(rule.channels, found, strict=True):
+    samples = np.empty((len(rule.channels), *distance.shape), np.complex128)
+    for kappa, values in zip(rule.channels, samples, strict=True):
+        field: Complex | float = 1.0
         if kappa is None:
-            field = field_at(element, nodes.reshape(-1, 2))
+            if element.illumination is not None:
+                field = element.illumination(nodes)
             if not source.is_flat:
-                field = field * _curved_wave(source, nodes.reshape(-1, 2))
+                offset = nodes - source.centre
+                bend = ((offset @ source.curvature) * offset).sum(axis=-1)
+                field = field * np.exp(1j * np.pi * bend)
             # the wave times (z/R) (1 + i/(kR))
             size_of_field = size * inverse * (condition.field * z)
             imaginary = size_of_field * inverse * (wavelength / (2 * math.pi))
             values.real = size_of_field * sine + imaginary * cosine
             values.imag = imaginary * sine - size_of_field * cosine
         else:
-            amplitude = sum(a for a, nu in waves_of(element) if (nu == kappa).all())
+            amplitude = element.amplitudes[(element.frequencies == kappa).all(axis=1)].sum()
             field = condition.slope * amplitude * np.exp(2j * math.pi * (nodes @ kappa))
             values.real, values.imag = size * sine, -size * cosine
         if np.ndim(field):
-            values *= field.reshape(x.shape)[..., None]
-    return found
-
-
-def _curved_wave(source: Wavefront, x: Floats) -> Complex:
-    away = x - source.centre
-    return np.asarray(np.exp(1j * np.pi * ((away @ source.curvature) * away).sum(axis=1)))
+            values *= np.asarray(field)[..., None]
+    return samples
 
 
 def _waves(x: Floats, axis: _TiltAxis) -> Floats:
@@ -521,7 +528,7 @@ def _of_both_signs(sums: Complex, axis: int) -> Complex:
 def _product(table: Floats, values: Complex) -> Complex:
     """The matrix product, in pieces that BLAS computes on one thread.
 
-    Its threads wait for each other, which takes longer than such products on a busy machine.
+    Synchronising its threads takes longer than such products on a busy machine.
     """
     numbers = values.view(np.float64)
     stacked = np.broadcast_shapes(table.shape[:-2], values.shape[:-2])

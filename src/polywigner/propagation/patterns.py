@@ -18,13 +18,13 @@ from polywigner.propagation.element_patterns import (
     covers_front,
     element_pattern_of,
 )
-from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
-from polywigner.propagation.radiators import (
+from polywigner.propagation.far_fields import (
     FarField,
     FarFieldOptions,
     checked_far_field,
     steered_direction,
 )
+from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.stores import source_attrs, source_coords
 from polywigner.propagation.vector_fields import axial_ratios, co_and_cross, ludwig_components
 from polywigner.quantities import SPEED_OF_LIGHT

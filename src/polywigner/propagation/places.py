@@ -35,12 +35,12 @@ _AXES = ("x", "y", "z")
 
 
 def checked_theta(values: Any) -> Angles:
-    """Angles from the normal (n,) in rad, from -pi to pi; ArgumentError for anything else."""
+    """Return angles from the normal (n,) in rad, from -pi to pi; raise ArgumentError for others."""
     return checked_angles(values, "theta", math.pi)
 
 
 def checked_phi(values: Any) -> Angles:
-    """Angles from the x axis (n,) in rad; ArgumentError for anything else."""
+    """Return angles from the x axis (n,) in rad; raise ArgumentError for others."""
     return checked_angles(values, "phi", math.inf)
 
 
@@ -63,7 +63,7 @@ def unit_vectors(theta: Angles, phi: Angles) -> NDArray[np.float64]:
 
 
 def checked_angles(values: Any, name: str, largest: float) -> Angles:
-    """Angles (n,) in rad, at most so large; ArgumentError for anything else."""
+    """Return angles (n,) in rad, up to ``largest``; raise ArgumentError for others."""
     expected = f"expected {name} as angles (n,) in rad"
     angles = checked_row(values, expected)
     if not np.isfinite(angles).all() or np.abs(angles).max() > largest * (1 + 1e-12):
@@ -83,12 +83,12 @@ METHODS: tuple[str, ...] = get_args(Method)
 DEFAULT_TOLERANCE = {True: 1e-9, False: 1e-5}
 """Relative errors of fields, in double (True) and in single precision."""
 
-# The least that can be asked for: some tens of roundings.
+# Smallest tolerances, some tens of rounding errors.
 _LEAST = {True: 1e-13, False: 1e-6}
 
 
 def checked_coordinates(points: Any, expected: str, *shape: int) -> NDArray[np.float64]:
-    """Finite coordinates in metres, of axes ``shape`` at the end; ArgumentError for others."""
+    """Return finite coordinates in metres, (..., *shape); raise ArgumentError for others."""
     try:
         array = real_numbers(points)
     except ValueError as error:
@@ -104,7 +104,7 @@ def checked_coordinates(points: Any, expected: str, *shape: int) -> NDArray[np.f
 
 
 def checked_points(points: Any) -> NDArray[np.float64]:
-    """Points (..., 3) in metres in front of the source, at z > 0; ArgumentError for others."""
+    """Return points (..., 3) in metres, z > 0; raise ArgumentError for others."""
     expected = "expected points as real numbers of shape (..., 3), components x, y, z last"
     array = checked_coordinates(points, expected, 3)
     behind = array[..., 2] <= 0
@@ -117,7 +117,7 @@ def checked_points(points: Any) -> NDArray[np.float64]:
 
 
 def checked_amplitude_tolerance(tolerance: float | None, double: bool) -> float:
-    """A tolerance that :func:`amplitude` can keep; ArgumentError for others."""
+    """Return a tolerance that :func:`amplitude` can meet; raise ArgumentError for others."""
     hint = "" if double else '; precision="double" has 1e-13'
     return tolerance_from(tolerance, DEFAULT_TOLERANCE[double], _LEAST[double], hint=hint)
 
@@ -125,9 +125,9 @@ def checked_amplitude_tolerance(tolerance: float | None, double: bool) -> float:
 def tolerance_from(
     tolerance: float | None, default: float, least: float, where: str = "", hint: str = ""
 ) -> float:
-    """A number from ``least`` to 0.1, or the default; ArgumentError for others.
+    """Return a number from ``least`` to 0.1, or the default; raise ArgumentError for others.
 
-    The message says ``where`` this range holds, with a ``hint`` for smaller numbers.
+    The message contains ``where`` this range applies, and a ``hint`` for smaller numbers.
     """
     if tolerance is None:
         return default
@@ -140,12 +140,12 @@ def tolerance_from(
 
 
 def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
-    """The name of a method; ArgumentError with all names that are allowed for any other."""
+    """Return the name of a method; raise ArgumentError with all allowed names for others."""
     return checked_choice(method, "method", allowed)
 
 
 def warn_of_missed(errors: NDArray[np.float64], allowed: NDArray[np.float64], what: str) -> None:
-    """Warn of results, by their name, whose errors are larger than allowed."""
+    """Warn of results (``what``) whose errors exceed the allowed ones."""
     missed = ~(errors <= allowed)
     if missed.any():
         worst = float((errors[missed] / allowed[missed]).max())
@@ -170,7 +170,7 @@ class StraightGrid:
     """(axes, 3)."""
 
     def points(self, first: Index, shape: Index) -> Values:
-        """(*shape, 3) in m: those from the numbers ``first`` on."""
+        """Return points (*shape, 3) in m, from the indices ``first`` on."""
         axes = zip(self.coords.values(), first, shape, strict=True)
         along = np.ix_(*(axis.values[start : start + count] for axis, start, count in axes))
         steps = (a[..., None] * e for a, e in zip(along, self.directions, strict=True))
@@ -187,7 +187,7 @@ class Hemisphere:
     radius: float
 
     def points(self, first: Index, shape: Index) -> Values:
-        """(*shape, 3) in m: those from the numbers ``first`` on."""
+        """Return points (*shape, 3) in m, from the indices ``first`` on."""
         theta, phi = (
             axis.values[start : start + count]
             for axis, start, count in zip(self.coords.values(), first, shape, strict=True)
@@ -199,7 +199,7 @@ Grid = StraightGrid | Hemisphere
 
 
 def box_grid(box: Any, shape: Any) -> StraightGrid:
-    """A volume: ``shape`` points along x, y and z, both faces of the box included."""
+    """Return a volume: ``shape`` points along x, y and z, both faces of the box included."""
     low, high = _corners("box", box, "lowest and the highest")
     if (high < low).any():
         raise ArgumentError(
@@ -212,7 +212,7 @@ def box_grid(box: Any, shape: Any) -> StraightGrid:
 
 
 def plane_grid(where: Any, shape: Any) -> StraightGrid:
-    """A plane: a box without thickness along one axis, or three corners of a rectangle."""
+    """Return a plane: a box of zero thickness along one axis, or three corners of a rectangle."""
     expected = "expected a plane as a box (2, 3) of no thickness, or as three corners (3, 3)"
     corners = _checked(where, expected, 3)
     counts = _counts(shape, 2)
@@ -242,7 +242,7 @@ def plane_grid(where: Any, shape: Any) -> StraightGrid:
 
 
 def line_grid(ends: Any, samples: Any) -> StraightGrid:
-    """A line, both ends included, by the distance from its first end."""
+    """Return a line, both ends included, with the distance from its first end as coordinate."""
     start, end = _corners("line", ends, "first and the last")
     length = float(np.linalg.norm(end - start))
     if length == 0:
@@ -252,18 +252,18 @@ def line_grid(ends: Any, samples: Any) -> StraightGrid:
 
 
 def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Hemisphere:
-    """Points at angles theta from the z axis and phi from the x axis about a centre."""
+    """Return points at angles theta from the z axis and phi from the x axis about a centre."""
     length = checked_length(radius, "radius")
-    middle = _checked(centre, "expected a centre (3,)", 3)
-    if middle.ndim != 1:
-        raise ArgumentError(f"expected a centre (3,), in metres, got shape {middle.shape}")
-    grid = Hemisphere(angle_axes(checked_theta(theta), checked_phi(phi)), middle, length)
+    origin = _checked(centre, "expected a centre (3,)", 3)
+    if origin.ndim != 1:
+        raise ArgumentError(f"expected a centre (3,), in metres, got shape {origin.shape}")
+    grid = Hemisphere(angle_axes(checked_theta(theta), checked_phi(phi)), origin, length)
     checked_points(grid.points((0, 0), shape_of_grid(grid)))
     return grid
 
 
 def shape_of_grid(grid: Grid) -> Index:
-    """The number of points along each axis."""
+    """Return the number of points along each axis."""
     return tuple(axis.shape[0] for axis in grid.coords.values())
 
 
@@ -281,7 +281,7 @@ def _straight_grid(
 
 
 def _span(low: float, high: float, count: int) -> Values:
-    """Both ends, or the middle if it is one value only."""
+    """Values with both ends included; the midpoint if ``count`` is 1."""
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 

@@ -1,39 +1,40 @@
-"""Gauss rules on polygons: on triangles, and on rows of trapezoids; and fields at their nodes."""
+"""Gauss rules on polygons: on triangles, without kinks of W inside, and on rows of trapezoids."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Wavefront
+from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.numerics.nodes import chirp_node_counts, gauss_legendre
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
+from polywigner.source.support import mutual_support
 
 Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 Triangles = NDArray[np.float64]
 """Corners (n, 3, 2)."""
 Trapezoids = NDArray[np.float64]
 """(n, 3, 2): y, x on the left, and x on the right, of the lower and the upper side."""
+Polygons = Sequence[shapely.Polygon] | NDArray[np.object_]
 Rule = tuple[Floats, Floats]
 """Nodes (n, 2) in metres and weights (n,) in square metres."""
 
-# Nodes along a side for each cycle of the phase of W, which turns at twice the frequency: Gauss
-# needs pi/2 for each cycle of its integrand before it converges.
+# Nodes along a side per cycle of the phase of W, which oscillates at twice the frequency. Gauss
+# rules converge above pi/2 nodes per cycle of the integrand.
 NODES_PER_CYCLE = 3.5
-# Rules of more nodes are made of equal panels of half as many: they cost too much to find.
+# Rules with more nodes consist of equal panels of half as many, whose nodes are faster to compute.
 _MOST_IN_ONE = 200
-# Pairs of edges and heights at a time.
+# Pairs of edges and heights per block.
 _BATCH = 1 << 20
-# Extra nodes for a pole off the plane, times arcsinh of its distance over half of the size.
+# Additional nodes for a pole off the plane, times arcsinh of its distance over half of the size.
 _POLE = 4.0
 
 
@@ -41,14 +42,14 @@ _POLE = 4.0
 
 
 def quartered(triangles: Triangles) -> Triangles:
-    """Each triangle as four halves of its size, one after another."""
+    """Divide each triangle into four of half its size, one after another."""
     a, b, c = triangles.transpose(1, 0, 2)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     return np.stack([np.stack(q, axis=1) for q in quarters], axis=1).reshape(-1, 3, 2)
 
 
-def triangulated(polygons: Sequence[shapely.Polygon] | NDArray[np.object_]) -> Triangles:
+def triangulated(polygons: Polygons) -> Triangles:
     """Constrained Delaunay triangles (n, 3, 2) of polygons."""
     parts = shapely.get_parts(shapely.constrained_delaunay_triangles(np.asarray(polygons)))
     corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
@@ -57,10 +58,10 @@ def triangulated(polygons: Sequence[shapely.Polygon] | NDArray[np.object_]) -> T
 
 
 def gauss_rule(triangles: Triangles, rate: float, extra: float) -> Rule:
-    """A rule on all triangles (n, 3, 2), for integrands of ``rate`` cycles per metre.
+    """Return a rule on all triangles (n, 3, 2), for integrands of ``rate`` cycles per metre.
 
-    Along a side of length s it has ``extra + 3.5 s rate`` nodes, at least 1. Of each triangle the
-    corner opposite to the shortest side is the one in which the rule's lines meet.
+    Along a side of length s it has ``extra + 3.5 s rate`` nodes, at least 1. The lines of the rule
+    meet in the corner opposite to the shortest side of each triangle.
     """
     nodes, weights, _ = rule_by_triangles(triangles, rate, extra)
     return nodes, weights
@@ -69,7 +70,7 @@ def gauss_rule(triangles: Triangles, rate: float, extra: float) -> Rule:
 def rule_by_triangles(
     triangles: Triangles, rate: float, extra: float
 ) -> tuple[Floats, Floats, Indices]:
-    """The rule of :func:`gauss_rule`, and the number of the triangle of each node, (n,)."""
+    """Return the rule of :func:`gauss_rule`, and the index (n,) of the triangle of each node."""
     corners, long, short = _from_apex(triangles)
     counts = _counts(long, short, rate, extra).astype(int)
     nodes, weights, owners = zip(*_by_counts(corners, counts), strict=True)
@@ -77,34 +78,31 @@ def rule_by_triangles(
 
 
 def node_count(triangles: Triangles, rate: float, extra: float) -> float:
-    """About how many nodes :func:`gauss_rule` has, before any is made."""
+    """Estimate the number of nodes of :func:`gauss_rule`."""
     _, long, short = _from_apex(triangles)
     return float(_counts(long, short, rate, extra).prod(axis=1).sum())
 
 
 def spacings(triangles: Triangles, rate: float, extra: float) -> Floats:
-    """The distances between nodes of :func:`gauss_rule` in each triangle, on its longer lines."""
+    """Distances (n,) between nodes of :func:`gauss_rule` along the longer lines of triangles."""
     _, long, short = _from_apex(triangles)
-    sides: Floats = np.column_stack([long, short])
-    result: Floats = (sides / _counts(long, short, rate, extra)).max(axis=1)
-    return result
+    sides = np.column_stack([long, short])
+    return np.asarray((sides / _counts(long, short, rate, extra)).max(axis=1))
 
 
 def _counts(long: Floats, short: Floats, rate: float, extra: float) -> Floats:
     sides = np.column_stack([long, short])
-    result: Floats = np.maximum(np.ceil(extra + NODES_PER_CYCLE * rate * sides), 1.0)
-    return result
+    return np.asarray(np.maximum(np.ceil(extra + NODES_PER_CYCLE * rate * sides), 1.0))
 
 
 def areas(triangles: Triangles) -> Floats:
     """Areas (n,) of triangles (n, 3, 2), in square metres."""
     a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    result: Floats = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    return result
+    return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
 
 def _from_apex(triangles: Triangles) -> tuple[Triangles, Floats, Floats]:
-    """Corners with that opposite to the shortest side first; the longest side, and the shortest."""
+    """Corners with that opposite to the shortest side first; longest and shortest sides."""
     sides = np.linalg.norm(triangles[:, (1, 2, 0)] - triangles[:, (2, 0, 1)], axis=-1)
     apex = sides.argmin(axis=1)
     order = (apex[:, None] + np.arange(3)) % 3
@@ -131,39 +129,108 @@ def _by_counts(
 
 
 @lru_cache(maxsize=256)
-def _legendre(count: int) -> tuple[Floats, Floats]:
-    """Nodes and weights on [0, 1]; of many, some more than ``count``."""
+def _legendre(count: int) -> Rule:
+    """Nodes and weights on [0, 1]; for large counts, slightly more than ``count``."""
     panels = 1 if count <= _MOST_IN_ONE else -(-2 * count // _MOST_IN_ONE)
     nodes, weights = np.polynomial.legendre.leggauss(-(-count // panels))
-    places = (np.arange(panels)[:, None] + (nodes + 1) / 2) / panels
-    return places.ravel(), np.tile(weights / (2 * panels), panels)
+    scaled = (np.arange(panels)[:, None] + (nodes + 1) / 2) / panels
+    return scaled.ravel(), np.tile(weights / (2 * panels), panels)
+
+
+# ---- triangles where W is smooth -----------------------------------------------------------------
+
+# Largest number of segments of kinks, some seconds of work, and of points where they meet.
+_MOST_KINKS, _MOST_MEETINGS = 1 << 16, 1 << 20
+# Segments in the sample that estimates the number of meetings.
+_COUNTED = 256
+
+
+@lru_cache(maxsize=64)
+def _kinks(source: Aperture | Array) -> Floats | None:
+    """The segments (T1) without repetitions, (m, 2, 2) ends; None if there may be too many."""
+    form = normal_form(source)
+    elements, means = form.in_plane.elements, np.zeros((1, 2))
+    grid = 0.0
+    if form.lattice is not None:
+        elements, positions = (form.lattice.element,), form.lattice.positions
+        means = (positions[:, None] / 2 + positions / 2).reshape(-1, 2)
+        grid = grid_size(positions) if positions.any() else 1.0
+        means = np.unique(np.rint(means / grid), axis=0) * grid
+    rings = [ring for element in elements for ring in element.rings]
+    vertices = np.concatenate(rings)
+    if len(means) * len(vertices) ** 2 > _MOST_KINKS:
+        return None
+    ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    first = vertices[:, None] / 2 + vertices / 2
+    second = vertices[:, None] / 2 + ends / 2
+    segments = np.stack([first, second], axis=-2).reshape(-1, 2, 2)
+    grid = max(grid, grid_size(vertices))
+    return _distinct((_distinct(segments, grid) + means[:, None, None]).reshape(-1, 2, 2), grid)
+
+
+def _distinct(segments: Floats, grid: float) -> Floats:
+    """Segments (n, 2, 2) without repetitions, coordinates rounded to the grid.
+
+    Segments of opposite directions are equal; those that shrink to a point are left out.
+    """
+    steps = np.rint(segments / grid)
+    order = np.lexsort((steps[..., 1], steps[..., 0]), axis=1)
+    steps = np.take_along_axis(steps, order[..., None], axis=1)
+    distinct = np.unique(steps.reshape(-1, 4), axis=0).reshape(-1, 2, 2) * grid
+    return np.asarray(distinct[(distinct[:, 0] != distinct[:, 1]).any(axis=-1)])
+
+
+@lru_cache(maxsize=64)
+def has_few_kinks(source: Aperture | Array) -> bool:
+    """Whether W has at most 65,536 segments of kinks, which meet at most about 1e6 times."""
+    segments = _kinks(source)
+    if segments is None:
+        return False
+    lines = shapely.linestrings(segments)
+    sample = lines[:: max(1, len(lines) // _COUNTED)]
+    meetings = shapely.STRtree(lines).query(sample, predicate="intersects").shape[1]
+    return bool(meetings / len(sample) * len(lines) / 2 <= _MOST_MEETINGS)
+
+
+@lru_cache(maxsize=64)
+def smooth_triangles(source: Aperture | Array) -> Triangles:
+    """Triangles (n, 3, 2) that tile the automean of a source and that no kink of W crosses.
+
+    The source must satisfy :func:`has_few_kinks`.
+    """
+    segments = _kinks(source)
+    assert segments is not None
+    grid = grid_size(segments.reshape(-1, 2))
+    noded = shapely.union_all(shapely.linestrings(segments), grid_size=grid)
+    cells = np.array(polygons_in(shapely.polygonize([noded])), dtype=object)
+    support = mutual_support(source).polygons
+    shapely.prepare(support)
+    inside = shapely.contains_properly(support, shapely.point_on_surface(cells))
+    return triangulated(cells[inside])
 
 
 # ---- rows of trapezoids --------------------------------------------------------------------------
 
 
-def trapezoids_of(polygons: Any) -> tuple[Trapezoids, Indices]:
-    """Trapezoids that tile polygons, between the heights of their vertices, and their numbers."""
+def trapezoids_of(polygons: Polygons) -> Trapezoids:
+    """Trapezoids that tile polygons, between the heights of their vertices."""
     rings, of_ring = shapely.get_rings(polygons, return_index=True)
-    places, ring = shapely.get_coordinates(rings, return_index=True)
+    vertices, ring = shapely.get_coordinates(rings, return_index=True)
     is_edge = ring[1:] == ring[:-1]
-    edges = np.stack([places[:-1], places[1:]], axis=1)[is_edge]
+    edges = np.stack([vertices[:-1], vertices[1:]], axis=1)[is_edge]
     owner = of_ring[ring[:-1][is_edge]]
     counts = np.bincount(owner)
-    parts, owners = [], []
+    parts = []
     for count in np.unique(counts[counts > 0]).tolist():
         same = np.flatnonzero(counts == count)
         step = max(1, _BATCH // count**2)
         for some in np.split(same, range(step, len(same), step)):
-            of_some = edges[np.isin(owner, some)].reshape(len(some), count, 2, 2)
-            trapezoids, number = _between_heights(of_some)
-            parts.append(trapezoids)
-            owners.append(some[number])
-    return np.concatenate(parts), np.concatenate(owners)
+            parts.append(_between_heights(edges[np.isin(owner, some)].reshape(-1, count, 2, 2)))
+    return np.concatenate(parts)
 
 
-def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
-    """Trapezoids of polygons of equally many edges (n, m, 2, 2), and their numbers."""
+def _between_heights(edges: Floats) -> Trapezoids:
+    """Trapezoids of polygons with equal numbers of edges, (n, m, 2, 2)."""
     (x, y), (end_x, end_y) = edges.transpose(2, 3, 0, 1)[..., None, :]
     heights = np.sort(y[:, 0])
     low, high = heights[:, :-1, None], heights[:, 1:, None]
@@ -174,8 +241,7 @@ def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
     pairs = ends[..., : 2 * (ends.shape[-1] // 2)].transpose(1, 2, 3, 0)
     left, right = pairs[:, :, ::2], pairs[:, :, 1::2]
     levels = np.broadcast_to(np.stack([low, high], axis=-1), left.shape)
-    here = np.isfinite(right).all(axis=-1)
-    return np.stack([levels, left, right], axis=-2)[here], np.nonzero(here)[0]
+    return np.stack([levels, left, right], axis=-2)[np.isfinite(right).all(axis=-1)]
 
 
 def node_counts(
@@ -183,13 +249,13 @@ def node_counts(
 ) -> Indices:
     """Numbers of rows of trapezoids and of nodes on a row, (n, 2).
 
-    ``rates`` : (2,) or (n, 2) largest frequencies of the integrand along x and y in 1/m.
+    ``rates`` : (2,) largest frequencies of the integrand along x and y in 1/m.
     ``nearest`` : distance of its poles from the plane in m.
     """
     y, left, right = trapezoids.transpose(1, 0, 2)
     height, width = np.diff(y)[:, 0], (right - left).max(axis=1)
     aslant = np.maximum(abs(np.diff(left)), abs(np.diff(right)))[:, 0]
-    over_x, over_y = rates[..., 0], rates[..., 1]
+    over_x, over_y = rates.tolist()
     cycles = np.stack([over_y * height + over_x * aslant, over_x * width], axis=1)
     sizes = np.stack([np.maximum(height, aslant), width], axis=1) / 2
     with np.errstate(divide="ignore"):
@@ -200,59 +266,32 @@ def node_counts(
 def rows_of(trapezoids: Trapezoids, counts: Indices) -> tuple[Floats, Floats, Floats]:
     """x (..., m, n), y (..., m) and weights (..., m, n) of the nodes on trapezoids (..., 3, 2).
 
-    ``counts`` : (2,) m and n, which they share.
+    ``counts`` : (2,) m and n, the same for all.
     """
-    (share, of_rows), (place, on_row) = (_unit_rule(count) for count in counts.tolist())
-    lines = trapezoids[..., :1] + share * np.diff(trapezoids)
+    (up, of_rows), (along, on_row) = (_unit_rule(count) for count in counts.tolist())
+    lines = trapezoids[..., :1] + up * np.diff(trapezoids)
     y, left, right = (lines[..., k, :] for k in range(3))
     length = (right - left)[..., None]
     height = np.diff(trapezoids[..., 0, :])[..., None]
-    return left[..., None] + length * place, y, height * of_rows[:, None] * length * on_row
+    return left[..., None] + length * along, y, height * of_rows[:, None] * length * on_row
 
 
-def rule_on(
-    trapezoids: Trapezoids, rates: Floats, error: float, extra: int
-) -> tuple[Floats, Floats, Indices]:
-    """Nodes (n, 2) and weights (n,) on all trapezoids, and the number of the trapezoid of each.
-
-    ``extra`` : nodes in addition to :func:`node_counts`.
-    """
+def rule_on(trapezoids: Trapezoids, rates: Floats, error: float, extra: int) -> Rule:
+    """Return a rule on all trapezoids, with ``extra`` nodes more than :func:`node_counts`."""
     counts = node_counts(trapezoids, rates, error) + extra
-    nodes, weights, owners = [], [], []
+    nodes, weights = [], []
     for shared in np.unique(counts, axis=0):
-        some = np.flatnonzero((counts == shared).all(axis=1))
-        x, y, amounts = rows_of(trapezoids[some], shared)
+        x, y, amounts = rows_of(trapezoids[(counts == shared).all(axis=1)], shared)
         nodes.append(np.stack([x, np.broadcast_to(y[..., None], x.shape)], axis=-1).reshape(-1, 2))
         weights.append(amounts.ravel())
-        owners.append(np.repeat(some, amounts[0].size))
-    return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
+    return np.concatenate(nodes), np.concatenate(weights)
 
 
 @lru_cache(maxsize=1024)
-def _unit_rule(count: int) -> tuple[Floats, Floats]:
+def _unit_rule(count: int) -> Rule:
     """Nodes and weights on [0, 1]."""
     nodes, weights = gauss_legendre(count)[:, :2].T / 2
     return nodes + 0.5, weights
-
-
-# ---- fields at nodes -----------------------------------------------------------------------------
-
-
-def weighted_elements(source: Aperture | Array | Wavefront) -> list[tuple[Aperture, complex]]:
-    """Elements of a source where they lie in the plane, and their weights."""
-    return [(element.shape, element.weight) for element in normal_form(source).in_plane.elements]
-
-
-def field_at(element: Aperture, x: Floats) -> Any:
-    field: Any = element.illumination
-    return 1.0 if field is None else field(x)
-
-
-def waves_of(element: Aperture) -> Any:
-    field: Any = element.illumination
-    if field is None:
-        return [(1.0, np.zeros(2))]
-    return list(zip(field.amplitudes.tolist(), field.frequencies, strict=True))
 
 
 def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:
@@ -265,13 +304,3 @@ def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Float
     distance = np.sqrt(away**2 + (beside**2 + points[:, 2:] ** 2)[:, None])
     slopes = away / (wavelength * distance) + (corners - source.centre) @ source.curvature
     return np.asarray(abs(slopes).max(axis=1) + abs(normal_form(source).frequencies).max(axis=0))
-
-
-def highest(source: Wavefront) -> float:
-    """Highest frequency of the waves on a source in 1/m."""
-    return float(np.linalg.norm(normal_form(source).frequencies, axis=1).max())
-
-
-def slope(z: Floats, radius: Floats, k: float) -> Complex:
-    """Derivative along the normal of a spherical wave, over the wave times -ik."""
-    return np.asarray((z / radius) * (1 + 1j / (k * radius)))

@@ -1,8 +1,9 @@
-"""Opaque screens: the field of a point source or a plane wave behind a plate or an opening."""
+"""Fields of point sources and plane waves behind opaque plates and openings."""
 
 from __future__ import annotations
 
 import math
+import numbers
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, final
@@ -22,20 +23,21 @@ from polywigner.source import Illumination
 from polywigner.source.obliquities import CONDITIONS
 
 Floats = NDArray[np.float64]
-Place = tuple[float, float, float]
+Complex = NDArray[np.complex128]
+Position = tuple[float, float, float]
 
 _OPS = execution.NumpyOperations(double=True)
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-# Turns of the detour along a panel that the rule resolves well enough to be judged by halves.
+# Change of the detour along a panel, in cycles, up to which the error estimate by halves is valid.
 _TURNS = 2.0
-# Rows of panels at a time: temporary arrays of some MB.
+# Panels per block: temporary arrays of a few MB.
 _ROWS = 1 << 12
-# Most wavelengths of edges, about a panel each, of one point and of a block of points.
+# Largest length of edges in wavelengths, about one panel each; points per block.
 _MOST = 1 << 22
 _POINTS = 1 << 8
 
 
-def incident_of_point(source: Place, points: Floats, wavelength: float) -> NDArray[np.complex128]:
+def incident_of_point(source: Position, points: Floats, wavelength: float) -> Complex:
     """exp(ikR)/R at points (n, 3), R the distance from the source (3,)."""
     distance = np.linalg.norm(points - source, axis=1)
     return np.asarray(waves_of_turns(distance / wavelength) / distance)
@@ -43,69 +45,66 @@ def incident_of_point(source: Place, points: Floats, wavelength: float) -> NDArr
 
 def waves_through(
     opening: Aperture,
-    source: Place,
+    source: Position,
     points: Floats,
     wavelength: float,
     mirrored: float,
     tolerance: float,
-) -> tuple[NDArray[np.complex128], Floats]:
-    """The field behind an opening over the incident one at points (n, 3), z > 0, and its error."""
+) -> tuple[Complex, Floats]:
+    """Field behind an opening over the incident field at points (n, 3), and its error."""
     edges = np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in opening.rings])
     edges = edges / wavelength
     around = float(np.hypot(*(edges[:, 2:] - edges[:, :2]).T).sum())
     if not around <= _MOST:
         raise ArgumentError(
-            f"expected a screen with edges of at most {_MOST:.2g} wavelengths in all, got "
-            f"{around:.3g}; check the unit of the wavelength, or cut off what is far from the path"
+            f"edges of the screen are too long: {around:.3g} wavelengths in all, at most "
+            f"{_MOST:.2g}; check the unit of the wavelength, or remove parts far from the path"
         )
     step = max(1, min(_POINTS, int(_MOST / around)))
-    found = np.zeros(len(points), np.complex128)
-    errors = np.zeros(len(points))
-    place, allowed = np.array(source) / wavelength, 2 * math.pi * tolerance
+    ratios, errors = np.zeros(len(points), np.complex128), np.zeros(len(points))
+    position, allowed = np.array(source) / wavelength, 2 * math.pi * tolerance
     for some in (slice(low, low + step) for low in range(0, len(points), step)):
-        found[some], errors[some] = _sums(
-            edges, place, points[some] / wavelength, mirrored, allowed
+        ratios[some], errors[some] = _sums(
+            edges, position, points[some] / wavelength, mirrored, allowed
         )
-    return found / (2 * math.pi), errors / (2 * math.pi)
+    return ratios / (2 * math.pi), errors / (2 * math.pi)
 
 
 def _sums(
     edges: Floats, source: Floats, points: Floats, mirrored: float, allowed: float
-) -> tuple[NDArray[np.complex128], Floats]:
-    """The integrals over all edges, by halving panels until halves agree with the whole."""
+) -> tuple[Complex, Floats]:
+    """Integrals over all edges: panels are halved until the halves agree with the panel."""
     n, total, errors = len(points), np.zeros(len(points), np.complex128), np.zeros(len(points))
     point = np.repeat(np.arange(n), len(edges))
     edge = np.tile(np.arange(len(edges)), n)
     low, high = np.zeros(len(point)), np.ones(len(point))
     panels = partial(_panels, edges, source, points, mirrored)
-    whole, _ = panels(point, edge, low, high)
+    previous, _ = panels(point, edge, low, high)
     while len(point):
-        middle = 0.5 * (low + high)
-        left, swing_left = panels(point, edge, low, middle)
-        right, swing_right = panels(point, edge, middle, high)
-        off = abs(left + right - whole)
+        centre = 0.5 * (low + high)
+        left, swing_left = panels(point, edge, low, centre)
+        right, swing_right = panels(point, edge, centre, high)
+        change = abs(left + right - previous)
         resolved = np.maximum(swing_left, swing_right) <= _TURNS
-        # a panel of the share 2^-m of an edge may be so much off as its share of the tolerance
-        share = np.maximum(high - low, 2.0**-10) / 4.0
-        ends = (middle <= low) | (middle >= high)
-        good = (resolved & (off <= allowed * share)) | ends
+        # the allowed error is divided among the panels of an edge
+        fraction = np.maximum(high - low, 2.0**-10) / 4.0
+        is_point = (centre <= low) | (centre >= high)
+        good = (resolved & (change <= allowed * fraction)) | is_point
         np.add.at(total, point[good], (left + right)[good])
-        np.add.at(errors, point[good], off[good])
+        np.add.at(errors, point[good], change[good])
         bad = ~good
         point, edge = np.repeat(point[bad], 2), np.repeat(edge[bad], 2)
-        whole = np.stack([left[bad], right[bad]], axis=1).ravel()
-        low, high = (
-            np.stack([low[bad], middle[bad]], axis=1).ravel(),
-            np.stack([middle[bad], high[bad]], axis=1).ravel(),
-        )
+        previous = np.stack([left[bad], right[bad]], axis=1).ravel()
+        ends = np.stack([low[bad], centre[bad], high[bad]], axis=1)
+        low, high = ends[:, :2].ravel(), ends[:, 1:].ravel()
     return total, errors
 
 
 def _panels(
     edges: Floats, source: Floats, points: Floats, mirrored: float,
     point: NDArray[np.intp], edge: NDArray[np.intp], low: Floats, high: Floats,
-) -> tuple[NDArray[np.complex128], Floats]:  # fmt: skip
-    """The integral over panels, shares low to high of edges, and the turns of the detour there."""
+) -> tuple[Complex, Floats]:  # fmt: skip
+    """Integrals over panels, fractions low to high of edges, and ranges of the detour there."""
     values, swings = np.empty(len(point), np.complex128), np.empty(len(point))
     for start in range(0, len(point), _ROWS):
         some = slice(start, start + _ROWS)
@@ -115,10 +114,10 @@ def _panels(
         along = (span.T / length)[:, :, None]
         half = 0.5 * (high[some] - low[some])
         at = (low[some] + half)[:, None] + half[:, None] * _NODES
-        place = (row[:, :1] + span[:, :1] * at, row[:, 1:2] + span[:, 1:] * at)
+        node = (row[:, :1] + span[:, :1] * at, row[:, 1:2] + span[:, 1:] * at)
         p = tuple(where[:, k : k + 1] for k in range(3))
         s = (float(source[0]), float(source[1]), float(source[2]))
-        real, imag, detour = spherical_edge(_OPS, s, p, place, tuple(along), mirrored)
+        real, imag, detour = spherical_edge(_OPS, s, p, node, tuple(along), mirrored)
         values[some] = (real @ _WEIGHTS + 1j * (imag @ _WEIGHTS)) * half * length
         swings[some] = np.ptp(detour, axis=1)
     return values, swings
@@ -145,8 +144,7 @@ class PointSource:
     amplitude: complex = 1.0
 
     def __init__(self, position: ArrayLike, amplitude: complex = 1.0) -> None:
-        place = _three(position, "position", "in m")
-        object.__setattr__(self, "position", place)
+        object.__setattr__(self, "position", _three(position, "position", "in m"))
         object.__setattr__(self, "amplitude", _checked_amplitude(amplitude))
 
 
@@ -158,7 +156,7 @@ class PlaneWave:
     Parameters
     ----------
     direction : (3,), of any length, z > 0: towards the far side of the screen.
-    amplitude : complex, in the unit of the field; its phase is that at the origin.
+    amplitude : complex, in the unit of the field; its phase is the phase at the origin.
 
     Raises ArgumentError for a direction that is not three finite numbers with z > 0.
 
@@ -184,18 +182,19 @@ class PlaneWave:
 @final
 @dataclass(frozen=True)
 class Screen:
-    """An opaque screen in the plane z = 0, lit from z < 0, whose field :func:`amplitude` gives.
+    """An opaque screen in the plane z = 0, illuminated from z < 0, for :func:`amplitude`.
 
-    Behind a plate the field is the incident one less that which an opening of its outline lets
-    through (Babinet). Kirchhoff's screen is black; Rayleigh and Sommerfeld's first has the field 0
-    on its back, the second no normal derivative, by the ``method`` of :func:`amplitude`.
+    Behind a plate the field is the incident field minus the field behind an opening of the same
+    outline (Babinet). The ``method`` of :func:`amplitude` selects the boundary condition:
+    Kirchhoff's screen is black; on the back of the screen, the field is zero for Rayleigh and
+    Sommerfeld's first condition, and its normal derivative for their second one.
 
     Parameters
     ----------
-    outline : an Aperture without illumination: what is opaque, or what is open.
+    outline : an Aperture without illumination: the opaque part, or the opening.
     lit_by : a :class:`PointSource` or a :class:`PlaneWave`.
-    kind : "plate" (default): the outline is opaque and all else open; or "opening": it is open in
-        a screen without end.
+    kind : "plate" (default): the outline is opaque and everything else is open; or "opening": the
+        outline is open in an infinite screen.
 
     Raises ArgumentError for other types, for an aperture with an illumination, and for a point
     source with z >= 0.
@@ -238,7 +237,7 @@ def field_of_screen(
     method: str,
     tolerance: float,
     engine: str,
-) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+) -> tuple[Complex, NDArray[np.float64]]:
     """The field at points (n, 3), z > 0, and an estimate of its error, both (n,)."""
     if method not in CONDITIONS:
         raise ArgumentError(
@@ -258,9 +257,11 @@ def field_of_screen(
         radiator = radiator_of(screen.outline.with_illumination(wave))
         turns = (points / wavelength) @ np.array(light.direction)
         incident = light.amplitude * waves_of_turns(turns)
-        found = boundary_field(radiator, points, wavelength, method, tolerance, True, engine)
-        through = light.amplitude * found[0]
-        errors, allowed = (abs(light.amplitude) * e for e in found[1:])
+        field, *bounds = boundary_field(
+            radiator, points, wavelength, method, tolerance, True, engine
+        )
+        through = light.amplitude * field
+        errors, allowed = (abs(light.amplitude) * bound for bound in bounds)
     warn_of_missed(errors, allowed, "points")
     return (incident - through if screen.kind == "plate" else through), errors
 
@@ -271,15 +272,9 @@ def _three(value: Any, name: str, meaning: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _checked_amplitude(value: Any) -> complex:
-    try:
-        if isinstance(value, (str, bool, np.bool_)):
-            raise TypeError
-        number = complex(value)
-    except (TypeError, ValueError, OverflowError):
-        number = complex(math.nan)
-    if not (math.isfinite(number.real) and math.isfinite(number.imag)):
+def _checked_amplitude(value: complex) -> complex:
+    if not isinstance(value, numbers.Number) or not np.isfinite(complex(value)):
         raise ArgumentError(
             f"expected amplitude as a finite complex number, got {value_text(value)}"
         )
-    return value if isinstance(value, float) else number
+    return value if isinstance(value, float) else complex(value)

@@ -1,9 +1,9 @@
 """Shadows that diffract: the field of a source behind opaque bodies and plates. Source: (SB1).
 
-The source is a grid of points that radiate as it does from some wavelengths on (B8). Behind bodies
-the wave of each point is cut off where it is hidden, and the boundary waves (SB3) of the edges of
-the silhouette that it sees are added (Maggi and Rubinowicz): the sum is smooth across the boundary
-of the shadow. Waves over two edges, and those that creep around a body, are left out.
+The source is replaced by a grid of points with the same field beyond a few wavelengths (B8). The
+wave of each point is zero in the geometric shadow of the bodies. The boundary waves (SB3) of the
+edges of the silhouette are added (Maggi and Rubinowicz), so that the field is smooth across the
+boundary of the shadow. Waves over two edges and creeping waves are left out.
 
 A surface behind an edge blocks the wave of the edge (SB6). Behind that surface the wave of the edge
 is the wave around a single edge, seen from the midpoint of the first: the least detour over the rim
@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,7 @@ from polywigner.kernels.boundary.edge_waves import (
     edge_wave_and_rate,
     path_over,
 )
+from polywigner.kernels.kernel import Values
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
@@ -51,36 +52,38 @@ from polywigner.propagation.equivalent_points import (
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
+Number = TypeVar("Number")
+"""A float, or an array of NumPy or Dr.Jit."""
 
 DEFAULT_TOLERANCE = 1e-6
-"""Relative error of fields behind obstacles: far below the error of black edges, one at a time."""
+"""Relative error of fields behind obstacles, far below the error of the model of black edges."""
 LEAST_TOLERANCE = 1e-8
 """The smallest tolerance of fields behind obstacles."""
 
-# From a tolerance on, nodes of an edge, and coarser ones whose difference is the estimated error.
-# Measured before 40,000 edges at random, half near shadows' boundaries, the largest errors were
-# 1.5e-6 and 2e-5, 5e-9 and 3e-7, 4e-10 and 2e-7 of the wave.
+# Smallest tolerance, nodes of an edge, and coarser nodes; the difference estimates the error.
+# For 40,000 random edges, half of the points near shadow boundaries, the largest errors were 1.5e-6
+# and 2e-5, 5e-9 and 3e-7, 4e-10 and 2e-7 of the wave.
 _RULES = (
     (1e-4, EdgeRule.of(1.0, 12, 5), EdgeRule.of(1.0, 10, 4)),
     (1e-6, EdgeRule.of(2.0, 24, 5), EdgeRule.of(2.0, 20, 5)),
     (0.0, EdgeRule.of(4.0, 40, 5), EdgeRule.of(4.0, 32, 4)),
 )
-# Share of the tolerance that points in place of the source may take.
+# Error of the points that represent the source, as a fraction of the tolerance.
 _OF_GRID = 0.1
-# Direction from a point to the place beside it where light and shadow are told apart.
+# Direction from a point to the neighbouring point at which light and shadow are distinguished.
 ASIDE = np.array([0.57, 0.31, 0.76])
-# Lengths that count as none: a fraction of the extent of edges and points, and one of distances
-# from the source, fifty times their rounding.
+# Negligible lengths: fractions of the extent of edges and points, and of the distances from the
+# source, fifty times their rounding errors.
 _FINE, _ROUNDED = 1e-9, 1e-14
-# Points this close to a surface are on its illuminated side, in lengths that count as none.
+# Points closer to a surface than this multiple of a negligible length are on its illuminated side.
 _ON_SURFACE = 4.0
-# Pairs of an edge and a sample below which NumPy is faster than the start of a compiled loop.
+# Number of pairs of an edge and a sample below which NumPy is faster than starting compiled code.
 _FEW = 10_000
-# Distance of a place from the line through the source and a corner, over the root of its distance
-# from the source, in wavelengths: below the first number derivatives lose digits, at the second
-# they do not. Lines at an angle whose cosine is below one less the third are not looked at.
+# Distance of a point from the line through the source and a corner, over the root of its distance
+# from the source, in wavelengths: derivatives lose digits below the first number, and not at the
+# second. The third number limits the search to directions close to a corner.
 _CORNER, _BESIDE, _ALIGNED = 1e-5, 1e-4, 1e-8
-# Nearer to the source than this, in wavelengths, its waves that fade are not left out unseen.
+# Distance from the source in wavelengths below which a warning names neglected evanescent waves.
 _NEAR = 1.0
 
 
@@ -96,11 +99,11 @@ def shadow_of(
 ) -> tuple[Complex, NDArray[np.bool_], Floats]:
     """Return the change that obstacles make to the field at points (n, 3), in m, of a source.
 
-    ``bodies`` in wavelengths. Also whether a point is in a body, where the field is zero, and the
-    estimated error (n,); zeros unless ``with_error``. ``source``: whatever :func:`equivalent_grid`
-    takes, or a PointSource.
+    ``bodies``: in wavelengths. Also return a mask of the points inside a body, where the field is
+    zero, and the estimated errors (n,), which are zero unless ``with_error``. ``source``: a source
+    of :func:`equivalent_grid`, or a PointSource.
 
-    Raises ArgumentError for obstacles around the source, and sources that take too many points.
+    Raises ArgumentError for obstacles around the source, and sources that need too many points.
     """
     places = points / wavelength
     sources, seen = _seen(source, bodies, places, wavelength, method, tolerance)
@@ -119,13 +122,13 @@ def diffracted(
     with_error: bool = False,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> tuple[Complex, Complex, Floats]:
-    """Change by bodies, free field, and error at places (n, 3) of points with their silhouettes."""
+    """Change by bodies, free field and error (n,) at points ``places`` (n, 3), in wavelengths."""
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
     summed = partial(_summed, bodies, sources, seen, engine=engine, rule=rule)
     change, free, off = summed(places, coarser=coarser if with_error else None)
     near, across = _near_corners(sources, seen, places)
     if near.any():
-        # the mean over places on a line, an error of the fourth order in their distance
+        # mean over neighbouring points on a line: an error of the fourth order in their distance
         change[near] = 0.0
         for number, share in ((1, 4 / 6), (-1, 4 / 6), (2, -1 / 6), (-2, -1 / 6)):
             change[near] += share * summed(places[near] + number * across)[0]
@@ -135,10 +138,10 @@ def diffracted(
 def _near_corners(
     sources: Sequence[RadiatingPoint], seen: Sequence[Silhouette], places: Floats
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Whether places (n, 3) are on a line through a point of the source and a corner.
+    """Return a mask of points (n, 3) on a line through a point of the source and a corner.
 
-    There the derivatives (SB5) of the two edges grow without bound, and their sum loses its digits.
-    Also displacements (k, 3) across the line of these places, over which the field is smooth.
+    On these lines the derivatives (SB5) of the two edges diverge, and their sum loses its digits.
+    Also return displacements (k, 3) across the line, over which the field is smooth.
     """
     near = np.zeros(len(places), bool)
     for point, silhouette in zip(sources, seen, strict=True):
@@ -160,7 +163,7 @@ def _near_corners(
 def _seen(
     source: Any, bodies: Obstacles, places: Floats, wavelength: float, method: str, tolerance: float
 ) -> tuple[list[RadiatingPoint], list[Silhouette]]:
-    """Points in place of a source, as bodies and places need them, and their silhouettes."""
+    """Return the points that represent a source, and the silhouettes that they see."""
     boxes = [np.stack([b.vertices.min(axis=0), b.vertices.max(axis=0)]) for b in bodies.bodies]
     targets = np.concatenate([np.stack(boxes), np.stack([places, places], axis=1)])
     error = _OF_GRID * tolerance
@@ -202,13 +205,13 @@ def _summed(
             group[group == number] = NO_SURFACE
     lines = shadow_lines(table[group == OWN_SURFACE])
     edges.append((np.concatenate([table[group < 0], lines]), None))
-    # beyond all bodies the angles of all edges tell what is lit; else rays do
+    # beyond all bodies the angles of the edges determine the illuminated points, otherwise rays do
     by_angles = np.zeros(count, bool)
     if not blocked.blockers and all(silhouette.is_closed for silhouette in seen):
         by_angles = np.all([bodies.beyond(place, places) for place, *_ in sources], axis=0)
     samples = np.column_stack([places, aside, by_angles])
     change, free, error = *np.zeros((2, count), np.complex128), np.zeros(count)
-    # "auto" is planned for the edges of all groups together
+    # the engine is chosen for the edges of all groups together
     chosen = resolved(engine, count, sum(len(rows) for rows, _ in edges))
     is_oblique = any(point.field for point in sources)
     for rows, surface in edges:
@@ -236,7 +239,7 @@ def _summed(
 
 
 def _resolution(ends: Floats, sources: Floats, points: Floats) -> Floats:
-    """Lengths (n,) far above rounding at points (n, 3), and far below all that matters there.
+    """Negligible lengths (n,) at points (n, 3), far above their rounding errors.
 
     ``ends``: (m, 3) of edges; ``sources``: (k, 3).
     """
@@ -259,12 +262,12 @@ def _edge(
     row: Point,
     sample: Point,
     _: Point,
-) -> Any:
+) -> Values:
     """Change of the field by an edge that a point of the source sees; and its error.
 
-    ``sample`` : a point, a point aside, and 1 where the angles of edges tell light from shadow; for
-    blocked edges also the depth up to which points lie on a surface, and the real and imaginary
-    part of the amplitude of edge waves behind the blocker.
+    ``sample`` : a point, its neighbour, and 1 if the angles of edges distinguish light and shadow;
+    for blocked edges also the depth up to which points lie on a surface, and the real and
+    imaginary part of the amplitude of edge waves behind the blocker.
     ``is_oblique``: whether the point has a weight of the field, whose edge waves (SB5) depend on
     the direction from the point to the edge; ``is_blocked``: whether a surface is behind the edge.
     """
@@ -297,12 +300,14 @@ def _edge(
 def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> None:
     places = np.array([place for place, *_ in sources])
     if bodies.inside(places).any():
-        raise ArgumentError("expected obstacles away from the source, got a body around it")
+        raise ArgumentError(
+            "an obstacle encloses a part of the source; move it away from the source"
+        )
     nearest = min(float(body.distance(places).min()) for body in bodies.bodies)
     if nearest < _NEAR and len(sources) > 1:
         warn_caller(
-            f"an obstacle is {nearest:.2g} wavelengths from the source: waves that fade within a "
-            "wavelength are left out of its shadow"
+            f"an obstacle is {nearest:.2g} wavelengths from the source: its shadow neglects "
+            "evanescent waves"
         )
 
 
@@ -310,7 +315,7 @@ def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> No
 
 # Asymptote of the wave around an edge: 1/(_STEEP sqrt(detour)) of the free wave, in wavelengths.
 _STEEP = 2.0 * math.pi * math.sqrt(2.0)
-# Detour in wavelengths at which this wave is cut down to 1/e. Waves over two edges are left out,
+# Detour in wavelengths at which this wave is attenuated to 1/e. Waves over two edges are left out,
 # except near the boundary of the second shadow, where they keep the field continuous.
 _SECOND = 16.0
 # Triangles of a body that is not convex, above which the face behind the edge stands for it.
@@ -354,9 +359,7 @@ class Blocker:
         return Pair(ops.select(hidden, wave.real, 1.0), ops.select(hidden, wave.imag, 0.0))
 
 
-def transmission_over(
-    ops: Any, source: Point, point: Point, start: Point, end: Point
-) -> tuple[Any, Any]:
+def transmission_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Values:
     """Detour of the shortest path over an edge, and amplitude of the wave around the edge."""
     detour, cosine = path_over(ops, source, point, start, end)
     # half of the angle by which the path bends, as in Kirchhoff's obliquity
@@ -365,21 +368,22 @@ def transmission_over(
 
 
 def behind_face(
-    ops: Any, source: Point, start: Point, end: Point, plane: Point, point: Point, margin: Any
-) -> Any:
-    """1 on the boundary of an edge's shadow behind a face, 0 in front of the plane of the face.
+    ops: Any, source: Point, start: Point, end: Point, plane: Point, point: Point, margin: Number
+) -> Number:
+    """Weight of an edge's shadow behind a face: d^2/(d^2 + a^2), 0 in front of the face.
 
-    In between d^2/(d^2 + a^2), with the distances d of the point from this plane, less a margin,
-    and a from the plane of the source and the edge.
+    The point lies at the distance d behind the plane of the face, less a margin, and at the
+    distance a from the plane of the source and the edge.
     """
     depth = ops.maximum(-(dot(plane, point) + plane[3]) - margin, 0.0)
     normal = cross(difference(start, source), difference(end, source))
     lateral = dot(normal, difference(point, source))
     square = depth * depth * dot(normal, normal)
-    return square / ops.maximum(square + lateral * lateral, 1e-30)
+    weight: Number = square / ops.maximum(square + lateral * lateral, 1e-30)
+    return weight
 
 
-# Nothing is behind an edge, or a surface of the body that the edge belongs to.
+# Groups of edges with nothing behind them, or a surface of their body.
 NO_SURFACE, OWN_SURFACE = -1, -2
 
 
@@ -453,7 +457,7 @@ def _blocker(
 ) -> Blocker:
     """The surface of some bodies behind a plane, as an edge with this midpoint sees it.
 
-    ``flush``: other bodies in contact with these, which go on in the plane. Slits are closed.
+    ``flush``: other bodies in contact with these, which continue the plane. Slits are closed.
     """
     if len(flush):
         nearer = plane - [0.0, 0.0, 0.0, bodies.contact]

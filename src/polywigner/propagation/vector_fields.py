@@ -13,7 +13,7 @@ the first. Derivatives along the plane are carried by the waves; at edges they l
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -37,7 +37,6 @@ from polywigner.propagation.boundary import (
     strata_of,
 )
 from polywigner.propagation.curved_fields import lit_nodes, summed_over_cells
-from polywigner.propagation.far_fields import checked_powers
 from polywigner.propagation.places import (
     checked_amplitude_tolerance,
     checked_method,
@@ -46,6 +45,7 @@ from polywigner.propagation.places import (
 )
 from polywigner.radiometry.directions import (
     PlaneSource,
+    checked_powers,
     checked_radiator,
     directions_and_weights,
     largest_lag,
@@ -71,17 +71,19 @@ Complex = NDArray[np.complex128]
 _OPS = execution.NumpyOperations(double=True)
 
 SECOND = DERIVATIVE_OF[DEFAULT]
-# Phi is the second integral of a wave over its p_z. One with a smaller |p_z| is the mean of waves
-# beside it: the field is analytic in their frequencies, and its fourth derivative is left, 1e-11
-# where they lose step by so many radians across half of the source.
+# Phi is the second integral of a wave over its p_z. For small |p_z| it is the mean of neighbouring
+# waves: the field is analytic in their frequencies. The error is its fourth derivative, 1e-11 for
+# this phase difference in radians across half of the source.
 _ASIDE = 3e-3
 _MEANS = ((-2.0, -1 / 6), (-1.0, 4 / 6), (1.0, 4 / 6), (2.0, -1 / 6))
-# Least tolerance of parts of a field: rounding of theirs.
+# Smallest tolerance of parts of a field, their rounding error.
 _LEAST = 1e-13
 
 
-def parts_of(source: Any, polarisation: Any) -> list[tuple[Any, Complex]]:
-    """Scalar sources and unit vectors q (3,) whose products add up to the polarised source."""
+def polarised_parts(
+    source: PlaneSource | Wavefront, polarisation: Any
+) -> list[tuple[PlaneSource | Wavefront, Complex]]:
+    """Return scalar sources and unit vectors q (3,) whose products add up to a polarised source."""
     jones = checked_polarisation(polarisation, source)
     return [(part, np.append(p, 0.0)) for part, p in components(source, jones)]
 
@@ -101,44 +103,60 @@ def field(
     method: CurrentModel = "huygens",
     *,
     tolerance: float | None = None,
-) -> Any:
-    """Electric field E(x, y, z) of a polarised source of the plane z = 0, near by and far away.
+) -> Complex:
+    """Compute the electric field E(x, y, z) of a polarised source in the plane z = 0.
 
-    The field u p on the source is replaced by currents in its plane (VP1). |E|^2 is in the unit of
-    |u|^2, W/m^2: E is the electric field over the root of twice the impedance of free space.
+    Currents in the plane replace the field u p on the source (VP1). |E|^2 has the unit of |u|^2,
+    W/m^2: E is the electric field over the root of twice the impedance of free space.
 
     Parameters
     ----------
-    source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations; or
-        one with a curved wave.
-    points : (..., 3) in m, z > 0.
-    wavelength : in m.
-    polarisation : "x", "y", a slant from x towards y such as "45 deg", "right" or "left" (IEEE,
-        waves exp(-i omega t)); or a Jones vector (2,), complex, of any length. Of an Array of n
-        elements also (n, 2), or a list of n names.
-    method : "magnetic", of magnetic currents: an opening in a metal screen, where u p is the
-        tangential field; "electric", of electric currents: u z x p is the tangential magnetic
-        field; "huygens", half of both: black surroundings, horns and mouths in free space.
-    tolerance : error allowed of each component, as of :func:`amplitude`; default 1e-9, at least
-        1e-13. Within a wavelength of an edge the electric model's field grows as the inverse
+    source : Aperture, Array or Wavefront
+        Apertures in the plane z = 0 with any illuminations, or a curved wave.
+    points : array_like, shape (..., 3)
+        Points in m, z > 0, near or far.
+    wavelength : float
+        Wavelength in m.
+    polarisation : str or array_like
+        "x", "y", a slant from x towards y such as "45 deg", "right" or "left" (IEEE, waves
+        exp(-i omega t)); or a complex Jones vector, shape (2,), of any length. For an Array of n
+        elements also shape (n, 2), or a list of n names.
+    method : {"huygens", "magnetic", "electric"}
+        "magnetic": magnetic currents, for an opening in a metal screen, where u p is the
+        tangential electric field. "electric": electric currents, where u z x p is the tangential
+        magnetic field. "huygens" (default): half of both, for black surroundings, horns and
+        waveguide openings in free space.
+    tolerance : float, optional
+        Allowed error of each component, as in :func:`amplitude`; default 1e-9, at least 1e-13.
+        Within a wavelength of an edge the field of the electric model grows as the inverse
         distance, and its error with it.
 
     Returns
     -------
-    (..., 3) complex128, in the unit of the source's field. Of an ``xarray.DataArray`` one.
-
-    Warns
-    -----
-    PolywignerWarning if the estimated error exceeds the tolerance at some point.
+    ndarray of complex128, shape (..., 3)
+        Field in the unit of the source's field. A DataArray of points gives a DataArray.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range, Dr.Jit arrays, points behind the
-    source; IlluminationError for partly coherent light; GeometryError for arrays in other planes.
+    ArgumentError
+        For arguments of the wrong type, shape or range, Dr.Jit arrays, points behind the source.
+    IlluminationError
+        For partially coherent light.
+    GeometryError
+        If elements of an Array do not lie in the plane z = 0.
 
-    Source: C. A. Balanis, "Antenna theory", 3rd ed. (2005), ch. 12; the near fields are derived in
+    Warns
+    -----
+    PolywignerWarning
+        If the estimated error exceeds the tolerance at some point.
+
+    References
+    ----------
+    C. A. Balanis, "Antenna theory", 3rd ed. (2005), ch. 12; the near fields are derived in
     docs/theory/polarisation.md.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> square = pw.shapes.square(10e-3)
     >>> abs(pw.field(square, (0.0, 0.05, 0.1), 3.2e-3, "y", "magnetic")).round(4)
@@ -146,15 +164,15 @@ def field(
     """
     name = checked_method(method, MODELS)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
-    places, length = checked_points(points), checked_wavelength(wavelength)
+    positions, length = checked_points(points), checked_wavelength(wavelength)
     allowed = checked_amplitude_tolerance(tolerance, True)
     radiator = checked_radiator(source)
-    parts = parts_of(radiator, polarisation)
-    flat = places.reshape(-1, 3)
-    total, errors = np.zeros((len(flat), 3), np.complex128), np.zeros(len(flat))
-    limits = np.zeros(len(flat))
+    parts = polarised_parts(radiator, polarisation)
+    flat = positions.reshape(-1, 3)
+    total = np.zeros((len(flat), 3), np.complex128)
+    errors, limits = np.zeros((2, len(flat)))
     for part, q in parts:
-        if isinstance(part, Wavefront):  # a sum over places in the opening
+        if isinstance(part, Wavefront):  # a sum over nodes on the source
             terms = partial(_dipole_terms, part, q, MODELS[name])
             value, off = summed_over_cells(part, flat, length, terms, (3,))
         else:
@@ -164,7 +182,7 @@ def field(
         errors += off
     if not isinstance(radiator, Wavefront):
         warn_of_missed(errors, limits, "points")
-    return total.reshape(places.shape)
+    return total.reshape(positions.shape)
 
 
 def _dipole_terms(
@@ -185,14 +203,14 @@ def dipole_fields(ahead: Floats, q: Complex, currents: Currents) -> Complex:
     s, a = ahead / distance, 0.5j / (math.pi * distance)
     wave = np.exp(2j * math.pi * (distance - np.round(distance))) / (1j * distance)
     along = s @ q[:, None]
-    found = np.zeros(ahead.shape, np.complex128)
+    field = np.zeros(ahead.shape, np.complex128)
     if currents.magnetic:
         crossed = s[..., 2:] * q - along * np.array([0.0, 0.0, 1.0])
-        found += currents.magnetic * (1 + a) * crossed
+        field += currents.magnetic * (1 + a) * crossed
     if currents.electric:
         radial = (1 + 3 * a * (1 + a)) * along * s
-        found += currents.electric * ((1 + a * (1 + a)) * q - radial)
-    return wave * found
+        field += currents.electric * ((1 + a * (1 + a)) * q - radial)
+    return wave * field
 
 
 def _near_field(
@@ -203,15 +221,15 @@ def _near_field(
     q: Complex,
     currents: Currents,
 ) -> tuple[Complex, Floats, Floats]:
-    """E (n, 3) of currents along q (3,) at points (n, 3), its estimated and its allowed errors."""
+    """Field E (n, 3) of currents along q (3,) at points (n, 3), estimated and allowed errors."""
     radiator, (m, e) = radiator_of(source), currents
-    beside = _not_grazing(radiator, wavelength)
-    found = np.zeros((len(points), 3), np.complex128)
+    without_grazing = _not_grazing(radiator, wavelength)
+    field = np.zeros((len(points), 3), np.complex128)
     errors, limits = np.zeros((2, len(points)))
 
-    def integral(method: Any, factor: Any) -> Complex:
+    def integral(method: str, factor: Any) -> Complex:
         """Phi, or dPhi/dz/(ik), (n,), of waves times ``factor`` of their cosines (m, 2)."""
-        base, elements = beside if method == SECOND else radiator, []
+        base, elements = without_grazing if method == SECOND else radiator, []
         for element in base.elements:
             factors = factor(element.frequencies * wavelength)
             if method == SECOND:
@@ -220,30 +238,32 @@ def _near_field(
         if not any(element.amplitudes.any() for element in elements):
             return np.zeros(len(points), np.complex128)
         scaled = replace(base, elements=tuple(elements))
-        wanted = max(_LEAST, min(1.0, radiator.amplitude / scaled.amplitude) * tolerance)
-        parts = boundary_field(scaled, points, wavelength, method, wanted, True, "auto")
-        errors[:] += parts[1]
-        limits[:] += parts[2]
-        return parts[0]
+        allowed = max(_LEAST, min(1.0, radiator.amplitude / scaled.amplitude) * tolerance)
+        values, error, limit = boundary_field(
+            scaled, points, wavelength, method, allowed, True, "auto"
+        )
+        errors[:] += error
+        limits[:] += limit
+        return values
 
     if m:
-        found[:, :2] += m * integral(DEFAULT, lambda p: 1.0 + 0.0 * p[:, 0])[:, None] * q[:2]
-        found[:, 2] -= m * integral(SECOND, lambda p: p @ q[:2])
+        field[:, :2] += m * integral(DEFAULT, lambda p: 1.0 + 0.0 * p[:, 0])[:, None] * q[:2]
+        field[:, 2] -= m * integral(SECOND, lambda p: p @ q[:2])
     if e:
         for a in range(2):
-            found[:, a] += e * integral(SECOND, lambda p, a=a: q[a] - p[:, a] * (p @ q[:2]))
-        found[:, 2] -= e * integral(DEFAULT, lambda p: p @ q[:2])
+            field[:, a] += e * integral(SECOND, lambda p, a=a: q[a] - p[:, a] * (p @ q[:2]))
+        field[:, 2] -= e * integral(DEFAULT, lambda p: p @ q[:2])
     for sums in edge_integrals(radiator, points, wavelength, tolerance):
-        found[sums.where] += _edge_field(sums, q, currents)
-    return found, errors, limits
+        field[sums.where] += _edge_field(sums, q, currents)
+    return field, errors, limits
 
 
 def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
-    """Line integrals (n, 3) that derivatives along the plane leave at edges, (VP4)."""
+    """Line integrals (n, 3) at edges, which stem from derivatives along the plane (VP4)."""
     m, e = currents
-    n, found = sums.normal @ q[:2], np.zeros((len(sums.where), 3), np.complex128)
+    n, field = sums.normal @ q[:2], np.zeros((len(sums.where), 3), np.complex128)
     if m:
-        found[:, 2] -= m / (2 * math.pi) * (sums.wave @ n)
+        field[:, 2] -= m / (2 * math.pi) * (sums.wave @ n)
     if e:
         share = -1j * e / (4 * math.pi**2)
         # - (1/i) of the gradient of u G, (P - Q) times minus the rise, and of the waves' part
@@ -253,13 +273,13 @@ def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
             begin = weighted @ sums.begin[:, a] + grown @ sums.along[:, a]
             gradient = begin - sums.points[:, a] * total
             carried = sums.wave @ (sums.normal[:, a] * (sums.plane @ q[:2]))
-            found[:, a] -= share * (gradient + 2j * math.pi * carried)
-        found[:, 2] += share * sums.points[:, 2] * total
-    return found
+            field[:, a] -= share * (gradient + 2j * math.pi * carried)
+        field[:, 2] += share * sums.points[:, 2] * total
+    return field
 
 
 def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
-    """Replace waves whose p_z is lost in rounding by means of waves beside them."""
+    """Replace waves whose p_z consists of rounding errors by means of neighbouring waves."""
     half = max(1.0, float(np.linalg.norm(radiator.high - radiator.low)) / (2 * wavelength))
     step = _ASIDE / (2 * math.pi * half)
     elements = []
@@ -270,13 +290,13 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
             elements.append(element)
             continue
         west, south, east, north = element.outline.bounds
-        middle = np.array([west + east, south + north]) / 2
+        centre = np.array([west + east, south + north]) / 2
         amplitudes, frequencies = [element.amplitudes[~grazing]], [element.frequencies[~grazing]]
-        for far, share in _MEANS:
-            beside = element.frequencies[grazing] * (1.0 + far * step)
-            turns = (element.frequencies[grazing] - beside) @ middle
-            amplitudes.append(share * element.amplitudes[grazing] * np.exp(2j * math.pi * turns))
-            frequencies.append(beside)
+        for offset, weight in _MEANS:
+            shifted = element.frequencies[grazing] * (1.0 + offset * step)
+            turns = (element.frequencies[grazing] - shifted) @ centre
+            amplitudes.append(weight * element.amplitudes[grazing] * np.exp(2j * math.pi * turns))
+            frequencies.append(shifted)
         elements.append(
             replace(
                 element,
@@ -289,7 +309,7 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
 
 # ---- integrals along edges -----------------------------------------------------------------------
 
-# Pairs of a point and a panel in one block, and panels in one block.
+# Pairs of a point and a panel per block, and panels per block.
 _PAIRS, _PANELS = 1 << 17, 1 << 14
 # Cost of a pair in terms of other kernels, for the choice of an engine.
 _TERMS = 16
@@ -332,7 +352,7 @@ class EdgeIntegrals:
 def edge_integrals(
     radiator: Radiator, points: Floats, wavelength: float, tolerance: float
 ) -> Iterator[EdgeIntegrals]:
-    """Integrals along all panels of a source, for blocks of points (n, 3) in m and of panels."""
+    """Yield integrals along all panels of a source, for blocks of points (n, 3) in m."""
     digits = -math.log(max(tolerance * _FRACTION, 1e-14))
     x, y = radiator.centre.tolist()
     entered = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
@@ -374,7 +394,7 @@ def edge_integrals(
 
 
 def far_vectors(
-    parts: list[tuple[Any, Complex]],
+    parts: Sequence[tuple[PlaneSource | Wavefront, Complex]],
     directions: Floats,
     wavelength: float,
     model: str,
@@ -382,7 +402,7 @@ def far_vectors(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Complex:
-    """lim r exp(-ikr) E(r s) (..., 3) at unit vectors s (..., 3), of :func:`parts_of`: (VP2).
+    """lim r exp(-ikr) E(r s) (..., 3) at unit vectors s (..., 3) of polarised parts: (VP2).
 
     In m times the unit of u; zero where z < 0.
     """
@@ -398,8 +418,8 @@ def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
     """Far fields (..., 3) over the scalar F/(i lambda), of a unit vector q (3,): (VP2)."""
     m, e = MODELS[model]
     up, along = np.array([0.0, 0.0, 1.0]), directions @ q[:, None]
-    found: Complex = m * (directions[..., 2:] * q - along * up) + e * (q - along * directions)
-    return found
+    far = m * (directions[..., 2:] * q - along * up) + e * (q - along * directions)
+    return np.asarray(far)
 
 
 def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Complex]:
@@ -423,7 +443,7 @@ def of_co_and_cross(co: Complex, cross: Complex, jones: Complex) -> tuple[Comple
 
 
 def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
-    """Axis over axis of the ellipses that fields draw, in dB; infinite for linear ones."""
+    """Axial ratios of polarisation ellipses in dB; infinite for linear polarisation."""
     x, y = components
     right, left = np.abs(x - 1j * y), np.abs(x + 1j * y)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -431,7 +451,7 @@ def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
 
 
 def vector_powers(
-    parts: list[tuple[Any, Complex]], wavelength: float, model: str
+    parts: Sequence[tuple[PlaneSource | Wavefront, Complex]], wavelength: float, model: str
 ) -> tuple[float, float]:
     """Radiated power int |E|^2 dOmega of the hemisphere in front, and int |u|^2, in W."""
     lag = max(largest_lag(part) for part, _ in parts)

@@ -4,7 +4,7 @@ Sources are apertures, and arrays of them, in the plane z = 0, with |u|^2 the ir
 W/m^2; they radiate to z > 0. Wavelengths are in metres, directions unit vectors (..., 3).
 
 ===================  ==========================================================================
-module               what is in it
+module               content
 ===================  ==========================================================================
 ``directions``       checked sources and directions; integrals over directions, exact to rounding
 ``flux``             radiance, radiant intensity, flux and power in SI units; the evanescent share

@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_number, checked_vectors
@@ -32,13 +32,13 @@ from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 
 Floats = NDArray[np.float64]
 
-# Bandwidth times the time that light takes across the source: some so many wavelengths are summed.
+# Largest bandwidth times the propagation time across the source: about the number of wavelengths.
 _MOST_SPREAD = 500.0
 _MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"
 
 
 def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
-    """Return a bandwidth in Hz about a wavelength in m; ArgumentError if it reaches zero."""
+    """Return a bandwidth in Hz about a wavelength in m; raise ArgumentError for others."""
     width = checked_number(bandwidth, "bandwidth", _MEANING)
     carrier = SPEED_OF_LIGHT / wavelength
     if not 0 < width < 2 * carrier:
@@ -57,8 +57,8 @@ def wavelengths_of_band(
     if not spread <= _MOST_SPREAD:
         raise ArgumentError(
             f"expected a bandwidth of at most {_MOST_SPREAD * SPEED_OF_LIGHT / lag:.4g} Hz for a "
-            f"source of {lag:.4g} m, got {bandwidth:g}, of which some {spread:.3g} wavelengths "
-            "would be summed up; check its unit, or compute parts of the band"
+            f"source of {lag:.4g} m, got {bandwidth:g}, which requires about {spread:.3g} "
+            "wavelengths; check its unit, or compute parts of the band"
         )
     nodes, weights = flat_rule(math.pi * spread, error)
     frequencies = SPEED_OF_LIGHT / wavelength + bandwidth / 2 * nodes
@@ -80,9 +80,9 @@ def checked_radiator(source: Any, partly: bool = False) -> PlaneSource | Wavefro
 
 
 def checked_source(source: Any) -> PlaneSource:
-    """An aperture, or an array of apertures in the plane z = 0.
+    """Return an aperture, or an array of apertures in the plane z = 0.
 
-    Raises ArgumentError for anything else, GeometryError for an array with elements elsewhere.
+    Raises ArgumentError for other objects, GeometryError for elements outside of this plane.
     """
     if isinstance(source, Aperture):
         return source
@@ -105,7 +105,7 @@ def checked_source(source: Any) -> PlaneSource:
 
 
 def checked_directions(direction: Any) -> Floats:
-    """Unit vectors (..., 3) into z >= 0, as given; ArgumentError for others."""
+    """Return unit vectors (..., 3) into z >= 0; raise ArgumentError for others."""
     check_no_drjit(direction=direction)
     array = checked_unit_vectors("direction", direction)
     back = array[..., 2] < 0
@@ -118,7 +118,7 @@ def checked_directions(direction: Any) -> Floats:
 
 
 def checked_positions(x: Any) -> Floats:
-    """Positions (..., 2) on the aperture, in metres; ArgumentError for anything else."""
+    """Return positions (..., 2) on the aperture in metres; raise ArgumentError for others."""
     check_no_drjit(x=x)
     array = checked_vectors(x, "expected finite positions x of shape (..., 2)", (2,))
     if not np.isfinite(array).all():
@@ -130,35 +130,35 @@ def checked_positions(x: Any) -> Floats:
 
 # Largest width of a source: 1.5e11 directions, half a day of two cores for the power of a square.
 _MOST_WAVELENGTHS = 1e5
-# Directions at a time: some megabytes.
+# Directions per block: a few MB.
 _BLOCK = 1 << 17
-# Values of F or W, a few seconds' work, from which on a terminal shows how far it is.
+# Number of values of F or W, a few seconds of work, above which a terminal shows progress.
 _LONG = 1 << 25
-# Width in wavelengths from which lags are taken: below, directions take seconds at most. Share of
-# the power by which two ends of the lags may differ, and of a grazing wave's frequency.
+# Width in wavelengths above which lags are used: below, directions take seconds at most. Allowed
+# difference of two ends of the lags, as a fraction of the power; fraction of a grazing frequency.
 _WIDE, _SAME, _STEEP = 600.0, 1e-6, 0.8
 # The end of the lags: its softness for waves along the normal, which leaves exp(-32) of the rim of
 # the hemisphere, and how many times that it is off, twice; beyond, 1e-14 is left.
 _SOFT, _ENDS, _BEYOND = 1.8, (4.5, 6.5), 5.5
-# Most directions of edges with panels of their own between them; nodes of panels and of a period.
+# Largest number of edge directions that separate panels; nodes of a panel and of a period.
 _MOST_KINKS, _ON_PANEL, _ON_PERIOD = 48, 8, 12
 # Largest phase of a wave on one panel of theta: points of long panels cost their cube to find.
 _PANEL = 400.0
 
 
 def largest_lag(source: PlaneSource | Wavefront) -> float:
-    """Largest distance of two points of the source, in m; of many elements a little more."""
+    """Return the largest distance of two points of the source in m, or an upper bound."""
     flat: Any = flat_of(source)
     if isinstance(flat, Aperture):
         return flat.diameter
     if flat.repeated is not None and isinstance(flat.repeated[0], Aperture):
         element, points = flat.repeated
-        own = element.diameter
+        size = element.diameter
     else:
         points = np.concatenate([ring for e in flat.elements_in_plane for ring in e.rings])
-        own = 0.0
+        size = 0.0
     hull = shapely.get_coordinates(shapely.MultiPoint(points).convex_hull)
-    return own + max(float(np.hypot(*(hull - point).T).max()) for point in hull)
+    return size + max(float(np.hypot(*(hull - point).T).max()) for point in hull)
 
 
 def longest_path(source: PlaneSource | Wavefront) -> float:
@@ -181,7 +181,7 @@ def longest_path(source: PlaneSource | Wavefront) -> float:
 
 
 def check_width(lag: float, wavelength: float) -> None:
-    """Raise ArgumentError for a source of so many wavelengths that nobody would wait for it."""
+    """Raise ArgumentError for a source that is too large for integrals over directions."""
     if not lag / wavelength <= _MOST_WAVELENGTHS:
         raise ArgumentError(
             f"expected a source at most {_MOST_WAVELENGTHS:.0e} wavelengths across, for integrals "
@@ -196,9 +196,9 @@ def directions_and_weights(
     """Unit vectors (n, 3) of z > 0 and solid angles (n,), in blocks.
 
     Functions band-limited as above by ``lag``, times polynomials of the direction's components,
-    are integrated to 1e-14 of the largest value. Some 15 (lag/wavelength)^2 points, and a hundred
-    at least. Draws a bar on a terminal if there is much to do in all ``places`` that a block is
-    for. Raises ArgumentError for a lag of so many wavelengths that nobody would wait for the sum.
+    are integrated to 1e-14 of the largest value, with about 15 (lag/wavelength)^2 points, at least
+    a hundred. A terminal shows a progress bar for long computations; each block serves ``places``
+    positions. Raises ArgumentError for lags of too many wavelengths.
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
@@ -254,7 +254,7 @@ def _polar(phase: float) -> tuple[Floats, Floats]:
 def power_by_lags(
     source: PlaneSource | Wavefront, wavelength: float, obliquity: str
 ) -> float | None:
-    """Power that a wide source radiates, in W: (E5). None where directions are to be summed.
+    """Return the power of a wide source in W (E5); None if a sum over directions is required.
 
     The factor of a direction is smooth but at the horizon. So lags beyond some wavelengths count by
     the far sides that are parallel, as (wavelength/width)^(5/2) of the power, and to the power of
@@ -273,16 +273,16 @@ def power_by_lags(
     ring = np.tile(weight * (reach / count / 2), count) * rho
     ends = [[0.5 * math.erfc((r - off * soft) / soft) for r in rho.tolist()] for off in _ENDS]
     lags = wavelength * rho[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
-    found = np.zeros(len(_ENDS))
+    powers = np.zeros(len(_ENDS))
     for one, forms in OBLIQUITIES[obliquity].terms(flat_of(source), wavelength):
-        whole = source.on(one) if isinstance(source, Wavefront) else one
-        mean = np.real(lag_marginal(whole, lags)) @ around
-        found += np.array(ends) @ (ring * mean * forms.at_lags(2.0 * math.pi * rho))
-    return float(found[1]) if abs(found[1] - found[0]) <= _SAME * abs(found[1]) else None
+        part = source.on(one) if isinstance(source, Wavefront) else one
+        mean = np.real(lag_marginal(part, lags)) @ around
+        powers += np.array(ends) @ (ring * mean * forms.at_lags(2.0 * math.pi * rho))
+    return float(powers[1]) if abs(powers[1] - powers[0]) <= _SAME * abs(powers[1]) else None
 
 
 def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
-    """Largest spatial frequency of the field of a source, times the wavelength."""
+    """Return the largest spatial frequency of the field of a source, times the wavelength."""
     flat: Any = flat_of(source)
     found = float(np.linalg.norm(normal_form(flat).frequencies, axis=1).max())
     if isinstance(source, Wavefront):
@@ -303,8 +303,8 @@ def _lag_angles(source: PlaneSource | Wavefront, turns: float) -> tuple[Floats, 
     kinks = np.unique(np.round(np.arctan2(along[:, 1], along[:, 0]) % math.pi, 12) % math.pi)
     if len(kinks) > _MOST_KINKS:
         width = math.pi / math.ceil(128 + turns)
-        middles = np.arange(0.5 * width, math.pi, width)
-        return middles, np.full_like(middles, 2.0 * width)
+        centres = np.arange(0.5 * width, math.pi, width)
+        return centres, np.full_like(centres, 2.0 * width)
     widths = np.diff(kinks, append=kinks[0] + math.pi)
     nodes, weights = [], []
     for start, width in zip(kinks.tolist(), widths.tolist(), strict=True):
@@ -312,3 +312,18 @@ def _lag_angles(source: PlaneSource | Wavefront, turns: float) -> tuple[Floats, 
         nodes.append(start + width * (node + 1) / 2)
         weights.append(width * weight)
     return np.concatenate(nodes), np.concatenate(weights)
+
+
+# Smallest radiated fraction of the energy: rounding errors are 1e-13 of the energy, so that
+# directivities of sources that radiate less have no digits.
+_DARK = 1e-12
+
+
+def checked_powers(power: float, energy: float, wavelength: float) -> tuple[float, float]:
+    """Return both; raise IlluminationError for a source that radiates nothing."""
+    if not power > _DARK * max(0.0, energy):
+        raise IlluminationError(
+            f"source radiates only {power:.3g} W at a wavelength of {wavelength:g} m; check the "
+            "unit of the wavelength, and whether waves graze the aperture or cancel"
+        )
+    return power, energy

@@ -32,7 +32,7 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 
 Normalisation = Literal["si", "paper"]
 
-# Of the mean over a band, as a share of the largest intensity.
+# Error of the mean over a band, relative to the largest intensity.
 _BAND_ERROR = 1e-12
 
 
@@ -51,13 +51,13 @@ def radiance(
     *,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> Any:
-    """Radiance L(x, s) = W(x, s_par/lambda)/lambda^2 of a source at a place, into a direction.
+) -> NDArray[np.float64]:
+    """Compute the radiance L(x, s) = W(x, s_par/lambda)/lambda^2 at positions, into directions.
 
-    Negative in places, as W is: only integrals over position or direction are measurable. Over
-    both, with the projected solid angle, it gives the power (docs/radiometry.md, (E1)). Differs
-    from the paper, whose W/(4 pi A lambda^2) is ``normalisation="paper"``: the 4 pi is spurious,
-    and A makes it a mean over the aperture (docs/corrections.md).
+    The radiance can be negative, as W: only integrals over position or direction are measurable.
+    Integrated over both, with the projected solid angle, it gives the power (docs/radiometry.md,
+    (E1)). The paper's W/(4 pi A lambda^2) is ``normalisation="paper"``: the 4 pi is spurious, and
+    A makes it a mean over the aperture (docs/corrections.md).
 
     Parameters
     ----------
@@ -107,8 +107,8 @@ def radiant_intensity(
     bandwidth: float | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> Any:
-    """Radiant intensity cos(theta) |F(s_par/lambda)|^2/lambda^2: the radiance over the source.
+) -> NDArray[np.float64]:
+    """Compute the radiant intensity cos(theta) |F(s_par/lambda)|^2/lambda^2 into directions.
 
     Its integral over the hemisphere is :func:`power` (docs/radiometry.md, (E2)).
 
@@ -138,9 +138,10 @@ def radiant_intensity(
         parts = wavelengths_of_band(length, band, longest_path(radiator), _BAND_ERROR)
         how: dict[str, Any] = {"precision": precision, "engine": engine}
         # each call takes the phases of path lengths at its own wavelength
-        return sum(w * radiant_intensity(radiator, directions, one, **how) for one, w in parts)
+        total = sum(w * radiant_intensity(radiator, directions, one, **how) for one, w in parts)
+        return np.asarray(total)[()]
 
-    def per_frequency(source: Any, nu: Any) -> Any:
+    def per_frequency(source: PlaneSource | Wavefront, nu: NDArray[np.float64]) -> Any:
         """|F|^2/lambda^2."""
         return np.square(np.abs(fourier(source, nu, precision=precision, engine=engine)) / length)
 
@@ -154,7 +155,7 @@ def radiant_intensity(
     return (directions[..., 2] * found).astype(found.dtype, copy=False)[()]
 
 
-# Values of the radiance at a time: 32 MB.
+# Values of the radiance per block: 32 MB.
 _BLOCK = 1 << 22
 
 
@@ -165,12 +166,12 @@ _BLOCK = 1 << 22
 def flux_vector(
     source: PlaneSource | Wavefront, x: ArrayLike, wavelength: float, *, engine: Engine = "auto"
 ) -> NDArray[np.float64]:
-    """Flux vector J(x) = int L(x, s) s dOmega over the directions of z > 0.
+    """Compute the flux vector J(x) = int L(x, s) s dOmega over the directions of z > 0.
 
-    J_z is what leaves the plane per area, the part of |u|^2 that |nu| < 1/lambda carries
-    (docs/radiometry.md, (E3)); it is negative in places, and not zero beside the source. Along the
-    plane J is zero for fields that are real up to a constant phase. Differs from the paper, which
-    leaves out the z component of the direction.
+    J_z is the radiated power per area, the part of |u|^2 with |nu| < 1/lambda (docs/radiometry.md,
+    (E3)). It can be negative, and is not zero outside of the source. The components along the plane
+    are zero for fields that are real up to a constant phase. The paper leaves out the z component
+    of the direction.
 
     Parameters
     ----------
@@ -209,9 +210,9 @@ def flux_vector(
 
 @takes_frequency
 def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine = "auto") -> float:
-    """Power that a source radiates through a far hemisphere, int |F|^2 d nu over |nu| < 1/lambda.
+    """Compute the power through a far hemisphere, int |F|^2 d nu over |nu| < 1/lambda.
 
-    The integral of :func:`radiant_intensity`; less than int |u|^2 dx by what is evanescent
+    It is the integral of :func:`radiant_intensity`, and int |u|^2 dx less its evanescent part
     (docs/radiometry.md, (E4)).
 
     Parameters
@@ -242,7 +243,7 @@ def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine 
 
 @dataclass(frozen=True)
 class EnergyBudget:
-    """The shares of int |u|^2 of a source, in W.
+    """Propagating and evanescent parts of int |u|^2 of a source, in W.
 
     >>> import polywigner as pw
     >>> budget = pw.energy_budget(pw.shapes.square(10e-3), 3.2e-3)
@@ -275,7 +276,7 @@ class EnergyBudget:
 def energy_budget(
     source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine = "auto"
 ) -> EnergyBudget:
-    """The power of a source, radiated and evanescent (docs/radiometry.md, (E4)).
+    """Compute the radiated and the evanescent power of a source (docs/radiometry.md, (E4)).
 
     Parameters
     ----------

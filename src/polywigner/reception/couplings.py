@@ -28,9 +28,13 @@ from polywigner.kernels.boundary.integrals import distance_of, point_in_waveleng
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field
 from polywigner.propagation.places import checked_method, warn_of_missed
-from polywigner.propagation.quadrature import gauss_rule, node_count
-from polywigner.propagation.vector_fields import parts_of as parts_of_polarised
-from polywigner.propagation.wigner_rays import has_few_kinks, smooth_triangles
+from polywigner.propagation.quadrature import (
+    gauss_rule,
+    has_few_kinks,
+    node_count,
+    smooth_triangles,
+)
+from polywigner.propagation.vector_fields import polarised_parts
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.reception.cell_pairs import (
     Links,
@@ -306,7 +310,7 @@ class _Link:
         errors, limits = np.zeros((2, len(poses)))
         parts: list[Any] = [[(source, None)] for source in self.sources]
         if self.jones is not None:
-            parts = list(map(parts_of_polarised, self.sources, self.jones))
+            parts = list(map(polarised_parts, self.sources, self.jones))
         floor = 0.0 if self.method == "fraunhofer" else _FLOOR * self.norm("aperture")
         for sent, received in product(*parts):
             with told("links", range(0, len(poses), _BLOCK)) as starts:

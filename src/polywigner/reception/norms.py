@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError, PolywignerError
 from polywigner.propagation.far_fields import powers_of
-from polywigner.propagation.vector_fields import parts_of as parts_of_polarised
-from polywigner.propagation.vector_fields import vector_powers
+from polywigner.propagation.vector_fields import polarised_parts, vector_powers
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT, Obliquity
@@ -55,7 +54,7 @@ def root_of_norm(
 @lru_cache(maxsize=128)
 def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, jones: Any) -> float:
     if jones is not None:
-        parts = parts_of_polarised(source, np.frombuffer(jones[0], complex).reshape(jones[1]))
+        parts = polarised_parts(source, np.frombuffer(jones[0], complex).reshape(jones[1]))
         if normalise == "aperture":
             return math.sqrt(sum(energy_of(part) for part, _ in parts))
         return math.sqrt(vector_powers(parts, wavelength, method)[0])

@@ -37,7 +37,7 @@ from polywigner.mitsuba.plugins.registration import (
 )
 from polywigner.mitsuba.scenes.surfaces import matrix_of, reach_at
 from polywigner.propagation.far_fields import check_slopes, powers_of
-from polywigner.propagation.irradiances import parts_of
+from polywigner.propagation.irradiances import mixture_parts
 from polywigner.quantities import (
     NOISE_PARSERS,
     parse_frequency,
@@ -141,7 +141,7 @@ class Mixture:
         self, source: SceneSource, wavelength: float, error: float = _MEAN_ERROR
     ) -> Iterator[tuple[SceneSource, float, float]]:
         """Yield coherent sources, wavelengths in m and weights whose mean is the mixture."""
-        return parts_of(self._applied_to(source), wavelength, self.bandwidth, error)
+        return mixture_parts(self._applied_to(source), wavelength, self.bandwidth, error)
 
     def nodes(self, source: SceneSource, wavelength: float) -> Floats:
         """Return waves (n, 4) whose mean power is the power of the mixture.
