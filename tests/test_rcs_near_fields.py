@@ -179,7 +179,7 @@ def test_cross_sections_are_the_same_however_powers_count() -> None:
 @pytest.mark.parametrize(
     ("arguments", "keywords", "error", "message"),
     [
-        (((0, 0, 1), 0.1), {"receiver": FEED}, ArgumentError, "expected a source"),
+        (((0, 0, 1), 0.1), {"receiver": FEED}, ArgumentError, "require a source"),
         (((0, 0, 0), 0.02), {"source": FEED}, ArgumentError, "zero"),
         (((0, 0, 1e200), 0.02), {"source": FEED}, ArgumentError, "not finite"),
         (((0, 0), 0.02), {"source": FEED}, ArgumentError, "in m from the body"),
