@@ -97,7 +97,7 @@ def test_gain_and_eirp_are_those_of_the_beam_and_not_of_the_cuts():
     assert found.gain == pytest.approx(10 * math.log10(2 * math.pi * intensity), abs=1e-4)
     assert found.eirp == pytest.approx(4 * math.pi * intensity, rel=1e-5)
     share = pw.radiated_power(source, WAVELENGTH) / (64 * SIDE**2)
-    assert found.front_share == pytest.approx(share, rel=1e-9)
+    assert found.radiated_fraction == pytest.approx(share, rel=1e-9)
 
 
 def test_of_equal_beams_the_first_is_named_and_a_plane_of_nulls_has_no_numbers():

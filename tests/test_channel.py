@@ -205,7 +205,7 @@ def between_glass_and_metal(is_back: bool = False, polarisation: Any = None) -> 
 def test_exchange_of_both_ends_changes_nothing(plain: None) -> None:
     scenes = between_glass_and_metal(), between_glass_and_metal(is_back=True)
     found = [pm.channel(scene, [FREQUENCY], polarisation=ELLIPTIC) for scene in scenes]
-    assert len(found[0]["way"]) == 4
+    assert len(found[0]["path"]) == 4
     assert complex(found[0].h[0, 0, 0]) == pytest.approx(complex(found[1].h[0, 0, 0]), rel=1e-6)
     for chain in chains_of(found[0]):
         assert way(found[0], *chain) == pytest.approx(way(found[1], *chain[::-1]), rel=1e-6)
@@ -218,7 +218,7 @@ def test_sources_in_polarised_variants_have_the_channel_of_the_others(plain: Non
     expected = pm.channel(between_glass_and_metal(), [FREQUENCY], polarisation=ELLIPTIC)
     mi.set_variant("llvm_ad_mono_polarized")
     found = pm.channel(between_glass_and_metal(polarisation=ELLIPTIC), [FREQUENCY])
-    assert len(found["way"]) == 4
+    assert len(found["path"]) == 4
     for chain in chains_of(found):
         assert way(found, *chain) == pytest.approx(way(expected, *chain), rel=SINGLE)
 
@@ -506,6 +506,6 @@ def test_what_stands_before_a_body_takes_its_share(plain: None) -> None:
     assert abs(way(half, "plate") / way(free, "plate")) == pytest.approx(0.25, abs=RAYS)
     assert any("25.0%" in note for note in half.attrs["notes"])
     none = pm.channel(between(ONE, ONE, screen=screen(1.0, -4.0, 5.0)), bodies=body)
-    assert len(none["way"]) == 0 and any("'plate'" in note for note in none.attrs["notes"])
+    assert len(none["path"]) == 0 and any("'plate'" in note for note in none.attrs["notes"])
     behind = pm.channel(between(ONE, ONE), bodies={"plate": plate(0.05)})
     assert any("or behind it" in note for note in behind.attrs["notes"])

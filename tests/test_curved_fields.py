@@ -58,7 +58,7 @@ def test_wigner_rays_of_a_horn_add_up_to_its_irradiance():
 def test_power_is_that_of_the_spectrum_in_front():
     budget = pw.energy_budget(HORN, WAVELENGTH)
     assert budget.total == pytest.approx(16e-3 * 12e-3 / 2, rel=1e-12)
-    assert 0.9 < budget.propagating_share < 1.0
+    assert 0.9 < budget.propagating_fraction < 1.0
     axis = pw.radiant_intensity(HORN, (0, 0, 1), WAVELENGTH)
     expected = abs(pw.fourier(HORN, (0, 0))) ** 2 / WAVELENGTH**2
     assert axis == pytest.approx(expected, rel=1e-12)

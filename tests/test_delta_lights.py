@@ -88,7 +88,7 @@ def test_a_point_light_far_away_obeys_friis(plain: None, estimator: str) -> None
     )
     assert path.arrives_from == pytest.approx(along(theta, phi)[:2], abs=1e-3)
     assert path.coupling == pytest.approx(expected, rel=2e-3)
-    assert path.passing == pytest.approx(1.0, rel=SINGLE)
+    assert path.transmission == pytest.approx(1.0, rel=SINGLE)
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0, 0.02), (0.004, -0.01, 0.015)])

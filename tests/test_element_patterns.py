@@ -146,7 +146,7 @@ def test_the_command_line_takes_a_file_as_the_element(
     said = capsys.readouterr().out
     exact = _pattern(ARRAY, (0.0, 0.0), polarisation="right")
     assert f"directivity       {exact.attrs['peak_directivity']:.2f} dBi" in said
-    assert "axial ratio       0.00 dB" in said and "front share" not in said
+    assert "axial ratio       0.00 dB" in said and "radiated part" not in said
     for more in (["--method", "magnetic"], ["--obliquity", "paper"]):
         assert main([*call, *more]) == 2
     assert main([*call[:-1], str(tmp_path / "array.toml")]) == 2

@@ -40,13 +40,13 @@ def _channel(count: int = 65) -> Any:
     frequencies = np.linspace(60e9, 124e9, count)
     delays, sizes = np.array([0.5e-9, 0.7e-9]), np.array([1.0, 0.1])
     ways = sizes * np.exp(2j * np.pi * frequencies[:, None] * delays)
-    dims = "receiver", "emitter", "way"
+    dims = "receiver", "emitter", "path"
     return xarray.Dataset(
         {
             "h": (("frequency", *dims[:2]), ways.sum(axis=-1)[:, None, None]),
             "amplitude": (("frequency", *dims), ways[:, None, None]),
             "delay": (dims, delays[None, None]),
-            "mirrors": (("way",), ["", "floor"]),
+            "mirrors": (("path",), ["", "floor"]),
         },
         {"frequency": frequencies, "receiver": ["rx"], "emitter": ["tx"]},
     )

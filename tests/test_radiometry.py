@@ -162,7 +162,7 @@ def test_a_wave_beyond_grazing_stays_at_the_aperture() -> None:
     field = pw.Illumination([1.0], [[1.5 / WAVELENGTH, 0.0]])
     large = pw.shapes.square(20 * WAVELENGTH).with_illumination(field)
     budget = pw.energy_budget(large, WAVELENGTH)
-    assert budget.evanescent_share > 0.98
+    assert budget.evanescent_fraction > 0.98
 
 
 def test_a_dark_source_has_no_power_and_no_shares() -> None:

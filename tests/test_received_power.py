@@ -65,7 +65,7 @@ def test_in_empty_space_a_link_is_its_coupling(plain):
     assert found.scattered == 0 and found.standard_error == 0
     assert found.notes == ()
     (part,) = found.contributions
-    assert part.name == "tx" and part.paths[0].mirrors == () and part.paths[0].passing == 1
+    assert part.name == "tx" and part.paths[0].mirrors == () and part.paths[0].transmission == 1
 
 
 def test_partly_coherent_light_of_a_band_is_received_as_the_mean_of_its_waves(plain):
@@ -173,7 +173,7 @@ def test_a_perfect_mirror_shows_the_mirrored_source(plain):
     image[0, 3] += 0.4
     expected = coupled(HANDED, np.eye(4), flipped, image)
     assert paths["m",].power == pytest.approx(expected, rel=1e-4)  # the plate's own place
-    assert paths["m",].passing == pytest.approx(1.0, rel=SINGLE)
+    assert paths["m",].transmission == pytest.approx(1.0, rel=SINGLE)
     assert found.direct == pytest.approx(paths[()].power + paths["m",].power)
 
 

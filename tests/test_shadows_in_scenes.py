@@ -276,7 +276,7 @@ def test_bodies_on_mirrored_ways() -> None:
             plate=plate,
         )
         found = pm.received_power(made, spp=16)
-        return next(p.passing for p in found.contributions[0].paths if p.mirrors)
+        return next(p.transmission for p in found.contributions[0].paths if p.mirrors)
 
     before, behind = mirrored(0.25), mirrored(0.75)
     assert before < 0.7

@@ -171,7 +171,7 @@ def _write_channel(channel: xarray.Dataset, path: Path) -> None:
     h, amplitude, delay = (channel[name].values for name in ("h", "amplitude", "delay"))
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file)
-        rows.writerow(["frequency_hz", "receiver", "emitter", "way", "delay_s", "real", "imag"])
+        rows.writerow(["frequency_hz", "receiver", "emitter", "path", "delay_s", "real", "imag"])
         for i, j, k in product(*map(range, h.shape)):
             first = frequencies[i], receivers[j], emitters[k]
             rows.writerow([*first, "all", "", h[i, j, k].real, h[i, j, k].imag])

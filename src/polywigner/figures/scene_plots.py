@@ -460,7 +460,7 @@ def draw_channel(
     names = {"h": f"frequency {ends}", "amplitude": f"frequency {ends} way", "delay": f"{ends} way"}
     names |= {"frequency": "frequency", "receiver": "receiver", "emitter": "emitter"}
     h, amplitude, delay, frequencies, receivers, emitters, mirrors = arrays_of(
-        channel, names | {"mirrors": "way"}, "polywigner.mitsuba.channel"
+        channel, names | {"mirrors": "path"}, "polywigner.mitsuba.channel"
     )
     pairs = list(np.ndindex(delay.shape[:2]))[:_MOST_PAIRS]
     scale, unit = next(pair for pair in _HERTZ if frequencies.max() >= pair[0] or pair[0] == 1.0)

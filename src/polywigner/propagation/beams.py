@@ -110,7 +110,7 @@ class BeamMetrics:
     """Power in W radiated into the hemisphere; NaN for a pattern without a field."""
     eirp: float | None
     """Radiated power times directivity in W; None if no power is specified."""
-    front_share: float
+    radiated_fraction: float
     """Radiated power over int |u|^2; NaN if the pattern, or the element pattern, is from a file."""
     cuts: tuple[CutMetrics, ...]
     """Metrics of each meridian of the pattern, or of each great circle of :func:`beam_cuts`."""
@@ -131,8 +131,8 @@ class BeamMetrics:
             rows.append(("EIRP", f"{level:.2f} dBm ({self.eirp:.4g} W)"))
         if not math.isnan(self.radiated_power):
             rows.append(("radiated power", f"{self.radiated_power:.4g} W{condition}"))
-        if not math.isnan(self.front_share):
-            rows.append(("front share", f"{100 * self.front_share:.1f} % of int |u|^2"))
+        if not math.isnan(self.radiated_fraction):
+            rows.append(("radiated part", f"{100 * self.radiated_fraction:.1f} % of int |u|^2"))
         rows.append(("beam direction", _direction(self.theta, self.phi)))
         if self.steering is not None:
             angles = np.array([(self.theta, self.phi), self.steering])
@@ -260,7 +260,7 @@ def beam_metrics(
         gain=directivity + 10 * math.log10(fraction),
         radiated_power=radiated,
         eirp=None if power is None else radiated * 10 ** (directivity / 10),
-        front_share=about["radiated_power"] / about["aperture_power"],
+        radiated_fraction=about["radiated_power"] / about["aperture_power"],
         cuts=cuts,
         axial_ratio=pattern.attrs.get("peak_axial_ratio"),
         cross_polar_discrimination=pattern.attrs.get("peak_cross_polar_discrimination"),

@@ -247,7 +247,7 @@ class EnergyBudget:
 
     >>> import polywigner as pw
     >>> budget = pw.energy_budget(pw.shapes.square(10e-3), 3.2e-3)
-    >>> round(budget.evanescent_share, 4)
+    >>> round(budget.evanescent_fraction, 4)
     0.0663
     """
 
@@ -262,12 +262,12 @@ class EnergyBudget:
         return self.total - self.propagating
 
     @property
-    def propagating_share(self) -> float:
+    def propagating_fraction(self) -> float:
         """Propagating part over the total; NaN for a source whose elements cancel each other."""
         return self.propagating / self.total if self.total > 0 else float("nan")
 
     @property
-    def evanescent_share(self) -> float:
+    def evanescent_fraction(self) -> float:
         """Evanescent part over the total; NaN for a source whose elements cancel each other."""
         return self.evanescent / self.total if self.total > 0 else float("nan")
 

@@ -174,7 +174,7 @@ class CoherentPath:
     """Mirrors and body of the path."""
     distance: float
     """Length in m between the centres of both ends along the path."""
-    passing: float
+    transmission: float
     """Mean over rays of the root of the transmitted power."""
     links: tuple[tuple[complex, FacingParts], ...]
     """e_r . E, with image and receiver, for each pair of polarised components of both ends."""
@@ -324,24 +324,24 @@ def _echo_path(
 ) -> tuple[CoherentPath, list[str]] | str:
     """Return the path by a body. Both ends transmit towards it, by reciprocity."""
     chains = route.before, route.after[::-1]
-    legs, passing = [], 1.0
+    legs, transmission = [], 1.0
     for end, chain in zip(ends, chains, strict=True):
         result = leg_to(route.body, end.source, chain)
         if result is None:
             return "no echo: part of the body lies in the plane of one end or behind it"
         legs.append(result[0])
-        passing *= result[1]
-    if passing == 0.0:
+        transmission *= result[1]
+    if transmission == 0.0:
         return "obstacles block the echo (ray test, without diffraction)"
     notes = route.body.doubts(ends[1].source.wavelength, [leg.points for leg in legs])
-    if passing < 1:
+    if transmission < 1:
         notes.append(
-            f"{passing:.1%} of the echo's amplitude passes obstacles (ray test, without "
+            f"{transmission:.1%} of the echo's amplitude passes obstacles (ray test, without "
             "diffraction)"
         )
     distance = math.fsum(leg.length for leg in legs)
     echo = cache(partial(_echo, ends, route.body, chains, legs))
-    return CoherentPath(route, distance, passing, (), ends, echo=echo), notes
+    return CoherentPath(route, distance, transmission, (), ends, echo=echo), notes
 
 
 def _echo(
@@ -402,7 +402,7 @@ def _slow(
             values[k] += turned * next(couplings) * math.prod(roots)
         if path.echo is not None:
             values[k] = path.echo(wavelength)
-        values[k] *= path.passing * (1.0 if path.edges is None else path.edges(wavelength))
+        values[k] *= path.transmission * (1.0 if path.edges is None else path.edges(wavelength))
     return values * np.exp(-2j * math.pi * frequency * delays)
 
 
@@ -449,14 +449,14 @@ def _dataset(
             values[:, pair, number[path.route]] = value
     names = np.array([", ".join(names_of(route)) for route in number], dtype=np.str_)
     amplitudes = values.reshape(len(frequencies), *shape)
-    dims = "receiver", "emitter", "way"
+    dims = "receiver", "emitter", "path"
     wave = "exp(i k r - i omega t); |.|^2 is received over transmitted power"
     return described(
         {
             "h": (amplitudes.sum(axis=-1), ("frequency", *dims[:2]), "1", f"channel, {wave}"),
             "amplitude": (amplitudes, ("frequency", *dims), "1", f"amplitude of a path, {wave}"),
             "delay": (delays.reshape(shape), dims, "s", "delay between the centres of both ends"),
-            "mirrors": (names, ("way",), "", "mirrors in the order of light; none: line of sight"),
+            "mirrors": (names, ("path",), "", "mirrors in the order of light; none: line of sight"),
         },
         {
             "frequency": ("frequency", frequencies, {"units": "Hz"}),

@@ -119,16 +119,16 @@ def direct_light(
         if meshes is not None:
             ratio = diffracted_ratio(meshes, result.facing, result.parts.receiver, chain)
             matrix = matrix * abs(ratio) ** 2
-        passing = float(matrix[0, 0])
-        if passing == 0.0:
+        transmission = float(matrix[0, 0])
+        if transmission == 0.0:
             return BLOCKED
         terms = _terms(image, receiver, tolerance)
         coupling, matched = _received(terms, receiver, matrix)
         path = DirectPath(
             names_of(chain),
-            emitter.power * coupling * passing * matched,
+            emitter.power * coupling * transmission * matched,
             coupling,
-            passing,
+            transmission,
             result.parts.receiver.cosines_to(result.parts.emitter.middle),
             matched,
             length=math.dist(image.middle, receiver.middle),
@@ -151,16 +151,18 @@ def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> lis
     return terms
 
 
-def _received(terms: list[Term], receiver: PlacedSource, passing: Floats) -> tuple[float, float]:
-    """Return the sum over all polarisations, and the received fraction of the passing power."""
-    size = len(passing)
+def _received(
+    terms: list[Term], receiver: PlacedSource, transmission: Floats
+) -> tuple[float, float]:
+    """Return the sum over all polarisations, and the received fraction of the transmitted power."""
+    size = len(transmission)
     weight = 1.0 if receiver.polarisation is None else 0.5
     total = math.fsum(b_squared * sent[0] * taken[0] for b_squared, sent, taken in terms)
     received = weight * math.fsum(
-        b_squared * float(np.array(taken[:size]) @ passing @ np.array(sent[:size]))
+        b_squared * float(np.array(taken[:size]) @ transmission @ np.array(sent[:size]))
         for b_squared, sent, taken in terms
     )
-    passed = total * float(passing[0, 0])
+    passed = total * float(transmission[0, 0])
     return total, max(received / passed, 0.0) if passed > 0 else 0.0  # rounding of crossed ends
 
 
@@ -238,13 +240,13 @@ def _delta_path(
     matrix = np.einsum("n,nij->ij", emission, transmission) / (strength * len(end))
     terms = _areas(receiver, image, light.is_infinite)
     coupling, matched = _received(terms, receiver, matrix)
-    passing = float(matrix[0, 0])
+    transmission = float(matrix[0, 0])
     total = strength if light.is_infinite else 4 * math.pi * strength
     return DirectPath(
         names_of(chain),
-        total * coupling * passing * matched,
+        total * coupling * transmission * matched,
         coupling,
-        passing,
+        transmission,
         receiver.cosines_to(image),
         matched,
         length=math.inf if light.is_infinite else math.dist(image, receiver.middle),

@@ -52,14 +52,14 @@ class DirectPath:
     """Received power in W."""
     coupling: float
     """|b|^2 in free space: received over emitted power."""
-    passing: float
+    transmission: float
     """Fraction of the power that obstacles and mirrors transmit, a mean over rays."""
     arrives_from: tuple[float, float]
     """Direction cosines to the centre of the emitter or its image, in the receiver's frame."""
     polarisation: float = 1.0
-    """Fraction of the passing power in the receiver's polarisation."""
+    """Fraction of the transmitted power in the receiver's polarisation."""
     amplitude: complex | None = None
-    """Amplitude of paths that interfere, with power ``coupling`` times ``passing``; else None."""
+    """Amplitude of a path that interferes, else None; its power is coupling * transmission."""
     length: float = math.nan
     """Length in m between the centres of both ends; infinite for a directional light."""
     light: str = ""

@@ -299,15 +299,17 @@ def _coherent_light(
     amplitudes = amplitudes_of(paths, frequency, options.tolerance)[0]
     direct = []
     for path, amplitude in zip(paths, amplitudes, strict=True):
-        passing = path.passing * (1.0 if path.edges is None else abs(path.edges(wavelength)))
+        transmission = path.transmission * (
+            1.0 if path.edges is None else abs(path.edges(wavelength))
+        )
         route = path.route
         origin = route.place if isinstance(route, Echo) else emitter.image(route).middle
         direct.append(
             DirectPath(
                 names_of(route),
                 emitter.power * abs(amplitude) ** 2,
-                (abs(amplitude) / passing) ** 2 if passing else 0.0,
-                passing**2,
+                (abs(amplitude) / transmission) ** 2 if transmission else 0.0,
+                transmission**2,
                 receiver.cosines_to(origin),
                 amplitude=complex(amplitude),
                 length=path.distance,

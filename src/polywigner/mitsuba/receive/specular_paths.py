@@ -439,16 +439,16 @@ def open_path(
     facing = parts.emitter.image(chain[::-1])
     send = passing_rays if meshes is None else meeting_rays
     rays = send(scene, facing, parts.receiver, chain, coherent)
-    passing = rays.amplitude if coherent else float(rays.power[0, 0])
-    if passing == 0.0:
+    transmission = rays.amplitude if coherent else float(rays.power[0, 0])
+    if transmission == 0.0:
         return BLOCKED
     notes = []
     if parts.share < 1:
         notes.append("the part of one end behind the plane of the other is left out")
-    if passing < 1 and not chain and meshes is None:
+    if transmission < 1 and not chain and meshes is None:
         notes.append(
-            f"{passing:.1%} of the line-of-sight {'amplitude' if coherent else 'power'} passes "
-            "obstacles (ray test, without diffraction)"
+            f"{transmission:.1%} of the line-of-sight {'amplitude' if coherent else 'power'} "
+            "passes obstacles (ray test, without diffraction)"
         )
     zone = math.sqrt(receiver.wavelength * math.dist(parts.emitter.middle, receiver.middle))
     notes += [
