@@ -457,7 +457,11 @@ def draw_channel(
     """
     check_floor(floor_db)
     ends = "receiver emitter"
-    names = {"h": f"frequency {ends}", "amplitude": f"frequency {ends} way", "delay": f"{ends} way"}
+    names = {
+        "h": f"frequency {ends}",
+        "amplitude": f"frequency {ends} path",
+        "delay": f"{ends} path",
+    }
     names |= {"frequency": "frequency", "receiver": "receiver", "emitter": "emitter"}
     h, amplitude, delay, frequencies, receivers, emitters, mirrors = arrays_of(
         channel, names | {"mirrors": "path"}, "polywigner.mitsuba.channel"

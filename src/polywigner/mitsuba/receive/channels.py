@@ -108,9 +108,9 @@ def channel(
     Returns
     -------
     xarray.Dataset
-        ``h`` (frequency, receiver, emitter) complex. For each path (dimension ``way``) its
-        ``amplitude`` (frequency, receiver, emitter, way) complex, ``delay`` (receiver, emitter,
-        way) in s between the centres of both ends, and ``mirrors`` (way): names of shapes and
+        ``h`` (frequency, receiver, emitter) complex. For each path (dimension ``path``) its
+        ``amplitude`` (frequency, receiver, emitter, path) complex, ``delay`` (receiver, emitter,
+        path) in s between the centres of both ends, and ``mirrors`` (path): names of shapes and
         bodies in the order of light, joined by ", ". Pairs without the path have amplitude zero and
         delay NaN. ``attrs["polarisation"]``: polarisations of the ends; ``attrs["notes"]``: effects
         that are not included.

@@ -419,14 +419,14 @@ def paths_by(
     for the line of sight and for echoes without mirrors: most chains of mirrors lead nowhere.
     """
     results, notes = [], []
-    for way in ways:
-        result = find(way)
+    for path in ways:
+        result = find(path)
         if isinstance(result, str):
-            reasons = [result] if len(names_of(way)) == isinstance(way, Echo) else []
+            reasons = [result] if len(names_of(path)) == isinstance(path, Echo) else []
         else:
             results.append(result[0])
             reasons = result[1]
         if reasons:
-            by = link + "".join(f" by {name!r}" for name in names_of(way))
+            by = link + "".join(f" by {name!r}" for name in names_of(path))
             notes.append(f"{by}: {' and '.join(reasons)}")
     return results, notes
