@@ -59,10 +59,11 @@ test-all: ## run all tests, the slow ones too
 	@$(SETUP) --group test
 	$(PYTEST) $(TESTS)
 
-lint: ## check style and formatting
+lint: ## check style, formatting and English
 	@$(SETUP) --group dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python tools/check_prose.py
 
 format: ## put the sources into the common format
 	@$(SETUP) --group dev
