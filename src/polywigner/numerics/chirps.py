@@ -194,8 +194,7 @@ def _turns(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
 
 
 def _rules_for(turns: Floats) -> NDArray[np.intp]:
-    """Numbers of the rules that are exact to rounding for chirps of ``turns`` cycles, tested up to
-    400."""
+    """Return the numbers of the rules that integrate chirps of ``turns`` cycles (up to 400)."""
     needed = 0.5 * math.pi * turns + 8.0 * np.cbrt(turns) + 4.0
     sizes = [len(rule) for rule in gauss_rules()[::_STRIDE]]
     return np.asarray(np.searchsorted(sizes, needed) * _STRIDE)

@@ -1,5 +1,4 @@
-"""Divided differences of a wave of orders 1 to 3: its means over segments, triangles and
-tetrahedra.
+"""Divided differences of a wave of orders 1 to 3: means over segments, triangles, tetrahedra.
 
 Over a simplex with phases p_0, ..., p_n (in turns) at its corners the mean of exp(-2 pi i p) is n!
 times exp[z_0, ..., z_n] at z = -2 pi i p (Hermite and Genocchi). The first order is a sinc times a

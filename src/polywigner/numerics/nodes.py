@@ -54,7 +54,8 @@ def gauss_rules() -> Rules:
 def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
     """The rule with n nodes, (n, 4).
 
-    Nodes by Newton's method from Tricomi's approximation, which is good to 1/n^4."""
+    Nodes by Newton's method from Tricomi's approximation, which is good to 1/n^4.
+    """
     angle = math.pi * (np.arange(n, 0, -1) - 0.25) / (n + 0.5)
     x = (1 - (1 - 1 / n) / (8 * n * n)) * np.cos(angle)
     for _ in range(4):

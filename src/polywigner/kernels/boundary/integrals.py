@@ -253,8 +253,11 @@ def sums_over_panel(
 
 
 def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """For a rule in the length along the panel: (whether it will do, distance of singularities,
-    turns of phase over half of the panel, half the length); the distance in half-lengths."""
+    """Return the data of a rule in the length along a panel.
+
+    A tuple (whether the rule is sufficient, distance of singularities, phase over half of the
+    panel in cycles, half the length), and the distance in half-lengths.
+    """
     half = 0.5 * view.length
     outside = ops.maximum(ops.maximum(view.first, -view.last), 0.0)
     nearest = ops.sqrt(outside * outside + (view.b * view.b + view.z * view.z))
@@ -267,8 +270,11 @@ def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, 
 
 
 def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """For a rule in v, s = sqrt(b^2 + z^2) sinh v: (distance of singularities, turns of phase over
-    half of the interval of v, its middle, half its length); the distance in half-lengths."""
+    """Return the data of a rule in v, where s = sqrt(b^2 + z^2) sinh v.
+
+    A tuple (distance of singularities, phase over half of the interval of v in cycles, centre of
+    the interval, half its length), and the distance in half-lengths.
+    """
     away = ops.sqrt(view.b * view.b + view.z * view.z)
     low = inverse_sinh(ops, view.first / away, view.radius_first / away)
     high = inverse_sinh(ops, view.last / away, view.radius_last / away)
@@ -347,7 +353,6 @@ _NO_SINGULARITY = 100.0
 
 def fresnel_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
     """(real part, imaginary part, error) of the field but for the phase of the distance."""
-
     oblique = any(row[5] or row[7] for row in tables.edges)
 
     def term(*row: Any) -> Values:

@@ -106,8 +106,7 @@ def complex_fan_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) ->
 
 
 def _is_short(nu: Values) -> bool:
-    """Whether terms may be unrolled; for a cube's tetrahedra that takes 3 s to compile and runs
-    half as fast."""
+    """Whether terms may be unrolled: a cube would compile in 3 s and run at half the speed."""
     return len(nu) < 3
 
 

@@ -49,8 +49,7 @@ _TURN = 2 * math.pi
 def wave_over_edge(
     ops: Any, start: Any, end: Any, distance: Any, along: Any, across: Any
 ) -> Values:
-    """Return the contribution of an edge to the integral of a Gaussian wave over a polygon, (real,
-    imag).
+    """Return an edge's contribution to the integral of a Gaussian wave, (real, imag).
 
     Source: (I5).
 

@@ -116,8 +116,7 @@ class PairTables:
 
     @property
     def terms(self) -> int:
-        """Terms of the sum, for the choice of an engine: a pair takes half as long as an edge of
-        F."""
+        """Number of terms, for the choice of an engine: a pair counts as half an edge of F."""
         return -(-len(self.edges) // 2)
 
 

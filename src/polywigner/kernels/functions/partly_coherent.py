@@ -42,8 +42,7 @@ def _tables_of(source: Wavefront, double: bool) -> Tables:
 def term_of_lags(
     ops: Any, light: Matrix, nu: Sequence[Any], middle: Values, vector: Values
 ) -> Values:
-    """Return the contribution of a part of an edge to W over the area of a unit square, (real,
-    imag).
+    """Return the contribution of a part of an edge to W, (real, imag).
 
     The part is given by its midpoint and its vector as lags of the frame; ``nu`` is in the frame.
     """

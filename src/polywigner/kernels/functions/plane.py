@@ -45,8 +45,7 @@ def tables_of(source: Aperture | Array, double: bool) -> Tables:
 
 
 def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """Build the tables of :func:`tables_of` without the cache, with vertices numbered as in this
-    source.
+    """Build the tables of :func:`tables_of` without the cache, with this order of vertices.
 
     Equal sources may begin their rings at other vertices.
     """
@@ -65,8 +64,7 @@ def new_outline_of(aperture: Aperture) -> OutlineTables:
 
 @lru_cache(maxsize=256)
 def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
-    """Return tables for grids, with all elements of an array in one frame; None if one has a
-    pose."""
+    """Return tables for grids, with all elements in one frame; None if one has a pose."""
     if isinstance(source, Aperture):
         outline = _outline_of(source, True)
         return grid_tables(outline, [1.0] * len(outline.edges))

@@ -202,8 +202,7 @@ class SolidTables:
 
     @property
     def terms(self) -> int:
-        """Terms of the sum, for the choice of an engine: a tetrahedron takes as long as eight
-        edges."""
+        """Number of terms, for the choice of an engine: a tetrahedron counts as eight edges."""
         return 8 * len(self.edges)
 
 

@@ -227,7 +227,6 @@ def scatterers(
         scene unit; infinite radiance. ArgumentError : no scene, several receivers without a choice,
         unknown ids, other arguments out of range.
     """
-
     size = checked_count(count, "count", 1, _MOST)
     launched = max(_RAYS * size, _FEWEST_RAYS)
     if rays is not None:
