@@ -114,7 +114,9 @@ def planned(
     """
     per_sample, as_data = terms_of(kernel, tables), takes_data(kernel, tables)
     terms = samples * per_sample
-    is_large = samples >= _LEAST_SAMPLES if as_data else terms >= _LEAST_TERMS
+    # NumPy takes ten times as long for W and A of arrays, so a kernel for each pays early.
+    by_samples = as_data or isinstance(tables, RepeatedTables)
+    is_large = samples >= _LEAST_SAMPLES if by_samples else terms >= _LEAST_TERMS
     actual = _engine_for(engine, is_large)
     sizes = samples, per_sample, engine
     if families is not None:
