@@ -41,8 +41,9 @@ class GridPlan:
 
     @property
     def families(self) -> int:
-        """Number of families of edges that are equal up to a translation."""
-        return len(self.tables.families)
+        """Number of families of edges; all edges along the axes count as one."""
+        oblique = sum(not family.is_straight for family in self.tables.families)
+        return oblique + (oblique < len(self.tables.families))
 
     def keeps_digits(self) -> bool:
         """Return whether most points are far enough from the origin, and none too far."""

@@ -159,6 +159,11 @@ class Family:
     weights: npt.NDArray[np.complex128]
     """(n,) the field on the edge's element for an edge along (ex, ey), else its negative."""
 
+    @property
+    def is_straight(self) -> bool:
+        """Whether the edges lie along an axis."""
+        return self.ex == 0.0 or self.ey == 0.0
+
 
 def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) -> tuple[Family, ...]:
     """Sort edges (begin x, y, end x, y, ...) into families, with the field on their elements."""
@@ -259,7 +264,7 @@ class _FamilyTerm:
         cos_y, sin_y = cos_sin_turns(ops, nu_y[:, None] * points[:, 1] + turns_y[:, None])
         real, imag = family.weights.real, family.weights.imag
         cos_x, sin_x = cos_x * real + sin_x * imag, sin_x * real - cos_x * imag
-        self.is_straight = family.ex == 0.0 or family.ey == 0.0
+        self.is_straight = family.is_straight
         if self.is_straight:  # the factor is a product of the axes
             along_x = family.ey == 0.0
             factor_x = -family.ex * math.pi * sinc(ops, nu_x * family.ex) if along_x else nu_x
@@ -336,7 +341,7 @@ def fourier_on_grid(
     blocks = [slice(start, start + step) for start in range(0, shape[0], step)]
     sums = np.zeros((shape[0], 2, shape[1]), dtype)
     for batch in _batches(tables.families):
-        first, *others = (_FamilyTerm(ops, family, x, y, double) for family in batch)
+        first, *others = _joined([_FamilyTerm(ops, family, x, y, double) for family in batch])
         for rows in blocks:
             total = first.rows(rows)
             for term in others:
@@ -351,6 +356,15 @@ def fourier_on_grid(
     if tables.frame.axes != (0, 1):
         return real.T, imag.T, below.T
     return real, imag, below
+
+
+def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
+    """Join the terms of all edges along the axes, which are one matrix product."""
+    straight = [term for term in terms if term.is_straight]
+    if straight:
+        straight[0].left = np.concatenate([term.left for term in straight], axis=1)
+        straight[0].right = np.concatenate([term.right for term in straight])
+    return [*straight[:1], *(term for term in terms if not term.is_straight)]
 
 
 def _batches(families: Sequence[Family]) -> Iterator[list[Family]]:
