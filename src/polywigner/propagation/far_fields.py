@@ -76,7 +76,7 @@ def far_field(
 
     condition = OBLIQUITIES[obliquity]
     factor = condition.field * front if condition.is_boundary_condition else np.sqrt(front)
-    total = np.zeros(front.shape, np.complex128)
+    total: Complex = np.zeros(front.shape, np.complex128)
     if condition.field or not condition.is_boundary_condition:
         total = factor * fourier(source, nu, precision=precision, engine=engine)
     if condition.needs_normal_derivative:
