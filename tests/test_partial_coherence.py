@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ import polywigner as pw
 from oracles import mutual_intensity as mutual
 from oracles.quadrature import triangle_nodes
 from polywigner.errors import ArgumentError
+from polywigner.propagation.lag_sums import summed_over_pairs
+from polywigner.source.obliquities import CONDITIONS as BY_NAME
 
 WAVELENGTH = 1.0
 # Of the largest irradiance: what (PC5) is computed to, and parabolic waves.
@@ -119,7 +122,7 @@ def test_normal_derivatives_of_tilted_light_are_taken_tilt_by_tilt(
     assert np.abs(found - expected).max() < SPHERICAL * expected.max()
 
 
-def test_kirchhoff_irradiance_of_two_waves_at_a_small_width_has_the_slope_of_each_wave() -> None:
+def test_sums_over_pairs_of_points_have_the_normal_derivatives_of_waves() -> None:
     source = pw.shapes.square(10.0).with_illumination(pw.Illumination([1.0, 0.4], [TILT, -TILT]))
     at = points(120.0) * [5.0, 5.0, 1.0]
     width = 1.3
@@ -128,8 +131,25 @@ def test_kirchhoff_irradiance_of_two_waves_at_a_small_width_has_the_slope_of_eac
         (a * w * np.exp(2j * np.pi * s * (x @ TILT)), s * TILT) for s, a in ((1, 1.0), (-1, 0.4))
     ]
     expected = mutual.irradiance_of_tilts(x, waves, at, WAVELENGTH, width, 0.5, 0.5)
-    found = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, "kirchhoff")
+    partly = source.partially_coherent(width)
+    found = pw.irradiance(partly, at, WAVELENGTH, "kirchhoff")
     assert found == pytest.approx(expected, abs=SPHERICAL * expected.max())
+    condition = BY_NAME["kirchhoff"]
+    pairs = summed_over_pairs(partly, at, WAVELENGTH, condition, 1e-6, math.inf)
+    assert pairs == pytest.approx(expected, abs=1e-6 * expected.max())
+    assert summed_over_pairs(partly, at, WAVELENGTH, condition, 1e-6, 0.0) is None  # no time
+
+
+@pytest.mark.parametrize("name", ["waves", "curved"])
+def test_sums_over_pairs_of_points_are_the_double_integral_of_the_mutual_intensity(
+    name: str,
+) -> None:
+    source, x, w = sampled(name, 36)
+    at, width = points(30.0), 1.5
+    expected = mutual.irradiance(x, w, at, WAVELENGTH, width, mutual.first_integral)
+    condition, partly = BY_NAME["rayleigh-sommerfeld-1"], source.partially_coherent(width)
+    pairs = summed_over_pairs(partly, at, WAVELENGTH, condition, 1e-6, math.inf)
+    assert pairs == pytest.approx(expected, abs=1e-6 * expected.max())
 
 
 def of_one_axis(side: float, x: Any, spread: float, width: float) -> Any:
@@ -192,7 +212,7 @@ def test_wide_coherence_is_coherent_and_narrow_coherence_a_lamp() -> None:
         wide = pw.irradiance(source.partially_coherent(1e5), at, WAVELENGTH, method)
         assert wide == pytest.approx(coherent, rel=1e-6)
     # |u|^2 2 pi sigma^2 times the integral of |h|^2 over the source
-    width = 0.05
+    width = 0.02
     x, w = triangle_nodes(10 * HALVES, 40)
     lamp = 2 * np.pi * width**2 * np.abs(mutual.first_integral(x, at, WAVELENGTH)) ** 2 @ w
     found = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, "auto")

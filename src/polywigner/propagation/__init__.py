@@ -8,7 +8,7 @@ module               what is in it
 ===================  ==========================================================================
 ``places``           points, angles, grids of points and names of methods, checked
 ``irradiances``      |U|^2 at points: Wigner rays to a tolerance, and mixtures of waves;
-                     ``partial_coherence`` for partially coherent light
+                     ``partial_coherence`` and ``lag_sums`` for partially coherent light
 ``quadrature``       Gauss rules on triangles, and on rows of trapezoids
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field
 ``boundary``         sums along edges, cut into panels with their waves, to a tolerance

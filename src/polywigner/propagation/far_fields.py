@@ -78,7 +78,8 @@ def far_field(
     factor = condition.field * front if condition.is_boundary_condition else np.sqrt(front)
     total: Complex = np.zeros(front.shape, np.complex128)
     if condition.field or not condition.is_boundary_condition:
-        total = factor * fourier(source, nu, precision=precision, engine=engine)
+        spectrum = fourier(source, nu, precision=precision, engine=engine)
+        total = np.asarray(factor * spectrum, np.complex128)
     if condition.needs_normal_derivative:
         with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
             slopes = times_direction_cosine(source, wavelength)

@@ -2,9 +2,9 @@
 
 The degree of coherence is the mean of exp(2 pi i t.xi) over normally distributed tilts t with the
 standard deviation 1/(2 pi width) (PC2). In parabolic waves a tilt shifts the irradiance: the mean
-is a convolution with a normal density (PC9), or, for widths far below the size of the source, a
-transform of the ambiguity function at short lags (PC10). In spherical waves the fields of all
-tilts share the samples of the source. Otherwise the field of each tilt is computed.
+is a convolution with a normal density (PC9). In spherical waves the fields of all tilts share the
+samples of the source. For widths far below the size of the source, :mod:`.lag_sums` is faster.
+Otherwise the field of each tilt is computed.
 """
 
 from __future__ import annotations
@@ -15,25 +15,28 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.optics import FirstOrder
+from polywigner.propagation.lag_sums import (
+    Channel,
+    channel_at,
+    channels_of,
+    summed_over_lags,
+    summed_over_pairs,
+)
 from polywigner.propagation.quadrature import (
     Trapezoids,
     largest_rates,
     node_counts,
     rows_of,
-    rule_on,
     trapezoids_of,
 )
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import CONDITIONS, Obliquity, direction_cosines
-from polywigner.transforms import ambiguity
 from polywigner.transforms.wavefronts import coherent_source
 
 Floats = NDArray[np.float64]
@@ -61,7 +64,7 @@ def partly_coherent_irradiance(
     if method not in CONDITIONS:
         return None
     compute(coherent_source(source), points[:1])  # checks all arguments
-    values = _summed_over_tilts(source, points, wavelength, CONDITIONS[method], error)
+    values = _in_spherical_waves(source, points, wavelength, CONDITIONS[method], error)
     return None if values is None else _with_error(values, error)
 
 
@@ -75,7 +78,7 @@ def _sides(source: Wavefront) -> Floats:
 
 # ---- parabolic waves -----------------------------------------------------------------------------
 
-# Coherence widths along the source above which the sum over short lags is tried first.
+# Coherence widths along the source above which sums over short lags are tried.
 _SHORT = 30.0
 # Points of a lattice, and points of all planes at which fields are computed.
 _MOST_IN_LATTICE, _MOST_POINTS = 1 << 24, 1 << 22
@@ -102,7 +105,7 @@ def _in_parabolic_waves(
     def by_lags() -> Floats | None:
         values = np.empty(len(points))
         for plane, members in planes:
-            part = _summed_over_lags(source, points[members, :2], wavelength, plane, error)
+            part = summed_over_lags(source, points[members, :2], wavelength, plane, error)
             if part is None:
                 return None
             values[members] = part
@@ -234,79 +237,6 @@ def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _
     return _LatticeAxis(nodes, near, weights / weights.sum(axis=1, keepdims=True))
 
 
-# Largest lag in coherence widths: beyond, the degree of coherence is below 1e-10.
-_LONGEST = 6.8
-# Error of a wave in the coarsest rule; frequency of the degree of coherence times the width; and
-# additional nodes of the rules, which are tried until two of them agree.
-_ERROR, _OF_NORMAL, _LEVELS = 1e-7, 0.48, (0, 2, 5, 10, 18)
-# Largest numbers of kink segments that are cut into cells, and of nodes.
-_MOST_KINKS, _MOST_NODES = 2000, 1 << 20
-
-
-def _summed_over_lags(
-    source: Wavefront, points: Floats, wavelength: float, system: FirstOrder, error: float
-) -> Floats | None:
-    """Irradiance (n,) at points (n, 2) behind a system by (PC10); None: too many nodes, or B = 0.
-
-    The rule is refined until the values change by less than ``error`` of the largest irradiance.
-    """
-    if not abs(np.linalg.det(system.B)) > 0.0:
-        return None
-    inverse = np.linalg.inv(system.B)
-    bend, nu = inverse @ system.A / wavelength, points @ inverse.T / wavelength
-    bend = (bend + bend.T) / 2
-    (x0, y0), (x1, y1) = np.reshape(source.bounds, (2, 2))
-    corners = np.array([(x0, y0), (x0, y1), (x1, y0), (x1, y1)])
-    rates = corners @ (bend + source.curvature) - source.curvature @ source.centre - nu[:, None]
-    frequencies = normal_form(source).frequencies
-    highest = float(np.linalg.norm(frequencies, axis=1).max())
-    largest = abs(rates).max(axis=(0, 1), initial=0.0) + highest
-    largest = np.hypot(largest, _OF_NORMAL / source.coherence_width)
-    cells = _lag_cells(source)
-    if node_counts(cells, largest, _ERROR).prod(axis=1).sum() > _MOST_NODES:
-        return None
-    previous: Floats | None = None
-    for extra in _LEVELS:
-        lags, weights = rule_on(cells, largest, _ERROR, extra)
-        # the factor 2 accounts for the opposite lags
-        values = np.asarray(ambiguity(source, -lags @ bend, lags)) * (2.0 * weights)
-        irradiance = np.empty(len(points))
-        step = max(1, _BLOCK // len(lags))
-        for start in range(0, len(points), step):
-            waves = np.exp(-2j * np.pi * (nu[start : start + step] @ lags.T))
-            irradiance[start : start + step] = (waves @ values).real
-        irradiance /= wavelength**2 * abs(float(np.linalg.det(system.B)))
-        largest_value = abs(irradiance).max()
-        if previous is not None and abs(irradiance - previous).max() <= error * largest_value:
-            return irradiance
-        previous = irradiance
-    return None
-
-
-def _lag_cells(source: Wavefront) -> Trapezoids:
-    """Trapezoids that tile half of the lags that interfere.
-
-    No kink of A crosses them, unless there are too many kinks. The kinks are the segments
-    V_i - E_k of all vertices V_i and edges E_k.
-    """
-    reach = np.minimum(_sides(source), _LONGEST * source.coherence_width)
-    half = shapely.box(-reach[0], 0.0, reach[0], reach[1])
-    rings = normal_form(source).rings
-    begin = np.concatenate(rings)
-    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
-    kinks: list[Any] = []
-    for start in range(0, len(begin), 256):
-        vertices = begin[start : start + 256, None]
-        segments = np.stack([vertices - begin, vertices - end], axis=2).reshape(-1, 2, 2)
-        lines = shapely.linestrings(segments)
-        kinks.extend(lines[shapely.intersects(lines, half) & (shapely.length(lines) > 0)])
-        if len(kinks) > _MOST_KINKS:
-            return trapezoids_of(np.array([half], object))
-    cut = shapely.intersection(np.array(kinks, object), half)
-    noded = shapely.union_all([*cut, half.boundary], grid_size=grid_size(np.diag(reach)))
-    return trapezoids_of(np.array(polygons_in(shapely.polygonize([noded])), object))
-
-
 # ---- spherical waves -----------------------------------------------------------------------------
 
 # A tilt multiplies the source by exp(2 pi i t.x), a product of one factor per axis. The source is
@@ -321,9 +251,11 @@ _RESOLVED = 0.8
 _SHARED, _SPECTRUM, _BATCH = 16, 1 << 20, 1 << 16
 # Products and columns of a matrix product below which BLAS stays on one thread.
 _SERIAL, _COLUMNS = 1 << 18, 32
-# Time [ns] per point: of a node here; of a wavelength of the outline and of an edge, for each
-# tilt, of the boundary integrals that are the alternative.
-_NODE, _WAVELENGTH, _EDGE = 60.0, 250.0, 1e4
+# Time [ns] per point: of a node; of a tilt, for each row of nodes; and in boundary integrals, for
+# each tilt, of a wavelength of the outline and of an edge.
+_NODE, _TILT, _WAVELENGTH, _EDGE = 60.0, 2.0, 250.0, 1e4
+# Longest time per point of sums over pairs.
+_LONGEST_TIME = 1e10
 
 
 class _TiltAxis(NamedTuple):
@@ -360,35 +292,29 @@ class _TiltSum(NamedTuple):
     elements: Sequence[SourceElement]
     wavelength: float
     condition: Obliquity
-    channels: Sequence[Floats | None]
-    """Parts of the field: None for the field itself, the frequency of each wave for its slope."""
+    channels: Sequence[Channel]
     axes: Sequence[_TiltAxis]
 
 
-def _summed_over_tilts(
+def _in_spherical_waves(
     source: Wavefront, points: Floats, wavelength: float, condition: Obliquity, error: float
 ) -> Floats | None:
-    """Irradiance (n,) at points (n, 3), by (Q7).
+    """Irradiance (n,) at points (n, 3) by the fastest sum; None: the field of each tilt is faster.
 
-    None if there are too many tilts, if boundary integrals for each tilt are faster, or if the
-    condition requires normal derivatives of a curved wave.
+    Sums over tilts, (Q7), over pairs, (PC11), and boundary integrals for each tilt are compared.
     """
     tail = math.sqrt(2 * math.log(8 / error))
     reaches = _sides(source) / source.coherence_width + tail
     count = math.prod((tail * reaches / math.pi + 1).tolist())
-    if count > _SPECTRUM or (condition.needs_normal_derivative and not source.is_flat):
-        return None
     axes = [_tilt_axis(tail, reach, source.coherence_width) for reach in reaches.tolist()]
-    channels: list[Floats | None] = [None] if condition.field else []
-    if condition.slope:
-        channels += list(normal_form(source).frequencies)
-    elements = normal_form(source).in_plane.elements
-    rule = _TiltSum(source, elements, wavelength, condition, channels, axes)
+    channels, form = channels_of(source, condition), normal_form(source)
+    elements = form.in_plane.elements
     rates = largest_rates(source, points, wavelength)
     rates += [_RESOLVED * axis.half * axis.step for axis in axes]
     order = np.argsort(rates.max(axis=1), kind="stable")
     size = int(min(_SHARED, max(1, _SPECTRUM // (count * len(channels)))))
-    blocks, cost = [], 0.0
+    is_curved = condition.needs_normal_derivative and not source.is_flat
+    blocks, time = [], math.inf if is_curved or count > _SPECTRUM else 0.0
     for start in range(0, len(points), size):
         members = order[start : start + size]
         counts = [
@@ -401,18 +327,36 @@ def _summed_over_tilts(
             for element in elements
         ]
         blocks.append((members, counts))
-        cost += _NODE * len(members) * sum(float(c.prod(axis=1).sum()) for c in counts)
-    edges = sum(len(ring) for ring in normal_form(source).rings)
+        for rows, on_row in np.concatenate(counts).tolist():
+            time += len(members) * rows * (_NODE * on_row + _TILT * count)
     cycles = sum(element.shape.polygons.length for element in elements) / wavelength
-    if cost > len(points) * count * (_WAVELENGTH * cycles + _EDGE * edges):
+    per_tilt = _WAVELENGTH * cycles + _EDGE * sum(len(ring) for ring in form.rings)
+    by_boundaries = len(points) * min(count * per_tilt, _LONGEST_TIME)
+    if (_sides(source) > _SHORT * source.coherence_width).all():
+        longest = min(time, by_boundaries)
+        values = summed_over_pairs(source, points, wavelength, condition, error, longest)
+        if values is not None:
+            return values
+    if time > by_boundaries:
         return None
+    rule = _TiltSum(source, elements, wavelength, condition, channels, axes)
+    return _summed_over_tilts(rule, points, blocks)
+
+
+def _summed_over_tilts(
+    rule: _TiltSum, points: Floats, blocks: Sequence[tuple[Indices, Sequence[Indices]]]
+) -> Floats:
+    """Irradiance (n,) at points (n, 3), by (Q7).
+
+    ``blocks``: indices of points that share nodes, and node counts of each element.
+    """
     # |c + i s|^2 + |c - i s|^2 = 2 |c|^2 + 2 |s|^2
-    is_even = not any(kappa is not None and kappa.any() for kappa in channels)
-    (over_x, of_x), (over_y, of_y) = (axis.tilts(is_even) for axis in axes)
+    is_even = not any(kappa is not None and kappa.any() for kappa in rule.channels)
+    (over_x, of_x), (over_y, of_y) = (axis.tilts(is_even) for axis in rule.axes)
     plane = np.stack(np.meshgrid(over_x, over_y), axis=-1)
     cosines: list[Any] = [
-        1.0 if kappa is None else direction_cosines(plane + kappa, wavelength)[..., None]
-        for kappa in channels
+        1.0 if kappa is None else direction_cosines(plane + kappa, rule.wavelength)[..., None]
+        for kappa in rule.channels
     ]
     values = np.empty(len(points))
     with told("blocks of points", blocks) as remaining:
@@ -431,7 +375,7 @@ def _summed_over_tilts(
 
 @lru_cache(maxsize=64)
 def _trapezoids(outline: Aperture) -> Trapezoids:
-    return trapezoids_of(outline.polygons.geoms)
+    return trapezoids_of(outline.polygons.geoms)[0]
 
 
 def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Complex:
@@ -486,10 +430,8 @@ def _samples(
     nodes = np.stack([x, np.broadcast_to(y[:, None], x.shape)], axis=-1)
     samples = np.empty((len(rule.channels), *distance.shape), np.complex128)
     for kappa, values in zip(rule.channels, samples, strict=True):
-        field: Complex | float = 1.0
+        field = channel_at(element, kappa, nodes)
         if kappa is None:
-            if element.illumination is not None:
-                field = element.illumination(nodes)
             if not source.is_flat:
                 offset = nodes - source.centre
                 bend = ((offset @ source.curvature) * offset).sum(axis=-1)
@@ -500,9 +442,10 @@ def _samples(
             values.real = size_of_field * sine + imaginary * cosine
             values.imag = imaginary * sine - size_of_field * cosine
         else:
-            amplitude = element.amplitudes[(element.frequencies == kappa).all(axis=1)].sum()
-            field = condition.slope * amplitude * np.exp(2j * math.pi * (nodes @ kappa))
-            values.real, values.imag = size * sine, -size * cosine
+            values.real, values.imag = (
+                condition.slope * size * sine,
+                -condition.slope * size * cosine,
+            )
         if np.ndim(field):
             values *= np.asarray(field)[..., None]
     return samples

@@ -212,25 +212,28 @@ def smooth_triangles(source: Aperture | Array) -> Triangles:
 # ---- rows of trapezoids --------------------------------------------------------------------------
 
 
-def trapezoids_of(polygons: Polygons) -> Trapezoids:
-    """Trapezoids that tile polygons, between the heights of their vertices."""
+def trapezoids_of(polygons: Polygons) -> tuple[Trapezoids, Indices]:
+    """Trapezoids that tile polygons, between the heights of vertices, and indices of polygons."""
     rings, of_ring = shapely.get_rings(polygons, return_index=True)
     vertices, ring = shapely.get_coordinates(rings, return_index=True)
     is_edge = ring[1:] == ring[:-1]
     edges = np.stack([vertices[:-1], vertices[1:]], axis=1)[is_edge]
     owner = of_ring[ring[:-1][is_edge]]
     counts = np.bincount(owner)
-    parts = []
+    parts, owners = [], []
     for count in np.unique(counts[counts > 0]).tolist():
         same = np.flatnonzero(counts == count)
         step = max(1, _BATCH // count**2)
         for some in np.split(same, range(step, len(same), step)):
-            parts.append(_between_heights(edges[np.isin(owner, some)].reshape(-1, count, 2, 2)))
-    return np.concatenate(parts)
+            of_some = edges[np.isin(owner, some)].reshape(-1, count, 2, 2)
+            trapezoids, indices = _between_heights(of_some)
+            parts.append(trapezoids)
+            owners.append(some[indices])
+    return np.concatenate(parts), np.concatenate(owners)
 
 
-def _between_heights(edges: Floats) -> Trapezoids:
-    """Trapezoids of polygons with equal numbers of edges, (n, m, 2, 2)."""
+def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
+    """Trapezoids of polygons with equal numbers of edges, (n, m, 2, 2); indices of polygons."""
     (x, y), (end_x, end_y) = edges.transpose(2, 3, 0, 1)[..., None, :]
     heights = np.sort(y[:, 0])
     low, high = heights[:, :-1, None], heights[:, 1:, None]
@@ -241,7 +244,8 @@ def _between_heights(edges: Floats) -> Trapezoids:
     pairs = ends[..., : 2 * (ends.shape[-1] // 2)].transpose(1, 2, 3, 0)
     left, right = pairs[:, :, ::2], pairs[:, :, 1::2]
     levels = np.broadcast_to(np.stack([low, high], axis=-1), left.shape)
-    return np.stack([levels, left, right], axis=-2)[np.isfinite(right).all(axis=-1)]
+    is_inside = np.isfinite(right).all(axis=-1)
+    return np.stack([levels, left, right], axis=-2)[is_inside], np.nonzero(is_inside)[0]
 
 
 def node_counts(
@@ -249,13 +253,13 @@ def node_counts(
 ) -> Indices:
     """Numbers of rows of trapezoids and of nodes on a row, (n, 2).
 
-    ``rates`` : (2,) largest frequencies of the integrand along x and y in 1/m.
+    ``rates`` : (2,) or (n, 2) largest frequencies of the integrand along x and y in 1/m.
     ``nearest`` : distance of its poles from the plane in m.
     """
     y, left, right = trapezoids.transpose(1, 0, 2)
     height, width = np.diff(y)[:, 0], (right - left).max(axis=1)
     aslant = np.maximum(abs(np.diff(left)), abs(np.diff(right)))[:, 0]
-    over_x, over_y = rates.tolist()
+    over_x, over_y = rates[..., 0], rates[..., 1]
     cycles = np.stack([over_y * height + over_x * aslant, over_x * width], axis=1)
     sizes = np.stack([np.maximum(height, aslant), width], axis=1) / 2
     with np.errstate(divide="ignore"):
@@ -276,15 +280,22 @@ def rows_of(trapezoids: Trapezoids, counts: Indices) -> tuple[Floats, Floats, Fl
     return left[..., None] + length * along, y, height * of_rows[:, None] * length * on_row
 
 
-def rule_on(trapezoids: Trapezoids, rates: Floats, error: float, extra: int) -> Rule:
-    """Return a rule on all trapezoids, with ``extra`` nodes more than :func:`node_counts`."""
+def rule_on(
+    trapezoids: Trapezoids, rates: Floats, error: float, extra: int
+) -> tuple[Floats, Floats, Indices]:
+    """Return a rule on all trapezoids, and the index (n,) of the trapezoid of each node.
+
+    The rule has ``extra`` nodes more than :func:`node_counts` along each line.
+    """
     counts = node_counts(trapezoids, rates, error) + extra
-    nodes, weights = [], []
+    nodes, weights, owners = [], [], []
     for shared in np.unique(counts, axis=0):
-        x, y, amounts = rows_of(trapezoids[(counts == shared).all(axis=1)], shared)
+        members = np.flatnonzero((counts == shared).all(axis=1))
+        x, y, amounts = rows_of(trapezoids[members], shared)
         nodes.append(np.stack([x, np.broadcast_to(y[..., None], x.shape)], axis=-1).reshape(-1, 2))
         weights.append(amounts.ravel())
-    return np.concatenate(nodes), np.concatenate(weights)
+        owners.append(np.repeat(members, amounts[0].size))
+    return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
 
 
 @lru_cache(maxsize=1024)

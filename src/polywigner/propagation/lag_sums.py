@@ -1,0 +1,308 @@
+"""Irradiance of partially coherent light as sums over short lags.
+
+If the coherence width is far below the size of the source, only lags of a few widths interfere. In
+parabolic waves the integral over mean positions is the ambiguity function (PC10). In spherical
+waves it is a sum over pairs of points on the source (PC11).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.geometry import Wavefront
+from polywigner.geometry.parts import grid_size, polygons_in
+from polywigner.numerics.nodes import normal_product_rule
+from polywigner.optics import FirstOrder
+from polywigner.propagation.quadrature import (
+    Trapezoids,
+    largest_rates,
+    node_counts,
+    rule_on,
+    trapezoids_of,
+)
+from polywigner.source.normal_form import SourceElement, normal_form
+from polywigner.source.obliquities import Obliquity, direction_cosines
+from polywigner.transforms import ambiguity
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Channel = Floats | None
+"""Part of a field: None for the field itself, the frequency (2,) of a wave for its slope."""
+
+# Largest lag in coherence widths: beyond, the degree of coherence is below 1e-10.
+_LONGEST = 6.8
+# Error of a wave in the coarsest rule; frequency of the degree of coherence times the width; and
+# additional nodes of the rules, which are tried until two of them agree.
+_ERROR, _OF_NORMAL, _LEVELS = 1e-7, 0.48, (0, 2, 5, 10, 18)
+# Largest numbers of kink segments that are cut into cells, and of lags behind systems.
+_MOST_KINKS, _MOST_NODES = 2000, 1 << 20
+# Array elements per block.
+_BLOCK = 1 << 22
+
+
+def _sum_over_lags(
+    irradiance: Callable[[Floats, Floats, int], Floats],
+    cells: Trapezoids,
+    rates: Floats,
+    error: float,
+) -> Floats | None:
+    """Irradiance (n,) at a given number of additional nodes, lags (m, 2) and weights (m,).
+
+    The rule is refined until the values change by less than ``error`` of the largest irradiance;
+    None if they do not converge.
+    """
+    previous: Floats | None = None
+    for extra in _LEVELS:
+        lags, weights, _ = rule_on(cells, rates, _ERROR, extra)
+        # the factor 2 accounts for the opposite lags
+        values = irradiance(lags, 2.0 * weights, extra)
+        if previous is not None and abs(values - previous).max() <= error * abs(values).max():
+            return values
+        previous = values
+    return None
+
+
+def _longest_lags(source: Wavefront) -> Floats:
+    sides = np.subtract(*np.reshape(source.bounds, (2, 2))[::-1])
+    return np.asarray(np.minimum(sides, _LONGEST * source.coherence_width))
+
+
+def _lag_cells(source: Wavefront) -> Trapezoids:
+    """Trapezoids that tile half of the lags that interfere.
+
+    No kink of A crosses them, unless there are too many kinks. The kinks are the segments
+    V_i - E_k of all vertices V_i and edges E_k.
+    """
+    reach = _longest_lags(source)
+    half = shapely.box(-reach[0], 0.0, reach[0], reach[1])
+    rings = normal_form(source).rings
+    begin = np.concatenate(rings)
+    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    kinks: list[Any] = []
+    for start in range(0, len(begin), 256):
+        vertices = begin[start : start + 256, None]
+        segments = np.stack([vertices - begin, vertices - end], axis=2).reshape(-1, 2, 2)
+        lines = shapely.linestrings(segments)
+        kinks.extend(lines[shapely.intersects(lines, half) & (shapely.length(lines) > 0)])
+        if len(kinks) > _MOST_KINKS:
+            return trapezoids_of([half])[0]
+    cut = shapely.intersection(np.array(kinks, object), half)
+    noded = shapely.union_all([*cut, half.boundary], grid_size=grid_size(np.diag(reach)))
+    return trapezoids_of(np.array(polygons_in(shapely.polygonize([noded])), object))[0]
+
+
+def summed_over_lags(
+    source: Wavefront, points: Floats, wavelength: float, system: FirstOrder, error: float
+) -> Floats | None:
+    """Irradiance (n,) at points (n, 2) behind a system by (PC10); None: too many nodes, or B = 0.
+
+    ``error`` is relative to the largest irradiance.
+    """
+    determinant = abs(float(np.linalg.det(system.B)))
+    if not determinant > 0.0:
+        return None
+    inverse = np.linalg.inv(system.B)
+    bend, nu = inverse @ system.A / wavelength, points @ inverse.T / wavelength
+    bend = (bend + bend.T) / 2
+    (x0, y0), (x1, y1) = np.reshape(source.bounds, (2, 2))
+    corners = np.array([(x0, y0), (x0, y1), (x1, y0), (x1, y1)])
+    rates = corners @ (bend + source.curvature) - source.curvature @ source.centre - nu[:, None]
+    frequencies = normal_form(source).frequencies
+    highest = float(np.linalg.norm(frequencies, axis=1).max())
+    largest = abs(rates).max(axis=(0, 1), initial=0.0) + highest
+    largest = np.hypot(largest, _OF_NORMAL / source.coherence_width)
+    cells = _lag_cells(source)
+    if node_counts(cells, largest, _ERROR).prod(axis=1).sum() > _MOST_NODES:
+        return None
+
+    def irradiance(lags: Floats, weights: Floats, extra: int) -> Floats:
+        values = np.asarray(ambiguity(source, -lags @ bend, lags)) * weights
+        total = np.empty(len(points))
+        step = max(1, _BLOCK // len(lags))
+        for start in range(0, len(points), step):
+            waves = np.exp(-2j * np.pi * (nu[start : start + step] @ lags.T))
+            total[start : start + step] = (waves @ values).real
+        return total / (wavelength**2 * determinant)
+
+    return _sum_over_lags(irradiance, cells, largest, error)
+
+
+# ---- spherical waves -----------------------------------------------------------------------------
+
+# Time [ns] of a pair for each point, and of the intersection of two outlines, for each vertex.
+_PAIR, _CUT = 60.0, 2e4
+# The coarsest rule and the next one, which checks it, take so many times the coarsest one.
+_BOTH = 2.5
+# Standard deviations of the tilts, beyond which waves may graze the plane; error of means over
+# tilts.
+_GRAZING, _MEAN_ERROR = 5.0, 1e-8
+# Lags per block; pairs and points per block, which stay in the cache.
+_LAGS, _PAIRS, _POINTS = 256, 1 << 12, 4
+
+
+def channels_of(source: Wavefront, condition: Obliquity) -> list[Channel]:
+    """Return the parts of the field that a boundary condition takes."""
+    channels: list[Channel] = [None] if condition.field else []
+    return channels + (list(normal_form(source).frequencies) if condition.slope else [])
+
+
+def channel_at(element: SourceElement, channel: Channel, x: Floats) -> Complex | float:
+    """Return the values (...) of a channel at x (..., 2), without the weight of the element."""
+    if channel is None:
+        return 1.0 if element.illumination is None else element.illumination(x)
+    amplitude = element.amplitudes[(element.frequencies == channel).all(axis=1)].sum()
+    return np.asarray(amplitude * np.exp(2j * np.pi * (x @ channel)))
+
+
+def summed_over_pairs(
+    source: Wavefront,
+    points: Floats,
+    wavelength: float,
+    condition: Obliquity,
+    error: float,
+    longest_time: float,
+) -> Floats | None:
+    """Irradiance (n,) at points (n, 3) by (PC11).
+
+    None if the estimated time exceeds ``longest_time`` in ns, if the sums do not converge, or if
+    the condition requires normal derivatives of curved waves or of waves that graze the plane.
+    """
+    width, form = source.coherence_width, normal_form(source)
+    steepest = np.linalg.norm(form.frequencies, axis=1).max() + _GRAZING / (2 * np.pi * width)
+    is_steep = wavelength * steepest < 1.0 and source.is_flat
+    if condition.needs_normal_derivative and not is_steep:
+        return None
+    elements = form.in_plane.elements
+    # bound on the second derivatives of the phase, in cycles
+    bend = 1.0 / (wavelength * points[:, 2].min()) + float(np.linalg.norm(source.curvature, 2))
+    largest = 2.0 * abs(form.frequencies).max(axis=0)
+
+    def mean_rates(lags: Floats) -> Floats:
+        return np.asarray(bend * np.linalg.norm(lags, axis=-1, keepdims=True) + largest)
+
+    reach = _longest_lags(source)
+    rates = largest_rates(source, points, wavelength).max(axis=0)
+    rates = np.hypot(rates, _OF_NORMAL / width)
+    cells = _lag_cells(source)
+    polygons = shapely.get_parts([element.shape.polygons for element in elements])
+    tiles, _ = trapezoids_of(polygons)
+    counts = [node_counts(cells, rates, _ERROR), node_counts(tiles, mean_rates(reach / 2), _ERROR)]
+    lag_count, mean_count = (float(count.prod(axis=1).sum()) for count in counts)
+    time = len(points) * _PAIR * mean_count + _CUT * sum(len(ring) for ring in form.rings)
+    if _BOTH * lag_count * time > longest_time:
+        return None
+    channels = channels_of(source, condition)
+    groups = 1 + (condition.field > 0 and condition.slope > 0)
+    neighbours = [
+        (one, other)
+        for one, other in product(elements, repeat=2)
+        if one.shape.polygons.distance(other.shape.polygons) <= np.linalg.norm(reach)
+    ]
+
+    def irradiance(lags: Floats, weights: Floats, extra: int) -> Floats:
+        total = np.zeros(len(points))
+        for start in range(0, len(lags), _LAGS):
+            xi = lags[start : start + _LAGS]
+            degrees = _degrees(channels, xi, width, wavelength) * weights[start : start + _LAGS]
+            for one, other in neighbours:
+                x, amounts, lag_of = _pairs(one, other, xi, mean_rates(xi), extra)
+                lag = xi[lag_of]
+                bends = ((x - source.centre) @ source.curvature * lag).sum(axis=1)
+                factor = amounts * one.weight * np.conj(other.weight) * np.exp(2j * np.pi * bends)
+                first = [factor * channel_at(one, c, x + lag / 2) for c in channels]
+                second = [np.conj(channel_at(other, c, x - lag / 2)) for c in channels]
+                # the channels of all waves have the same factor at a point
+                mutual = np.zeros((groups, groups, len(x)), np.complex128)
+                for (a, u), (b, v) in product(enumerate(first), enumerate(second)):
+                    mutual[min(a, groups - 1), min(b, groups - 1)] += degrees[a, b][lag_of] * u * v
+                _add_waves(total, points, x, lag, mutual, condition, 2 * math.pi / wavelength)
+        return total / wavelength**2
+
+    return _sum_over_lags(irradiance, cells, rates, error)
+
+
+def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength: float) -> Complex:
+    """Means of p_a p_b* exp(2 pi i t.xi) over tilts t, (a, b, lags), for lags xi (n, 2).
+
+    The normal derivative of a wave kappa with the tilt t is ik p_z(kappa + t) times the wave. For
+    the field itself p is 1.
+    """
+    if all(channel is None for channel in channels):
+        return np.exp(-0.5 * (lags**2).sum(axis=1) / width**2).astype(complex)[None, None]
+    reach = float(np.linalg.norm(lags, axis=1).max()) / width
+    nodes, weights = normal_product_rule((reach, reach), _MEAN_ERROR)
+    tilts = nodes / (2 * math.pi * width)
+    cosines = np.stack(
+        [
+            np.ones(len(tilts)) if kappa is None else direction_cosines(tilts + kappa, wavelength)
+            for kappa in channels
+        ]
+    )
+    waves = np.exp(2j * np.pi * (lags @ tilts.T)) * weights
+    # not a product of BLAS, whose threads take longer to synchronise
+    return np.asarray(np.einsum("at,bt,lt->abl", cosines, cosines.conj(), waves))
+
+
+def _pairs(
+    one: SourceElement, other: SourceElement, lags: Floats, rates: Floats, extra: int
+) -> tuple[Floats, Floats, NDArray[np.intp]]:
+    """Mean positions (n, 2) of points on two elements, weights (n,), and indices (n,) of lags."""
+    common = shapely.intersection(_shifted(one, -lags / 2), _shifted(other, lags / 2))
+    parts, lag_of_part = shapely.get_parts(common, return_index=True)
+    has_area = shapely.area(parts) > 0
+    if not has_area.any():
+        return np.empty((0, 2)), np.empty(0), np.empty(0, np.intp)
+    cells, part_of = trapezoids_of(parts[has_area])
+    lag_of_cell = lag_of_part[has_area][part_of]
+    nodes, weights, cell_of = rule_on(cells, rates[lag_of_cell], _ERROR, extra)
+    return nodes, weights, lag_of_cell[cell_of]
+
+
+def _shifted(element: SourceElement, shifts: Floats) -> NDArray[np.object_]:
+    copies = np.full(len(shifts), element.shape.polygons, np.object_)
+    corners, owner = shapely.get_coordinates(copies, return_index=True)
+    return np.asarray(shapely.set_coordinates(copies, corners + shifts[owner]))
+
+
+def _add_waves(
+    total: Floats,
+    points: Floats,
+    means: Floats,
+    lags: Floats,
+    mutual: Complex,
+    condition: Obliquity,
+    k: float,
+) -> None:
+    """Add the waves from pairs (m,) with mutual intensities (c, c, m) to the total (n,)."""
+
+    def factors(z: Floats, distance: Floats, k: float) -> list[Complex | float]:
+        slope = np.asarray(condition.field * (z / distance) * (1 + 1j / (k * distance)), complex)
+        values: list[Complex | float] = [slope] if condition.field else []
+        return values + ([condition.slope] if condition.slope else [])
+
+    for start, low in product(range(0, len(means), _PAIRS), range(0, len(points), _POINTS)):
+        pairs, some = slice(start, start + _PAIRS), slice(low, low + _POINTS)
+        (x, y), (xi, eta) = means[pairs].T, lags[pairs].T
+        px, py, z = points[some].T[:, :, None]
+        dx, dy = x - px, y - py
+        along = dx * xi + dy * eta
+        square = dx * dx + dy * dy + (z * z + 0.25 * (xi * xi + eta * eta))
+        first, second = np.sqrt(square + along), np.sqrt(square - along)
+        # the difference of the distances without loss of digits
+        phase = (2 * k) * along / (first + second)
+        waves = (np.cos(phase) + 1j * np.sin(phase)) / (first * second)
+        terms = zip(
+            product(factors(z, first, k), factors(z, second, -k)),
+            mutual[..., pairs].reshape(-1, len(x)),
+            strict=True,
+        )
+        value = sum(ahead * behind * weights for (ahead, behind), weights in terms)
+        # NumPy's sum: threads of BLAS take longer than such short products
+        total[some] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
