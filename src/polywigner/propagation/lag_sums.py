@@ -138,8 +138,8 @@ def summed_over_lags(
 
 # Time [ns] of a pair for each point, and of the intersection of two outlines, for each vertex.
 _PAIR, _CUT = 60.0, 2e4
-# The coarsest rule and the next one, which checks it, take so many times the coarsest one.
-_BOTH = 2.5
+# Time of the coarsest rule and of the next one, which checks it, over that of the coarsest rule.
+_TWO_RULES = 2.5
 # Standard deviations of the tilts, beyond which waves may graze the plane; error of means over
 # tilts.
 _GRAZING, _MEAN_ERROR = 5.0, 1e-8
@@ -196,7 +196,7 @@ def summed_over_pairs(
     counts = [node_counts(cells, rates, _ERROR), node_counts(tiles, mean_rates(reach / 2), _ERROR)]
     lag_count, mean_count = (float(count.prod(axis=1).sum()) for count in counts)
     time = len(points) * _PAIR * mean_count + _CUT * sum(len(ring) for ring in form.rings)
-    if _BOTH * lag_count * time > longest_time:
+    if _TWO_RULES * lag_count * time > longest_time:
         return None
     channels = channels_of(source, condition)
     groups = 1 + (condition.field > 0 and condition.slope > 0)
@@ -222,7 +222,8 @@ def summed_over_pairs(
                 mutual = np.zeros((groups, groups, len(x)), np.complex128)
                 for (a, u), (b, v) in product(enumerate(first), enumerate(second)):
                     mutual[min(a, groups - 1), min(b, groups - 1)] += degrees[a, b][lag_of] * u * v
-                _add_waves(total, points, x, lag, mutual, condition, 2 * math.pi / wavelength)
+                k = 2 * math.pi / wavelength
+                total += _sum_of_waves(points, x, lag, mutual, condition, k)
         return total / wavelength**2
 
     return _sum_over_lags(irradiance, cells, rates, error)
@@ -271,16 +272,11 @@ def _shifted(element: SourceElement, shifts: Floats) -> NDArray[np.object_]:
     return np.asarray(shapely.set_coordinates(copies, corners + shifts[owner]))
 
 
-def _add_waves(
-    total: Floats,
-    points: Floats,
-    means: Floats,
-    lags: Floats,
-    mutual: Complex,
-    condition: Obliquity,
-    k: float,
-) -> None:
-    """Add the waves from pairs (m,) with mutual intensities (c, c, m) to the total (n,)."""
+def _sum_of_waves(
+    points: Floats, means: Floats, lags: Floats, mutual: Complex, condition: Obliquity, k: float
+) -> Floats:
+    """Sum (n,) at points (n, 3) of waves from m pairs with mutual intensities (c, c, m)."""
+    total = np.zeros(len(points))
 
     def factors(z: Floats, distance: Floats, k: float) -> list[Complex | float]:
         slope = np.asarray(condition.field * (z / distance) * (1 + 1j / (k * distance)), complex)
@@ -306,3 +302,4 @@ def _add_waves(
         value = sum(ahead * behind * weights for (ahead, behind), weights in terms)
         # NumPy's sum: threads of BLAS take longer than such short products
         total[some] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
+    return total
