@@ -236,8 +236,8 @@ def _delta_path(
     strength = float(emission.mean())
     if strength == 0.0:
         return None
-    transmission, _ = traced(scene, points, receiver, None, chain)
-    matrix = np.einsum("n,nij->ij", emission, transmission) / (strength * len(end))
+    transmitted, _ = traced(scene, points, receiver, None, chain)
+    matrix = np.einsum("n,nij->ij", emission, transmitted) / (strength * len(end))
     terms = _areas(receiver, image, light.is_infinite)
     coupling, matched = _received(terms, receiver, matrix)
     transmission = float(matrix[0, 0])
