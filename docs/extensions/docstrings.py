@@ -16,7 +16,9 @@ from typing import Any
 
 from polywigner import errors
 
-SECTION = re.compile(r"^(Parameters|Attributes|Returns|Yields|Raises|Warns|Notes)\n-{3,}\n", re.M)
+SECTION = re.compile(
+    r"^(Parameters|Attributes|Returns|Yields|Raises|Warns|Notes|References|Examples)\n-{3,}\n", re.M
+)
 ITEM = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) ?: (.*)$")
 TERM = re.compile(r"^\*{0,2}\w+(?:, \*{0,2}\w+)*\s*$")
 # Literals, roles and links are left as they are: odd pieces of a split by this.
