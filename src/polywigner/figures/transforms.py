@@ -148,7 +148,7 @@ def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
     Parameters
     ----------
     aperture : outline of the source.
-    wavelength : as of :func:`transform_slices`.
+    wavelength : as in :func:`transform_slices`.
     """
     aperture = outline_of(aperture)
     sampling = pw.suggest_sampling(aperture, reach=_half_width(aperture, wavelength))

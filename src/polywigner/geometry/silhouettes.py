@@ -106,7 +106,7 @@ class Obstacle:
         return ends[net != 0.0]
 
     def outline(self, towards: Floats) -> Floats:
-        """Return the edges (m, 2, 3) of the silhouette for a distant source towards (3,)."""
+        """Return the silhouette's edges (m, 2, 3) for a distant source in the direction (3,)."""
         size = np.linalg.norm(self.vertices, axis=1).max()
         return self.vertices[self.silhouette(_AFAR * size / np.linalg.norm(towards) * towards)]
 

@@ -59,8 +59,9 @@ def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Comple
     return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)
 
 
-# Samples of a window on either side of its centre, and the number of times that windows shrink by
-# this factor: 4^-8 of a sample leaves 1e-9 of the peak.
+# Samples of a window on either side of its centre, which is also the factor by which the window
+# shrinks, and the number of times that it shrinks. The last position is known to 4^-8 of a sample;
+# a peak is quadratic there, so that its height is known to about its square, 1e-9.
 _WINDOW, _ROUNDS = 4, 8
 _EQUAL = 1e-9
 # Limit of the samples that are refined: peaks and their neighbours.

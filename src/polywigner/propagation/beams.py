@@ -154,7 +154,7 @@ class BeamMetrics:
 
     @property
     def principal_cuts(self) -> tuple[CutMetrics, ...]:
-        """Cuts next to the x axis, the y axis and the beam, without duplicates."""
+        """Return the cuts nearest to the x axis, the y axis and the beam, without duplicates."""
         azimuths = (0.0, math.pi / 2, *((self.phi,) if abs(self.theta) > _SAME_ANGLE else ()))
         nearest = (min(self.cuts, key=lambda cut: angle_between(cut.phi, phi)) for phi in azimuths)
         return tuple(dict.fromkeys(nearest))

@@ -316,8 +316,8 @@ _BLOCK = 1 << 15
 _MOST = 1 << 24
 # Extrapolation from pieces and their quarters leaves about the square of a departure.
 _SHARE = 0.7
-# Variances of positions over an equilateral triangle along an axis, in squares of its side, and of
-# points across an antenna, in squares of its extent.
+# Variance of positions along an axis: over an equilateral triangle, divided by the square of its
+# side; over an antenna, divided by the square of its extent.
 _OF_TRIANGLE, _OF_ANTENNA = 1 / 24, 1 / 12
 
 

@@ -419,8 +419,8 @@ def edge_wave(
     step = 4.0 * distance * pole * ops.sqrt(0.5 * paths.both * total_path * paths.closing)
     if blocked is not None:
         step = step * (1.0 - blocked * ops.exp(-2.0 * math.pi * paths.detour))
-    # The angle jumps where the axis meets the edge, and turns around its ends. It is evaluated at
-    # the same position next to the point for all edges, so that their sum is smooth.
+    # The angle jumps where the axis meets the edge, and turns around its ends. All edges evaluate
+    # it at one position with the same offset from the point, so that their sum is smooth.
     beside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
     step = step * beside.angle(ops, limit)
     return real + step + farther[0], imag + farther[1]

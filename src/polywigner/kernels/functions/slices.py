@@ -199,7 +199,10 @@ class SliceSum:
         return self._as_waves(results)
 
     def _sums(self, ops: Any, tables: Tables, place: Any, nu: Any) -> list[Any]:
-        """Sums at points (n,): (n,) for frequencies (n,), (n, m) for (1, m) or (n, m)."""
+        """Return sums at points (n,).
+
+        Frequencies (n,) give (n,); frequencies (1, m) or (n, m) give (n, m).
+        """
         is_shared, count = nu[0].ndim > 1, len(place[0])
         check = place[0] + place[1]
         check = check[:, None] + (nu[0] + nu[1]) if is_shared else check + (nu[0] + nu[1])

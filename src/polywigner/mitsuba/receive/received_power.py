@@ -239,7 +239,7 @@ def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
 def _scattering(
     scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
-    """Return the sampling of light scattered to a sensor, by its number."""
+    """Return how light scattered to the sensor of this index is sampled."""
     name = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator.class_name()
     if name in _NO_RADIANCE:
         raise SceneError(
