@@ -182,10 +182,11 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
 def _overlap(
     ops: Any, shift: Doubled, gap: Any, rest: Any, half: Any, other: Any
 ) -> tuple[Any, Any]:
-    """Length of the overlap, and the offset of its centre from the mean of the centres.
+    """Return the overlap's length, and the offset of its centre from the mean of both centres.
 
-    The centres are ``gap`` + ``rest`` - ``shift`` apart. While the shorter interval lies inside the
-    other, the overlap has its centre; beyond, the centre of the overlap stays fixed.
+    The intervals have half-lengths ``half`` and ``other``; their centres are
+    ``gap`` + ``rest`` - ``shift`` apart. While the shorter interval lies inside the other, the
+    overlap's centre is that of the shorter one. Otherwise the offset is constant.
     """
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (rest - shift[1]))

@@ -69,7 +69,7 @@ def _distance_from_neighbours(ring: Floats) -> Floats:
 
 
 def _distance_from_sides(ring: Floats, corners: Floats) -> float:
-    """Distance of the vertices from the nearest line through a side."""
+    """Return the largest distance of a vertex of ``ring`` from the nearest side of ``corners``."""
     along = np.roll(corners, -1, axis=0) - corners
     along = along / np.hypot(*along.T)[:, None]
     apart = ring[:, None] - corners
