@@ -21,6 +21,8 @@ SECTION = re.compile(
 )
 ITEM = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) ?: (.*)$")
 TERM = re.compile(r"^\*{0,2}\w+(?:, \*{0,2}\w+)*\s*$")
+# Columns of the docstring of a method; that of a function is four wider.
+WIDTH = 92
 # Literals, roles and links are left as they are: odd pieces of a split by this.
 SINGLE = re.compile(r"(?<![`:\w])`([^`\n]+)`(?![`_])")
 PAGE = re.compile(r"docs/(\w+)\.md")
@@ -52,8 +54,14 @@ def paragraphs(text: str) -> str:
     return "".join(written)
 
 
+def is_type(line: str, following: str) -> bool:
+    """Return whether a line ends with a type: a sentence follows whose first word would fit."""
+    word = following.split()[0] if following.startswith("    ") else ""
+    return word[:1].isupper() and len(line) + 1 + len(word) <= WIDTH
+
+
 def definitions(text: str) -> str:
-    """Parameters: one definition each, the whole sentence in its body."""
+    """Parameters: one definition each; its type, if on a line of its own, is a paragraph."""
     written: list[str] = []
     lines = text.splitlines()
     for line, following in itertools.zip_longest(lines, lines[1:], fillvalue=""):
@@ -61,6 +69,8 @@ def definitions(text: str) -> str:
         item = None if in_prose else ITEM.match(line)
         if item:
             written += [f"``{item[1]}``", f"    {item[2]}"]
+            if is_type(line, following):
+                written.append("")
         elif TERM.match(line) and following.startswith("    "):
             written.append(f"``{line.rstrip()}``")
         else:
