@@ -79,8 +79,8 @@ def error(array: Any, precision: str) -> float:
         return 0.0
     x, nu = points(math.isqrt(len(array)), CHECKED)
     energy = float((np.abs(array.weights) ** 2).sum())
-    found = pw.wigner(array, x, nu, engine="auto", precision=precision)
-    return float(np.abs(found - pair_sum(array, x, nu)).max()) / energy
+    result = pw.wigner(array, x, nu, engine="auto", precision=precision)
+    return float(np.abs(result - pair_sum(array, x, nu)).max()) / energy
 
 
 def timed(call: Callable[[], None]) -> float:

@@ -125,11 +125,11 @@ def table(rows: dict[str, Row], reference: dict[str, Row]) -> list[str]:
 
 def means(rows: dict[str, Row], reference: dict[str, Row]) -> str:
     both = [(row, reference[key]) for key, row in rows.items() if key in reference]
-    found = []
+    result = []
     for which in ("first", "next"):
         ratios = [math.log(row[which] / old[which]) for row, old in both]
-        found.append(f"{which} {math.exp(statistics.fmean(ratios)):.2f}" if ratios else "")
-    return f"\nGeometric means of the ratios of {len(both)} cases: " + ", ".join(found)
+        result.append(f"{which} {math.exp(statistics.fmean(ratios)):.2f}" if ratios else "")
+    return f"\nGeometric means of the ratios of {len(both)} cases: " + ", ".join(result)
 
 
 def main() -> None:
@@ -147,8 +147,8 @@ def main() -> None:
     for function, count in (("wigner", 2), ("ambiguity", 2), ("fourier", 1)):
         getattr(pw, function)(square, *[origin] * count, engine="numpy")
     for case in cases(chosen):
-        found = [in_child(case) for _ in range(PROCESSES)]
-        rows[str(case)] = dict(zip(("first", "next"), map(min, *found), strict=True))
+        result = [in_child(case) for _ in range(PROCESSES)]
+        rows[str(case)] = dict(zip(("first", "next"), map(min, *result), strict=True))
         print(case, rows[str(case)], flush=True)
         chosen.into.parent.mkdir(parents=True, exist_ok=True)
         chosen.into.write_text(json.dumps(rows, indent=1) + "\n")

@@ -187,8 +187,8 @@ def timed(case: Case, engine: str) -> Timed:
                 start = time.process_time()
                 function(source, *given, engine=engine)
                 times.append(time.process_time() - start)
-            found = Timed(times[0], min(times[1:]))
-            os.write(writer, pickle.dumps(found))
+            result = Timed(times[0], min(times[1:]))
+            os.write(writer, pickle.dumps(result))
         except Exception:
             traceback.print_exc()
         finally:
@@ -220,14 +220,14 @@ def main() -> None:
     print("source | function | layout | samples | first: auto, numpy, llvm | next | regrets")
     worst = [0.0, 0.0]
     for case in cases(chosen):
-        found = timed(case, "auto")
-        times = {"auto": (found.first, found.next)}
+        result = timed(case, "auto")
+        times = {"auto": (result.first, result.next)}
         if max(times["auto"]) <= COUNTED:
-            print(f"{case} | {found.first:.2g} | {found.next:.2g} | not counted", flush=True)
+            print(f"{case} | {result.first:.2g} | {result.next:.2g} | not counted", flush=True)
             continue
         for engine in ENGINES[1:]:
-            found = timed(case, engine)
-            times[engine] = (found.first, found.next)
+            result = timed(case, engine)
+            times[engine] = (result.first, result.next)
         regrets = []
         for k in (0, 1):
             best = min(seconds[k] for seconds in times.values())

@@ -56,8 +56,8 @@ def main() -> None:
         for name, (function, points, values) in cases.items():
             for precision in PRECISIONS:
                 for engine in ENGINES:
-                    found = function(source, *points, precision=precision, engine=engine)
-                    error = float(np.abs(found - np.array(values)).max()) / source.area
+                    result = function(source, *points, precision=precision, engine=engine)
+                    error = float(np.abs(result - np.array(values)).max()) / source.area
                     worst.setdefault((name, precision, engine), []).append(error)
     draws = options.outlines * options.each
     print(f"{draws} draws of each function: largest error / area, median over outlines")

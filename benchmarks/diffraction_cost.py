@@ -60,9 +60,9 @@ class Counts(logging.Handler):
     """Edges and points that the package's log tells of."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        found = re.search(r"(\d+) faces, (\d+) edges of (\d+) points", record.getMessage())
-        if found:
-            self.faces, self.edges, self.points = map(int, found.groups())
+        result = re.search(r"(\d+) faces, (\d+) edges of (\d+) points", record.getMessage())
+        if result:
+            self.faces, self.edges, self.points = map(int, result.groups())
 
 
 def seconds(made: Any) -> tuple[float, float]:

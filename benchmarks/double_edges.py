@@ -50,8 +50,8 @@ def behind(obstacles: Any, x: Array, z: Array | float) -> Array:
     points = np.stack(np.broadcast_arrays(x, 0.0, z), axis=-1)
     source = pw.PointSource((0.0, 0.0, -DISTANCE), DISTANCE)
     # as a wave that is 1 at z = 0, in which half wavelengths of its long way are not lost
-    found = pw.amplitude(source, points, 1.0, "kirchhoff", obstacles=obstacles, tolerance=1e-4)
-    return np.asarray(found * np.exp(-2j * np.pi * (DISTANCE % 1.0)))
+    result = pw.amplitude(source, points, 1.0, "kirchhoff", obstacles=obstacles, tolerance=1e-4)
+    return np.asarray(result * np.exp(-2j * np.pi * (DISTANCE % 1.0)))
 
 
 def cascade(top: float, separation: float, x: Array, z: Array) -> Array:
@@ -83,9 +83,9 @@ def compared(top: float, separation: float) -> tuple[Array, Array]:
     return np.abs(behind(both, x, z)), np.abs(cascade(top, separation, x, z))
 
 
-def differences(found: list[tuple[Array, Array]]) -> Any:
+def differences(result: list[tuple[Array, Array]]) -> Any:
     """Levels of silhouettes above those of the cascade in dB (angle, place), where it is bright."""
-    single, double = (np.maximum(np.array(part).T, 1e-6) for part in zip(*found, strict=True))
+    single, double = (np.maximum(np.array(part).T, 1e-6) for part in zip(*result, strict=True))
     off = 20 * np.log10(single / double)
     return np.ma.masked_where(20 * np.log10(double) < FLOOR, off)
 

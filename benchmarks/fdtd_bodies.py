@@ -168,7 +168,7 @@ def field_around(
     totals = [np.zeros_like(face.flow.real) for face in faces]
     periods = RAMP + SETTLING + np.sqrt(2 * wide**2 + (far - near) ** 2) + half
     start = int(np.ceil(periods)) * steps
-    found = np.zeros(room.p.shape, np.complex64)
+    result = np.zeros(room.p.shape, np.complex64)
     for n in range(start + steps):
         room.step_v()
         before, now = _phase(n / steps), _phase((n + 0.5) / steps)
@@ -195,13 +195,13 @@ def field_around(
                 room.p[face.outside] += half_flow
                 room.p[face.inside] += half_flow
         if n >= start:
-            found += room.p * (np.exp(2j * np.pi * (n + 1) / steps) * 2 / steps).astype(
+            result += room.p * (np.exp(2j * np.pi * (n + 1) / steps) * 2 / steps).astype(
                 np.complex64
             )
     phase = np.exp(1j * k * (centres[0] * direction[0])[:, None, None])
     incident = phase * np.exp(1j * k * (centres[2] * direction[2]))
     kept = (slice(layer, -layer), slice(0, -layer), slice(layer, -layer))
-    values = (incident + (-found if body == "jumps" else found))[kept]
+    values = (incident + (-result if body == "jumps" else result))[kept]
     x, y, z = (c[s] for c, s in zip(centres, kept, strict=True))
     return Waves(x, y, z, values)
 
@@ -276,11 +276,11 @@ def sampled(waves: Waves) -> tuple[Array, Array]:
     return np.concatenate(columns), np.concatenate(levels)
 
 
-def compared(points: Array, found: Array, angle: float, depth: float) -> str:
+def compared(points: Array, result: Array, angle: float, depth: float) -> str:
     """Rms and largest difference in dB where FDTD is above the floor, and how many points are."""
     model = np.abs(silhouette_field(points, angle, depth))
-    chosen = 20 * np.log10(found) > FLOOR
-    off = 20 * np.log10(model[chosen] / found[chosen])
+    chosen = 20 * np.log10(result) > FLOOR
+    off = 20 * np.log10(model[chosen] / result[chosen])
     return f"{np.sqrt(np.mean(off**2)):.2f} | {np.abs(off).max():.2f} | {chosen.mean():.0%}"
 
 
@@ -296,13 +296,13 @@ def main() -> None:
     print("|---|--:|--:|--:|--:|--:|--:|")
     for (body, shape), angle, cells in product(CASES, ANGLES, chosen.cells):
         start, depth = time.process_time(), SHAPES[shape]
-        points, found = sampled(field_around(body, angle, cells, depth))
+        points, result = sampled(field_around(body, angle, cells, depth))
         taken = time.process_time() - start
-        row = compared(points, found, angle, depth)
+        row = compared(points, result, angle, depth)
         print(f"| {shape}, {body} | {angle:.0f}° | {cells} | {row} | {taken:.0f} |", flush=True)
         if cells == stored["cells"]:
             stored["points"] = points.round(6).tolist()[::STORED]
-            stored[f"{shape}, {body}, {angle:.0f}"] = found.round(4).tolist()[::STORED]
+            stored[f"{shape}, {body}, {angle:.0f}"] = result.round(4).tolist()[::STORED]
     if chosen.store:
         chosen.store.write_text(json.dumps(stored) + "\n", "utf-8")
 

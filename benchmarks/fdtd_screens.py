@@ -98,14 +98,14 @@ class Lattice:
         last = self.v[axis].shape[axis]
         place = _along(axis, slice(last - layer, last))
         shape = [-1 if k == axis else 1 for k in range(3)]
-        found = []
+        result = []
         for offset in (0.5, 0.0):
             depth = (np.arange(layer) + offset) / layer
             damping = -2 * np.log(REFLECTION) / layer * self.courant * depth**3
             factors = 1 - damping / 2, 1 / (1 + damping / 2)
             before, after = (f.reshape(shape).astype(np.float32) for f in factors)
-            found.append((place, before, after))
-        return found
+            result.append((place, before, after))
+        return result
 
     def step(self, flow: Array | float) -> None:
         """One step; ``flow`` is v on the plane z = 0, as far as it is given there."""
@@ -199,12 +199,12 @@ def compared(field: Field, name: str, angle: float) -> str:
     """The differences on all planes, in dB and, of fields, as a part of the field."""
     levels, missing, whole = [], 0.0, 0.0
     for distance in DISTANCES:
-        points, found = _sampled(field, distance)
-        above = 20 * np.log10(np.abs(found) / np.abs(found).max()) > FLOOR
+        points, result = _sampled(field, distance)
+        above = 20 * np.log10(np.abs(result) / np.abs(result).max()) > FLOOR
         chosen = above & (np.hypot(*points[:, :2].T) < np.tan(np.radians(angle)) * points[:, 2])
-        model, some = values_of(name, points[chosen]), found[chosen]
+        model, some = values_of(name, points[chosen]), result[chosen]
         # irradiances of rays may be negative near nulls: they count as the floor
-        least = 10 ** (FLOOR / 20) * np.abs(found).max()
+        least = 10 ** (FLOOR / 20) * np.abs(result).max()
         size = np.maximum(np.abs(model), least)
         levels.append(20 * np.log10(size / np.maximum(np.abs(some), least)))
         missing += (np.abs(model - some) ** 2).sum()
@@ -218,8 +218,8 @@ def values_of(name: str, points: Array) -> Array:
     source = pw.shapes.square(WIDTH)
     if name != RAYS:
         return pw.amplitude(source, points, 1.0, method=name, tolerance=1e-4)  # type: ignore[arg-type]
-    found = pw.irradiance(source, points, 1.0, obliquity="kirchhoff", tolerance=1e-2)
-    return np.sqrt(np.maximum(found, 0.0))
+    result = pw.irradiance(source, points, 1.0, obliquity="kirchhoff", tolerance=1e-2)
+    return np.sqrt(np.maximum(result, 0.0))
 
 
 def _sampled(field: Field, distance: float) -> tuple[Array, Array]:

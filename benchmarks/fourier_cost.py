@@ -63,7 +63,7 @@ def in_turns(actions: dict[str, Action], rounds: int) -> dict[str, list[float]]:
             start = clock()
             action()
             times[name].append(clock() - start)
-    return {name: sorted(found) for name, found in times.items()}
+    return {name: sorted(result) for name, result in times.items()}
 
 
 # Vertices
@@ -106,9 +106,9 @@ def vertex_costs() -> dict[str, dict[str, float]]:
                 samples[name] = count
     times = in_turns(actions, ROUNDS)
     table: dict[str, dict[str, float]] = {}
-    for name, found in times.items():
+    for name, result in times.items():
         contender, n = name.split("|")
-        value = statistics.median(found) / samples[name] * 1e9
+        value = statistics.median(result) / samples[name] * 1e9
         table.setdefault(contender, {})[n] = value
     return table
 
@@ -194,8 +194,8 @@ def measured(count: int) -> dict[str, Any]:
     environment = {**os.environ, **dict.fromkeys(names, str(count))}
     command = [sys.executable, __file__, "--here"]
     done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    result: dict[str, Any] = json.loads(done.stdout)
+    return result
 
 
 def main() -> None:
@@ -215,9 +215,9 @@ def main() -> None:
     report["first calls"] = first_calls()
     counts = sorted({1, cores()})
     for count in counts:
-        found = report[f"{count} threads"] = measured(count)
+        result = report[f"{count} threads"] = measured(count)
         first = report["first calls"] if count == counts[-1] else {}
-        print(f"## Threads: {count}\n\n{vertex_table(found['vertices'], first)}\n")
+        print(f"## Threads: {count}\n\n{vertex_table(result['vertices'], first)}\n")
     RESULTS.parent.mkdir(exist_ok=True)
     RESULTS.write_text(json.dumps(report, indent=1))
 

@@ -64,40 +64,40 @@ def _source(name: str) -> Any:
 
 def cases() -> dict[str, Callable[[], Any]]:
     """Return calls by name; each returns numbers."""
-    found: dict[str, Callable[[], Any]] = {}
+    result: dict[str, Callable[[], Any]] = {}
     for name in sources():
-        found[f"wigner, {name}"] = lambda s=name: pw.wigner(_source(s), X2, NU2)
-        found[f"ambiguity, {name}"] = lambda s=name: pw.ambiguity(_source(s), NU2, XI2)
-        found[f"autocorrelation, {name}"] = lambda s=name: pw.autocorrelation(_source(s), X2, XI2)
-        found[f"position marginal, {name}"] = lambda s=name: pw.position_marginal(_source(s), X2)
+        result[f"wigner, {name}"] = lambda s=name: pw.wigner(_source(s), X2, NU2)
+        result[f"ambiguity, {name}"] = lambda s=name: pw.ambiguity(_source(s), NU2, XI2)
+        result[f"autocorrelation, {name}"] = lambda s=name: pw.autocorrelation(_source(s), X2, XI2)
+        result[f"position marginal, {name}"] = lambda s=name: pw.position_marginal(_source(s), X2)
         if name != "partially coherent":
-            found[f"fourier, {name}"] = lambda s=name: pw.fourier(_source(s), NU2)
+            result[f"fourier, {name}"] = lambda s=name: pw.fourier(_source(s), NU2)
     for name in ("square", "chevron", "disc", "lattice"):
-        found[f"wigner of 20,000 points, {name}"] = lambda s=name: pw.wigner(
+        result[f"wigner of 20,000 points, {name}"] = lambda s=name: pw.wigner(
             _source(s), MANY_X, MANY_NU
         )
     for name in ("chevron", "cosine", "steered", "lattice"):
         for method in ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff", "fresnel"):
-            found[f"amplitude by {method}, {name}"] = lambda s=name, m=method: pw.amplitude(
+            result[f"amplitude by {method}, {name}"] = lambda s=name, m=method: pw.amplitude(
                 _source(s), FAR, LAM, method=m
             )
-        found[f"amplitude, far, {name}"] = lambda s=name: pw.amplitude(
+        result[f"amplitude, far, {name}"] = lambda s=name: pw.amplitude(
             _source(s), FAR, LAM, method="fraunhofer"
         )
-        found[f"irradiance by rays, {name}"] = lambda s=name: pw.irradiance(
+        result[f"irradiance by rays, {name}"] = lambda s=name: pw.irradiance(
             _source(s), FAR[:6], LAM, tolerance=1e-3, method="wigner"
         )
-        found[f"pattern, {name}"] = lambda s=name: pw.radiation_pattern(
+        result[f"pattern, {name}"] = lambda s=name: pw.radiation_pattern(
             _source(s), LAM, ANGLES, [0.0, 0.7]
         )["directivity"]
-        found[f"radiated power, {name}"] = lambda s=name: pw.radiated_power(_source(s), LAM)
+        result[f"radiated power, {name}"] = lambda s=name: pw.radiated_power(_source(s), LAM)
     chevron, square, facing = _source("chevron"), _source("square"), np.diag([-1.0, 1, -1, 1])
     facing[:3, 3] = 0.01, 0.02, 0.5
     corners = np.array([[x, y, z] for x in (0, 0.05) for y in (0, 0.03) for z in (0, 0.02)])
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     body = pw.Polyhedron(corners, sides)
     lens = pw.FirstOrder.free_space(0.05) @ pw.FirstOrder.lens(0.05)
-    found |= {
+    result |= {
         "coupling": lambda: pw.coupling(chevron, square, facing, LAM),
         "coupling of a lattice": lambda: pw.coupling(_source("lattice"), square, facing, LAM),
         "radiance": lambda: pw.radiance(chevron, X2, [0.1, 0.2, math.sqrt(0.95)], LAM),
@@ -124,7 +124,7 @@ def cases() -> dict[str, Callable[[], Any]]:
         ),
         "rays": lambda: pw.sample_rays(chevron, LAM, 64)["weight"],
     }
-    return found
+    return result
 
 
 def _numbers(value: Any) -> list[list[float]]:
@@ -135,14 +135,14 @@ def _numbers(value: Any) -> list[list[float]]:
 
 def write(path: str) -> None:
     """Record the values of all cases in a JSON file."""
-    found = {}
+    result = {}
     for name, call in cases().items():
         try:
-            found[name] = _numbers(call())
+            result[name] = _numbers(call())
         except Exception as error:
             print(f"{name}: {type(error).__name__}: {error}")
-    Path(path).write_text(json.dumps(found), encoding="utf-8")
-    print(f"{len(found)} cases")
+    Path(path).write_text(json.dumps(result), encoding="utf-8")
+    print(f"{len(result)} cases")
 
 
 def compare(path: str) -> int:
@@ -165,7 +165,7 @@ def compare(path: str) -> int:
 
 def _seconds() -> None:
     """Print the processor seconds of each case, called again and again in this process."""
-    found = {}
+    result = {}
     for name, call in cases().items():
         call()
         spent: list[float] = []
@@ -173,8 +173,8 @@ def _seconds() -> None:
             start = time.process_time()
             call()
             spent.append(time.process_time() - start)
-        found[name] = min(spent)
-    print(json.dumps(found))
+        result[name] = min(spent)
+    print(json.dumps(result))
 
 
 def rates(other: str, rounds: int = 2) -> None:

@@ -31,8 +31,8 @@ def seconds(make: Callable[[], Values]) -> tuple[Values, float]:
     """A result, and the processor seconds of its second computation."""
     make()
     start = time.process_time()
-    found = make()
-    return found, time.process_time() - start
+    result = make()
+    return result, time.process_time() - start
 
 
 def closed() -> Values:
@@ -75,8 +75,8 @@ def main() -> None:
     print("|---|--:|--:|--:|--:|")
     print(f"| closed form | | | | {taken:.2f} |")
     for pixels, places in ((64, 20), (64, 40), (128, 40), (256, 80), (512, 160)):
-        found, taken = seconds(lambda p=pixels, n=places: abbe(p, n))
-        error = np.abs(found - truth).max() / truth.max()
+        result, taken = seconds(lambda p=pixels, n=places: abbe(p, n))
+        error = np.abs(result - truth).max() / truth.max()
         print(f"| Abbe's sum | {places}² | {pixels}² | {error:.1e} | {taken:.2f} |", flush=True)
 
 

@@ -98,7 +98,7 @@ def large(folder: Path, side: int) -> dict[str, float]:
     table = write(out, side)
     wall, cpu = time.perf_counter() - start, time.process_time() - busy
     index = np.random.default_rng(0).integers(0, side, (4, 20))
-    found = [float(table["W"][tuple(i)]) for i in index.T.tolist()]
+    result = [float(table["W"][tuple(i)]) for i in index.T.tolist()]
     x, y, nu_x, nu_y = (axis[i] for axis, i in zip(axes(side), index, strict=True))
     exact = pw.wigner(CHEVRON, np.stack([x, y], axis=-1), np.stack([nu_x, nu_y], axis=-1))
     return {
@@ -107,7 +107,7 @@ def large(folder: Path, side: int) -> dict[str, float]:
         "CPU seconds": cpu,
         "M samples/s": side**4 / wall / 1e6,
         "peak memory, GiB": peak_gib(),
-        "largest error/area": float(np.abs(found - exact).max() / CHEVRON.area),
+        "largest error/area": float(np.abs(result - exact).max() / CHEVRON.area),
     }
 
 
@@ -116,7 +116,7 @@ def volume(folder: Path, side: int) -> dict[str, float]:
     square, wavelength = pw.shapes.square(10e-3), 3.189e-3
     box = ((-0.05, -0.05, 0.01), (0.05, 0.05, 0.11))
     start, busy = time.perf_counter(), time.process_time()
-    found = pw.volume(
+    result = pw.volume(
         square,
         box,
         (side, side, side),
@@ -129,9 +129,9 @@ def volume(folder: Path, side: int) -> dict[str, float]:
     )
     wall, cpu = time.perf_counter() - start, time.process_time() - busy
     index = np.random.default_rng(0).integers(0, side, (20, 3)).tolist()
-    (name,) = found.data_vars
-    values = [float(found[name][tuple(i)]) for i in index]
-    points = [[float(found[d][k]) for d, k in zip("xyz", i, strict=True)] for i in index]
+    (name,) = result.data_vars
+    values = [float(result[name][tuple(i)]) for i in index]
+    points = [[float(result[d][k]) for d, k in zip("xyz", i, strict=True)] for i in index]
     exact = np.abs(pw.amplitude(square, points, wavelength)) ** 2
     return {
         "GiB": side**3 * 4 / 2**30,

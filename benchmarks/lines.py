@@ -67,9 +67,9 @@ class Line:
         return asdict(self) | {"reached": self.reached}
 
     @classmethod
-    def from_json(cls, found: dict[str, Any]) -> Line:
+    def from_json(cls, result: dict[str, Any]) -> Line:
         """ValueError or TypeError for anything else than :meth:`as_json` gives."""
-        known = {k: found[k] for k in (f.name for f in fields(cls)) if k in found}
+        known = {k: result[k] for k in (f.name for f in fields(cls)) if k in result}
         for side in ("ours", "theirs"):
             known[side] = None if known[side] is None else Figure(**known[side])
         line = cls(**known)

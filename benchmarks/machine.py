@@ -37,13 +37,13 @@ def processor() -> str:
 def instructions() -> str:
     """The widest vectors that compilers use here."""
     flags = " ".join(_cpuinfo("flags")[:1]).split()
-    found = next((name for name in _INSTRUCTIONS if name in flags), None)
-    return found or {"arm64": "neon", "aarch64": "neon"}.get(platform.machine(), "unknown")
+    result = next((name for name in _INSTRUCTIONS if name in flags), None)
+    return result or {"arm64": "neon", "aarch64": "neon"}.get(platform.machine(), "unknown")
 
 
 def facts() -> dict[str, str | int | float | None]:
     """What to know of the machine when reading the figures."""
-    found: dict[str, str | int | float | None] = {
+    result: dict[str, str | int | float | None] = {
         "processor": processor(),
         "architecture": platform.machine(),
         "instructions": instructions(),
@@ -54,7 +54,7 @@ def facts() -> dict[str, str | int | float | None]:
         "llvm": _llvm(),
         "load before": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
     }
-    return found | {name: _version(name) for name in LIBRARIES}
+    return result | {name: _version(name) for name in LIBRARIES}
 
 
 def _cpuinfo(key: str) -> list[str]:

@@ -53,11 +53,11 @@ def places(source: Any, count: int) -> np.ndarray:
     """Positions inside the automean, by which most of its box may be empty."""
     support = mutual_support(source)
     rng, low, high = np.random.default_rng(count), *np.reshape(support.bounds, (2, 2))
-    found = np.empty((0, 2))
-    while len(found) < count:
+    result = np.empty((0, 2))
+    while len(result) < count:
         more = rng.uniform(low, high, (4 * count, 2))
-        found = np.concatenate([found, more[shapely.contains_xy(support.polygons, *more.T)]])
-    return found[:count]
+        result = np.concatenate([result, more[shapely.contains_xy(support.polygons, *more.T)]])
+    return result[:count]
 
 
 def compare(call: Callable[..., Any], rows: np.ndarray, columns: np.ndarray) -> list[float]:
@@ -105,8 +105,8 @@ def main() -> None:
                 p: max(r[2] for r, (_, q) in zip(rows, cases, strict=True) if q == p)
                 for p in ("single", "double")
             }
-            found = " / ".join(f"{value:.0e}" for value in differences.values())
-            print(f"| {transform}, {name} | {' | '.join(shown)} | {found} |", flush=True)
+            result = " / ".join(f"{value:.0e}" for value in differences.values())
+            print(f"| {transform}, {name} | {' | '.join(shown)} | {result} |", flush=True)
 
 
 def measure(

@@ -100,8 +100,8 @@ def main() -> None:
     print("| | samples | new outlines, compiled (ms) | one outline | new ones, NumPy |")
     print("|---|---|---|---|---|")
     for name, samples in itertools.product(TRANSFORMS, SAMPLES):
-        found = " | ".join(f"{value:.2f}" for value in milliseconds(name, samples))
-        print(f"| {name} | {samples} | {found} |", flush=True)
+        result = " | ".join(f"{value:.2f}" for value in milliseconds(name, samples))
+        print(f"| {name} | {samples} | {result} |", flush=True)
     print(f"\n| {CALLS} calls, 1000 samples | KiB a call | ms a call | files |\n|---|---|---|---|")
     for name, engine in itertools.product(TRANSFORMS, ("llvm", "auto")):
         grown, took, files = kilobytes(name, engine)

@@ -38,10 +38,10 @@ def _rates(folder: Path, lines: Sequence[Line]) -> Path | None:
         for k, name in enumerate(["polywigner, arrays in the engine", *peers]):
             places, heights = [], []
             for n, case in enumerate(cases):
-                found = [
+                result = [
                     line for (c, p), line in here.items() if c == case and (not k or p == name)
                 ]
-                side = (found[0].theirs if k else found[0].ours) if found else None
+                side = (result[0].theirs if k else result[0].ours) if result else None
                 if side is not None:
                     places.append(n + (k - len(peers) / 2) * width)
                     heights.append(side.best * 1e6)

@@ -96,8 +96,8 @@ def off_axis_table(condition: str) -> list[str]:
     heads = [f"{d:g}" for d in DISTANCES]
     lines = [f"| source | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
     for name, source in sources().items():
-        found = [off_axis(source, condition, d) for d in DISTANCES]
-        cells = [f"{number(rms)} ({number(largest)})" for rms, largest in found]
+        result = [off_axis(source, condition, d) for d in DISTANCES]
+        cells = [f"{number(rms)} ({number(largest)})" for rms, largest in result]
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return lines
 

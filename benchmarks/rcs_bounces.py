@@ -100,9 +100,9 @@ class Rays:
         gap = np.where(last >= 0, 1e-4, 0.0)
         origin = self.mi.Point3f(*(start + gap[:, None] * along).T.astype(np.float32))
         ray = self.mi.Ray3f(origin, self.mi.Vector3f(*along.T.astype(np.float32)))
-        found = self.scene.ray_intersect_preliminary(ray)
-        met = np.array(found.is_valid())
-        number = np.where(met, np.array(found.prim_index).astype(np.int64), -1)
+        result = self.scene.ray_intersect_preliminary(ray)
+        met = np.array(result.is_valid())
+        number = np.where(met, np.array(result.prim_index).astype(np.int64), -1)
         # in double precision, from the triangle's plane
         a, b, c = np.moveaxis(self.corners[number], 1, 0)
         normal = np.cross(b - a, c - a)
@@ -160,8 +160,8 @@ def by_rays() -> None:
         rays, s = Rays(facets_of(body).corners), directions(4)
         exact = ours(body, s, 3)
         for across in (128, 512) if name == "trihedral" else (256, 1024):
-            found = np.array([rays.root(one, across, 3) for one in s])
-            error = np.abs(found[:, 0] - exact) / found[:, 1]
+            result = np.array([rays.root(one, across, 3) for one in s])
+            error = np.abs(result[:, 0] - exact) / result[:, 1]
             own, other = fastest(
                 lambda b=body, s=s: ours(b, s, 3),
                 lambda r=rays, s=s, n=across: [r.root(one, n, 3) for one in s],

@@ -138,8 +138,8 @@ class Rays:
         places = low + (cells + random.random(cells.shape)) / across * size
         start = places @ axes + (self.points @ s).max() * s + s
         origin = mi.Point3f(*start.T.astype(np.float32))
-        found = self.scene.ray_intersect(mi.Ray3f(origin, mi.Vector3f(*(-s).tolist())))
-        distance, normal = np.array(found.t), np.array(found.n)
+        result = self.scene.ray_intersect(mi.Ray3f(origin, mi.Vector3f(*(-s).tolist())))
+        distance, normal = np.array(result.t), np.array(result.n)
         met = np.isfinite(distance)
         lit = start[met] - distance[met, None] * s
         return lit, np.abs(normal.T[met] @ s), float(np.prod(size)) / across**2
@@ -158,8 +158,8 @@ def by_rays() -> None:
         rays, s = Rays(body), directions(20)
         exact = pw.rcs(body, s, 0.13)
         for across in (256, 1024):
-            found = np.array([rays.rcs(one, 0.13, across) for one in s])
-            error = np.abs(np.sqrt(found[:, 0]) - np.sqrt(exact)) / np.sqrt(found[:, 1])
+            result = np.array([rays.rcs(one, 0.13, across) for one in s])
+            error = np.abs(np.sqrt(result[:, 0]) - np.sqrt(exact)) / np.sqrt(result[:, 1])
             own, other = fastest(
                 lambda b=body, s=s: pw.rcs(b, s, 0.13),
                 lambda r=rays, s=s, n=across: [r.rcs(one, 0.13, n) for one in s],
@@ -189,9 +189,9 @@ def spheres() -> None:
         turn = 2j * ka
         exact = np.pi * abs(np.exp(-turn) - (1 - np.exp(-turn)) / turn) ** 2
         wavelength = 2 * np.pi / ka
-        found = pw.rcs(body, s, wavelength)
+        result = pw.rcs(body, s, wavelength)
         (own,) = fastest(lambda w=wavelength: pw.rcs(body, s, w))
-        print(f"{ka:6} {10 * np.log10(found / exact):10.4f} {own * 1e3:10.1f}")
+        print(f"{ka:6} {10 * np.log10(result / exact):10.4f} {own * 1e3:10.1f}")
 
 
 def near() -> None:

@@ -125,8 +125,8 @@ def on_ball(centre: Any, radius: float) -> tuple[Any, Any, Any]:
 def scene_of(*entries: dict[str, Any], depth: int = 2, fog: Any = None) -> dict[str, Any]:
     """One receiver, lights and things."""
     integrator = {"type": "volpath" if fog else "path", "max_depth": depth}
-    found: dict[str, Any] = {"type": "scene", "integrator": integrator}
-    return {**found, **{f"part_{number}": entry for number, entry in enumerate(entries)}}
+    result: dict[str, Any] = {"type": "scene", "integrator": integrator}
+    return {**result, **{f"part_{number}": entry for number, entry in enumerate(entries)}}
 
 
 HEIGHT, HALF = 0.3, 0.6

@@ -143,10 +143,10 @@ def mean_cosine(source: Any, points: Any) -> Any:
     return z / np.sqrt(squared) * (1 + (3 * along / squared - np.trace(spread)) / (2 * squared))
 
 
-def decibels(found: Any, expected: Any, peak: float | None = None) -> float:
+def decibels(result: Any, expected: Any, peak: float | None = None) -> float:
     """Mean error over the peak, by default that of what is expected."""
     highest = expected.max() if peak is None else peak
-    return float(10 * np.log10(np.abs(found - expected).mean() / highest))
+    return float(10 * np.log10(np.abs(result - expected).mean() / highest))
 
 
 def timed(scene: Any, spp: int) -> tuple[float, list[npt.NDArray[np.float64]]]:
@@ -167,9 +167,9 @@ def error_of_light(source: Any, height: float, size: int) -> float:
     points = np.stack(np.broadcast_arrays(axis[None, :], axis[:, None], height), axis=-1)
     points = points.reshape(-1, 3).astype(np.float32)
     field = ExactField(mi, source, WAVELENGTH, METHOD)
-    found = np.array(field.intensity(mi.Point3f(*points.T), 1.0), dtype=float)
+    result = np.array(field.intensity(mi.Point3f(*points.T), 1.0), dtype=float)
     truth = pw.irradiance(source, points, WAVELENGTH, method=METHOD, precision="single")
-    return decibels(found, truth)
+    return decibels(result, truth)
 
 
 def measure(name: str, source: Any, height: float, size: int) -> None:

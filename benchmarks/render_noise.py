@@ -37,7 +37,7 @@ SPP_OF = {"orthogonal": (25, 121, 289, 1369, 4489)}
 
 
 @dataclass(frozen=True)
-class Way:
+class Route:
     """How samples are drawn."""
 
     sampler: str
@@ -54,13 +54,13 @@ class Way:
 
 
 WAYS = (
-    Way("independent"),
-    Way("multijitter"),
-    Way("ldsampler"),
-    Way("orthogonal"),
-    Way("independent", control_variate=True),
-    Way("multijitter", control_variate=True),
-    Way("orthogonal", control_variate=True),
+    Route("independent"),
+    Route("multijitter"),
+    Route("ldsampler"),
+    Route("orthogonal"),
+    Route("independent", control_variate=True),
+    Route("multijitter", control_variate=True),
+    Route("orthogonal", control_variate=True),
 )
 
 
@@ -73,7 +73,7 @@ def places(truth: np.ndarray) -> dict[str, int]:
     return {"boresight": middle, "sidelobe": middle + sidelobe, "null": middle + null}
 
 
-def errors(case: Case, way: Way, truth: np.ndarray, seeds: int) -> tuple[np.ndarray, ...]:
+def errors(case: Case, way: Route, truth: np.ndarray, seeds: int) -> tuple[np.ndarray, ...]:
     """(spp, rms errors (spp, columns), bias over its error, CPU ns a sample) of one way."""
     scene = floor_scene(case, COLUMNS, way.sampler, **way.options)
     counts = SPP_OF.get(way.sampler, SPP)
@@ -83,9 +83,9 @@ def errors(case: Case, way: Way, truth: np.ndarray, seeds: int) -> tuple[np.ndar
         start = time.process_time()
         runs = np.array([rendered(scene, spp, 1 + seed) for seed in range(seeds)])
         cost = (time.process_time() - start) / (seeds * spp * COLUMNS)
-        found = (runs - truth) / truth.max()
-        rms.append(np.sqrt((found**2).mean(axis=0)))
-        each = found.mean(axis=1)
+        result = (runs - truth) / truth.max()
+        rms.append(np.sqrt((result**2).mean(axis=0)))
+        each = result.mean(axis=1)
         bias = each.mean() / (each.std(ddof=1) / np.sqrt(seeds))
     return np.array(counts), np.array(rms), np.array(bias), np.array(1e9 * cost)
 
@@ -107,7 +107,7 @@ def needed(counts: np.ndarray, error: np.ndarray, wanted: float) -> float:
     return float(np.exp(x[k - 1] + slope * (goal - y[k - 1])))
 
 
-def shadow_edge(way: Way, distance: float) -> np.ndarray:
+def shadow_edge(way: Route, distance: float) -> np.ndarray:
     """Mean over seeds of a line that a screen halfway to the floor shades for x > 0."""
     case = Case("square", pw.shapes.square(0.01), distance, 0.0)
     z = case.z / 1e-3
@@ -120,7 +120,7 @@ def shadow_edge(way: Way, distance: float) -> np.ndarray:
     return np.mean([rendered(scene, 4096, seed) for seed in range(8)], axis=0)
 
 
-def glossy(way: Way, distance: float) -> np.ndarray:
+def glossy(way: Route, distance: float) -> np.ndarray:
     """The same on a floor of rough metal."""
     case = Case("square", pw.shapes.square(0.01), distance, 0.0)
     bsdf = {"type": "roughconductor", "alpha": 0.1, "material": "none"}
@@ -130,7 +130,7 @@ def glossy(way: Way, distance: float) -> np.ndarray:
 
 def bias_lines() -> None:
     """Print the bias of the control variate where receivers are shaded or glossy."""
-    plain, varied = Way("multijitter"), Way("multijitter", control_variate=True)
+    plain, varied = Route("multijitter"), Route("multijitter", control_variate=True)
     for distance in DISTANCES:
         for name, scene in (("shadow edge", shadow_edge), ("glossy floor", glossy)):
             own, other = scene(plain, distance), scene(varied, distance)

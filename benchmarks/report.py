@@ -61,11 +61,11 @@ def markdown(lines: Sequence[Line], facts: dict[str, Any]) -> str:
     parts = [introduction(facts)]
     for question, group in groupby(lines, key=lambda line: line.question):
         name = question.replace(" ", "_")
-        found = list(group)
+        result = list(group)
         parts.append(f"## {module_of(name).QUESTION}\n")
         if question == "wigner":
-            parts.append(f"{summary(found)}\n\nAll of it:\n")
-        parts.append(f"{table(found)}\n")
+            parts.append(f"{summary(result)}\n\nAll of it:\n")
+        parts.append(f"{table(result)}\n")
     missed = [line for line in lines if line.reached is False]
     asked = sum(line.reached is not None for line in lines)
     parts.append(f"{asked - len(missed)} of {asked} targets were reached.\n")
@@ -105,9 +105,9 @@ def summary(lines: Sequence[Line]) -> str:
     rows = [["case", "precision", "cores", "polywigner", *(f"/ {peer}" for peer in peers), "error"]]
     rows.append(["---"] * len(rows[0]))
     for _, group in groupby(lines, key=lambda line: (line.case, line.precision, line.threads)):
-        found = {line.peer: line for line in group}
-        one = next(iter(found.values()))
-        ratios = [_ratio(found[peer]) if peer in found else "" for peer in peers]
+        result = {line.peer: line for line in group}
+        one = next(iter(result.values()))
+        ratios = [_ratio(result[peer]) if peer in result else "" for peer in peers]
         cells = [one.case, one.precision, str(one.threads), _figure(one.ours, one.unit)]
         error = "" if one.ours is None or one.ours.error is None else f"{one.ours.error:.0e}"
         rows.append([*cells, *ratios, error])

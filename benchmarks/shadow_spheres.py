@@ -54,17 +54,17 @@ def behind_ball(radius: float, points: Array) -> Array:
     """|u| over the free one behind a black ball."""
     place = np.array([0.0, 0.0, -BEFORE * radius])
     source, body = pw.PointSource(tuple(place)), ball(radius, STEPS)
-    found = pw.amplitude(source, points, 1.0, "kirchhoff", obstacles=body, tolerance=1e-4)
-    return np.asarray(np.abs(found) * np.linalg.norm(points - place, axis=1))
+    result = pw.amplitude(source, points, 1.0, "kirchhoff", obstacles=body, tolerance=1e-4)
+    return np.asarray(np.abs(result) * np.linalg.norm(points - place, axis=1))
 
 
 def levels(radius: float, distance: float) -> dict[str, Array]:
     """dB of the free field on the points of :func:`across`: black, soft and hard."""
     points = across(radius, distance).points
-    found = {"black": behind_ball(radius, points)}
+    result = {"black": behind_ball(radius, points)}
     for kind in ("soft", "hard"):
-        found[kind] = np.abs(field_of_sphere(kind, radius, BEFORE * radius, points))
-    return {kind: 20 * np.log10(field) for kind, field in found.items()}
+        result[kind] = np.abs(field_of_sphere(kind, radius, BEFORE * radius, points))
+    return {kind: 20 * np.log10(field) for kind, field in result.items()}
 
 
 def mean_level(level: Array) -> float:
@@ -85,11 +85,11 @@ def main() -> None:
     print("|" + "--:|" * len(columns))
     for radius in RADII:
         for distance in DISTANCES:
-            found = levels(radius, radius * distance)
-            middle = [level[0] for level in found.values()]
-            dark = [mean_level(level[Zones.dark]) for level in found.values()]
-            edge = [level[Zones.boundary] for level in found.values()]
-            off = [(found[kind] - found["black"])[Zones.lit] for kind in ("soft", "hard")]
+            result = levels(radius, radius * distance)
+            middle = [level[0] for level in result.values()]
+            dark = [mean_level(level[Zones.dark]) for level in result.values()]
+            edge = [level[Zones.boundary] for level in result.values()]
+            off = [(result[kind] - result["black"])[Zones.lit] for kind in ("soft", "hard")]
             lit = [np.sqrt(np.mean(difference**2)) for difference in off]
             cells = [", ".join(f"{dB:.1f}" for dB in some) for some in (middle, dark, edge, lit)]
             row = [f"{2 * radius:g} λ", f"{distance / 2:g} diameters", *cells]

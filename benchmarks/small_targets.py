@@ -72,12 +72,12 @@ def main() -> None:
             plain = Case(partial(dict, entries), partial(float, expected))
             (mean, error), before = timed(partial(measured, plain, samples))
             scene = mi.load_dict(entries)
-            found, after = timed(partial(pwm.received_power, scene, spp=samples))
-            gap = found.scattered - (mean if np.isnan(expected) else expected)
-            noise = np.hypot(found.standard_error, error if np.isnan(expected) else 0.0)
+            result, after = timed(partial(pwm.received_power, scene, spp=samples))
+            gap = result.scattered - (mean if np.isnan(expected) else expected)
+            noise = np.hypot(result.standard_error, error if np.isnan(expected) else 0.0)
             print(
                 f"| {name} | {estimator} | {error / mean:.2%} | "
-                f"{found.standard_error / found.scattered:.2%} | {gap / noise:+.1f} | "
+                f"{result.standard_error / result.scattered:.2%} | {gap / noise:+.1f} | "
                 f"{after / before:.2f} |",
                 flush=True,
             )

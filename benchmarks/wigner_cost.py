@@ -91,8 +91,8 @@ def measure(source: pw.Aperture, precision: str, samples: int, ambiguity: bool) 
     x, nu = points(source, samples)
     seconds, first = per_sample(call, x, nu)
     expected = call(x[:CHECKED], nu[:CHECKED], "double", "numpy")
-    found = call(x, nu)[:CHECKED]
-    return [seconds, first, float(np.abs(found - expected).max() / source.area)]
+    result = call(x, nu)[:CHECKED]
+    return [seconds, first, float(np.abs(result - expected).max() / source.area)]
 
 
 def main() -> None:

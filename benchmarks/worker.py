@@ -39,8 +39,8 @@ def done_by_child(task: Task, quick: bool) -> list[Line]:
             command, env=environment, cwd=ROOT, capture_output=True, text=True, timeout=LIMIT
         )
         if done.returncode == 0:
-            found = json.loads(done.stdout.splitlines()[-1])
-            return [Line.from_json(line) for line in found]
+            result = json.loads(done.stdout.splitlines()[-1])
+            return [Line.from_json(line) for line in result]
         reason = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
     except subprocess.TimeoutExpired:
         reason = f"no end within {LIMIT} s"

@@ -182,14 +182,14 @@ def ranges(folder: Path) -> Path:
     import mitsuba as mi
 
     import polywigner.mitsuba as pwm
-    from polywigner.figures import level_db, picture_peak
+    from polywigner.figures import image_peak, level_db
 
     scene = pwm.load_scene(EXAMPLES / "street_77ghz" / "scene.xml", pwm.choose_variant())
     camera = mi.traverse(scene.sensors()[0])
     camera["film.size"] = (256, 192)
     camera.update()
     frames = pwm.range_frames(scene, np.arange(6.0, 22.0), spp=64)["radiance"].values
-    peak = max(picture_peak(frame) or 0.0 for frame in frames)
+    peak = max(image_peak(frame) or 0.0 for frame in frames)
     figure, axes = plt.subplots(2, 3, figsize=(9, 4.6), layout="constrained")
     for panel, first in zip(axes.flat, (7, 9, 10, 12, 14, 18), strict=True):
         levels = level_db(frames[first - 6], peak, -40)

@@ -153,12 +153,12 @@ def elements_of(name: str) -> list[Element]:
     """Outlines with all waves on them, weights of arrays included."""
     source = flat(source_of(name))
     weights = source.weights if isinstance(source, pw.Array) else [1.0]
-    found = []
+    result = []
     for element, weight in zip(source.elements_in_plane, weights, strict=True):
         field = element.illumination or pw.uniform(len(element.bounds) // 2)
         waves = zip(complex(weight) * field.amplitudes, field.frequencies, strict=True)
-        found.append((element.with_illumination(None), list(waves)))
-    return found
+        result.append((element.with_illumination(None), list(waves)))
+    return result
 
 
 def dimension_of(name: str) -> int:
@@ -335,8 +335,8 @@ def exact_values(name: str, function: str) -> Values:
             [_at_pair(name, p, q, True).real for p, q in zip(at.x, inner, strict=False)]
         )
     bends = [_bend(name, p) for p in at.xi[: len(nu)]]
-    found = [_at_pair(name, p, q - b, False) for p, q, b in zip(at.xi, nu, bends, strict=False)]
-    return np.array([_turn(-centre, b) for b in bends]) * np.array(found)
+    result = [_at_pair(name, p, q - b, False) for p, q, b in zip(at.xi, nu, bends, strict=False)]
+    return np.array([_turn(-centre, b) for b in bends]) * np.array(result)
 
 
 def _fourier(name: str, nu: Values) -> complex:

@@ -46,10 +46,10 @@ TILES = {
 
 def tile(source: Any, kind: str, name: str, first: Any, second: Any) -> np.ndarray:
     """The values of one tile; names of coordinates have their own underscores."""
-    found = pw.projections(source, kind, tiles=[name], samples=2)
-    axes = dict(zip(found[name].dims, (np.atleast_1d(first), np.atleast_1d(second)), strict=True))
-    found = pw.projections(source, kind, tiles=[name], coordinates=axes)
-    return np.asarray(found[name].values)
+    result = pw.projections(source, kind, tiles=[name], samples=2)
+    axes = dict(zip(result[name].dims, (np.atleast_1d(first), np.atleast_1d(second)), strict=True))
+    result = pw.projections(source, kind, tiles=[name], coordinates=axes)
+    return np.asarray(result[name].values)
 
 
 def bounds_of(source: pw.Aperture | pw.Array) -> tuple[float, float, float, float]:

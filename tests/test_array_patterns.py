@@ -42,8 +42,8 @@ ERRORS: list[dict[str, float]] = [
 def test_samples_of_errors_average_to_the_closed_form(errors: dict[str, float]) -> None:
     """|E|^2 spreads by its own mean at most: over n samples 5/sqrt(n) is five deviations."""
     count = 400
-    found = _tolerance(count=count, seed=7, **errors)
-    ratio = _linear(found["mean"]) / _linear(found["expected"])
+    result = _tolerance(count=count, seed=7, **errors)
+    ratio = _linear(result["mean"]) / _linear(result["expected"])
     assert np.abs(ratio - 1).max() < 5 / math.sqrt(count)
     assert ratio.mean() == pytest.approx(1, abs=0.03)
 
@@ -57,11 +57,11 @@ def test_the_mean_of_phase_errors_is_that_of_theory() -> None:
     share = math.exp(-(errors**2))
     intensity = share * np.abs(whole["field"].values) ** 2
     intensity += (1 - share) * len(ARRAY) * np.abs(alone) ** 2
-    found = _tolerance(phase=errors, count=2)
+    result = _tolerance(phase=errors, count=2)
     expected = 4 * math.pi / power * intensity
-    assert _linear(found["expected"]) == pytest.approx(expected, rel=1e-9)
+    assert _linear(result["expected"]) == pytest.approx(expected, rel=1e-9)
     nominal = 10 ** (whole["directivity"].values / 10)
-    assert _linear(found["nominal"]) == pytest.approx(nominal, rel=1e-9, abs=DARK * nominal.max())
+    assert _linear(result["nominal"]) == pytest.approx(nominal, rel=1e-9, abs=DARK * nominal.max())
 
 
 def test_a_null_fills_with_speckle() -> None:
@@ -69,10 +69,10 @@ def test_a_null_fills_with_speckle() -> None:
     places = pw.arrays.grid_positions(24, 24, WAVELENGTH / 2)
     array = pw.phased_array(PATCH, places)
     null = math.asin(2 / 24)
-    found = _tolerance(array, null, [0.0, math.pi / 2], phase=0.6, amplitude=2.0, count=4000)
-    mean = _linear(found["expected"])
-    assert _linear(found["high"]) / mean == pytest.approx(math.log(20), rel=0.1)
-    assert _linear(found["low"]) / mean == pytest.approx(-math.log(0.95), rel=0.2)
+    result = _tolerance(array, null, [0.0, math.pi / 2], phase=0.6, amplitude=2.0, count=4000)
+    mean = _linear(result["expected"])
+    assert _linear(result["high"]) / mean == pytest.approx(math.log(20), rel=0.1)
+    assert _linear(result["low"]) / mean == pytest.approx(-math.log(0.95), rel=0.2)
 
 
 def test_equal_seeds_draw_equal_errors_of_any_array() -> None:
@@ -99,11 +99,11 @@ def test_errors_that_are_none_are_refused(how: dict[str, Any], words: str) -> No
 
 
 def test_the_band_of_a_tolerance_run_is_drawn_over_its_cuts() -> None:
-    found = _tolerance(phi=[0.0, math.pi / 2], phase=0.2, count=50)
-    figure = draw_tolerance(found, title="phases")
+    result = _tolerance(phi=[0.0, math.pi / 2], phase=0.2, count=50)
+    figure = draw_tolerance(result, title="phases")
     assert len(figure.axes) == 2
     band = figure.axes[0].collections[0].get_paths()[0].vertices[:, 1]
-    assert band.max() == pytest.approx(found["high"].sel(phi=0.0).values.max())
+    assert band.max() == pytest.approx(result["high"].sel(phi=0.0).values.max())
     for wrong in (3, _tolerance(theta=0.0, phase=0.2, count=2)):
         with pytest.raises(ArgumentError, match="expected"):
             draw_tolerance(wrong)
@@ -115,9 +115,9 @@ def test_the_array_factor_of_a_virtual_array_is_the_product(dimension: int) -> N
     layouts = [random.normal(size=(n, dimension)) for n in (5, 9)]
     factors = [random.normal(size=n) + 1j * random.normal(size=n) for n in (5, 9)]
     nu = random.normal(size=(20, dimension))
-    found = pw.array_factor(*pw.arrays.virtual_array(*layouts, *factors), nu)
+    result = pw.array_factor(*pw.arrays.virtual_array(*layouts, *factors), nu)
     one, other = (pw.array_factor(p, w, nu) for p, w in zip(layouts, factors, strict=True))
-    assert found == pytest.approx(one * other, abs=1e-10)
+    assert result == pytest.approx(one * other, abs=1e-10)
 
 
 def test_a_radar_of_two_arrays_sees_the_pattern_of_their_virtual_array() -> None:
@@ -128,16 +128,16 @@ def test_a_radar_of_two_arrays_sees_the_pattern_of_their_virtual_array() -> None
     places, weights = pw.arrays.virtual_array(sent, received)
     np.testing.assert_allclose(places, pw.arrays.grid_positions(24, 1, half), atol=1e-12)
     assert weights == pytest.approx(np.ones(24))
-    found = pw.two_way_pattern(
+    result = pw.two_way_pattern(
         pw.phased_array(PATCH, sent), pw.phased_array(PATCH, received), WAVELENGTH, THETA, PHI
     )
     alone, whole = (
         pw.radiation_pattern(source, WAVELENGTH, THETA, PHI)["field"].values
         for source in (PATCH, pw.phased_array(PATCH, places, weights))
     )
-    assert found["field"].values == pytest.approx(alone * whole, abs=1e-12 * np.abs(whole).max())
+    assert result["field"].values == pytest.approx(alone * whole, abs=1e-12 * np.abs(whole).max())
     one_way = pw.radiation_pattern(pw.phased_array(PATCH, sent), WAVELENGTH, THETA, PHI)
-    both = found["two_way"].values - found["receive"].values
+    both = result["two_way"].values - result["receive"].values
     assert both == pytest.approx(one_way["directivity"].values, abs=1e-9)
 
 

@@ -27,15 +27,15 @@ def test_a_large_uniform_square_has_the_beam_and_sidelobes_of_the_sinc():
     as of RS-II leaves the sinc as it is."""
     side = 20 * WAVELENGTH
     theta = np.radians(np.arange(-20, 20.05, 0.1))
-    found = _metrics(pw.shapes.square(side), theta, obliquity="rayleigh-sommerfeld-2")
-    for cut in found.cuts:
+    result = _metrics(pw.shapes.square(side), theta, obliquity="rayleigh-sommerfeld-2")
+    for cut in result.cuts:
         half = math.asin(0.442946 / 20)
         assert cut.half_power_beamwidth == pytest.approx(2 * half, rel=INTERPOLATION)
         assert cut.sidelobe_levels == pytest.approx((-13.2615, -13.2615), abs=0.01)
         lobe = math.asin(1.430297 / 20)
         assert cut.sidelobe_angles == pytest.approx((-lobe, lobe), rel=INTERPOLATION)
-    assert found.theta == pytest.approx(0.0, abs=1e-9)
-    assert found.phi == 0.0
+    assert result.theta == pytest.approx(0.0, abs=1e-9)
+    assert result.phi == 0.0
 
 
 def test_half_meridians_are_joined_to_the_cuts_of_theta_of_both_signs():
@@ -75,12 +75,12 @@ def test_a_beam_beside_the_cuts_has_its_own_directivity_and_direction(azimuth, o
     levels = dense["directivity"].values
     polar, around = np.unravel_index(levels.argmax(), levels.shape)
     with pytest.warns(PolywignerWarning, match="miss the beam"):
-        found = _metrics(source, obliquity=obliquity)
-    assert found.directivity == pytest.approx(levels.max(), abs=BETWEEN_SAMPLES / 10)
-    assert found.directivity >= levels.max()
-    assert found.theta == pytest.approx(dense["theta"].values[polar], abs=math.radians(0.1))
-    assert found.phi == pytest.approx(about[around], abs=math.radians(0.1))
-    assert max(cut.directivity for cut in found.cuts) < levels.max() - 5
+        result = _metrics(source, obliquity=obliquity)
+    assert result.directivity == pytest.approx(levels.max(), abs=BETWEEN_SAMPLES / 10)
+    assert result.directivity >= levels.max()
+    assert result.theta == pytest.approx(dense["theta"].values[polar], abs=math.radians(0.1))
+    assert result.phi == pytest.approx(about[around], abs=math.radians(0.1))
+    assert max(cut.directivity for cut in result.cuts) < levels.max() - 5
 
 
 def test_gain_and_eirp_are_those_of_the_beam_and_not_of_the_cuts():
@@ -88,36 +88,36 @@ def test_gain_and_eirp_are_those_of_the_beam_and_not_of_the_cuts():
     source = _steered(math.radians(45), math.radians(30))
     pattern = pw.radiation_pattern(source, WAVELENGTH, *CUTS)
     with pytest.warns(PolywignerWarning, match="miss the beam"):
-        found = pw.beam_metrics(pattern, power=2.0, efficiency=0.5)
-    assert found.radiated_power == 1.0 and "EIRP" in str(found) and "dBm" in str(found)
+        result = pw.beam_metrics(pattern, power=2.0, efficiency=0.5)
+    assert result.radiated_power == 1.0 and "EIRP" in str(result) and "dBm" in str(result)
     around = np.radians(np.arange(40, 46, 0.02)), np.radians([30.0])
     dense = pw.radiation_pattern(source, WAVELENGTH, *around)
     intensity = float((np.abs(dense["field"].values) ** 2).max())
     intensity /= pw.radiated_power(source, WAVELENGTH)  # of a watt
-    assert found.gain == pytest.approx(10 * math.log10(2 * math.pi * intensity), abs=1e-4)
-    assert found.eirp == pytest.approx(4 * math.pi * intensity, rel=1e-5)
+    assert result.gain == pytest.approx(10 * math.log10(2 * math.pi * intensity), abs=1e-4)
+    assert result.eirp == pytest.approx(4 * math.pi * intensity, rel=1e-5)
     share = pw.radiated_power(source, WAVELENGTH) / (64 * SIDE**2)
-    assert found.radiated_fraction == pytest.approx(share, rel=1e-9)
+    assert result.radiated_fraction == pytest.approx(share, rel=1e-9)
 
 
 def test_of_equal_beams_the_first_is_named_and_a_plane_of_nulls_has_no_numbers():
     pair = pw.phased_array(
         pw.shapes.square(1.5e-3), [(-2e-3, 0.0), (2e-3, 0.0)], [1, -1]
     )  # two beams, towards +x and -x
-    found = _metrics(pair, *CUTS)
-    assert found.phi == pytest.approx(0.0, abs=1e-6)
-    assert found.theta == pytest.approx(abs(found.cuts[0].theta), abs=1e-3)
-    assert found.cuts[1].directivity == -math.inf
-    assert math.isnan(found.cuts[1].half_power_beamwidth)
-    assert "nothing is radiated" in str(found)
+    result = _metrics(pair, *CUTS)
+    assert result.phi == pytest.approx(0.0, abs=1e-6)
+    assert result.theta == pytest.approx(abs(result.cuts[0].theta), abs=1e-3)
+    assert result.cuts[1].directivity == -math.inf
+    assert math.isnan(result.cuts[1].half_power_beamwidth)
+    assert "nothing is radiated" in str(result)
 
 
 def test_what_the_cut_does_not_reach_is_not_a_number():
     theta = np.radians(np.arange(-3, 3.5, 0.5))
-    found = _metrics(pw.shapes.square(10e-3), theta)
-    assert math.isnan(found.cuts[0].half_power_beamwidth)
-    assert all(map(math.isnan, found.cuts[0].sidelobe_levels))
-    assert "not in range" in str(found)
+    result = _metrics(pw.shapes.square(10e-3), theta)
+    assert math.isnan(result.cuts[0].half_power_beamwidth)
+    assert all(map(math.isnan, result.cuts[0].sidelobe_levels))
+    assert "not in range" in str(result)
 
 
 @pytest.mark.parametrize(
@@ -285,7 +285,7 @@ def test_a_grating_lobe_on_the_horizon_is_the_peak_sidelobe():
 
 def _drawn(figure):
     """Peak and half-power width of each line, read from the picture."""
-    found = []
+    result = []
     for line in figure.axes[0].lines[:2]:
         angle, level = line.get_xydata().T
         peak = int(level.argmax())
@@ -293,8 +293,8 @@ def _drawn(figure):
             np.interp(10 * math.log10(2), level[peak] - level[side], angle[side])
             for side in (slice(peak, max(peak - 200, 0), -1), slice(peak, peak + 200))
         )
-        found.append((level[peak], high - low))
-    return found
+        result.append((level[peak], high - low))
+    return result
 
 
 def test_the_table_has_the_numbers_of_the_lines_in_the_picture():
@@ -380,9 +380,9 @@ def test_modes_with_nulls_on_samples_have_numbers():
     mode = pw.te_mode(14e-3, 11e-3, 2, 0)
     source = pw.shapes.rectangle(14e-3, 11e-3).with_illumination(mode)
     pattern = pw.radiation_pattern(source, WAVELENGTH, theta, phi)
-    found = pw.beam_metrics(pattern)
-    assert found.directivity == pytest.approx(pattern.attrs["largest_directivity"], abs=0.05)
-    for cut in found.cuts:
+    result = pw.beam_metrics(pattern)
+    assert result.directivity == pytest.approx(pattern.attrs["largest_directivity"], abs=0.05)
+    for cut in result.cuts:
         assert all(math.isnan(level) or level < 0.1 for level in cut.sidelobe_levels)
 
 
@@ -421,7 +421,7 @@ def test_axes_in_the_other_order_are_read_as_well():
     pattern = pw.radiation_pattern(pw.shapes.rectangle(9e-3, 12e-3), WAVELENGTH, *CUTS)
     assert pw.beam_metrics(pattern.transpose()) == pw.beam_metrics(pattern)
     one, other = (
-        draw_pattern(found, panels=["cuts"]).axes[0].lines[0].get_xydata()
-        for found in (pattern, pattern.transpose())
+        draw_pattern(result, panels=["cuts"]).axes[0].lines[0].get_xydata()
+        for result in (pattern, pattern.transpose())
     )
     np.testing.assert_array_equal(one, other)

@@ -29,9 +29,9 @@ PEER_OF_BODIES = 1e-10
 def test_the_kernel_in_cpp_gives_the_wigner_function(case, precision):
     source = wigner.SOURCES[case]()
     x, nu = wigner.points(source, 203)  # no whole number of vectors
-    found = wigner.in_cpp(source, precision, 1)(x, nu)()
+    result = wigner.in_cpp(source, precision, 1)(x, nu)()
     expected = pw.wigner(source, x, nu, engine="numpy")
-    error = np.abs(found - expected).max() / source.area
+    error = np.abs(result - expected).max() / source.area
     assert error < (SINGLE if precision == "single" else DOUBLE)
 
 
@@ -39,9 +39,9 @@ def test_the_kernel_in_cpp_gives_the_wigner_function(case, precision):
 def test_the_kernel_traced_by_jax_gives_the_wigner_function():
     source = wigner.SOURCES["chevron"]()
     x, nu = wigner.points(source, 1000)  # more than NumPy takes as they come
-    found = np.asarray(wigner.in_jax(source, "double")(x, nu)())
+    result = np.asarray(wigner.in_jax(source, "double")(x, nu)())
     expected = pw.wigner(source, x, nu, engine="numpy")
-    assert np.abs(found - expected).max() < DOUBLE * source.area
+    assert np.abs(result - expected).max() < DOUBLE * source.area
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_libformfactor_has_the_same_bodies(case):
     source, shape = body.source, libformfactor.body(body.name, *body.sizes)
     nu = np.random.default_rng(0).normal(size=(50, 3))
     expected = pw.fourier(source, nu, engine="numpy")
-    found = [libformfactor.from_python(shape, nu)]
+    result = [libformfactor.from_python(shape, nu)]
     if cpp.compiler() is not None:
-        found.append(libformfactor.from_cpp(shape, polyhedra.centre(source))(nu))
-    assert np.abs(np.array(found) - expected).max() < PEER_OF_BODIES * source.volume
+        result.append(libformfactor.from_cpp(shape, polyhedra.centre(source))(nu))
+    assert np.abs(np.array(result) - expected).max() < PEER_OF_BODIES * source.volume

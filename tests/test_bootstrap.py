@@ -99,9 +99,9 @@ def test_every_group_installs_what_the_groups_that_it_contains_do():
     ]
 
     def closure(names):
-        found = set(names.split(","))
-        inner = [need[11:-1] for name in found for need in extras[name] if "polywigner[" in need]
-        return found.union(*map(closure, inner))
+        result = set(names.split(","))
+        inner = [need[11:-1] for name in result for need in extras[name] if "polywigner[" in need]
+        return result.union(*map(closure, inner))
 
     module = load_bootstrap()
     contents = {name: closure(extras) for name, extras in module.EXTRAS.items()}

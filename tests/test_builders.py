@@ -22,10 +22,10 @@ SHAPE = (4, 3, 5)
 ROUNDING = 1e-12
 
 
-def _points(found):
+def _points(result):
     """(..., 3) of a dataset, in the order of its variable's dimensions."""
-    variable = next(iter(found.data_vars.values()))
-    parts = [found[name].broadcast_like(variable).transpose(*variable.dims) for name in "xyz"]
+    variable = next(iter(result.data_vars.values()))
+    parts = [result[name].broadcast_like(variable).transpose(*variable.dims) for name in "xyz"]
     return np.stack([part.values for part in parts], axis=-1)
 
 
@@ -47,18 +47,18 @@ def _builders(**options):
 def test_values_are_those_of_irradiance_and_amplitude_at_the_points(name):
     """Side by side: each variable is named after its method."""
     methods = ("wigner", "kirchhoff", "fraunhofer")
-    found = _builders(method=methods)[name]()
-    assert tuple(found.data_vars) == methods
-    points = _points(found)
+    result = _builders(method=methods)[name]()
+    assert tuple(result.data_vars) == methods
+    points = _points(result)
     for method in methods:
         expected = pw.irradiance(CHEVRONS, points, WAVELENGTH, method)
-        assert found[method].values == pytest.approx(expected, rel=ROUNDING)
+        assert result[method].values == pytest.approx(expected, rel=ROUNDING)
     field = _builders(method="kirchhoff", quantity="amplitude")[name]()["kirchhoff"]
     expected = pw.amplitude(CHEVRONS, points, WAVELENGTH, "kirchhoff")
     assert field.values == pytest.approx(expected, rel=ROUNDING)
     phase = _builders(method="kirchhoff", quantity="phase")[name]()["kirchhoff"]
     assert phase.values == pytest.approx(np.angle(expected), abs=ROUNDING)
-    assert found["kirchhoff"].values == pytest.approx(np.abs(expected) ** 2, rel=1e-6)
+    assert result["kirchhoff"].values == pytest.approx(np.abs(expected) ** 2, rel=1e-6)
 
 
 def test_every_grid_knows_where_its_points_are():
@@ -85,35 +85,35 @@ def test_every_grid_knows_where_its_points_are():
 def test_a_dataset_describes_its_source_in_a_line_and_gives_it_back(tmp_path):
     """A line of the display for each axis, each variable and each attribute, and five more."""
     field = CHEVRONS.with_illumination(pw.steering((0.6, 0, 0.8), WAVELENGTH))
-    found = pw.line(field, BOX, 3, WAVELENGTH, method=("wigner", "kirchhoff"))
-    assert found["wigner"].attrs["units"] == "W m-2"
-    assert found["wigner"].attrs["obliquity"] == "rayleigh-sommerfeld-1"
-    assert "obliquity" not in found["kirchhoff"].attrs
-    assert found["distance"].attrs["units"] == "m"
-    assert found["wigner"].attrs["polywigner_version"] == pw.__version__
-    assert found.attrs == {
+    computed = pw.line(field, BOX, 3, WAVELENGTH, method=("wigner", "kirchhoff"))
+    assert computed["wigner"].attrs["units"] == "W m-2"
+    assert computed["wigner"].attrs["obliquity"] == "rayleigh-sommerfeld-1"
+    assert "obliquity" not in computed["kirchhoff"].attrs
+    assert computed["distance"].attrs["units"] == "m"
+    assert computed["wigner"].attrs["polywigner_version"] == pw.__version__
+    assert computed.attrs == {
         "wavelength": WAVELENGTH, "frequency": pw.SPEED_OF_LIGHT / WAVELENGTH, "source": repr(field)
     }  # fmt: skip
     pattern = pw.radiation_pattern(field, WAVELENGTH, [0.0, 0.1], [0.0])
-    for result, lines in ((found, 15), (pattern, 24)):
+    for result, lines in ((computed, 15), (pattern, 24)):
         assert pw.read_source(result) == field
         assert "source_json" not in result.data_vars
         assert len(repr(result).splitlines()) <= lines
-    for write in (lambda path: found.to_netcdf(path, engine="h5netcdf"),
-                  lambda path: pw.write_netcdf(found, path)):  # fmt: skip
+    for write in (lambda path: computed.to_netcdf(path, engine="h5netcdf"),
+                  lambda path: pw.write_netcdf(computed, path)):  # fmt: skip
         write(tmp_path / "line.nc")
         with xarray.open_dataset(tmp_path / "line.nc", engine="h5netcdf") as read:
-            assert read.identical(found) and pw.read_source(read) == field
+            assert read.identical(computed) and pw.read_source(read) == field
 
 
 def test_a_source_of_many_vertices_is_described_in_a_line_and_given_back():
     spots = [pw.shapes.disc(1e-3, 200).moved((4e-3 * k, 0)) for k in range(9)]
     source = pw.Array(spots)
-    found = pw.line(source, BOX, 2, WAVELENGTH, method="fraunhofer")
-    assert len(found.attrs["source"]) <= 200
-    assert pw.read_source(found) == source
+    result = pw.line(source, BOX, 2, WAVELENGTH, method="fraunhofer")
+    assert len(result.attrs["source"]) <= 200
+    assert pw.read_source(result) == source
     with pytest.raises(FileFormatError, match="source_json, got one without"):
-        pw.read_source(found.drop_vars("source_json"))
+        pw.read_source(result.drop_vars("source_json"))
 
 
 def test_a_lazy_volume_computes_only_what_is_asked_for():

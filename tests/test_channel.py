@@ -70,15 +70,15 @@ def below(pose: np.ndarray) -> np.ndarray:
     return np.diag([1.0, 1.0, -1.0, 1.0]) @ pose @ np.diag([1.0, -1.0, 1.0, 1.0])
 
 
-def way(found: Any, *mirrors: str) -> complex:
+def way(result: Any, *mirrors: str) -> complex:
     """The amplitude of one way of the first pair, zero without it."""
-    here = found["mirrors"].values == ", ".join(mirrors)
-    return complex(found["amplitude"].values[0, 0, 0, here].sum())
+    here = result["mirrors"].values == ", ".join(mirrors)
+    return complex(result["amplitude"].values[0, 0, 0, here].sum())
 
 
-def chains_of(found: Any) -> list[list[str]]:
+def chains_of(result: Any) -> list[list[str]]:
     """Names of the mirrors of each way."""
-    return [names.split(", ") if names else [] for names in found["mirrors"].values]
+    return [names.split(", ") if names else [] for names in result["mirrors"].values]
 
 
 ONE, OTHER = looking((0, 0, 0.5), (1, 0, 0)), looking((2, 0, 0.5), (-1, 0, 0))
@@ -95,15 +95,15 @@ def test_two_rays_over_metal_are_two_couplings(
     """E along the plane of incidence keeps its sign, across it E turns; x of both ends differ."""
     one, other = looking((0, 0, 0.75), (1, 0, 0)), looking((distance, 0, 0.5), (-1, 0, 0))
     scene = scene_of(tx=emitter(HANDED, one), rx=receiver(SQUARE, other), floor=floor(2 * distance))
-    found = pm.channel(scene, polarisation=polarisation)
+    result = pm.channel(scene, polarisation=polarisation)
     direct = coupled(HANDED, one, SQUARE, other)
     image = coupled(flipped(), below(one), SQUARE, other)
     facing = {"x": -1.0, "y": 1.0}[polarisation]
-    assert complex(found.h[0, 0, 0]) == pytest.approx(
+    assert complex(result.h[0, 0, 0]) == pytest.approx(
         facing * (direct + metal * image), rel=ROUNDING
     )
     lengths = np.hypot(distance, [0.25, 1.25])
-    middles = found.delay.values[0, 0] * pw.SPEED_OF_LIGHT
+    middles = result.delay.values[0, 0] * pw.SPEED_OF_LIGHT
     assert middles == pytest.approx(lengths, abs=2 * HANDED.diameter)
 
 
@@ -135,9 +135,9 @@ def test_a_floor_reflects_both_polarisations_as_fresnel_says(
     along = (permittivity * cosine - root) / (permittivity * cosine + root)
     scene = scene_of(tx=emitter(pose=one), rx=receiver(pose=other), floor=floor(**bsdf))
     for polarisation, expected in (("x", -across), ("y", along)):  # x of both ends differ
-        found = way(pm.channel(scene, polarisation=polarisation), "floor")
-        assert abs(found / straight) == pytest.approx(abs(share * expected), abs=SINGLE)
-        assert found / straight == pytest.approx(share * expected, abs=PLACES)
+        result = way(pm.channel(scene, polarisation=polarisation), "floor")
+        assert abs(result / straight) == pytest.approx(abs(share * expected), abs=SINGLE)
+        assert result / straight == pytest.approx(share * expected, abs=PLACES)
 
 
 def test_metal_turns_a_right_handed_wave_into_a_left_handed_one(stokes: None) -> None:
@@ -151,8 +151,8 @@ def test_metal_turns_a_right_handed_wave_into_a_left_handed_one(stokes: None) ->
         for name, pose in ends.items()
     }
     scene = scene_of(tx=emitter(pose=one), floor=floor(), **receivers)
-    found = np.abs(pm.channel(scene, polarisation="right").amplitude)
-    size = {name: float(found.sel(receiver=name).max()) for name in receivers}
+    result = np.abs(pm.channel(scene, polarisation="right").amplitude)
+    size = {name: float(result.sel(receiver=name).max()) for name in receivers}
     assert size["right back"] < 0.01 * size["left back"]  # 3 degrees off the normal
     assert size["left facing"] < 1e-9 * size["right facing"]
 
@@ -175,8 +175,8 @@ def test_a_corner_of_three_mirrors_returns_the_source_turned_inside_out() -> Non
     one = looking(place, -place)
     other = looking(np.add(place, (0.02, -0.03, 0.01)), -place)
     scene = scene_of(tx=emitter(HANDED, one), rx=receiver(SQUARE, other), **corner())
-    found = pm.channel(scene, reflections=3, polarisation=ELLIPTIC)
-    total = sum(way(found, *chain) for chain in chains_of(found) if len(chain) == 3)
+    result = pm.channel(scene, reflections=3, polarisation=ELLIPTIC)
+    total = sum(way(result, *chain) for chain in chains_of(result) if len(chain) == 3)
     image = np.diag([-1.0, -1.0, -1.0, 1.0]) @ one @ np.diag([1.0, -1.0, 1.0, 1.0])
     b = coupled(flipped(), image, SQUARE, other)
     # both look alike, to the corner: e.e, without a conjugate
@@ -204,11 +204,11 @@ def between_glass_and_metal(is_back: bool = False, polarisation: Any = None) -> 
 @SLOW
 def test_exchange_of_both_ends_changes_nothing(plain: None) -> None:
     scenes = between_glass_and_metal(), between_glass_and_metal(is_back=True)
-    found = [pm.channel(scene, [FREQUENCY], polarisation=ELLIPTIC) for scene in scenes]
-    assert len(found[0]["path"]) == 4
-    assert complex(found[0].h[0, 0, 0]) == pytest.approx(complex(found[1].h[0, 0, 0]), rel=1e-6)
-    for chain in chains_of(found[0]):
-        assert way(found[0], *chain) == pytest.approx(way(found[1], *chain[::-1]), rel=1e-6)
+    result = [pm.channel(scene, [FREQUENCY], polarisation=ELLIPTIC) for scene in scenes]
+    assert len(result[0]["path"]) == 4
+    assert complex(result[0].h[0, 0, 0]) == pytest.approx(complex(result[1].h[0, 0, 0]), rel=1e-6)
+    for chain in chains_of(result[0]):
+        assert way(result[0], *chain) == pytest.approx(way(result[1], *chain[::-1]), rel=1e-6)
 
 
 @SLOW
@@ -217,10 +217,10 @@ def test_sources_in_polarised_variants_have_the_channel_of_the_others(plain: Non
     """By two mirrors as well, whose Mueller matrices do not multiply number by number."""
     expected = pm.channel(between_glass_and_metal(), [FREQUENCY], polarisation=ELLIPTIC)
     mi.set_variant("llvm_ad_mono_polarized")
-    found = pm.channel(between_glass_and_metal(polarisation=ELLIPTIC), [FREQUENCY])
-    assert len(found["path"]) == 4
-    for chain in chains_of(found):
-        assert way(found, *chain) == pytest.approx(way(expected, *chain), rel=SINGLE)
+    result = pm.channel(between_glass_and_metal(polarisation=ELLIPTIC), [FREQUENCY])
+    assert len(result["path"]) == 4
+    for chain in chains_of(result):
+        assert way(result, *chain) == pytest.approx(way(expected, *chain), rel=SINGLE)
 
 
 # ---- what stands in the way ---------------------------------------------------------------------
@@ -239,10 +239,10 @@ def screen(x: float, low: float, high: float, **bsdf: Any) -> dict[str, Any]:
 
 def test_a_wall_before_the_direct_way_leaves_the_way_by_the_floor(plain: None) -> None:
     scene = between(ONE, OTHER, floor=floor(), wall=screen(1.0, 0.3, 2.0))
-    found = pm.channel(scene)
-    assert found["mirrors"].values.tolist() == ["floor"]
-    assert complex(found.h[0, 0, 0]) == way(found, "floor") != 0
-    assert any("obstacles block it" in note for note in found.attrs["notes"])
+    result = pm.channel(scene)
+    assert result["mirrors"].values.tolist() == ["floor"]
+    assert complex(result.h[0, 0, 0]) == way(result, "floor") != 0
+    assert any("obstacles block it" in note for note in result.attrs["notes"])
 
 
 def test_half_of_an_aperture_behind_a_plate_sends_half_of_the_amplitude(plain: None) -> None:
@@ -276,9 +276,9 @@ def test_over_a_knife_edge_half_of_the_amplitude_arrives_with_its_phase(plain: N
         knife=screen(1.0, -4.5, 0.5),
     )
     whole = coupled(DOT, ONE, DOT, OTHER, method=ALL_SIDES["obliquity"])
-    found = complex(pm.channel(scene).h[0, 0, 0])
+    result = complex(pm.channel(scene).h[0, 0, 0])
     # the other edges of the screen, 5 m off, add some per cent
-    assert found == pytest.approx(whole / 2, rel=0.05)
+    assert result == pytest.approx(whole / 2, rel=0.05)
 
 
 # ---- frequencies, powers, elements --------------------------------------------------------------
@@ -287,14 +287,14 @@ def test_over_a_knife_edge_half_of_the_amplitude_arrives_with_its_phase(plain: N
 def test_in_a_band_each_frequency_is_a_channel_of_its_own(plain: None) -> None:
     scene = scene_of(tx=emitter(HANDED, ONE), rx=receiver(pose=OTHER), floor=floor())
     band = np.linspace(90e9, 98e9, 101)
-    found = pm.channel(scene, band)
-    assert found.h.dims == ("frequency", "receiver", "emitter")
+    result = pm.channel(scene, band)
+    assert result.h.dims == ("frequency", "receiver", "emitter")
     some = [0, 33, 77]
     alone = pm.channel(scene, band[some])  # too few for a polynomial
-    assert found.h.values[some] == pytest.approx(alone.h.values, rel=BAND)
+    assert result.h.values[some] == pytest.approx(alone.h.values, rel=BAND)
     for number in range(2):
-        delay = found.delay.values[0, 0, number]
-        rest = found.amplitude.values[:, 0, 0, number] * np.exp(-2j * np.pi * band * delay)
+        delay = result.delay.values[0, 0, number]
+        rest = result.amplitude.values[:, 0, 0, number] * np.exp(-2j * np.pi * band * delay)
         turns = np.unwrap(np.angle(rest)) / (2 * np.pi)
         late = (turns[-1] - turns[0]) / (band[-1] - band[0]) * pw.SPEED_OF_LIGHT
         assert abs(late) < HANDED.diameter
@@ -305,7 +305,7 @@ def test_coherent_power_is_the_square_of_the_sum_of_all_paths(plain: None, norma
     """The receiver counts radiated power, or power in its aperture."""
     rx = receiver(pose=OTHER, normalise=normalise)
     scene = scene_of(tx=emitter(HANDED, ONE), rx=rx, floor=floor())
-    found = pm.received_power(scene, spp=16, coherent=True)
+    result = pm.received_power(scene, spp=16, coherent=True)
     expected = abs(complex(pm.channel(scene, "94 GHz").h[0, 0, 0])) ** 2
     if normalise == "aperture":
         share = pw.radiated_power(SQUARE, WAVELENGTH) / SQUARE.area
@@ -313,8 +313,8 @@ def test_coherent_power_is_the_square_of_the_sum_of_all_paths(plain: None, norma
         assert abs(pm.channel(radiated).h.item()) ** 2 * share == pytest.approx(
             expected, rel=SINGLE
         )
-    assert found.direct == pytest.approx(expected, rel=SINGLE)
-    paths = found.contributions[0].paths
+    assert result.direct == pytest.approx(expected, rel=SINGLE)
+    paths = result.contributions[0].paths
     assert abs(sum(path.amplitude for path in paths)) ** 2 == pytest.approx(expected)
     assert abs(pm.received_power(scene, spp=16).direct / expected - 1) > 0.01
 
@@ -322,10 +322,10 @@ def test_coherent_power_is_the_square_of_the_sum_of_all_paths(plain: None, norma
 def test_elements_of_two_polarisations_reach_a_receiver_by_its_own(stokes: None) -> None:
     pair = pw.Array([SQUARE.moved((-6e-3, 0)), SQUARE.moved((6e-3, 0))], [1.0, 1.0j])
     scene = scene_of(tx=emitter(pair, ONE, polarisation=["x", "y"]), rx=receiver(pose=OTHER))
-    found = complex(pm.channel(scene).h[0, 0, 0])
+    result = complex(pm.channel(scene).h[0, 0, 0])
     expected = 1.0j * coupled(pair.elements[1], ONE, SQUARE, OTHER) / math.sqrt(2)
     # each end sees the other 0.2 degrees off its axis
-    assert found == pytest.approx(expected, rel=1e-4)
+    assert result == pytest.approx(expected, rel=1e-4)
 
 
 def test_several_ends_have_a_row_and_a_column_each_in_metres_and_millimetres(plain: None) -> None:
@@ -336,10 +336,10 @@ def test_several_ends_have_a_row_and_a_column_each_in_metres_and_millimetres(pla
         back=receiver(pose=looking((2, 0, 0.5), (1, 0, 0))),
         floor=floor(),
     )
-    found = pm.channel(scene)
-    assert found.h.shape == (1, 2, 2)
-    assert found.h.sel(receiver="back").values.tolist() == [[0, 0]]
-    assert np.isnan(found.delay.sel(receiver="back").values).all()
+    result = pm.channel(scene)
+    assert result.h.shape == (1, 2, 2)
+    assert result.h.sel(receiver="back").values.tolist() == [[0, 0]]
+    assert np.isnan(result.delay.sel(receiver="back").values).all()
     in_mm = np.diag([1e3, 1e3, 1e3, 1.0])
     ends = [in_mm @ pose @ np.linalg.inv(in_mm) for pose in (ONE, OTHER)]
     alone = scene_of(
@@ -348,7 +348,7 @@ def test_several_ends_have_a_row_and_a_column_each_in_metres_and_millimetres(pla
         floor=floor(1e4),
     )
     expected = pm.channel(alone).h.item()
-    assert found.h.sel(receiver="rx", emitter="a").item() == pytest.approx(expected, rel=1e-6)
+    assert result.h.sel(receiver="rx", emitter="a").item() == pytest.approx(expected, rel=1e-6)
 
 
 # ---- bad input ----------------------------------------------------------------------------------
@@ -441,28 +441,28 @@ def test_the_echo_of_a_body_in_the_way_is_its_shadow(
 ) -> None:
     """Both ways together are the field behind the edges of an obstacle."""
     pose = looking((1.0, shift, 0.5), (1, 0, 0))
-    found = pm.channel(between(ONE, OTHER), bodies={"plate": plate(side, pose)})
+    result = pm.channel(between(ONE, OTHER), bodies={"plate": plate(side, pose)})
     shade = rectangle(pose[:3, 3], (0, 1, 0), 90, side / 2, BLACK)
     sent = emitter(SQUARE, ONE, estimator="exact", diffraction=True)
     edges = pm.channel(scene_of(tx=sent, rx=receiver(SQUARE, OTHER), shade=shade))
-    difference = complex(found.h[0, 0, 0] - edges.h[0, 0, 0])
-    assert abs(difference) < PIECES * abs(way(found))
+    difference = complex(result.h[0, 0, 0] - edges.h[0, 0, 0])
+    assert abs(difference) < PIECES * abs(way(result))
 
 
 def test_a_corner_reflector_far_away_obeys_the_radar_equation(plain: None) -> None:
     """Within 0.02 dB, with a note for those that are near or count one reflection alone."""
     body, towards = trihedral(10 * WAVELENGTH), np.ones(3) / math.sqrt(3)
     pose = looking(20.0 * towards, -towards)
-    found = pm.channel(between(pose, pose), bodies={"corner": (body, 3)})
+    result = pm.channel(between(pose, pose), bodies={"corner": (body, 3)})
     sigma = pw.rcs(body, towards, WAVELENGTH, bounces=3)
     pattern = pw.radiation_pattern(SQUARE, WAVELENGTH, [0.0, 0.1], [0.0])
     gain = 10 ** (pattern.attrs["peak_directivity"] / 10)
     distance = 20.0 - math.sqrt(3) * 5 * WAVELENGTH
     expected = gain**2 * WAVELENGTH**2 * sigma / ((4 * math.pi) ** 3 * distance**4)
-    assert 20 * math.log10(abs(way(found, "corner"))) == pytest.approx(
+    assert 20 * math.log10(abs(way(result, "corner"))) == pytest.approx(
         10 * math.log10(expected), abs=0.02
     )
-    assert "corner" not in "".join(found.attrs["notes"])
+    assert "corner" not in "".join(result.attrs["notes"])
     near = looking(0.3 * towards, -towards)
     notes = pm.channel(between(near, near), bodies={"corner": (body, 3)}).attrs["notes"]
     assert any("'corner' is nearer than 2 D^2/lambda" in note for note in notes)
@@ -473,28 +473,28 @@ def test_a_corner_reflector_far_away_obeys_the_radar_equation(plain: None) -> No
 def test_echoes_by_the_floor_are_those_of_images(plain: None) -> None:
     body = {"plate": plate(0.02, looking((2.0, 0.05, 0.4), (-1, 0, 0)))}
     one, other = ONE, looking((0, 0.3, 0.7), (1, 0, 0))
-    found = pm.channel(
+    result = pm.channel(
         scene_of(tx=emitter(HANDED, one), rx=receiver(SQUARE, other), floor=floor()), bodies=body
     )
     image = scene_of(tx=emitter(flipped(), below(one)), rx=receiver(SQUARE, other))
-    assert way(found, "floor", "plate") == pytest.approx(
+    assert way(result, "floor", "plate") == pytest.approx(
         way(pm.channel(image, bodies=body), "plate"), rel=ROUNDING
     )
     image = scene_of(tx=emitter(HANDED, one), rx=receiver(SQUARE, below(other)))
-    assert way(found, "plate", "floor") == pytest.approx(
+    assert way(result, "plate", "floor") == pytest.approx(
         way(pm.channel(image, bodies=body), "plate"), rel=ROUNDING
     )
-    assert way(found, "floor", "plate", "floor") != 0
+    assert way(result, "floor", "plate", "floor") != 0
 
 
 def test_echoes_over_a_band_are_those_of_each_frequency(plain: None) -> None:
     body = {"plate": plate(0.03, looking((3.0, 0.1, 0.5), (-1, 0, 0)))}
     band = np.linspace(93e9, 95e9, 41)
-    found = pm.channel(between(ONE, ONE), band, bodies=body).h[:, 0, 0].values
+    result = pm.channel(between(ONE, ONE), band, bodies=body).h[:, 0, 0].values
     each = [pm.channel(between(ONE, ONE), f, bodies=body).h.values.item() for f in band[::8]]
-    assert np.abs(found[::8] - each).max() < PIECES * np.abs(each).max()
+    assert np.abs(result[::8] - each).max() < PIECES * np.abs(each).max()
     power = pm.received_power(between(ONE, ONE), 16, coherent=True, bodies=body)  # of 1 W
-    assert float(power) == pytest.approx(abs(found[20]) ** 2, rel=2 * PIECES)
+    assert float(power) == pytest.approx(abs(result[20]) ** 2, rel=2 * PIECES)
     (path,) = power.contributions[0].paths
     assert path.mirrors == ("plate",) and path.arrives_from == pytest.approx((0.1 / 3, 0), rel=1e-2)
 

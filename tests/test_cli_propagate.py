@@ -32,13 +32,13 @@ def propagated(path, *options):
     stem = path.parent / "out" / "field"
     assert main(["propagate", str(path), *FREQUENCY, "--out", str(stem), *options]) == 0
     assert stem.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
-    with xarray.open_dataset(stem.with_suffix(".nc"), engine="h5netcdf") as found:
-        return found.load()
+    with xarray.open_dataset(stem.with_suffix(".nc"), engine="h5netcdf") as result:
+        return result.load()
 
 
-def points_of(found):
-    variable = next(iter(found.data_vars.values()))
-    parts = [found[name].broadcast_like(variable).transpose(*variable.dims) for name in "xyz"]
+def points_of(result):
+    variable = next(iter(result.data_vars.values()))
+    parts = [result[name].broadcast_like(variable).transpose(*variable.dims) for name in "xyz"]
     return np.stack([part.values for part in parts], axis=-1)
 
 
@@ -52,22 +52,22 @@ PLACES = {
 @pytest.mark.parametrize("place", PLACES)
 def test_the_values_are_those_of_irradiance_at_the_places(place, square, capfd):
     where, samples = PLACES[place]
-    found = propagated(
+    result = propagated(
         square, f"--{place}", where, "--samples", samples, "--method", "wigner kirchhoff",
         "--method", "wigner", "--method", "fraunhofer", "--obliquity", "paper",
         "--against", "wigner kirchhoff",
     )  # fmt: skip
     assert "Differences from wigner-kirchhoff" in capfd.readouterr().out
-    assert tuple(found.data_vars) == ("wigner-kirchhoff", "wigner", "fraunhofer")
-    points = points_of(found)
+    assert tuple(result.data_vars) == ("wigner-kirchhoff", "wigner", "fraunhofer")
+    points = points_of(result)
     for name, how in (
         ("wigner-kirchhoff", {"obliquity": "kirchhoff"}),
         ("wigner", {"obliquity": "paper"}),
         ("fraunhofer", {"method": "fraunhofer"}),
     ):
         expected = pw.irradiance(SQUARE, points, WAVELENGTH, **how)
-        np.testing.assert_allclose(found[name], expected, rtol=ROUNDING, atol=ROUNDING)
-        assert found[name].attrs["units"] == "W m-2"
+        np.testing.assert_allclose(result[name], expected, rtol=ROUNDING, atol=ROUNDING)
+        assert result[name].attrs["units"] == "W m-2"
 
 
 def test_linear_figures_have_no_decibels(square, monkeypatch):
@@ -87,19 +87,19 @@ def test_linear_figures_have_no_decibels(square, monkeypatch):
 
 
 def test_places_are_where_they_were_asked_for(square):
-    found = propagated(square, "--arc", "50 mm, 30 deg, 60 deg", "--samples", "3",
+    result = propagated(square, "--arc", "50 mm, 30 deg, 60 deg", "--samples", "3",
                        "--method", "fraunhofer")  # fmt: skip
     s, c = 50e-3 * np.sin(np.pi / 3), 50e-3 * np.cos(np.pi / 3)
     across = np.array([np.cos(np.pi / 6), np.sin(np.pi / 6)])
     expected = [[*(-s * across), c], [0, 0, 50e-3], [*(s * across), c]]
-    np.testing.assert_allclose(points_of(found).reshape(3, 3), expected, atol=1e-12)
+    np.testing.assert_allclose(points_of(result).reshape(3, 3), expected, atol=1e-12)
 
 
 def test_complex_fields_are_written_with_their_phase(square):
-    found = propagated(square, "--plane", "-20 mm to 20 mm, -20 mm to 20 mm, 40 mm", "--samples",
+    result = propagated(square, "--plane", "-20 mm to 20 mm, -20 mm to 20 mm, 40 mm", "--samples",
                        "5 x 4", "--method", "kirchhoff", "--amplitude")  # fmt: skip
-    field = found["kirchhoff_real"].values + 1j * found["kirchhoff_imag"].values
-    expected = pw.amplitude(SQUARE, points_of(found), WAVELENGTH, "kirchhoff")
+    field = result["kirchhoff_real"].values + 1j * result["kirchhoff_imag"].values
+    expected = pw.amplitude(SQUARE, points_of(result), WAVELENGTH, "kirchhoff")
     np.testing.assert_allclose(field, expected, rtol=0, atol=1e-9)
 
 
@@ -117,13 +117,13 @@ def test_a_store_holds_the_same_complex_fields_as_other_formats(square):
     formats = ("--format", "zarr", "--format", "nc")
     split = propagated(square, *ARC, "--amplitude", *formats)
     store = square.parent / "out" / "field.zarr"
-    with xarray.open_zarr(store) as found:
+    with xarray.open_zarr(store) as result:
         whole = split["kirchhoff_real"].values + 1j * split["kirchhoff_imag"].values
-        assert np.array_equal(found["kirchhoff"].values, whole)
-        assert found.attrs["wavelength"] == split.attrs["wavelength"]
+        assert np.array_equal(result["kirchhoff"].values, whole)
+        assert result.attrs["wavelength"] == split.attrs["wavelength"]
     propagated(square, *ARC, *formats)  # an earlier run's is replaced, as files are
-    with xarray.open_zarr(store) as found:
-        assert found["kirchhoff"].dtype == np.float64
+    with xarray.open_zarr(store) as result:
+        assert result["kirchhoff"].dtype == np.float64
     names = sorted(path.name for path in store.parent.iterdir())
     assert names == ["field.nc", "field.png", "field.zarr"]
 
@@ -145,7 +145,7 @@ def test_a_store_of_hours_of_work_and_a_file_in_its_place_are_left_alone(is_volu
 
 
 def test_the_table_says_how_far_methods_are_apart(square, capfd):
-    found = propagated(
+    result = propagated(
         square, "--line", "0 mm, 0 mm, 60 mm to 0 mm, 0 mm, 90 mm", "--samples", "4",
         "--method", "wigner", "--method", "rayleigh-sommerfeld-1", "--method", "fraunhofer",
     )  # fmt: skip
@@ -155,7 +155,7 @@ def test_the_table_says_how_far_methods_are_apart(square, capfd):
     assert set(rows) == {"wigner", "fraunhofer"}
     for name, row in rows.items():
         largest, rms, points = map(float, row.split())
-        apart = 10 * np.log10(found[name].values / found["rayleigh-sommerfeld-1"].values)
+        apart = 10 * np.log10(result[name].values / result["rayleigh-sommerfeld-1"].values)
         np.testing.assert_allclose(largest, apart[np.argmax(abs(apart))], atol=5.1e-4)
         np.testing.assert_allclose(rms, np.sqrt(np.mean(apart**2)), atol=5.1e-5)
         assert points == 4
@@ -180,25 +180,25 @@ def write_box(path):
 def test_fields_behind_meshes_and_plates_are_those_of_irradiance(square):
     write_box(square.parent / "box.obj")
     plate = f"{square} at 5 mm, 0 mm, 50 mm towards 30 deg, 90 deg"
-    found = propagated(
+    result = propagated(
         square, "--plane", "-20 mm to 20 mm, 0 mm, 16 mm to 60 mm", "--samples", "5 x 4",
         "--obstacle", f"{square.parent / 'box.obj'} at 0 mm, 0 mm, 50 mm",
         "--obstacle-unit", "cm", "--engine", "numpy",
     )  # fmt: skip
-    assert tuple(found.data_vars) == ("rayleigh-sommerfeld-1",)
+    assert tuple(result.data_vars) == ("rayleigh-sommerfeld-1",)
     how = {"method": "auto", "engine": "numpy"}
-    values = found["rayleigh-sommerfeld-1"]
-    expected = pw.irradiance(SQUARE, points_of(found), WAVELENGTH, obstacles=BOX, **how)
+    values = result["rayleigh-sommerfeld-1"]
+    expected = pw.irradiance(SQUARE, points_of(result), WAVELENGTH, obstacles=BOX, **how)
     np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-9)
-    found = propagated(square, "--line", "0 mm, 0 mm, 70 mm to 20 mm, 5 mm, 70 mm", "--samples",
+    result = propagated(square, "--line", "0 mm, 0 mm, 70 mm to 20 mm, 5 mm, 70 mm", "--samples",
                        "4", "--obstacle", plate, "--engine", "numpy")  # fmt: skip
     # x stays x where z is turned towards y, and y towards -z
     s, c = 0.5, 3**0.5 / 2
     pose = [[1, 0, 0, 5e-3], [0, c, s, 0], [0, -s, c, 50e-3], [0, 0, 0, 1]]
     expected = pw.irradiance(
-        SQUARE, points_of(found), WAVELENGTH, obstacles=SQUARE.placed(pose), **how
+        SQUARE, points_of(result), WAVELENGTH, obstacles=SQUARE.placed(pose), **how
     )
-    np.testing.assert_allclose(found["rayleigh-sommerfeld-1"], expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(result["rayleigh-sommerfeld-1"], expected, rtol=1e-6, atol=1e-9)
 
 
 REGION = ("--box", "-20 mm to 20 mm, -15 mm to 15 mm, 30 mm to 60 mm")
@@ -219,15 +219,15 @@ def test_the_store_holds_the_irradiance_in_the_box(square, capfd):
     names = ("field.zarr", "field.png", "field.nc", "field.vti")
     assert capfd.readouterr().out.splitlines() == [str(out / name) for name in names]
     assert sorted(path.name for path in out.iterdir()) == sorted(names)
-    found = xarray.open_zarr(out / "field.zarr")
-    assert found["wigner"].dims == ("x", "y", "z") and found["wigner"].shape == (6, 5, 4)
-    assert dict(found.chunksizes) == {"x": (3, 3), "y": (3, 2), "z": (4,)}
-    np.testing.assert_allclose(found["y"], np.linspace(-15e-3, 15e-3, 5))
-    axes = np.meshgrid(*(found[name].values for name in "xyz"), indexing="ij")
+    result = xarray.open_zarr(out / "field.zarr")
+    assert result["wigner"].dims == ("x", "y", "z") and result["wigner"].shape == (6, 5, 4)
+    assert dict(result.chunksizes) == {"x": (3, 3), "y": (3, 2), "z": (4,)}
+    np.testing.assert_allclose(result["y"], np.linspace(-15e-3, 15e-3, 5))
+    axes = np.meshgrid(*(result[name].values for name in "xyz"), indexing="ij")
     expected = pw.irradiance(SQUARE, np.stack(axes, -1), WAVELENGTH, obliquity="kirchhoff")
-    np.testing.assert_allclose(found["wigner"], expected, rtol=SINGLE, atol=SINGLE)
+    np.testing.assert_allclose(result["wigner"], expected, rtol=SINGLE, atol=SINGLE)
     with xarray.open_dataset(out / "field.nc", engine="h5netcdf") as copy:
-        assert np.array_equal(copy["wigner"], found["wigner"])
+        assert np.array_equal(copy["wigner"], result["wigner"])
     assert b'WholeExtent="0 5 0 4 0 3"' in (out / "field.vti").read_bytes()  # for ParaView
 
 
@@ -270,14 +270,14 @@ def test_a_store_of_other_settings_is_not_gone_on_with(square, capfd):
 def test_the_store_of_a_field_behind_an_obstacle_is_no_other_field(square, capfd):
     plate = ("--obstacle", f"{square} at 0 mm, 0 mm, 20 mm")
     assert run(square, *SMALL, *plate) == 0
-    found = xarray.open_zarr(square.parent / "out" / "field.zarr")["rayleigh-sommerfeld-1"]
+    result = xarray.open_zarr(square.parent / "out" / "field.zarr")["rayleigh-sommerfeld-1"]
     pose = np.eye(4)
     pose[2, 3] = 0.02
-    axes = np.meshgrid(*(found[name].values for name in "xyz"), indexing="ij")
+    axes = np.meshgrid(*(result[name].values for name in "xyz"), indexing="ij")
     expected = pw.irradiance(
         SQUARE, np.stack(axes, -1), WAVELENGTH, "auto", obstacles=SQUARE.placed(pose)
     )
-    np.testing.assert_allclose(found, expected, rtol=SINGLE, atol=SINGLE)
+    np.testing.assert_allclose(result, expected, rtol=SINGLE, atol=SINGLE)
     assert run(square, *SMALL, *plate) == 0
     (square.parent / "out" / "field.png").unlink()
     capfd.readouterr()
@@ -288,6 +288,6 @@ def test_the_store_of_a_field_behind_an_obstacle_is_no_other_field(square, capfd
 def test_volumes_of_some_seconds_have_several_chunks(tmp_path):
     box = [(-0.02, -0.02, 0.05), (0.02, 0.02, 0.1)]
     how = {"method": "fraunhofer", "out": tmp_path / "field.zarr"}
-    found = pw.volume(SQUARE, box, (48, 48, 48), WAVELENGTH, **how)
-    counts, largest = zip(*((len(n), n[0]) for n in found["fraunhofer"].chunks), strict=True)
+    result = pw.volume(SQUARE, box, (48, 48, 48), WAVELENGTH, **how)
+    counts, largest = zip(*((len(n), n[0]) for n in result["fraunhofer"].chunks), strict=True)
     assert np.prod(counts) >= 4 and np.prod(largest) <= 1 << 15

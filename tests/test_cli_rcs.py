@@ -55,8 +55,8 @@ def test_a_plate_comes_out_as_a_table_and_a_picture(square: Path, capsys: Captur
     assert len(rows) == 13 * 7
     for row in rows[::11]:
         a, e = (math.radians(float(row[name])) for name in ("azimuth_deg", "elevation_deg"))
-        found = pw.rcs_pattern(pw.shapes.square(1.0), WAVELENGTH, a, e)["rcs"].values.item()
-        assert float(row["rcs_m2"]) == pytest.approx(found, rel=WRITTEN, abs=1e-20)
+        result = pw.rcs_pattern(pw.shapes.square(1.0), WAVELENGTH, a, e)["rcs"].values.item()
+        assert float(row["rcs_m2"]) == pytest.approx(result, rel=WRITTEN, abs=1e-20)
 
 
 def test_a_mesh_is_a_body_whose_concave_edges_are_warned_of(
@@ -74,8 +74,8 @@ def test_a_mesh_is_a_body_whose_concave_edges_are_warned_of(
         warnings.simplefilter("always")  # not once in a process
         assert main(["rcs", str(path), *FREQUENCY, *options]) == 0
     assert "two or three reflections" in capsys.readouterr().err
-    with xarray.open_dataset(tmp_path / "body_rcs.nc", engine="h5netcdf") as found:
-        value = found["rcs"].sel(azimuth=math.pi / 3, elevation=math.pi / 6, method="nearest")
+    with xarray.open_dataset(tmp_path / "body_rcs.nc", engine="h5netcdf") as result:
+        value = result["rcs"].sel(azimuth=math.pi / 3, elevation=math.pi / 6, method="nearest")
         s = (math.sqrt(3) / 4, 0.75, 0.5)
         metres = pw.Polyhedron(body.vertices * 1e-3, body.faces)
         assert float(value) == pytest.approx(pw.rcs(metres, s, WAVELENGTH), rel=1e-9)

@@ -41,15 +41,15 @@ def test_a_table_is_printed_and_all_of_it_recorded(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = scene_file(tmp_path)
-    (found,) = received(
+    (result,) = received(
         path, "--temperature", "290 K", "--bandwidth", "1 GHz", "--noise-figure", "3 dB"
     )
     facing = np.diag([-1.0, 1.0, -1.0, 1.0])
     facing[2, 3] = 1.0
     square = pw.shapes.square(10e-3)
     expected = 10 + 20 * math.log10(abs(pw.coupling(square, square, facing, frequency=94e9)))
-    assert found["power_dbm"] == pytest.approx(expected, abs=1e-4)
-    assert found["noise_power_w"] == pytest.approx(1.380649e-23 * 290 * 1e9 * 10**0.3)
+    assert result["power_dbm"] == pytest.approx(expected, abs=1e-4)
+    assert result["noise_power_w"] == pytest.approx(1.380649e-23 * 290 * 1e9 * 10**0.3)
     out, err = capfd.readouterr()
     assert re.search(r"^tx .* -19\.17 dBm$", out, re.MULTILINE)
     assert "signal to noise" in out and "polarisation: not counted" in out
@@ -67,16 +67,16 @@ def test_a_parameter_of_the_scene_can_be_defined(tmp_path: Path) -> None:
 def test_the_example_is_received_and_its_map_adds_up(tmp_path: Path) -> None:
     out = tmp_path / "link"
     assert main(["receive", str(EXAMPLE), "--spp", "16384", "--out", str(out)]) == 0
-    (found,) = json.loads(out.with_suffix(".json").read_text())["receivers"]
-    straight, mirrored = found["emitters"][0]["paths"]
+    (result,) = json.loads(out.with_suffix(".json").read_text())["receivers"]
+    straight, mirrored = result["emitters"][0]["paths"]
     # Friis, with the directivity of a uniform patch of 10 x 4 mm
-    wavelength, patch = found["wavelength_m"], pw.shapes.rectangle(10e-3, 4e-3)
+    wavelength, patch = result["wavelength_m"], pw.shapes.rectangle(10e-3, 4e-3)
     pattern = pw.radiation_pattern(patch, wavelength, 0.0, 0.0)
     gain = 10 ** (pattern.attrs["largest_directivity"] / 10)
     expected = (gain * wavelength / (4 * math.pi * 2.0)) ** 2
     assert straight["coupling"] == pytest.approx(expected, rel=1e-3)
     assert mirrored["mirrors"] == ["metal_wall"] and mirrored["power_w"] < straight["power_w"]
-    assert 0 < 3 * found["standard_error_w"] < found["scattered_w"] < found["direct_w"]
+    assert 0 < 3 * result["standard_error_w"] < result["scattered_w"] < result["direct_w"]
 
     from polywigner.mitsuba import load_scene
     from polywigner.mitsuba.receive.received_power import arrival_map, shapes_in
@@ -90,7 +90,7 @@ def test_the_example_is_received_and_its_map_adds_up(tmp_path: Path) -> None:
     assert abs(places["floor"][0]) < 0.05 and -0.6 < places["floor"][1] < -0.3
     assert -0.3 < places["box"][0] < -0.05 and -0.5 < places["box"][1] < -0.1
     # 64 samples of each pixel
-    assert total == pytest.approx(found["scattered_w"], abs=5 * found["standard_error_w"])
+    assert total == pytest.approx(result["scattered_w"], abs=5 * result["standard_error_w"])
 
 
 # A small lamp at the right-hand side of a receiver that looks to -z, and above its axis.
@@ -127,13 +127,13 @@ WALL = rectangle(
 def test_a_channel_is_written_with_its_ways_and_drawn(tmp_path: Path) -> None:
     xarray = pytest.importorskip("xarray")
     path = scene_file(tmp_path, WALL)
-    (found,) = received(
+    (result,) = received(
         path, "--frequencies", "93 GHz to 95 GHz, 3", "--coherent", "--polarisation", "x"
     )
     with xarray.open_dataset(tmp_path / "out_channel.nc") as channel:
         h = channel["h_real"].values + 1j * channel["h_imag"].values
         assert channel["mirrors"].values.tolist() == ["", "wall"]
-        assert channel.attrs["polarisation"] == found["polarisation"]
+        assert channel.attrs["polarisation"] == result["polarisation"]
     rows = (tmp_path / "out_channel.csv").read_text().splitlines()
     table = [row.split(",") for row in rows[1:]]
     assert [row[3] for row in table] == ["all", "direct", "wall"] * 3
@@ -141,7 +141,7 @@ def test_a_channel_is_written_with_its_ways_and_drawn(tmp_path: Path) -> None:
     read = np.array([complex(float(row[5]), float(row[6])) for row in table]).reshape(3, 3)
     assert read[:, 0] == pytest.approx(h[:, 0, 0])
     assert read[:, 1:].sum(axis=1) == pytest.approx(h[:, 0, 0])
-    assert found["power_w"] == pytest.approx(10e-3 * abs(h[1, 0, 0]) ** 2, rel=1e-5)
+    assert result["power_w"] == pytest.approx(10e-3 * abs(h[1, 0, 0]) ** 2, rel=1e-5)
     assert (tmp_path / "out_channel.png").read_bytes().startswith(b"\x89PNG")
 
 

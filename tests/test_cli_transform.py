@@ -122,11 +122,11 @@ def test_the_light_passes_parts_in_the_order_of_the_text(text):
 
 def test_the_values_behind_a_system_are_those_of_its_transform(rectangle):
     options = ("--frequency", "94 GHz", "--samples", "33", "--through", "fourier 50 mm")
-    found = transformed(rectangle, *options)
-    np.testing.assert_array_equal(found["matrix"], pw.FirstOrder.fourier(0.05).matrix)
+    result = transformed(rectangle, *options)
+    np.testing.assert_array_equal(result["matrix"], pw.FirstOrder.fourier(0.05).matrix)
     scale = 0.05 * wavelength_of(94e9)
-    points = np.stack(np.meshgrid(found["across"], found["up"]), axis=-1)
+    points = np.stack(np.meshgrid(result["across"], result["up"]), axis=-1)
     light = abs(pw.fourier(pw.shapes.rectangle(*SIDES), points / scale)) ** 2 / scale**2
-    assert found["light"] == pytest.approx(light, rel=1e-6, abs=1e-9)
-    metadata = json.loads(str(found["metadata"]))
-    assert set(metadata["units"]) == set(found) - {"metadata", "matrix", "light"}
+    assert result["light"] == pytest.approx(light, rel=1e-6, abs=1e-9)
+    metadata = json.loads(str(result["metadata"]))
+    assert set(metadata["units"]) == set(result) - {"metadata", "matrix", "light"}

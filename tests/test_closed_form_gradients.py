@@ -124,8 +124,8 @@ def test_forward_and_reverse_mode_are_adjoint():
     def value():
         numbers = _backend().Complex2f64(arrays[1][0], arrays[1][1])
         traced = pw.differentiable(source, vertices=arrays[0], weights=numbers)
-        found = pw.ambiguity(traced, *arrays[2:])
-        return dr.square(found.real - 0.3) + 0.5 * found.imag
+        result = pw.ambiguity(traced, *arrays[2:])
+        return dr.square(result.real - 0.3) + 0.5 * result.imag
 
     for array, change in zip(arrays, changes, strict=True):
         dr.enable_grad(array)
@@ -188,8 +188,8 @@ def test_derivatives_on_a_gpu_are_those_of_the_processor():
     arrays = [cuda.Array2f64(np.ascontiguousarray(p.T)) for p in points]
     dr.enable_grad(arrays)
     dr.backward(pw.wigner(pw.differentiable(vertices=arrays[0]), *arrays[1:]))
-    for found, own in zip(arrays, expected, strict=True):
-        assert np.abs(_read(dr.grad(found)) - own).max() < ROUNDING * np.abs(own).max()
+    for result, own in zip(arrays, expected, strict=True):
+        assert np.abs(_read(dr.grad(result)) - own).max() < ROUNDING * np.abs(own).max()
 
 
 def test_a_precision_is_kept_and_numpy_points_become_tensors():

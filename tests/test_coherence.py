@@ -126,15 +126,15 @@ def test_a_bandwidth_fills_nulls_as_the_integral_over_wavelengths_says():
     theta = np.linspace(0.0, 1.2, 61)
     direction = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], -1)
     length = SPEED_OF_LIGHT / carrier
-    found = pw.radiant_intensity(SQUARE, direction, length, bandwidth=bandwidth)
+    result = pw.radiant_intensity(SQUARE, direction, length, bandwidth=bandwidth)
     frequencies = carrier + bandwidth * ((np.arange(2000) + 0.5) / 2000 - 0.5)
     # of a square in its plane: a sinc
     sines = np.sin(theta) * (frequencies / SPEED_OF_LIGHT)[:, None]
     single = (SIDE**2 * np.sinc(SIDE * sines)) ** 2 * (frequencies / SPEED_OF_LIGHT)[:, None] ** 2
     expected = single.mean(axis=0) * np.cos(theta)
-    assert np.abs(10 * np.log10(found / expected)).max() <= NULLS_DB
+    assert np.abs(10 * np.log10(result / expected)).max() <= NULLS_DB
     alone = pw.radiant_intensity(SQUARE, direction, length)
-    assert found.min() / found.max() > 8 * alone.min() / alone.max()
+    assert result.min() / result.max() > 8 * alone.min() / alone.max()
 
 
 @pytest.mark.parametrize("pupil", [SQUARE, SQUARE.curved(0.3, WAVELENGTH)])
@@ -188,14 +188,14 @@ def test_rays_of_partly_coherent_light_are_the_mean_over_tilts(wave):
         for t, b in zip(nodes, weights, strict=True)
     )  # fmt: skip
     partly = wave.partially_coherent(width)
-    found = pw.irradiance(partly, points, WAVELENGTH, tolerance=1e-7)
-    assert np.allclose(found, expected, rtol=1e-6, atol=0)
+    result = pw.irradiance(partly, points, WAVELENGTH, tolerance=1e-7)
+    assert np.allclose(result, expected, rtol=1e-6, atol=0)
     ahead = np.array([(0.0, 0.0, 0.3)])
     paper = pw.irradiance(partly, ahead, WAVELENGTH, obliquity="paper")
     assert np.allclose(paper, pw.irradiance(partly, ahead, WAVELENGTH), rtol=1e-2)
     # in a band as well
     band = pw.irradiance(partly, points, WAVELENGTH, bandwidth=1e6)
-    assert np.allclose(band, found, rtol=1e-3)
+    assert np.allclose(band, result, rtol=1e-3)
 
 
 def test_a_command_computes_the_irradiance_of_a_mixture(tmp_path):
@@ -209,8 +209,8 @@ def test_a_command_computes_the_irradiance_of_a_mixture(tmp_path):
     assert main(["propagate", str(outline), *asked]) == 0
     x = np.linspace(-0.04, 0.04, 3)
     points = np.stack([x, 0 * x, np.full_like(x, 0.3)], axis=-1)
-    with xarray.open_dataset(tmp_path / "square.nc") as found:
-        values = found["rayleigh-sommerfeld-1"].values
+    with xarray.open_dataset(tmp_path / "square.nc") as result:
+        values = result["rayleigh-sommerfeld-1"].values
     partly = SQUARE.partially_coherent(60e-3)
     expected = pw.irradiance(partly, points, WAVELENGTH, "rayleigh-sommerfeld-1", bandwidth=5e8)
     assert np.allclose(values, expected, rtol=1e-6)

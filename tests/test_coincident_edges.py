@@ -74,11 +74,11 @@ def test_no_value_jumps_where_edges_are_code(name, precision):
     plan = pw.explain(case.aperture, case.x[rows], case.x_nu[rows])
     assert (plan.strategy == "edges as code") == (sum(map(len, case.aperture.rings)) <= 16)
     allowed = TOLERANCE[precision] * case.area
-    found = pw.wigner(case.aperture, case.x[rows], case.x_nu[rows], precision=precision)
-    assert np.abs(found - case.wigner[rows]).max() <= allowed
+    result = pw.wigner(case.aperture, case.x[rows], case.x_nu[rows], precision=precision)
+    assert np.abs(result - case.wigner[rows]).max() <= allowed
     rows = np.arange(AS_CODE) % len(case.xi)
-    found = pw.ambiguity(case.aperture, case.upsilon[rows], case.xi[rows], precision=precision)
-    assert np.abs(found - case.ambiguity[rows]).max() <= allowed
+    result = pw.ambiguity(case.aperture, case.upsilon[rows], case.xi[rows], precision=precision)
+    assert np.abs(result - case.ambiguity[rows]).max() <= allowed
 
 
 # --- random outlines, cut by lists of pairs
@@ -99,7 +99,7 @@ def tolerance(source, precision):
 @lru_cache
 def cases(function, seed, count, each):
     """Outlines, degenerate points, and exact values of a function there."""
-    rng, found = np.random.default_rng(seed), []
+    rng, result = np.random.default_rng(seed), []
     for source, rings in islice(outlines(rng), count):
         shape = outline(rings)
         place = (positions if function in ("W", "lag slice") else lags)(rng, shape, each)
@@ -114,8 +114,8 @@ def cases(function, seed, count, each):
         else:
             region = exact.lag_region if function == "lag slice" else exact.position_region
             values = [float(region(rings, p).area) for p in place]
-        found.append((source, points, np.array(values)))
-    return found
+        result.append((source, points, np.array(values)))
+    return result
 
 
 @pytest.mark.parametrize("precision", TOLERANCE)
@@ -123,8 +123,8 @@ def cases(function, seed, count, each):
 @pytest.mark.parametrize("function", FUNCTIONS)
 def test_random_outlines_have_exact_values(function, engine, precision):
     for source, points, expected in cases(function, 1, FEW_OUTLINES, DRAWS):
-        found = FUNCTIONS[function](source, *points, precision=precision, engine=engine)
-        assert np.abs(found - expected).max() <= tolerance(source, precision)
+        result = FUNCTIONS[function](source, *points, precision=precision, engine=engine)
+        assert np.abs(result - expected).max() <= tolerance(source, precision)
 
 
 # --- many edges
@@ -190,10 +190,10 @@ def test_outlines_of_many_edges_transform_their_slices(name, engine):
     ]
     for precision, relative in TOLERANCE.items():
         allowed = max(relative * source.area, BY_BOUNDARY[precision] * boundary)
-        found = pw.wigner(source, x, nu, engine=engine, precision=precision)
-        assert np.abs(found - expected_w).max() < allowed
-        found = pw.ambiguity(source, nu, lag, engine=engine, precision=precision)
-        assert np.abs(found - expected_a).max() < allowed
+        result = pw.wigner(source, x, nu, engine=engine, precision=precision)
+        assert np.abs(result - expected_w).max() < allowed
+        result = pw.ambiguity(source, nu, lag, engine=engine, precision=precision)
+        assert np.abs(result - expected_a).max() < allowed
 
 
 @engines
@@ -201,9 +201,9 @@ def test_without_a_frequency_shift_sums_of_many_edges_round_no_worse(engine):
     """A(0, xi) of many edges: what rounding loses of a sum of small terms is summed up as well."""
     source = pw.shapes.regular_polygon(256, 1.0)
     xi = 0.3 * np.random.default_rng(1).normal(size=(500, 2))
-    found = pw.ambiguity(source, [0.0, 0.0], xi, engine=engine, precision="single")
+    result = pw.ambiguity(source, [0.0, 0.0], xi, engine=engine, precision="single")
     # a fifth of what is promised for W; without the compensation 2e-6
-    assert np.abs(found - pw.lag_marginal(source, xi)).max() < 1e-6 * source.area
+    assert np.abs(result - pw.lag_marginal(source, xi)).max() < 1e-6 * source.area
 
 
 # --- at the centre of symmetry, and at lags along an edge

@@ -27,12 +27,12 @@ def compiled():
     """The kernels that are new to this process, filled in at the end."""
     import drjit
 
-    found: list[Any] = []
+    result: list[Any] = []
     drjit.kernel_history_clear()
     with drjit.scoped_set_flag(drjit.JitFlag.KernelHistory, True):
-        yield found
+        yield result
         history = drjit.kernel_history([drjit.KernelType.JIT])
-    found += [e["hash"] for e in history if e["cache_disk"] or not e["cache_hit"]]
+    result += [e["hash"] for e in history if e["cache_disk"] or not e["cache_hit"]]
 
 
 def _unaligned(values):
@@ -64,12 +64,12 @@ def test_a_second_call_compiles_nothing(form, transform, name, precision, llvm):
 
     call(5, 300)
     call(80, 300)  # of many rows, sums are made beforehand
-    with compiled() as found:
+    with compiled() as result:
         call(5, 300, _unaligned)
         call(7, 411)
         call(70, 300, lambda p: np.asfortranarray(p))
         call(2, 1000, lambda p: np.repeat(p, 2, axis=0)[::2])
-    assert found == []
+    assert result == []
 
 
 def test_points_of_numpy_beside_arrays_of_the_engine_compile_nothing_anew(llvm):
@@ -87,10 +87,10 @@ def test_points_of_numpy_beside_arrays_of_the_engine_compile_nothing_anew(llvm):
         dr.eval(dr.grad(x))
 
     call(50)
-    with compiled() as found:
+    with compiled() as result:
         for count in range(51, 60):
             call(count)
-    assert found == []
+    assert result == []
 
 
 # Of W, A and F: with or without vertices on a grid, pieces turned over, lines of both kinds.
@@ -123,8 +123,8 @@ def test_any_number_of_outlines_needs_a_few_kernels(name):
     def call(count):
         for source in (next(outlines) for _ in range(count)):
             x, nu = rng.normal(size=(2, 50, 2))
-            found = TRANSFORMS[name](source, x, nu, engine="llvm")
-            error = np.abs(found - TRANSFORMS[name](source, x, nu, engine="numpy")).max()
+            result = TRANSFORMS[name](source, x, nu, engine="llvm")
+            error = np.abs(result - TRANSFORMS[name](source, x, nu, engine="numpy")).max()
             assert error <= DOUBLE * source.area
 
     with compiled() as first:
@@ -153,6 +153,6 @@ def test_arrays_of_the_engine_need_no_kernel_of_their_own(derivatives):
             dr.eval(dr.grad(x) if derivatives else value)
 
     call(15)
-    with compiled() as found:
+    with compiled() as result:
         call(15)
-    assert len(found) < MOST_FORMS
+    assert len(result) < MOST_FORMS

@@ -51,8 +51,8 @@ def rays(count=64):
     node, weight = np.polynomial.legendre.leggauss(count)
     theta, phi = np.meshgrid(math.pi / 4 * (node + 1), np.arange(2 * count) * math.pi / count)
     sine = np.sin(theta)
-    found = np.stack([sine * np.cos(phi), sine * np.sin(phi), np.cos(theta)], axis=-1)
-    return found.reshape(-1, 3), (weight * sine).ravel() * math.pi**2 / (4 * count)
+    result = np.stack([sine * np.cos(phi), sine * np.sin(phi), np.cos(theta)], axis=-1)
+    return result.reshape(-1, 3), (weight * sine).ravel() * math.pi**2 / (4 * count)
 
 
 def radiated(one, method, other=None):
@@ -70,10 +70,10 @@ def test_couplings_have_their_reference_values(name, method):
     case, pair = REFERENCE[name], SOURCES.get(name, (SQUARE, SQUARE))
     expected = complex(*case["coupling"][method])
     for tolerance in (1e-6, 1e-10):
-        found = pw.coupling(
+        result = pw.coupling(
             *pair, case["to_transmitter"], WAVELENGTH, method, tolerance, normalise="aperture"
         )
-        assert abs(found - expected) <= tolerance * abs(expected)
+        assert abs(result - expected) <= tolerance * abs(expected)
 
 
 @pytest.mark.parametrize("method", [*EXACT, "fraunhofer", "wigner"])
@@ -82,8 +82,8 @@ def test_powers_of_a_link_are_those_that_its_sources_radiate(method):
     counts = ("radiated", "aperture")
     by = {n: pw.coupling(*pair, place, WAVELENGTH, method, 1e-4, normalise=n) for n in counts}
     expected = math.prod(norm(source) / radiated(source, method).real for source in pair)
-    found = by["radiated"] / by["aperture"]
-    assert found == pytest.approx(expected if method == "wigner" else expected**0.5, rel=ROUNDING)
+    result = by["radiated"] / by["aperture"]
+    assert result == pytest.approx(expected if method == "wigner" else expected**0.5, rel=ROUNDING)
     assert abs(expected - 1) > 0.03
 
 
@@ -106,10 +106,10 @@ def test_a_coupling_is_the_field_summed_over_the_receiver(receiver, place):
     points = places @ to_transmitter[:3, :2].T + to_transmitter[:3, 3]
     field = pw.amplitude(PAIR, points, WAVELENGTH, "rayleigh-sommerfeld-2", tolerance=1e-12)
     expected = field @ weights / math.sqrt(norm(PAIR) * norm(receiver))
-    found = pw.coupling(
+    result = pw.coupling(
         PAIR, receiver, to_transmitter, WAVELENGTH, "rayleigh-sommerfeld-2", FIELDS, **APERTURE
     )
-    assert abs(found - expected) <= 2 * FIELDS * abs(expected)
+    assert abs(result - expected) <= 2 * FIELDS * abs(expected)
 
 
 @pytest.mark.parametrize("distance", [1e5, 1e9, 1e13])
@@ -138,9 +138,9 @@ def fresnel(transmitter, receiver, to_transmitter):
 )
 def test_the_overlap_in_phase_space_is_fresnels_coupling(pair, place):
     to_transmitter = pose(*place)
-    found = pw.coupling(*pair, to_transmitter, WAVELENGTH, "wigner", 1e-5, **APERTURE)
-    assert isinstance(found, float)
-    assert found == pytest.approx(abs(fresnel(*pair, to_transmitter)) ** 2, rel=1e-5, abs=0)
+    result = pw.coupling(*pair, to_transmitter, WAVELENGTH, "wigner", 1e-5, **APERTURE)
+    assert isinstance(result, float)
+    assert result == pytest.approx(abs(fresnel(*pair, to_transmitter)) ** 2, rel=1e-5, abs=0)
 
 
 @pytest.mark.parametrize("normalise", ["radiated", "aperture"])
@@ -151,7 +151,7 @@ def test_an_array_couples_as_the_sum_of_its_elements(normalise):
     array = pw.phased_array(patch, places, weights)
     to_transmitter = pose(5e-3, 0, 30e-3, 0.2)
     how: Any = {"tolerance": 1e-9, "normalise": normalise}
-    found = pw.coupling(array, L_SHAPE, to_transmitter, WAVELENGTH, **how)
+    result = pw.coupling(array, L_SHAPE, to_transmitter, WAVELENGTH, **how)
     total = 0j
     for place, weight in zip(places, weights, strict=True):
         own = np.eye(4)
@@ -161,7 +161,7 @@ def test_an_array_couples_as_the_sum_of_its_elements(normalise):
         norm(s) if normalise == "aperture" else radiated(s, EXACT[0]).real for s in (patch, array)
     ]
     expected = total * math.sqrt(powers[0] / powers[1])
-    assert abs(found - expected) < 1e-8 * abs(expected)
+    assert abs(result - expected) < 1e-8 * abs(expected)
 
 
 def test_estimated_errors_hold():
@@ -169,20 +169,20 @@ def test_estimated_errors_hold():
     pair = (L_SHAPE, STEERED)
     best = pw.coupling(*pair, poses, WAVELENGTH, tolerance=1e-10)
     for tolerance in (1e-2, 1e-4, 1e-7):
-        found, errors = pw.coupling(
+        result, errors = pw.coupling(
             *pair, poses, WAVELENGTH, tolerance=tolerance, return_error=True
         )
-        assert (np.abs(found - best) <= errors + 1e-10).all()
-        assert (errors <= tolerance * np.abs(found)).all()
+        assert (np.abs(result - best) <= errors + 1e-10).all()
+        assert (errors <= tolerance * np.abs(result)).all()
 
 
 def test_poses_broadcast_and_a_pose_gives_a_number():
     poses = np.array([[pose(x, 0, z) for x in (0, 5e-3, 9e-3)] for z in (20e-3, 40e-3)])
-    found = pw.coupling(SQUARE, COSINE, poses, WAVELENGTH)
-    assert found.shape == (2, 3)
+    result = pw.coupling(SQUARE, COSINE, poses, WAVELENGTH)
+    assert result.shape == (2, 3)
     alone = pw.coupling(SQUARE, COSINE, poses[1, 2], WAVELENGTH)
     assert isinstance(alone, complex)
-    assert abs(alone - found[1, 2]) <= 1e-6 * abs(alone)
+    assert abs(alone - result[1, 2]) <= 1e-6 * abs(alone)
     assert pw.coupling(SQUARE, COSINE, poses[:0], WAVELENGTH).shape == (0, 3)
     assert pw.coupling(SQUARE, SQUARE, poses[0, :1], WAVELENGTH, "wigner", 1e-2).shape == (1,)
 

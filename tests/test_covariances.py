@@ -67,11 +67,11 @@ def degree(matrix):
 
 def test_a_disc_gives_airys_coherence():
     """Van Cittert and Zernike."""
-    found = degree(pm.covariance(cloud(disc(), np.ones(4000)), ARRAY))
-    assert np.abs(found[0] - airy()).max() < AIRY
+    result = degree(pm.covariance(cloud(disc(), np.ones(4000)), ARRAY))
+    assert np.abs(result[0] - airy()).max() < AIRY
     # the first zero of Airy's function is passed
-    assert found[0, -1].real < 0
-    assert np.allclose(found, found.conj().T, rtol=1e-12, atol=1e-12)
+    assert result[0, -1].real < 0
+    assert np.allclose(result, result.conj().T, rtol=1e-12, atol=1e-12)
 
 
 def test_responses_are_fields_by_reciprocity():
@@ -113,14 +113,14 @@ def test_gates_add_up_and_hold_what_is_in_them():
 
 def test_elements_count_each_alone_and_places_behind_them_for_nothing():
     place = np.concatenate([disc(50), disc(50) * [1, 1, -1]])
-    found = pm.element_responses(cloud(place, np.ones(100)), ARRAY)
-    assert not found[:, 50:].any() and found[:, :50].all()
+    result = pm.element_responses(cloud(place, np.ones(100)), ARRAY)
+    assert not result[:, 50:].any() and result[:, :50].all()
     alone = pm.element_responses(cloud(place, np.ones(100)), list(ARRAY.elements_in_plane))
-    assert np.array_equal(found, alone)
+    assert np.array_equal(result, alone)
     shifted = np.eye(4)
     shifted[0, 3] = PLACES[3]
     moved = pm.element_responses(cloud(place, np.ones(100)), ELEMENT, to_world=shifted)
-    assert np.allclose(moved[0], found[3], rtol=1e-4, atol=1e-6 * abs(found).max())
+    assert np.allclose(moved[0], result[3], rtol=1e-4, atol=1e-6 * abs(result).max())
 
 
 @pytest.mark.parametrize(

@@ -39,13 +39,13 @@ def test_a_wave_of_no_curvature_has_the_field_of_the_flat_source(method):
 @pytest.mark.parametrize("method", ["fresnel", "rayleigh-sommerfeld-1", "kirchhoff"])
 def test_far_away_every_field_of_a_horn_is_its_far_field(method):
     point = (100.0, 200.0, 1e5)
-    found = pw.amplitude(HORN, point, WAVELENGTH, method)
+    result = pw.amplitude(HORN, point, WAVELENGTH, method)
     far = pw.amplitude(HORN, point, WAVELENGTH, "fraunhofer")
     if method == "rayleigh-sommerfeld-1":  # Fresnel's distance is another one
-        assert found == pytest.approx(far, rel=1e-6, abs=0.0)
+        assert result == pytest.approx(far, rel=1e-6, abs=0.0)
     # the slopes of Kirchhoff's waves are not along the axis
     share = {"kirchhoff": 3e-2, "fresnel": 1e-5}.get(method, 1e-6)
-    assert abs(found) == pytest.approx(abs(far), rel=share, abs=0.0)
+    assert abs(result) == pytest.approx(abs(far), rel=share, abs=0.0)
 
 
 def test_wigner_rays_of_a_horn_add_up_to_its_irradiance():

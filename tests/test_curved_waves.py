@@ -84,8 +84,8 @@ def test_a_curved_wave_is_a_lens_directly_behind(source):
             # and further on
             system = behind @ lens
             expected = function(source, *points, through=system, **through)
-            found = function(wave, *points, through=behind, **through)
-            assert np.abs(found - expected).max() < IDENTITY * ELL.area
+            result = function(wave, *points, through=behind, **through)
+            assert np.abs(result - expected).max() < IDENTITY * ELL.area
 
 
 def test_defocus_of_a_pupil_is_a_curved_wave():
@@ -97,8 +97,8 @@ def test_defocus_of_a_pupil_is_a_curved_wave():
     assert np.abs(pw.otf(curved, xi) - defocused).max() < IDENTITY
     assert np.abs(pw.otf(curved, xi, -waves, pupil) - pw.otf(ELL, xi)).max() < IDENTITY
     frequency = xi / (WAVELENGTH * 0.1)
-    found = pw.mtf(curved, frequency, WAVELENGTH, 0.1)
-    assert np.abs(found - np.abs(defocused)).max() < IDENTITY
+    result = pw.mtf(curved, frequency, WAVELENGTH, 0.1)
+    assert np.abs(result - np.abs(defocused)).max() < IDENTITY
 
 
 def test_arrays_of_curved_elements_add_up():

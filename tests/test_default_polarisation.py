@@ -88,8 +88,8 @@ def test_in_polarised_variants_all_routes_count_the_y_axes_of_both_ends() -> Non
     ]:
         one, other = poses(roll, 0.0)
         scalar = abs(coupled(SQUARE, one, SQUARE, other)) ** 2
-        found = routes(linked((one, other), sent, taken))
-        assert found == pytest.approx([share * scalar] * 3, rel=3 * MICRO_DECIBEL)
+        result = routes(linked((one, other), sent, taken))
+        assert result == pytest.approx([share * scalar] * 3, rel=3 * MICRO_DECIBEL)
 
 
 @pytest.mark.llvm
@@ -98,9 +98,9 @@ def test_the_default_is_the_link_of_huygens_sources_along_y() -> None:
     use(POLARISED)
     one, other = poses(0.5, 1.0, 2.0)
     expected = coupled(SQUARE, one, SQUARE, other, polarisation="y", method="huygens")
-    found = routes(linked((one, other), obliquity="kirchhoff"))
-    assert found == pytest.approx([abs(expected) ** 2] * 3, rel=1e-3)  # near fields beside it
-    assert max(found) / min(found) - 1 < MICRO_DECIBEL
+    result = routes(linked((one, other), obliquity="kirchhoff"))
+    assert result == pytest.approx([abs(expected) ** 2] * 3, rel=1e-3)  # near fields beside it
+    assert max(result) / min(result) - 1 < MICRO_DECIBEL
 
 
 @pytest.mark.llvm
@@ -148,9 +148,9 @@ def test_a_diffuse_floor_returns_half_to_the_default_and_ranges_and_scatterers_a
 def test_results_state_the_polarisations_that_count() -> None:
     use("scalar_spectral_polarized")
     scene = linked(poses(0.0, 0.0), None, "left")
-    found = pm.received_power(scene, spp=16)
-    assert found.polarisation == "y (default): tx; left: rx"
-    assert pm.channel(scene).attrs["polarisation"] == found.polarisation
+    result = pm.received_power(scene, spp=16)
+    assert result.polarisation == "y (default): tx; left: rx"
+    assert pm.channel(scene).attrs["polarisation"] == result.polarisation
     assert pm.channel(scene, polarisation="45 deg").attrs["polarisation"] == (
         "45 deg: tx; left: rx"
     )

@@ -77,9 +77,9 @@ def test_a_point_light_far_away_obeys_friis(plain: None, estimator: str) -> None
         rx=receiver(HANDED, estimator=estimator), lamp=point(distance * along(theta, phi))
     )
     expected = directivity(HANDED, theta, phi) * (WAVELENGTH / (4 * math.pi * distance)) ** 2
-    found = both_readings(scene)
+    result = both_readings(scene)
     # the outline reaches some millimetres to one side of the origin
-    assert found == pytest.approx([4 * math.pi * expected] * 2, rel=2e-3)
+    assert result == pytest.approx([4 * math.pi * expected] * 2, rel=2e-3)
     (part,) = pm.received_power(scene, spp=16).contributions
     assert part.name == "other lights" and part.scattered == 0.0
     (path,) = part.paths
@@ -124,8 +124,8 @@ def test_a_projector_is_received_as_its_light_on_a_floor_says(plain: None) -> No
     seen = camera((0, 0, 1), (0, 0, 0), 1, 0.01)
     image = pm.render(scene_of(camera=seen, floor=floor, light=projector), "direct", spp=64)
     irradiance = math.pi * float(image[0, 0].mean())
-    found = both_readings(scene_of(rx=receiver(), light=projector))
-    assert found == pytest.approx([irradiance * 4 * area(SQUARE, (0, 0, 2))] * 2, rel=1e-3)
+    result = both_readings(scene_of(rx=receiver(), light=projector))
+    assert result == pytest.approx([irradiance * 4 * area(SQUARE, (0, 0, 2))] * 2, rel=1e-3)
 
 
 # ---- what is in between -------------------------------------------------------------------------
@@ -147,8 +147,8 @@ def test_walls_and_veils_take_their_share_of_a_light(plain: None) -> None:
         (lamp, wall(1.0, bsdf={"type": "mask", "opacity": 0.25, "b": BLACK}), 0.75),
         (sun, wall(-0.1), 1.0),
     ):
-        found = both_readings(scene_of(rx=receiver(), light=light, part=part))
-        assert found == pytest.approx([share * free[light["type"]]] * 2, rel=0.01, abs=1e-14)
+        result = both_readings(scene_of(rx=receiver(), light=light, part=part))
+        assert result == pytest.approx([share * free[light["type"]]] * 2, rel=0.01, abs=1e-14)
 
 
 def test_lights_behind_a_receiver_and_hidden_ones_bring_nothing(plain: None) -> None:
@@ -186,24 +186,24 @@ def test_diffuse_light_of_a_lamp_is_found_by_samples(plain: None) -> None:
     plate = rectangle((0, 0, 3), (1, 0, 0), 180, half, {"type": "diffuse", "reflectance": rho})
     # the lamp stands behind the receiver's plane: no direct light
     lamp = point((1.0, 0.0, -0.5))
-    found = pm.received_power(scene_of(rx=receiver(), lamp=lamp, plate=plate), spp=2048, seed=2)
+    result = pm.received_power(scene_of(rx=receiver(), lamp=lamp, plate=plate), spp=2048, seed=2)
     squared = 1.0 + 3.5**2
     radiance = rho / math.pi * (3.5 / math.sqrt(squared)) / squared
     expected = radiance * (2 * half) ** 2 * area(SQUARE, (0, 0, 3))
-    assert found.direct == 0.0
-    assert abs(found.scattered - expected) < 5 * found.standard_error + 0.01 * expected
+    assert result.direct == 0.0
+    assert abs(result.scattered - expected) < 5 * result.standard_error + 0.01 * expected
 
 
 def test_lamps_and_sources_add(plain: None) -> None:
     pose = facing(2.0)
     tx = emitter(pose=pose)
     lamp = point((0.2, 0, 2.5))
-    found = pm.received_power(scene_of(rx=receiver(), tx=tx, lamp=lamp), spp=16)
+    result = pm.received_power(scene_of(rx=receiver(), tx=tx, lamp=lamp), spp=16)
     b = complex(pw.coupling(SQUARE, SQUARE, pose, WAVELENGTH))
-    parts = {part.name: part for part in found.contributions}
+    parts = {part.name: part for part in result.contributions}
     assert parts["tx"].direct == pytest.approx(abs(b) ** 2, rel=SINGLE)
     assert parts["other lights"].direct == pytest.approx(area(SQUARE, (0.2, 0, 2.5)), rel=SINGLE)
-    record = found.to_dict()["emitters"][-1]["paths"][0]
+    record = result.to_dict()["emitters"][-1]["paths"][0]
     assert record["light"] == "lamp" and record["length_m"] == pytest.approx(math.hypot(0.2, 2.5))
 
 

@@ -89,6 +89,6 @@ def test_gradients_have_the_phase_of_the_field(method):
     """Far along its beam a field turns with its distance: dU/dr = (ik - 1/r) U."""
     place = point_of("steered", DISTANCES[2])
     value = expected("steered", DISTANCES[2])[method]
-    found = field_gradient(radiator_of(STEERED), place[None], WAVELENGTH, method, 1e-9)[0]
+    result = field_gradient(radiator_of(STEERED), place[None], WAVELENGTH, method, 1e-9)[0]
     wave = 2j * np.pi / WAVELENGTH * value * place / np.linalg.norm(place)
-    assert np.abs(found - wave).max() <= SLOPES * 2 * np.pi / WAVELENGTH * abs(value)
+    assert np.abs(result - wave).max() <= SLOPES * 2 * np.pi / WAVELENGTH * abs(value)

@@ -65,13 +65,13 @@ def test_what_has_been_recorded_is_within_what_is_promised(file, number, row):
 
 def labels_of_formulas():
     """Of formulas, and of what stands in a table or a sentence with a label at its end."""
-    found = []
+    result = []
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
-        found += re.findall(r"\\tag\{([A-Z]+\d+)\}", text)
-        found += re.findall(r"\| \(([A-Z]+\d+)\) \|$", text, re.MULTILINE)
-        found += re.findall(r"  \(([A-Z]+\d+)\)$", text, re.MULTILINE)
-    return found
+        result += re.findall(r"\\tag\{([A-Z]+\d+)\}", text)
+        result += re.findall(r"\| \(([A-Z]+\d+)\) \|$", text, re.MULTILINE)
+        result += re.findall(r"  \(([A-Z]+\d+)\)$", text, re.MULTILINE)
+    return result
 
 
 def test_every_label_stands_at_one_formula():

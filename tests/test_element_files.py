@@ -44,12 +44,12 @@ def test_elements_are_turned_with_their_fields(tmp_path: Path) -> None:
     rows = "".join(
         f"{x}, {y}, {math.degrees(a)}\n" for (x, y), a in zip(places, angles, strict=True)
     )
-    found = pw.fourier(_read(tmp_path, "x, y, angle\n" + rows), NU)
+    result = pw.fourier(_read(tmp_path, "x, y, angle\n" + rows), NU)
     expected = np.zeros(len(NU), complex)
     for angle, place in zip(angles, 1e-3 * places, strict=True):
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         expected += pw.fourier(PATCH, NU @ turn) * np.exp(-2j * np.pi * NU @ place)
-    assert found == pytest.approx(expected, abs=1e-12 * PATCH.area)
+    assert result == pytest.approx(expected, abs=1e-12 * PATCH.area)
 
 
 def _overlaps(make: Any) -> str:
@@ -111,9 +111,9 @@ def test_slits_and_many_elements_that_overlap_are_reported_as_well() -> None:
 def test_tables_that_are_none_are_refused_in_a_sentence(
     tmp_path: Path, text: str, words: str
 ) -> None:
-    with pytest.raises(PolywignerError, match=words) as told:
+    with pytest.raises(PolywignerError, match=words) as error:
         _read(tmp_path, text)
-    assert "table.csv" in str(told.value) and str(told.value).isprintable()
+    assert "table.csv" in str(error.value) and str(error.value).isprintable()
 
 
 def test_other_elements_and_missing_files_are_refused(tmp_path: Path) -> None:

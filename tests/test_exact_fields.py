@@ -219,8 +219,8 @@ def test_the_field_of_a_source_far_below_a_wavelength_is_as_good_as_promised(met
 
 @pytest.mark.filterwarnings("error")
 def test_on_an_edge_there_is_half_of_the_field_and_on_a_corner_a_quarter():
-    found = pw.amplitude(pw.shapes.square(3.0), [(1.5, 0.0, 1e-70), (1.5, 1.5, 1e-70)], 1.0)
-    assert found == pytest.approx([0.5, 0.25], abs=1e-9)
+    result = pw.amplitude(pw.shapes.square(3.0), [(1.5, 0.0, 1e-70), (1.5, 1.5, 1e-70)], 1.0)
+    assert result == pytest.approx([0.5, 0.25], abs=1e-9)
 
 
 def test_edges_of_too_many_wavelengths_are_refused_with_a_word_on_units():
@@ -233,12 +233,12 @@ def test_edges_of_too_many_wavelengths_are_refused_with_a_word_on_units():
 def test_gradients_are_those_of_integrals_over_the_opening(method, name):
     """Differences of the fourth order with this step err by (k step)^4/30, 5e-11, and rounding."""
     points, step = np.array([[0.3, 0.6, 2.9], [-6.0, 3.0, 5.0]]), 1e-3
-    found = field_gradient(radiator_of(SOURCES[name]), points, 1.0, method, 1e-9)
+    result = field_gradient(radiator_of(SOURCES[name]), points, 1.0, method, 1e-9)
     for axis in range(3):
         moved = step * np.array([-2, -1, 1, 2])[:, None, None] * np.eye(3)[axis] + points
         fields = field_by_quadrature(SOURCES[name], moved.reshape(-1, 3), 1.0, method)
         slopes = np.array([1, -8, 8, -1]) @ fields.reshape(4, -1) / (12 * step)
-        assert np.abs(found[:, axis] - slopes).max() < 1e-8 * np.abs(found).max()
+        assert np.abs(result[:, axis] - slopes).max() < 1e-8 * np.abs(result).max()
 
 
 @pytest.mark.llvm

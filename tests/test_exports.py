@@ -49,12 +49,12 @@ def read_vti(path):
 
 def test_netcdf_has_the_values_axes_and_units_of_a_store(table, tmp_path):
     pw.write_netcdf(table, tmp_path / "w.nc")
-    with xarray.open_dataset(tmp_path / "w.nc", engine="h5netcdf") as found:
+    with xarray.open_dataset(tmp_path / "w.nc", engine="h5netcdf") as result:
         stored = xarray.open_zarr(table)
-        xarray.testing.assert_equal(found, stored)
-        assert found["W"].attrs["units"] == "m2"
-        assert found["nu_x"].attrs["units"] == "1/m"
-        assert found.attrs == stored.attrs
+        xarray.testing.assert_equal(result, stored)
+        assert result["W"].attrs["units"] == "m2"
+        assert result["nu_x"].attrs["units"] == "1/m"
+        assert result.attrs == stored.attrs
     assert [file.name for file in tmp_path.iterdir()] == ["w.nc"]
 
 
@@ -69,15 +69,15 @@ def test_vtk_image_data_has_the_values_of_a_store(table, tmp_path):
 
 def test_complex_values_become_their_two_parts(tmp_path):
     lags = np.linspace(-0.5, 0.25, 4)
-    found = pw.ambiguity_table(SQUARE.moved((0.1, 0)), NU, NU, lags, lags, precision="double")
-    part = found.isel(xi_y=0)
+    result = pw.ambiguity_table(SQUARE.moved((0.1, 0)), NU, NU, lags, lags, precision="double")
+    part = result.isel(xi_y=0)
     pw.write_vti(part, tmp_path / "a.vti")
-    pw.write_netcdf(found, tmp_path / "a.nc")
+    pw.write_netcdf(result, tmp_path / "a.nc")
     _, arrays = read_vti(tmp_path / "a.vti")
     assert abs(arrays["A_imag"]).max() > 0.05
     np.testing.assert_array_equal(arrays["A_real"] + 1j * arrays["A_imag"], part["A"])
     with xarray.open_dataset(tmp_path / "a.nc", engine="h5netcdf") as file:
-        np.testing.assert_array_equal(file["A_real"] + 1j * file["A_imag"], found["A"])
+        np.testing.assert_array_equal(file["A_real"] + 1j * file["A_imag"], result["A"])
         assert file["A_imag"].attrs["units"] == "m2"
 
 
@@ -100,11 +100,11 @@ def test_what_is_no_dataset_is_refused(tmp_path, write):
 
 
 def test_images_of_four_axes_or_uneven_ones_are_refused(table, tmp_path):
-    found = xarray.open_zarr(table)
+    result = xarray.open_zarr(table)
     for wrong, words in (
-        (found, "one to three axes"),
-        (found.isel(nu_x=0, x=[0, 1, 3], drop=True), "evenly spaced ascending values of x"),
-        (found.isel(nu_x=0, y=slice(None, None, -1), drop=True), "ascending values of y"),
+        (result, "one to three axes"),
+        (result.isel(nu_x=0, x=[0, 1, 3], drop=True), "evenly spaced ascending values of x"),
+        (result.isel(nu_x=0, y=slice(None, None, -1), drop=True), "ascending values of y"),
     ):
         with pytest.raises(ArgumentError, match=words):
             pw.write_vti(wrong, tmp_path / "w.vti")

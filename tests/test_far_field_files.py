@@ -39,7 +39,7 @@ def _size(squares: Any, unit: str) -> Any:
     """|rE|^2 in V^2 in a unit, by the definitions of the units."""
     intensity, ratio = squares / (2 * FREE_SPACE), squares / (2 * FREE_SPACE) * 4 * np.pi / POWER
     with np.errstate(divide="ignore"):
-        found = {
+        result = {
             "V/m": np.sqrt(squares),
             "mV/m": 1e3 * np.sqrt(squares),
             "kV": 1e-3 * np.sqrt(squares),
@@ -58,7 +58,7 @@ def _size(squares: Any, unit: str) -> Any:
             "dB": 10 * np.log10(ratio),
             "dBd": 10 * np.log10(ratio) - 2.15,
         }[unit]
-    return np.maximum(found, -300.0)
+    return np.maximum(result, -300.0)
 
 
 def _cst(
@@ -87,17 +87,17 @@ def _cst(
     return path
 
 
-def _check(found: Any, power: float = POWER) -> None:
+def _check(result: Any, power: float = POWER) -> None:
     """The directivity, and up to a factor the field, of all directions."""
-    theta, phi = found["theta"].values[:, None], found["phi"].values
+    theta, phi = result["theta"].values[:, None], result["phi"].values
     exact = directivity(theta, phi)
     peak = 10 * math.log10(exact.max())
-    assert found.attrs["peak_directivity"] == pytest.approx(peak, abs=DIGITS)
-    assert 10 ** (found["directivity"].values / 10) == pytest.approx(exact, abs=1e-5)
-    assert found.attrs["radiated_power"] == pytest.approx(power, rel=1e-6)
-    x, y = _linear(found)
+    assert result.attrs["peak_directivity"] == pytest.approx(peak, abs=DIGITS)
+    assert 10 ** (result["directivity"].values / 10) == pytest.approx(exact, abs=1e-5)
+    assert result.attrs["radiated_power"] == pytest.approx(power, rel=1e-6)
+    x, y = _linear(result)
     polar, azimuthal = field(theta, phi)
-    scale = math.sqrt(found.attrs["radiated_power"] / POWER / (2 * FREE_SPACE))
+    scale = math.sqrt(result.attrs["radiated_power"] / POWER / (2 * FREE_SPACE))
     exact_x = scale * (polar * np.cos(phi) - azimuthal * np.sin(phi)).conj()
     exact_y = scale * (polar * np.sin(phi) + azimuthal * np.cos(phi)).conj()
     largest = max(np.abs(exact_x).max(), np.abs(exact_y).max())
@@ -105,10 +105,10 @@ def _check(found: Any, power: float = POWER) -> None:
     assert np.abs(y - exact_y).max() < 1e-6 * largest
 
 
-def _linear(found: Any) -> tuple[Any, Any]:
+def _linear(result: Any) -> tuple[Any, Any]:
     """Components along x and y by Ludwig's third definition, of co- and cross-polar parts."""
-    p, q = np.asarray(found.attrs["polarisation"]).view(np.complex128)
-    co, cross = found["field"].values, found["cross_field"].values
+    p, q = np.asarray(result.attrs["polarisation"]).view(np.complex128)
+    co, cross = result["field"].values, result["cross_field"].values
     return p * co - np.conj(q) * cross, q * co + np.conj(p) * cross
 
 
@@ -138,10 +138,10 @@ def test_a_table_of_cst_is_read_in_its_units(
     ],
 )
 def test_theta_of_both_signs_covers_the_sphere(tmp_path: Path, thetas: Any, phis: Any) -> None:
-    found = pw.read_pattern(_cst(tmp_path / "a.txt", "E", "V/m", thetas=thetas, phis=phis))
-    assert found["theta"].values[[0, -1]] == pytest.approx([0.0, math.pi])
-    assert found["phi"].values.min() == 0 and found["phi"].values.max() < 2 * math.pi - 0.1
-    _check(found)
+    result = pw.read_pattern(_cst(tmp_path / "a.txt", "E", "V/m", thetas=thetas, phis=phis))
+    assert result["theta"].values[[0, -1]] == pytest.approx([0.0, math.pi])
+    assert result["phi"].values.min() == 0 and result["phi"].values.max() < 2 * math.pi - 0.1
+    _check(result)
 
 
 @pytest.mark.parametrize(
@@ -162,9 +162,9 @@ def test_units_that_do_not_fit_are_refused_by_name(
 ) -> None:
     path = _cst(tmp_path / "a.txt", "E", "V/m")
     path.write_text(path.read_text().replace(*change))
-    with pytest.raises(FileFormatError, match=words) as told:
+    with pytest.raises(FileFormatError, match=words) as error:
         pw.read_pattern(path)
-    assert str(told.value).isprintable()
+    assert str(error.value).isprintable()
 
 
 def _change_levels(path: Path, change: Any) -> None:
@@ -194,9 +194,9 @@ def test_a_directivity_that_the_integral_contradicts_is_warned_of(tmp_path: Path
     half = np.arange(0.0, 91, 15)
     path = _cst(tmp_path / "a.txt", "Dir.", "dBi", thetas=half)
     with pytest.warns(PolywignerWarning, match="integral over its directions"):
-        found = pw.read_pattern(path)
+        result = pw.read_pattern(path)
     front = 10 * math.log10(directivity(np.radians(half)[:, None], np.radians(PHI)).max())
-    assert found.attrs["peak_directivity"] == pytest.approx(front, abs=DIGITS)
+    assert result.attrs["peak_directivity"] == pytest.approx(front, abs=DIGITS)
 
 
 @pytest.mark.parametrize("efficiency", [0.5, 2.0])
@@ -331,16 +331,16 @@ def test_a_report_of_several_frequencies_needs_one(tmp_path: Path) -> None:
 
 def test_a_pivoted_report_has_its_frequency_in_the_header(tmp_path: Path) -> None:
     columns = {f"{name} - Freq='77GHz'": make for name, make in _parts("mV", 1e3).items()}
-    found = pw.read_pattern(_hfss(tmp_path / "a.csv", {**ANGLES, **columns}))
-    _check(found)
-    assert found.attrs["frequency"] == pytest.approx(77e9)
+    result = pw.read_pattern(_hfss(tmp_path / "a.csv", {**ANGLES, **columns}))
+    _check(result)
+    assert result.attrs["frequency"] == pytest.approx(77e9)
 
 
 def test_a_file_without_a_frequency_takes_the_one_that_is_given(tmp_path: Path) -> None:
     path = _cst(tmp_path / "a.txt", "E", "V/m")
     assert math.isnan(pw.read_pattern(path).attrs["frequency"])
-    found = pw.read_pattern(path, frequency=10e9)
-    assert found.attrs["wavelength"] == pytest.approx(0.0299792458)
+    result = pw.read_pattern(path, frequency=10e9)
+    assert result.attrs["wavelength"] == pytest.approx(0.0299792458)
     for wrong in (0.0, -1e9, "10 GHz"):
         with pytest.raises(ArgumentError, match="frequency"):
             pw.read_pattern(path, frequency=wrong)  # type: ignore[arg-type]
@@ -364,9 +364,9 @@ def test_far_field_data_of_hfss_have_frequencies_and_signs_of_theta(
 ) -> None:
     path = _ffd(tmp_path / "a.ffd", {1e9: 1.0, 2e9: 3.0, 3e9: 0.1}, thetas, np.arange(0.0, 361, 20))
     for frequency, factor in ((1e9, 1.0), (2e9, 3.0), (3.0001e9, 0.1)):
-        found = pw.read_pattern(path, frequency=frequency)
-        assert found.attrs["frequency"] == pytest.approx(frequency, rel=1e-3)
-        _check(found, factor**2 * POWER)
+        result = pw.read_pattern(path, frequency=frequency)
+        assert result.attrs["frequency"] == pytest.approx(frequency, rel=1e-3)
+        _check(result, factor**2 * POWER)
     with pytest.raises(FileFormatError, match=r"frequency= as one of 1e.09, 2e.09, 3e.09 Hz"):
         pw.read_pattern(path)
     with pytest.raises(FileFormatError, match=r"2.5e.09"):
@@ -475,12 +475,12 @@ def test_cuts_of_grasp_are_read(
 def test_two_cuts_of_grasp_have_the_directivity_of_their_normalisation(tmp_path: Path) -> None:
     thetas = np.arange(-60.0, 61, 5)
     path = _grasp(tmp_path / "a.cut", 3, 1, thetas, [0.0, 90.0], "horn, 12.5 GHz")
-    found = pw.read_pattern(path)
-    assert found["theta"].values == pytest.approx(np.radians(thetas))
+    result = pw.read_pattern(path)
+    assert result["theta"].values == pytest.approx(np.radians(thetas))
     exact = directivity(np.radians(thetas)[:, None], np.radians([0.0, 90.0]))
-    assert 10 ** (found["directivity"].values / 10) == pytest.approx(exact, rel=1e-6)
-    assert found.attrs["frequency"] == pytest.approx(12.5e9)
-    assert len(pw.beam_metrics(found).cuts) == 2
+    assert 10 ** (result["directivity"].values / 10) == pytest.approx(exact, rel=1e-6)
+    assert result.attrs["frequency"] == pytest.approx(12.5e9)
+    assert len(pw.beam_metrics(result).cuts) == 2
 
 
 def test_cuts_of_grasp_that_are_not_read_are_named(tmp_path: Path) -> None:
@@ -512,19 +512,19 @@ def test_a_written_planning_file_is_read_back(tmp_path: Path) -> None:
     written = pw.radiation_pattern(source, 3.9e-3, theta, phi)
     for suffix in (".msi", ".pln"):
         pw.write_pattern(written, tmp_path / f"a{suffix}", efficiency=0.8)
-        found = pw.read_pattern(tmp_path / f"a{suffix}")
-        assert found["theta"].values == pytest.approx(np.radians(np.arange(-180, 181)))
-        assert found["phi"].values == pytest.approx(phi)
-        front = found["directivity"].values[90:271]
+        result = pw.read_pattern(tmp_path / f"a{suffix}")
+        assert result["theta"].values == pytest.approx(np.radians(np.arange(-180, 181)))
+        assert result["phi"].values == pytest.approx(phi)
+        front = result["directivity"].values[90:271]
         expected = written["directivity"].values + 10 * math.log10(0.8)
         strong = expected > -40
         assert front[strong] == pytest.approx(expected[strong], abs=2e-3)
-        assert found.attrs["frequency"] == pytest.approx(written.attrs["frequency"], rel=1e-8)
-        metrics, own = pw.beam_metrics(found), pw.beam_metrics(written)
+        assert result.attrs["frequency"] == pytest.approx(written.attrs["frequency"], rel=1e-8)
+        metrics, own = pw.beam_metrics(result), pw.beam_metrics(written)
         widths = [[cut.half_power_beamwidth for cut in m.cuts] for m in (metrics, own)]
         assert widths[0] == pytest.approx(widths[1], rel=2e-3)
     with pytest.raises(ArgumentError, match="without a field"):
-        pw.write_pattern(found, tmp_path / "b.cut")
+        pw.write_pattern(result, tmp_path / "b.cut")
 
 
 @pytest.mark.parametrize(
@@ -537,11 +537,11 @@ def test_the_gain_of_a_planning_file_has_a_unit(tmp_path: Path, gain: str, expec
     path.write_text(text)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        found = pw.read_pattern(path)
-    assert found.attrs["peak_directivity"] == pytest.approx(expected)
-    assert found.attrs["frequency"] == 2.14e9
+        result = pw.read_pattern(path)
+    assert result.attrs["peak_directivity"] == pytest.approx(expected)
+    assert result.attrs["frequency"] == 2.14e9
     assert bool(caught) == ("dB" not in gain)
-    assert "nan" not in str(pw.beam_metrics(found)).lower()
+    assert "nan" not in str(pw.beam_metrics(result)).lower()
     for change, words in (
         ((f"GAIN {gain}", "GAIN 17 lbs"), "GAIN"),
         (("2140", "2140 furlongs"), "frequency"),

@@ -11,8 +11,8 @@ from polywigner.errors import ArgumentError
 from polywigner.figures import (
     draw_scene,
     draw_transforms,
+    image_peak,
     level_db,
-    picture_peak,
     system_slices,
     transform_slices,
 )
@@ -41,16 +41,16 @@ def test_single_outliers_do_not_move_the_peak_of_a_picture():
     noisy[3, 4] = 1e6
     noisy[30, 8] = -1e6
     noisy[0, 0] = 1e6
-    peak = picture_peak(beam)
+    peak = image_peak(beam)
     assert peak is not None
-    assert picture_peak(noisy) == peak
+    assert image_peak(noisy) == peak
     # The median of a 3 x 3 neighbourhood of the summit lies one pixel beside it.
     assert np.exp(-2 / 200.0) <= peak <= 1.0
 
 
 def test_a_picture_without_positive_pixels_has_no_peak_and_lies_on_the_floor():
     dark = -np.ones((5, 7))
-    assert picture_peak(dark) is None
+    assert image_peak(dark) is None
     assert (level_db(dark, None, -30) == -30).all()
 
 
@@ -125,29 +125,29 @@ SYSTEM = pw.FirstOrder.free_space(0.05) @ pw.FirstOrder.lens(0.03)
 
 
 def test_the_section_behind_is_the_one_before_along_rays():
-    found = system_slices(TEE, SYSTEM, WAVELENGTH, samples=33)
-    inside = tuple(np.argwhere(abs(found.before) > 1e-6).mean(axis=0).astype(int))
-    assert found.before[inside] != 0.0
+    result = system_slices(TEE, SYSTEM, WAVELENGTH, samples=33)
+    inside = tuple(np.argwhere(abs(result.before) > 1e-6).mean(axis=0).astype(int))
+    assert result.before[inside] != 0.0
     # every third sample behind, traced back, lies in the section before
-    x, s = np.meshgrid(found.x_out[::3], WAVELENGTH * found.nu_out[::3])
+    x, s = np.meshgrid(result.x_out[::3], WAVELENGTH * result.nu_out[::3])
     middle = TEE.centre  # which is inside the automean
     y_out, s_out = SYSTEM.rays(middle, np.zeros(2))
     back, slope = SYSTEM.inverse.rays(
         np.stack([x, 0 * x + y_out[1]], axis=-1), np.stack([s, 0 * s + s_out[1]], axis=-1)
     )
     expected = pw.wigner(TEE, back, slope / WAVELENGTH)
-    assert found.behind[::3, ::3] == pytest.approx(expected, abs=1e-12 * TEE.area)
+    assert result.behind[::3, ::3] == pytest.approx(expected, abs=1e-12 * TEE.area)
     assert np.count_nonzero(expected) > 5
 
 
 def test_the_light_is_the_irradiance_where_most_of_it_goes():
-    found = system_slices(TEE, SYSTEM, WAVELENGTH, samples=41)
-    step = (found.across[1] - found.across[0]) * (found.up[1] - found.up[0])
-    share = found.light.sum() * step / TEE.area
+    result = system_slices(TEE, SYSTEM, WAVELENGTH, samples=41)
+    step = (result.across[1] - result.across[0]) * (result.up[1] - result.up[0])
+    share = result.light.sum() * step / TEE.area
     assert 0.7 < share < 1.0
-    at = (found.across[7], found.up[30])
+    at = (result.across[7], result.up[30])
     light = pw.irradiance(TEE, at, WAVELENGTH, through=SYSTEM)
-    assert found.light[30, 7] == pytest.approx(light, abs=1e-5)
+    assert result.light[30, 7] == pytest.approx(light, abs=1e-5)
 
 
 def test_it_is_drawn_as_four_panels():

@@ -33,11 +33,11 @@ def line(**values):
 
 def test_nulls_of_the_reference_and_negative_values_are_not_compared():
     true = np.array([1.0, 1e-2, 1e-4, 0.0, 0.5])
-    found = np.array([2.0, 1e-2, 7.0, 3.0, -0.1])
+    result = np.array([2.0, 1e-2, 7.0, 3.0, -0.1])
     assert np.array_equal(
-        np.isfinite(difference_db(found, true)), [True, True, False, False, False]
+        np.isfinite(difference_db(result, true)), [True, True, False, False, False]
     )
-    assert summary(found, true) == (pytest.approx(TWICE), pytest.approx(TWICE / 2**0.5), 2, 1)
+    assert summary(result, true) == (pytest.approx(TWICE), pytest.approx(TWICE / 2**0.5), 2, 1)
     assert np.isnan(summary(0 * true, true).rms)
     with pytest.raises(ArgumentError, match="same points"):
         difference_db(true, true[1:])
@@ -74,11 +74,11 @@ def test_a_curve_has_gaps_where_there_is_no_power():
 
 def test_an_arc_is_drawn_over_degrees():
     angle = np.radians(np.linspace(-80, 80, 33))
-    found = xarray.Dataset(
+    result = xarray.Dataset(
         {"kirchhoff": (("theta", "phi"), np.cos(angle)[:, None] ** 4)},
         coords={"theta": ("theta", angle, {"units": "rad", "long_name": "angle"}), "phi": [0.0]},
     )
-    (axes,) = draw_lines(found).axes
+    (axes,) = draw_lines(result).axes
     np.testing.assert_allclose(axes.lines[0].get_xdata(), np.degrees(angle))
     assert axes.get_xlabel() == "angle (degrees)"
 
@@ -120,26 +120,26 @@ def test_a_complex_field_shows_its_phase():
 
 def test_beams_go_across_a_plane_along_z():
     values = np.add.outer(np.arange(7.0), np.arange(5.0)) + 1
-    found = plane("irradiance", "W m-2", exact=values).rename(y="z")
-    (axes, _) = draw_planes(found).axes
+    result = plane("irradiance", "W m-2", exact=values).rename(y="z")
+    (axes, _) = draw_planes(result).axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("$z$ (mm)", "$x$ (mm)")
     assert axes.images[0].get_array().shape == (7, 5)
 
 
 def test_rays_are_labelled_with_their_obliquity():
-    found = line(rays=1 / Z, kirchhoff=1 / Z)
-    found["rays"].attrs |= {"method": "wigner", "obliquity": "kirchhoff"}
-    labels = [text.get_text() for text in draw_lines(found).axes[0].get_legend().get_texts()]
+    result = line(rays=1 / Z, kirchhoff=1 / Z)
+    result["rays"].attrs |= {"method": "wigner", "obliquity": "kirchhoff"}
+    labels = [text.get_text() for text in draw_lines(result).axes[0].get_legend().get_texts()]
     assert labels == ["Wigner, obliquity Kirchhoff", "Kirchhoff"]
 
 
 def test_a_hemisphere_is_drawn_over_direction_cosines_all_around():
     theta, phi = np.radians(np.linspace(0, 90, 10)), np.radians(np.arange(0, 360, 30.0))
     values = np.cos(theta)[:, None] ** 2 * (1 + 0.5 * np.cos(phi))
-    found = xarray.Dataset(
+    result = xarray.Dataset(
         {"fraunhofer": (("phi", "theta"), values.T)}, coords={"theta": theta, "phi": phi}
     )
-    figure = draw_hemispheres(found)
+    figure = draw_hemispheres(result)
     figure.savefig(io.BytesIO(), format="png")
     (mesh,) = figure.axes[0].collections
     nodes = mesh.get_coordinates()
@@ -168,14 +168,14 @@ def test_fields_that_cannot_be_drawn_are_refused():
         ),
         (draw_projections, pw.projections(SOURCE, coordinates={"x": [0.0]}), {}, "two samples"),
     ]
-    for draw, found, options, words in cases:
+    for draw, result, options, words in cases:
         with pytest.raises(ArgumentError, match=words):
-            draw(found, **options)
+            draw(result, **options)
 
 
-def cuts_drawn(found, obstacles):
+def cuts_drawn(result, obstacles):
     """Ends of the lines that are drawn over a map, in the units of its axes."""
-    figure = draw_planes(found, obstacles=obstacles)
+    figure = draw_planes(result, obstacles=obstacles)
     return {
         tuple(np.round(line[[0, -1]].ravel(), 6))
         for drawn in figure.axes[0].collections
@@ -189,18 +189,18 @@ def test_the_lines_where_a_plane_cuts_obstacles_are_drawn():
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]],
     )
     square, method = pw.shapes.square(10e-3), {"method": "fraunhofer"}
-    found = pw.plane(square, [(-0.02, 0, 0.01), (0.02, 0, 0.05)], (3, 4), 3e-3, **method)
+    result = pw.plane(square, [(-0.02, 0, 0.01), (0.02, 0, 0.05)], (3, 4), 3e-3, **method)
     # z across, x upwards
-    ends = np.array(list(cuts_drawn(found, box))).reshape(-1, 2)
+    ends = np.array(list(cuts_drawn(result, box))).reshape(-1, 2)
     assert set(map(tuple, ends)) >= {(20, -10), (20, 10), (30, -10), (30, 10)}
     assert ends.min(axis=0).tolist() == [20, -10] and ends.max(axis=0).tolist() == [30, 10]
     pose = np.eye(4)
     pose[2, 3] = 0.04
     corners = [(-0.02, -0.02, 0.04), (0.02, 0.02, 0.04)]
-    found = pw.plane(square, corners, (3, 4), 3e-3, **method)
-    ends = np.array(list(cuts_drawn(found, square.placed(pose)))).reshape(-1, 2)
+    result = pw.plane(square, corners, (3, 4), 3e-3, **method)
+    ends = np.array(list(cuts_drawn(result, square.placed(pose)))).reshape(-1, 2)
     assert set(map(tuple, ends)) == {(-5, -5), (-5, 5), (5, -5), (5, 5)}
-    assert not cuts_drawn(found, box)
+    assert not cuts_drawn(result, box)
 
 
 # --- Figures of projections: neighbours share axes, and every panel says what it shows
@@ -228,10 +228,10 @@ def test_values_stand_at_their_coordinates():
     slits = pw.shapes.slit_pair((1e-3, 2e-3), (-2e-3, 3e-3))
     figure = draw_projections(pw.projections(slits, "wigner", samples=9))
     assert [axes.get_title() for axes in _panels(figure)] == ["$W$"]
-    found = pw.projections(SOURCE, "wigner", samples={"x": 9, "y": 8, "nu_x": 7, "nu_y": 6})
-    corner = _panels(draw_projections(found))[0]
+    result = pw.projections(SOURCE, "wigner", samples={"x": 9, "y": 8, "nu_x": 7, "nu_y": 6})
+    corner = _panels(draw_projections(result))[0]
     mesh = corner.collections[0]
     values = np.asarray(mesh.get_array()).reshape(8, 9)  # y upwards, x across
-    assert (values == found["x_y"].values.T).all()
+    assert (values == result["x_y"].values.T).all()
     centres = (mesh.get_coordinates()[0, :-1, 0] + mesh.get_coordinates()[0, 1:, 0]) / 2
-    assert np.allclose(centres, found["x"].values * 1e3)  # mm
+    assert np.allclose(centres, result["x"].values * 1e3)  # mm

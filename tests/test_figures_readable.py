@@ -75,24 +75,24 @@ def fresnel_plane():
 
 
 def test_the_default_floor_of_a_plane_leaves_out_one_percent_of_the_power():
-    found = fresnel_plane()
-    low, high = draw_planes(found).axes[0].images[0].get_clim()
-    power = found["fresnel"].values
+    result = fresnel_plane()
+    low, high = draw_planes(result).axes[0].images[0].get_clim()
+    power = result["fresnel"].values
     share = [power[power < power.max() * 10 ** (level / 10)].sum() for level in (low, low + 5)]
     assert high == 0.0 and -40 < low < -5 and low % 5 == 0
     assert share[0] <= 0.01 * power.sum() < share[1]
 
 
 def test_linear_planes_and_lines_show_values_relative_to_their_peak():
-    found = fresnel_plane()
-    image = draw_planes(found, linear=True).axes[0].images[0]
-    power = found["fresnel"].values
+    result = fresnel_plane()
+    image = draw_planes(result, linear=True).axes[0].images[0]
+    power = result["fresnel"].values
     np.testing.assert_allclose(image.get_array(), power.T / power.max(), rtol=1e-12)
     assert image.get_clim() == (0.0, 1.0)
     ends = [(-0.05, 0, 0.1), (0.05, 0, 0.1)]
-    found = pw.line(pw.shapes.square(0.03), ends, 41, WAVELENGTH, method="fresnel")
-    (axes,) = draw_lines(found, linear=True).axes
-    power = found["fresnel"].values
+    result = pw.line(pw.shapes.square(0.03), ends, 41, WAVELENGTH, method="fresnel")
+    (axes,) = draw_lines(result, linear=True).axes
+    power = result["fresnel"].values
     np.testing.assert_allclose(axes.lines[0].get_ydata(), power / power.max(), rtol=1e-12)
     assert axes.get_ylabel() == "irradiance (relative)"
 
@@ -133,12 +133,12 @@ def test_a_message_contains_at_most_one_line_of_data():
 def test_a_volume_shows_the_outline_of_the_source_in_its_dataset():
     square = pw.shapes.square(10e-3)
     box = ((-0.02, -0.02, 0.01), (0.02, 0.02, 0.05))
-    found = pw.volume(square, box, (5, 5, 5), WAVELENGTH, method="fraunhofer")
+    result = pw.volume(square, box, (5, 5, 5), WAVELENGTH, method="fraunhofer")
 
     def artists(*sources):
-        axes = draw_volume(found, *sources).axes[0]
+        axes = draw_volume(result, *sources).axes[0]
         return len(axes.get_children())
 
     assert artists() == artists(square)
-    found = found.drop_vars("source_json")
+    result = result.drop_vars("source_json")
     assert artists() < artists(square)

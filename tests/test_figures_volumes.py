@@ -85,9 +85,9 @@ def test_walls_show_the_projections_of_the_values(projection, reduced, monkeypat
     monkeypatch.setattr(
         volumes, "_draw_wall", lambda *args: (walls.append(args[3]), draw(*args))[1]
     )
-    found = beam()
-    draw_volume(found.transpose("z", "x", "y"), projection=projection, floor_db=-25)
-    values = found["wigner"].values
+    result = beam()
+    draw_volume(result.transpose("z", "x", "y"), projection=projection, floor_db=-25)
+    values = result["wigner"].values
     for axis, wall in enumerate(walls):
         power = reduced(values, axis=axis) / values.max()
         np.testing.assert_allclose(wall, np.maximum(10 * np.log10(power), -25), atol=1e-9)
@@ -113,22 +113,22 @@ def test_the_picture_says_what_it_shows():
 
 
 def test_what_cannot_be_drawn_is_refused():
-    found = beam(6)
-    renamed = found.rename(x="s")
-    uneven = found.assign_coords(x=("x", found["x"].values ** 3))
-    unfinished = found.copy(deep=True)
+    result = beam(6)
+    renamed = result.rename(x="s")
+    uneven = result.assign_coords(x=("x", result["x"].values ** 3))
+    unfinished = result.copy(deep=True)
     unfinished["wigner"][0, 0, 0] = np.nan
     cases = [
-        (found, {"name": "kirchhoff"}, "kirchhoff"),
+        (result, {"name": "kirchhoff"}, "kirchhoff"),
         (renamed, {}, "x, y, z"),
         (uneven, {}, "evenly"),
         (unfinished, {}, "NaN"),
-        (found * -1.0, {}, "above zero"),
-        (found.astype(complex), {}, "complex"),
-        (found, {"surfaces": (-50.0,)}, "floor"),
-        (found, {"projection": "sum"}, "projection"),
-        (found, {"obstacles": np.zeros((2, 5))}, "obstacles"),
-        (found, {"ax": Figure().add_subplot()}, "3d"),
+        (result * -1.0, {}, "above zero"),
+        (result.astype(complex), {}, "complex"),
+        (result, {"surfaces": (-50.0,)}, "floor"),
+        (result, {"projection": "sum"}, "projection"),
+        (result, {"obstacles": np.zeros((2, 5))}, "obstacles"),
+        (result, {"ax": Figure().add_subplot()}, "3d"),
     ]
     for volume, options, words in cases:
         with pytest.raises(ArgumentError, match=words):

@@ -67,9 +67,9 @@ def test_angles_count_from_x_to_y(system, slope):
 def test_the_right_system_acts_first():
     x, s = np.array([0.01, -0.02]), np.array([0.03, 0.0])
     at_lens = x + 0.07 * s
-    found = (LENS @ SPACE).rays(x, s)
-    assert found[0] == pytest.approx(at_lens, abs=1e-17)
-    assert found[1] == pytest.approx(s - at_lens / 0.05, abs=1e-15)
+    result = (LENS @ SPACE).rays(x, s)
+    assert result[0] == pytest.approx(at_lens, abs=1e-17)
+    assert result[1] == pytest.approx(s - at_lens / 0.05, abs=1e-15)
 
 
 def test_a_lens_between_two_focal_lengths_is_a_fourier_transformer_and_two_are_an_image():
@@ -144,12 +144,12 @@ def test_wigner_and_ambiguity_functions_are_constant_along_rays(source, system):
     first, second = points(60, 4e-3, 2), points(60, 200.0, 3)
     places, slopes = system.rays(first, WAVELENGTH * second)
     how = {"through": system, "wavelength": WAVELENGTH}
-    found = pw.wigner(source, places, slopes / WAVELENGTH, **how)
-    assert np.count_nonzero(found) > 8
-    assert found == pytest.approx(pw.wigner(source, first, second), abs=MAPPED * TEE.area)
-    found = pw.ambiguity(source, slopes / WAVELENGTH, places, **how)
-    assert np.count_nonzero(found) > 10
-    assert abs(found - pw.ambiguity(source, second, first)).max() < MAPPED * TEE.area
+    result = pw.wigner(source, places, slopes / WAVELENGTH, **how)
+    assert np.count_nonzero(result) > 8
+    assert result == pytest.approx(pw.wigner(source, first, second), abs=MAPPED * TEE.area)
+    result = pw.ambiguity(source, slopes / WAVELENGTH, places, **how)
+    assert np.count_nonzero(result) > 10
+    assert abs(result - pw.ambiguity(source, second, first)).max() < MAPPED * TEE.area
 
 
 def test_the_ambiguity_function_behind_a_system_is_the_transform_of_the_wigner_function():
@@ -175,9 +175,9 @@ def test_slits_take_what_keeps_x_and_y_apart():
     slits = pw.Slits([(-1e-3, 1e-3)])
     x, nu = np.array([[2e-4], [5e-4]]), np.array([[30.0], [-70.0]])
     flat_along_y = pw.FirstOrder.lens((0.05, math.inf))
-    found = pw.wigner(slits, x, nu, through=flat_along_y, wavelength=WAVELENGTH)
+    result = pw.wigner(slits, x, nu, through=flat_along_y, wavelength=WAVELENGTH)
     expected = pw.wigner(slits, x, nu + x / (0.05 * WAVELENGTH))
-    assert found == pytest.approx(expected, abs=1e-16)
+    assert result == pytest.approx(expected, abs=1e-16)
     with pytest.raises(ArgumentError, match="keeps x and y apart"):
         pw.wigner(slits, x, nu, through=CROSSED, wavelength=WAVELENGTH)
 
@@ -217,11 +217,11 @@ def test_labelled_points_keep_their_labels_through_a_system():
         xarray.DataArray(x, dims=("place", "xy"), coords={"place": list("abc")}),
         xarray.DataArray(nu, dims=("frequency", "xy")),
     )
-    found = pw.wigner(TEE, *labelled, **how)
-    assert found.dims == ("place", "frequency") and list(found.place.values) == list("abc")
-    assert np.array_equal(found.values, pw.wigner(TEE, x[:, None], nu, **how))
+    result = pw.wigner(TEE, *labelled, **how)
+    assert result.dims == ("place", "frequency") and list(result.place.values) == list("abc")
+    assert np.array_equal(result.values, pw.wigner(TEE, x[:, None], nu, **how))
     lazy = pw.wigner(TEE, *(value.chunk() for value in labelled), **how)
-    assert np.array_equal(lazy.values, found.values)
+    assert np.array_equal(lazy.values, result.values)
 
 
 @pytest.mark.llvm
@@ -234,9 +234,9 @@ def test_compiled_points_go_through_systems_and_have_derivatives(llvm):
     expected = pw.wigner(TEE, x, nu, **how)
     position = Array2f64(*x.T)
     dr.enable_grad(position)
-    found = pw.wigner(TEE, position, nu, **how)
-    assert found.numpy() == pytest.approx(expected, abs=MAPPED * TEE.area)
-    dr.backward(dr.sum(found))
+    result = pw.wigner(TEE, position, nu, **how)
+    assert result.numpy() == pytest.approx(expected, abs=MAPPED * TEE.area)
+    dr.backward(dr.sum(result))
     step = 1e-8
     slopes = [
         (pw.wigner(TEE, x + e, nu, **how) - pw.wigner(TEE, x - e, nu, **how)) / (2 * step)

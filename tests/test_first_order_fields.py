@@ -97,8 +97,8 @@ def test_a_lens_and_its_focal_plane_give_the_transform_of_a_curved_wave(case):
     system = pw.FirstOrder.fourier(1.0) @ pw.FirstOrder.lens(-case["radius"])
     nu, source = np.array(case["nu"]), SHAPES[case["shape"]]
     field = pw.amplitude(source, WAVELENGTH * nu, WAVELENGTH, through=system, tolerance=1e-12)
-    found = 1j * WAVELENGTH * field
-    assert abs(found - complex(*case["value"])) < 1e-11 * source.area
+    result = 1j * WAVELENGTH * field
+    assert abs(result - complex(*case["value"])) < 1e-11 * source.area
 
 
 SYSTEMS = {**ASTIGMATIC, **SYMMETRIC}
@@ -110,13 +110,13 @@ CASES += [(s, n) for s in SOURCES for n in ("curved both ways", "turned") if s !
 def test_collins_integral_is_that_of_quadrature(source, system):
     source, system = SOURCES[source], SYSTEMS[system]
     y = points(4, 0.01)
-    found, error = pw.amplitude(
+    result, error = pw.amplitude(
         source, y, WAVELENGTH, through=system, tolerance=1e-12, return_error=True
     )
     expected = quadrature(source, system, y)
     largest = abs(expected).max()
-    turn = np.sign((found / expected).real.sum())  # of the root
-    assert abs(found - turn * expected).max() < QUADRATURE * largest
+    turn = np.sign((result / expected).real.sum())  # of the root
+    assert abs(result - turn * expected).max() < QUADRATURE * largest
     assert error.max() < QUADRATURE * max(largest, 1.0)
 
 
@@ -161,7 +161,7 @@ def test_an_image_along_an_oblique_axis_is_a_sum_along_sections(source):
     turn, end = pw.FirstOrder.rotation(0.3), pw.FirstOrder.rotation(-0.8)
     system = after @ end @ pw.FirstOrder(apart) @ turn @ before
     y = points(30, 6e-3)
-    found = pw.amplitude(source, y, WAVELENGTH, through=system)
+    result = pw.amplitude(source, y, WAVELENGTH, through=system)
 
     def lens(system, x):
         return np.exp(1j * np.pi / WAVELENGTH * ((x @ system.C.T) * x).sum(axis=-1))
@@ -181,10 +181,10 @@ def test_an_image_along_an_oblique_axis_is_a_sum_along_sections(source):
                 expected[k] += weight * (weights @ field) * (high - low) / 2
         expected[k] *= np.exp(1j * np.pi * (c / m) * y2**2 / WAVELENGTH)
     expected *= lens(after, y) / np.sqrt(1j * WAVELENGTH * b) / np.sqrt(-m)
-    turned = np.sign(np.median((found * 1j * expected.conj()).real[abs(expected) > 0]))
+    turned = np.sign(np.median((result * 1j * expected.conj()).real[abs(expected) > 0]))
     assert np.count_nonzero(expected) > 8
-    assert abs(found - turned * -1j * expected).max() < QUADRATURE
-    assert np.array_equal(found == 0, expected == 0)
+    assert abs(result - turned * -1j * expected).max() < QUADRATURE
+    assert np.array_equal(result == 0, expected == 0)
 
 
 def sections(polygons, turn, height):
@@ -253,8 +253,8 @@ def test_single_precision_frequencies_and_labels_are_taken():
     single = pw.amplitude(TAPERED, y, WAVELENGTH, through=SPACE, precision="single")
     assert single.dtype == np.complex64 and abs(single - fields).max() < 1e-5
     labelled = xarray.DataArray(y, dims=("place", "xy"))
-    found = pw.irradiance(TAPERED, labelled, WAVELENGTH, through=SPACE)
-    assert found.dims == ("place",) and found.values == pytest.approx(abs(fields) ** 2, abs=1e-9)
+    result = pw.irradiance(TAPERED, labelled, WAVELENGTH, through=SPACE)
+    assert result.dims == ("place",) and result.values == pytest.approx(abs(fields) ** 2, abs=1e-9)
     hertz = pw.SPEED_OF_LIGHT / WAVELENGTH
     assert pw.amplitude(TAPERED, y, frequency=hertz, through=SPACE) == pytest.approx(fields)
 
@@ -273,9 +273,9 @@ def test_a_square_behind_a_square_pupil_is_a_product_of_sine_integrals():
     source, pupil = pw.shapes.square(2e-4), pw.shapes.square(1e-3)
     y = points(40, 3e-4)
     way = [FOURIER, pupil, FOURIER]
-    found, error = pw.amplitude(source, y, SHORT, through=way, return_error=True)
+    result, error = pw.amplitude(source, y, SHORT, through=way, return_error=True)
     expected = -band_limited(y, 1e-4, 5e-4).prod(axis=1)
-    assert abs(found - expected).max() < 1e-8 and error.max() < 1e-8
+    assert abs(result - expected).max() < 1e-8 and error.max() < 1e-8
     light = pw.irradiance(source, y, SHORT, through=way)
     assert light == pytest.approx(expected**2, abs=1e-8)
     # lenses and distances one by one are the same
@@ -299,7 +299,7 @@ def test_a_stop_can_be_integrated_over_first(source, stop):
     first = pw.FirstOrder.free_space(0.04) @ pw.FirstOrder.lens(0.1)
     last = pw.FirstOrder.free_space(0.06)
     y = points(5, 0.01)
-    found, error = pw.amplitude(
+    result, error = pw.amplitude(
         source, y, WAVELENGTH, through=[first, stop, last], return_error=True
     )
     x, field = nodes_on(source, 36)
@@ -311,8 +311,8 @@ def test_a_stop_can_be_integrated_over_first(source, stop):
     ends = first.A[0, 0] / b1 * (x * x).sum(axis=1)[:, None]
     ends = ends + last.D[0, 0] / b2 * (y * y).sum(axis=1)
     expected = field @ (np.exp(1j * k * ends) * waves) / (1j * WAVELENGTH * b1 * b2)
-    assert abs(found - expected).max() < 1e-7 * abs(expected).max()
-    assert (abs(found - expected) < np.maximum(error, 1e-9)).all()
+    assert abs(result - expected).max() < 1e-7 * abs(expected).max()
+    assert (abs(result - expected) < np.maximum(error, 1e-9)).all()
 
 
 def test_stops_in_images_cut_outlines():
@@ -329,9 +329,9 @@ def test_stops_in_images_cut_outlines():
         assert masked == pytest.approx(np.where(inside, alone * waves, 0.0), abs=1e-9)
     for before in (pw.FirstOrder.magnifier(1.0), image):
         larger = pw.Aperture(STOP.rings[0] @ before.A.T)
-        found = pw.amplitude(HOLED, y, WAVELENGTH, through=[before, larger, SPACE])
+        result = pw.amplitude(HOLED, y, WAVELENGTH, through=[before, larger, SPACE])
         expected = pw.amplitude(HOLED & STOP, y, WAVELENGTH, through=[before, SPACE])
-        assert abs(found - expected).max() < 1e-8
+        assert abs(result - expected).max() < 1e-8
 
 
 def test_two_stops_pass_the_power_that_lands_in_them():
@@ -353,7 +353,7 @@ def test_a_mixture_passes_stops_wave_by_wave():
     """The mean over tilts, whose frequencies have a deviation of 1/(2 pi width) along each axis."""
     y, width = points(4, 2e-4), 3e-4
     square, way = pw.shapes.square(2e-4), [FOURIER, pw.shapes.square(5e-4), FOURIER]
-    found = pw.irradiance(square.partially_coherent(width), y, SHORT, through=way, tolerance=1e-5)
+    result = pw.irradiance(square.partially_coherent(width), y, SHORT, through=way, tolerance=1e-5)
     at, weights = np.polynomial.hermite_e.hermegauss(8)
     weights = weights / weights.sum()
     tilts = [
@@ -361,7 +361,7 @@ def test_a_mixture_passes_stops_wave_by_wave():
         for k in np.dstack(np.meshgrid(at, at)).reshape(-1, 2)
     ]
     light = [pw.irradiance(square.with_illumination(t), y, SHORT, through=way) for t in tilts]
-    assert found == pytest.approx(np.outer(weights, weights).ravel() @ light, rel=1e-3, abs=1e-6)
+    assert result == pytest.approx(np.outer(weights, weights).ravel() @ light, rel=1e-3, abs=1e-6)
 
 
 @pytest.mark.filterwarnings("error")

@@ -39,7 +39,7 @@ _EVERY = 7
 @lru_cache
 def _cases(kind, complex_nu):
     data, prefix = _data(), "complex_" if complex_nu else ""
-    found = []
+    result = []
     for name, source in SOURCES[kind].items():
         key = f"{kind}/{name}/"
         nu, expected = data[f"{key}{prefix}nu"], data[f"{key}{prefix}F"]
@@ -51,8 +51,8 @@ def _cases(kind, complex_nu):
             # round a rotation differently.
             nu = nu[::_EVERY]
             expected = simplices.rounded(source, nu)
-        found.append((name, source, nu, expected))
-    return found
+        result.append((name, source, nu, expected))
+    return result
 
 
 def _allowed(kind, precision):

@@ -155,10 +155,10 @@ def test_optical_fields_on_edges_corners_and_close_by_are_those_of_fresnel_integ
     count = 5 if z > 1e-4 else 3
     points = np.array([(*place, z) for place in BESIDE[:count]])
     square = pw.shapes.square(SIDE)
-    found, error = pw.amplitude(square, points, OPTICAL, "fresnel", return_error=True)
+    result, error = pw.amplitude(square, points, OPTICAL, "fresnel", return_error=True)
     expected = np.array([by_mpmath(SIDE, point.tolist(), OPTICAL) for point in points])
-    assert np.abs(found - expected).max() < 2e-9
+    assert np.abs(result - expected).max() < 2e-9
     assert error.max() < 2e-9
     behind = pw.amplitude(square, points[:, :2], OPTICAL, through=pw.FirstOrder.free_space(z))
     wave = complex(mpmath.expjpi(2 * mpmath.mpf(z) / mpmath.mpf(OPTICAL)))
-    assert np.abs(found - behind * wave).max() < 3e-9
+    assert np.abs(result - behind * wave).max() < 3e-9

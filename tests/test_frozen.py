@@ -28,9 +28,9 @@ def in_engine(*arrays):
     import drjit as dr
     import drjit.llvm as backend
 
-    found = [backend.Array2f64(*(column.tolist() for column in a.T)) for a in arrays]
-    dr.eval(found)
-    return found
+    result = [backend.Array2f64(*(column.tolist() for column in a.T)) for a in arrays]
+    dr.eval(result)
+    return result
 
 
 def largest(difference):
@@ -44,8 +44,8 @@ def test_any_number_of_samples_goes_through_a_kernel_traced_once():
             expected = pw.wigner(source, x, nu, engine="numpy")
             allowed = ROUNDING * source.area
             assert largest(pw.wigner(source, x, nu, engine="llvm") - expected) < allowed
-            found = np.array(pw.wigner(source, *in_engine(x, nu)))
-            assert largest(found - expected) < allowed
+            result = np.array(pw.wigner(source, *in_engine(x, nu)))
+            assert largest(result - expected) < allowed
 
 
 def test_every_transform_repeats_itself():
@@ -82,11 +82,11 @@ def test_threads_may_call_the_same_kernels_at_once():
     worst = [1.0] * len(given)
 
     def work(k):
-        found = []
+        result = []
         for source, values in zip(sources, expected[k], strict=True):
             together.wait(timeout=60)
-            found += [pw.wigner(source, *given[k], engine="llvm") - values for _ in range(3)]
-        worst[k] = largest(found)
+            result += [pw.wigner(source, *given[k], engine="llvm") - values for _ in range(3)]
+        worst[k] = largest(result)
 
     threads = [threading.Thread(target=work, args=(k,)) for k in range(len(given))]
     for thread in threads:

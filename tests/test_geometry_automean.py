@@ -87,10 +87,10 @@ def test_the_automean_of_an_annulus_is_the_disc_that_it_encloses():
 def test_slices_have_the_area_of_exact_clipping(aperture, pose):
     rng = np.random.default_rng(0)
     for x in sample(aperture, 3):
-        found = lag_slice(aperture, x)
+        result = lag_slice(aperture, x)
         expected = float(exact.lag_region(aperture.rings, x).area)
         rounding = 2.0**-50 * _size(aperture) * aperture.polygons.length
-        assert found.area == pytest.approx(expected, abs=CLIPPING * aperture.area + 16 * rounding)
+        assert result.area == pytest.approx(expected, abs=CLIPPING * aperture.area + 16 * rounding)
     xi = (rng.random(2) - 0.5) * aperture.diameter
     expected = float(exact.position_region(aperture.rings, xi).area)
     slack = CLIPPING * aperture.area + 16 * 2.0**-50 * _size(aperture) * aperture.polygons.length

@@ -173,9 +173,9 @@ def test_a_bad_fit_is_refused_if_asked_for():
     assert fit.residual > 0.5
     with pytest.raises(IlluminationError, match="higher order"):
         pw.fit_illumination(at, steep, order=1, largest_residual=0.5)
-    found = pw.fit_illumination(at, steep, order=8, largest_residual=0.01)
+    result = pw.fit_illumination(at, steep, order=8, largest_residual=0.01)
     with pytest.raises(ArgumentError, match=r"got FittedIllumination; give its \.illumination"):
-        pw.shapes.square(1).with_illumination(found)
+        pw.shapes.square(1).with_illumination(result)
 
 
 def test_fields_are_subtracted_and_divided_as_numbers_are():
@@ -215,8 +215,8 @@ def test_an_aperture_turns_with_its_field():
     turned = source.turned(ANGLE)
     x = points() / 2 + source.centre
     nu = np.random.default_rng(1).uniform(-3 / B, 3 / B, x.shape)
-    found = pw.wigner(turned, _by(ANGLE, x), _by(ANGLE, nu))
-    assert np.abs(found - pw.wigner(source, x, nu)).max() < TURNED * ell.area
+    result = pw.wigner(turned, _by(ANGLE, x), _by(ANGLE, nu))
+    assert np.abs(result - pw.wigner(source, x, nu)).max() < TURNED * ell.area
     assert turned.area == pytest.approx(ell.area, rel=1e-15)
 
 
@@ -264,9 +264,9 @@ def test_a_fit_with_evanescent_waves_warns_once_a_call_whatever_is_made_of_it():
         square.with_illumination(restored),
         pw.phased_array(square.with_illumination(fit), [(-1.0, 0.0), (1.0, 0.0)]),
     ):
-        found = warnings_of(source)
-        assert len(found) == 8
-        assert all("does not fix" in message for message in found)
+        result = warnings_of(source)
+        assert len(result) == 8
+        assert all("does not fix" in message for message in result)
 
 
 def test_waves_that_are_given_or_travel_do_not_warn():

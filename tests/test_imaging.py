@@ -37,7 +37,7 @@ def test_rectangles_have_the_overlaps_of_their_sides(defocus: float) -> None:
     pupil, light = ((-2.0, -1.5), (2.5, 1.0)), ((-0.7, -0.4), (1.1, 0.9))
     first, second = drawn_lags(50, 3.0)
     radius, total = 3.0, 1.8 * 1.3
-    found = pw.transmission_cross_coefficient(
+    result = pw.transmission_cross_coefficient(
         rectangle(*pupil), rectangle(*light), first, second, defocus, radius
     )
     slope = defocus / radius**2
@@ -50,7 +50,7 @@ def test_rectangles_have_the_overlaps_of_their_sides(defocus: float) -> None:
         high, nu = ends.min(axis=0), -2 * slope * (a - b)
         parts = [segment(*each) for each in zip(low, high, nu, strict=True)]
         expected *= np.array(parts) * np.exp(2j * np.pi * slope * (a * a - b * b))
-    assert np.abs(found - expected / total).max() < EXACT
+    assert np.abs(result - expected / total).max() < EXACT
     assert (np.abs(expected) > 0.1).sum() > 5
 
 
@@ -80,9 +80,9 @@ def test_segments_with_pistons_and_tilts_are_sampled() -> None:
     a, b, c = TRIANGLE.rings[0]
     places = a + u[:, None] * (b - a) + v[:, None] * (c - a)
     for first, second in zip(*drawn_lags(4, 2.5), strict=True):
-        found = pw.transmission_cross_coefficient(segmented(), TRIANGLE, first, second, 0.5, 3.0)
+        result = pw.transmission_cross_coefficient(segmented(), TRIANGLE, first, second, 0.5, 3.0)
         p, q = sampled(places, first, 0.5), sampled(places, second, 0.5)
-        assert abs(found - (p * q.conj()).mean()) < 6e-3
+        assert abs(result - (p * q.conj()).mean()) < 6e-3
 
 
 def test_exchange_of_lags_conjugates_and_equal_lags_are_shares() -> None:
@@ -140,19 +140,19 @@ def test_image_is_abbes_sum_over_the_source() -> None:
     grid = np.stack(np.meshgrid(g, g), axis=-1).reshape(-1, 2)
     inside = shapely.contains_xy(CONDENSER.polygons, grid[:, 0], grid[:, 1])
     source = grid[inside][::61]
-    found = pw.partially_coherent_image(
+    result = pw.partially_coherent_image(
         MASK, PERIOD, PUPIL, CONDENSER, points, WAVELENGTH, DISTANCE, 0.7, 3e-3
     )
-    assert found == pytest.approx(abbe(MASK, points, source, 0.7), abs=4e-3)
-    assert found.max() > 0.2
+    assert result == pytest.approx(abbe(MASK, points, source, 0.7), abs=4e-3)
+    assert result.max() > 0.2
 
 
 def test_image_by_a_point_of_light_is_that_of_its_orders_and_babinets() -> None:
     points = np.random.default_rng(4).uniform(-5e-6, 5e-6, (10, 2))
     place = np.array([0.21e-3, -0.13e-3])
     how: Any = (PERIOD, PUPIL, pw.shapes.square(1e-10).moved(place), points, WAVELENGTH, DISTANCE)
-    found = pw.partially_coherent_image(MASK, *how, 0.7, 3e-3)
-    assert found == pytest.approx(abbe(MASK, points, [place], 0.7), abs=1e-6)
+    result = pw.partially_coherent_image(MASK, *how, 0.7, 3e-3)
+    assert result == pytest.approx(abbe(MASK, points, [place], 0.7), abs=1e-6)
     dark = pw.partially_coherent_image(MASK, *how, 0.2, 3e-3, transmission=0.0, background=1.0)
     assert dark == pytest.approx(abbe(MASK, points, [place], 0.2, background=1.0), abs=1e-6)
     nothing = pw.partially_coherent_image(MASK, *how, transmission=0.5j, background=0.5j)

@@ -125,15 +125,15 @@ def breaches(tree, file):
     """What a module imports against the rules."""
     room = room_of(file)
     package = ".".join(["polywigner", *file.split("/")[:-1]])
-    found = []
+    result = []
     for name in imports_of(tree, package):
         library = name.split(".")[0]
         if room not in HOMES.get(library, {room}):
-            found.append(f"{file} imports {library}, whose home is {sorted(HOMES[library])}")
+            result.append(f"{file} imports {library}, whose home is {sorted(HOMES[library])}")
         other = room_imported(name)
         if other in LEVEL and other != room and LEVEL[other] >= LEVEL[room]:
-            found.append(f"{file} ({room}) imports {name} ({other}): not a room above it")
-    return found
+            result.append(f"{file} ({room}) imports {name} ({other}): not a room above it")
+    return result
 
 
 def test_every_file_stands_in_a_known_room():
@@ -197,17 +197,17 @@ def graph_of(texts):
     graph: dict[str, set[str]] = {}
     for path, text in texts.items():
         package = ".".join(["polywigner", *path.split("/")[:-1]])
-        found = set()
+        result = set()
         for name in imports_of(_AtRunTime().visit(ast.parse(text)), package):
             module = module_imported(name, modules)
             if module is not None:
-                found.add(module)
+                result.add(module)
                 parts = module.split(".")
                 facades = {".".join(parts[:count]) for count in range(2, len(parts))}
-                found |= {
+                result |= {
                     f for f in facades if f in modules and not f"{package}.".startswith(f"{f}.")
                 }
-        graph[names[path]] = found - {names[path]}
+        graph[names[path]] = result - {names[path]}
     return graph
 
 

@@ -62,8 +62,8 @@ def on_arc(distance, degrees, azimuth=0.0):
     ],
 )
 def test_rays_have_their_reference_values(name, obliquity):
-    found = pw.irradiance(SQUARE, (0, 0, 2), 1.0, obliquity=obliquity, tolerance=1e-8)
-    assert found == pytest.approx(VALUES[name], rel=ACCURATE)
+    result = pw.irradiance(SQUARE, (0, 0, 2), 1.0, obliquity=obliquity, tolerance=1e-8)
+    assert result == pytest.approx(VALUES[name], rel=ACCURATE)
 
 
 # Each condition with one wave and with several; parts and arrays are sums of the same terms.
@@ -82,8 +82,8 @@ def test_the_error_of_rays_falls_with_the_square_of_the_distance(name, condition
         points = on_arc(distance, np.arange(-60, 61, 20), 35.0)
         points[:, :2] += outline.centre
         expected = np.abs(field_by_quadrature(source, points, 1.0, condition)) ** 2
-        found = pw.irradiance(source, points, 1.0, obliquity=condition, tolerance=1e-7)
-        errors.append(np.sqrt(((found - expected) ** 2).mean()) / expected.max())
+        result = pw.irradiance(source, points, 1.0, obliquity=condition, tolerance=1e-7)
+        errors.append(np.sqrt(((result - expected) ** 2).mean()) / expected.max())
     power = np.log2(errors[0] / errors[1])
     lost = 1 if (name, condition) == UNSYMMETRIC else 0
     assert POWER - lost - NEARLY < power < POWER + NEARLY
@@ -92,9 +92,9 @@ def test_the_error_of_rays_falls_with_the_square_of_the_distance(name, condition
 def test_points_on_the_source_whose_rays_pass_between_all_nodes_have_no_error_estimate():
     square, points = pw.shapes.square(10e-3), [(0, 0, 1e-9), (1e-3, 2e-3, 1e-9)]
     with pytest.warns(PolywignerWarning, match="tolerance is not met"):
-        found, error = pw.irradiance(square, points, 3.2e-3, return_error=True)
+        result, error = pw.irradiance(square, points, 3.2e-3, return_error=True)
     exact = pw.irradiance(square, points, 3.2e-3, "auto")
-    assert (np.abs(found - exact) > 0.5).all()  # of 1
+    assert (np.abs(result - exact) > 0.5).all()  # of 1
     assert np.isinf(error).all()
 
 
@@ -102,10 +102,10 @@ def test_points_beside_the_source_have_one_however_low_they_are():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=".*rough approximation")
-        found, error = pw.irradiance(
+        result, error = pw.irradiance(
             pw.shapes.square(10e-3), (8e-3, 0.0, 1e-8), 3.2e-3, return_error=True
         )
-    assert 0 < found < 1e-12 and error < 1e-15  # as the square of the height
+    assert 0 < result < 1e-12 and error < 1e-15  # as the square of the height
 
 
 @pytest.mark.llvm
@@ -136,12 +136,12 @@ def test_other_methods_give_the_square_of_the_field_at_least_to_the_tolerance(me
     points = on_arc(8.0, np.arange(-80, 81, 8), 15.0)
     exact = abs(pw.amplitude(SQUARE, points, 1.0, method, tolerance=1e-12)) ** 2
     for tolerance in (1e-2, 1e-5):
-        found, errors = pw.irradiance(
+        result, errors = pw.irradiance(
             SQUARE, points, 1.0, method, tolerance=tolerance, return_error=True
         )
         allowed = tolerance * np.maximum(exact, 1e-3 * exact.max())
-        assert (abs(found - exact) <= allowed).all()
-        assert (abs(found - exact) <= errors + 1e-11 * exact.max()).all()
+        assert (abs(result - exact) <= allowed).all()
+        assert (abs(result - exact) <= errors + 1e-11 * exact.max()).all()
 
 
 def test_the_estimated_error_follows_from_that_of_the_amplitude():
@@ -158,17 +158,17 @@ def test_fraunhofer_irradiance_takes_an_obliquity():
     far = on_arc(1e5, [0.0, 30.0, 60.0])
     for obliquity in CONDITIONS:
         rays = pw.irradiance(SQUARE, far, 1.0, obliquity=obliquity, tolerance=1e-8)
-        found = pw.irradiance(SQUARE, far, 1.0, "fraunhofer", obliquity=obliquity)
-        assert found == pytest.approx(rays, rel=1e-3, abs=1e-6 * rays.max())
+        result = pw.irradiance(SQUARE, far, 1.0, "fraunhofer", obliquity=obliquity)
+        assert result == pytest.approx(rays, rel=1e-3, abs=1e-6 * rays.max())
 
 
 def test_auto_is_the_exact_field_of_a_boundary_condition_and_rays_for_the_paper_s_factor():
     point = on_arc(8.0, 40.0)
     for obliquity in (None, *CONDITIONS):
-        found = pw.irradiance(SQUARE, point, 1.0, "auto", obliquity=obliquity)
-        assert found == pw.irradiance(SQUARE, point, 1.0, obliquity or CONDITIONS[0])
-    found = pw.irradiance(SQUARE, point, 1.0, "auto", obliquity="paper")
-    assert found == pw.irradiance(SQUARE, point, 1.0, obliquity="paper")
+        result = pw.irradiance(SQUARE, point, 1.0, "auto", obliquity=obliquity)
+        assert result == pw.irradiance(SQUARE, point, 1.0, obliquity or CONDITIONS[0])
+    result = pw.irradiance(SQUARE, point, 1.0, "auto", obliquity="paper")
+    assert result == pw.irradiance(SQUARE, point, 1.0, obliquity="paper")
 
 
 @pytest.mark.slow
@@ -188,10 +188,10 @@ def test_the_sum_over_hundreds_of_wavelengths_is_right_or_refused():
     """Lobes of a strip of 400 wavelengths, far off its axis, where W turns hundreds of times."""
     strip, wavelength = pw.shapes.rectangle(1.0, 0.02), 2.5e-3
     lobes = 2000.0 * on_arc(1.0, [30.04, 45.0, 45.02])
-    found = pw.irradiance(strip, lobes, wavelength, tolerance=1e-7)
+    result = pw.irradiance(strip, lobes, wavelength, tolerance=1e-7)
     exact = pw.irradiance(strip, lobes, wavelength, "rayleigh-sommerfeld-1", tolerance=1e-12)
     # of leading order, at 5 L^2/wavelength
-    assert found == pytest.approx(exact, rel=1e-3, abs=0.0)
+    assert result == pytest.approx(exact, rel=1e-3, abs=0.0)
     with pytest.raises(ArgumentError, match="too large for Wigner rays"):
         pw.irradiance(pw.shapes.square(1.0), (0.5, 0.0, 2.0), 1e-5)
 

@@ -79,9 +79,9 @@ def test_transforms_are_those_of_exact_slices(name, precision, engine):
             continue  # quadrature in test_curved_waves
         expected = laws.exact_values(name, function)
         points = (p[: len(expected)] for p in arguments(function, place_of(function, at), at.nu))
-        found = getattr(pw, function)(source, *points, precision=precision, engine=engine)
-        assert found.shape == expected.shape
-        assert np.abs(found - expected).max() <= allowed(name, function, precision), function
+        result = getattr(pw, function)(source, *points, precision=precision, engine=engine)
+        assert result.shape == expected.shape
+        assert np.abs(result - expected).max() <= allowed(name, function, precision), function
 
 
 # Parts 60 sizes apart are too far for sums over positions; waves may differ by 4 cycles at most.
@@ -183,10 +183,10 @@ def test_the_autocorrelation_is_the_product_of_the_fields(name, engine):
     x, xi = (p + reach * rng.normal(size=p.shape) for p in places)
     field = laws.field_of(name, x + xi / 2) * laws.field_of(name, x - xi / 2).conj()
     expected = field * laws.degree_of_coherence(name, xi)
-    found = pw.autocorrelation(source, x, xi, engine=engine)
+    result = pw.autocorrelation(source, x, xi, engine=engine)
     strength = max(sum(abs(c) for c, _ in waves) for _, waves in laws.elements_of(name)) ** 2
     assert (expected != 0).any() and (expected == 0).any()
-    assert np.abs(found - expected).max() <= max(1e-13, 10 * allowed_turns(at)) * 10 * strength
+    assert np.abs(result - expected).max() <= max(1e-13, 10 * allowed_turns(at)) * 10 * strength
 
 
 def allowed_turns(at):
@@ -254,10 +254,10 @@ def test_the_layout_of_points_changes_no_value(name, precision, engine):
         each = each.reshape(len(place), len(every))
         for layout, numbers in layouts(len(place), len(nu), grid.shape[:-1]).items():
             points = arguments(function, place[numbers[0]], every[numbers[1]])
-            found = getattr(pw, function)(source, *points, **how)
+            result = getattr(pw, function)(source, *points, **how)
             wanted = each[0, numbers[1]] if function == "fourier" else each[numbers]
-            np.testing.assert_array_equal(np.isnan(found), np.isnan(wanted), err_msg=layout)
-            error = np.nan_to_num(np.abs(found - wanted)).max()
+            np.testing.assert_array_equal(np.isnan(result), np.isnan(wanted), err_msg=layout)
+            error = np.nan_to_num(np.abs(result - wanted)).max()
             assert error <= allowed(name, function, precision), (function, layout)
         if function != "fourier":
             bad = ~np.isfinite(every).all(axis=1)
@@ -311,9 +311,9 @@ def own_parameters(source):
     if isinstance(source, pw.Array):
         rings = [ring for element in source.elements for ring in element.rings]
         return {"vertices": np.concatenate(rings), "weights": source.weights}
-    found = {"vertices": np.concatenate(source.rings)}
+    result = {"vertices": np.concatenate(source.rings)}
     field = source.illumination
-    return found if field is None else found | {"amplitudes": field.amplitudes}
+    return result if field is None else result | {"amplitudes": field.amplitudes}
 
 
 def total_of(value, seed):
@@ -426,11 +426,11 @@ def test_arrays_of_the_engine_give_arrays_of_the_engine_with_the_same_values(nam
         expected = getattr(pw, function)(source, *points, engine="numpy")
         parts = [expected.real, expected.imag][: 1 + np.iscomplexobj(expected)]
         error = 2 * allowed(name, function, precision)
-        found = getattr(pw, function)(source, *map(tensor, points)).numpy()
-        assert np.abs(found.reshape(len(expected), -1).T - parts).max() <= error
+        result = getattr(pw, function)(source, *map(tensor, points)).numpy()
+        assert np.abs(result.reshape(len(expected), -1).T - parts).max() <= error
         for times in (1, 1000):
             many = [engine_points(np.tile(p, (times, 1)), double) for p in points]
-            found = getattr(pw, function)(source, *many)
-            found = [found.real, found.imag] if len(parts) > 1 else [found]
-            for one, part in zip(found, parts, strict=True):
+            result = getattr(pw, function)(source, *many)
+            result = [result.real, result.imag] if len(parts) > 1 else [result]
+            for one, part in zip(result, parts, strict=True):
                 assert np.abs(np.array(one) - np.tile(part, times)).max() <= error

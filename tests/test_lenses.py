@@ -46,8 +46,8 @@ def test_its_fourier_transform_is_the_transfer_function(defocus):
     light = pw.psf(pupil, y, WAVELENGTH, FOCUS, defocus, 2e-3)
     xi = np.array([(0.0, 0.0), (1e-3, 0.5e-3), (-2e-3, 1e-3), (0.3e-3, 3e-3)])
     waves = np.exp(2j * np.pi * (y @ xi.T) / (WAVELENGTH * FOCUS))
-    found = np.tensordot(light, waves, 2) * step**2
-    assert found == pytest.approx(pw.otf(pupil, xi, defocus, 2e-3), abs=2e-4)
+    result = np.tensordot(light, waves, 2) * step**2
+    assert result == pytest.approx(pw.otf(pupil, xi, defocus, 2e-3), abs=2e-4)
 
 
 def test_a_square_out_of_focus_has_the_strehl_ratio_of_fresnels_integral():
@@ -63,17 +63,17 @@ def test_a_square_out_of_focus_has_the_strehl_ratio_of_fresnels_integral():
 
 def test_light_of_several_colours_is_their_mean():
     y, colours = points(5), (0.45e-6, 0.6e-6)
-    found = pw.psf(PUPIL, y, colours, FOCUS, weights=(1.0, 3.0))
+    result = pw.psf(PUPIL, y, colours, FOCUS, weights=(1.0, 3.0))
     single = [pw.psf(PUPIL, y, colour, FOCUS) for colour in colours]
-    assert found == pytest.approx(0.25 * single[0] + 0.75 * single[1])
+    assert result == pytest.approx(0.25 * single[0] + 0.75 * single[1])
 
 
 def test_a_square_pupil_has_the_triangle_of_its_overlap():
     """1 - lambda f nu/D along its sides, 0 from 200 cycles/mm on."""
     nu = np.array([0.0, 50.0, 120.0, 200.0, 350.0])
     frequency = np.stack([1e3 * nu, 0 * nu], axis=-1)
-    found = pw.mtf(SQUARE, frequency, 0.5e-6, 0.1)
-    assert found == pytest.approx(np.maximum(0, 1 - nu / 200), abs=ROUNDING)
+    result = pw.mtf(SQUARE, frequency, 0.5e-6, 0.1)
+    assert result == pytest.approx(np.maximum(0, 1 - nu / 200), abs=ROUNDING)
 
 
 def test_white_light_is_the_modulus_of_the_mean_otf():
@@ -84,8 +84,8 @@ def test_white_light_is_the_modulus_of_the_mean_otf():
         w / 4 * pw.otf(SQUARE, frequency * length * 0.1, 0.6 * mean / length)
         for w, length in zip(weights, lengths, strict=True)
     ]
-    found = pw.mtf(SQUARE, frequency, lengths, 0.1, 0.6, weights=weights)
-    assert found == pytest.approx(abs(sum(parts)), abs=ROUNDING)
+    result = pw.mtf(SQUARE, frequency, lengths, 0.1, 0.6, weights=weights)
+    assert result == pytest.approx(abs(sum(parts)), abs=ROUNDING)
 
 
 def test_pixels_multiply_the_lens_by_their_own_transfer_function() -> None:
@@ -133,8 +133,8 @@ def test_commands_write_spots_and_transfer_functions(tmp_path: Any, pupil_file: 
     assert (
         main(["psf", str(pupil_file), *waves, "--width", "40 um", *lens, str(tmp_path) + "/"]) == 0
     )
-    with xr.open_dataset(tmp_path / "pupil_psf.nc") as found:
-        x, spots = found["x"].values, found["psf"].values
+    with xr.open_dataset(tmp_path / "pupil_psf.nc") as result:
+        x, spots = result["x"].values, result["psf"].values
     points = np.stack(np.meshgrid(x, x), axis=-1)
     square = pw.shapes.square(10e-3)
     expected = pw.psf(square, points, [500e-9, 600e-9], 0.1, 0.5)

@@ -35,16 +35,16 @@ def test_no_copy_of_all_samples_is_made(form, engine):
     square = pw.shapes.square(1.0)
     how = {"engine": engine, "precision": "single"}
     pw.wigner(square, (0.0, 0.0), nu[:512], **how)  # what is made once
-    found, peak = peak_of(pw.wigner, square, x, nu, **how)
-    assert found.size == count
-    assert peak < found.nbytes + CHUNK
+    result, peak = peak_of(pw.wigner, square, x, nu, **how)
+    assert result.size == count
+    assert peak < result.nbytes + CHUNK
 
 
 def peak_of(transform, *arguments, **how):
     tracemalloc.start()
     try:
-        found = transform(*arguments, **how)
-        return found, tracemalloc.get_traced_memory()[1]
+        result = transform(*arguments, **how)
+        return result, tracemalloc.get_traced_memory()[1]
     finally:
         # Threads of Dr.Jit let go of NumPy's arrays a little later. CPython may end the process if
         # they do so while tracing stops (gh-128679).
@@ -77,7 +77,7 @@ def test_sums_of_transforms_hold_some_samples_at_a_time(source):
         "waves": pw.shapes.triangle(1.0, 1.0).with_illumination(waves),
     }[source]
     some = slice(count - 1000, None)
-    found, peak = peak_of(pw.fourier, summed, nu, precision="single")
-    assert peak < found.nbytes + BLOCK
+    result, peak = peak_of(pw.fourier, summed, nu, precision="single")
+    assert peak < result.nbytes + BLOCK
     expected = pw.fourier(summed, nu[some], engine="numpy")
-    assert np.abs(found[some] - expected).max() < ROUNDING
+    assert np.abs(result[some] - expected).max() < ROUNDING

@@ -348,9 +348,9 @@ def test_scenes_take_stl_meshes_in_their_pose(written, tmp_path: Path) -> None:
     path.write_text(f'<scene version="3.0.0">{both}<emitter type="constant"/></scene>')
     scene = pm.load_scene(path)
     for x, distance in ((0.9, 10 - SIDES[2]), (1.9, 20 - SIDES[2])):
-        found = scene.ray_intersect(mi.Ray3f([x, 0.3, 0.0], [0, 0, 1]))
-        assert found.t == pytest.approx(distance, rel=2e-7)
-        assert np.allclose(found.n, [0, 0, -1])  # outwards
+        result = scene.ray_intersect(mi.Ray3f([x, 0.3, 0.0], [0, 0, 1]))
+        assert result.t == pytest.approx(distance, rel=2e-7)
+        assert np.allclose(result.n, [0, 0, -1])  # outwards
     (tmp_path / "body.stl").write_bytes(b"solid of nothing")
     with pytest.raises(FileFormatError, match=r"body\.stl"):
         pm.load_scene(path)

@@ -72,12 +72,12 @@ def received(mi, emitter, points, seed=1):
     it = mi.Interaction3f()
     samples = np.random.default_rng(seed).uniform(size=(len(points), 2))
     if mi.variant().startswith("scalar"):
-        found = []
+        result = []
         for point, sample in zip(points, samples, strict=True):
             it.p = mi.Point3f(*point.tolist())
             _, weight = emitter.sample_direction(it, mi.Point2f(*sample.tolist()), True)
-            found.append(np.array(weight).ravel()[0])
-        return np.array(found)
+            result.append(np.array(weight).ravel()[0])
+        return np.array(result)
     it.p = vectors(mi, "Point", points)
     _, weight = emitter.sample_direction(it, vectors(mi, "Point", samples), True)
     return np.atleast_2d(np.array(weight, dtype=float))[0]

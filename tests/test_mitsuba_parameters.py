@@ -178,8 +178,8 @@ SAID: list[tuple[dict[str, str], Any]] = [
 @pytest.mark.parametrize(("said", "expected"), SAID, ids=str)
 def test_texts_say_what_the_functions_of_python_do(tmp_path, said, expected):
     is_array = isinstance(expected, pw.Array)
-    found = load(tmp_path, GOOD + texts(**said)).source
-    assert found == (expected if is_array else SQUARE.with_illumination(expected))
+    result = load(tmp_path, GOOD + texts(**said)).source
+    assert result == (expected if is_array else SQUARE.with_illumination(expected))
 
 
 def test_a_source_file_is_what_was_written_and_may_be_steered(tmp_path):
@@ -190,8 +190,8 @@ def test_a_source_file_is_what_was_written_and_may_be_steered(tmp_path):
         assert spec.source == array
         assert spec.power == pytest.approx(pw.radiated_power(array, WAVELENGTH), rel=1e-12)
     pw.write_source(layout(GRID), tmp_path / "array.toml")
-    found = load(tmp_path, FROM_FILE + texts(steering="20 deg, 90 deg")).source
-    assert found == layout(GRID, BEAM)
+    result = load(tmp_path, FROM_FILE + texts(steering="20 deg, 90 deg")).source
+    assert result == layout(GRID, BEAM)
 
 
 def test_an_array_moves_with_its_mesh_and_keeps_its_place():

@@ -120,8 +120,8 @@ def test_large_numbers_of_samples_are_not_rounded_away():
     speck = pw.shapes.square(1e-3 * WAVELENGTH)
     name = "rayleigh-sommerfeld-2"
     scene = mi.load_dict(furnace(speck, obliquity=name, estimator="exact"))
-    found = float(pwm.render(scene, spp=1 << 20)[0, 0, 0])
-    assert abs(found / WAVELENGTH**2 - 1) < EXACT
+    result = float(pwm.render(scene, spp=1 << 20)[0, 0, 0])
+    assert abs(result / WAVELENGTH**2 - 1) < EXACT
 
 
 # ---- parameters and films ------------------------------------------------------------------------
@@ -276,5 +276,5 @@ def test_fog_in_the_near_zone_is_warned_of(start, warned):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             pwm.render(scene, integrator="volpath", spp=1)
-        found = [str(w.message) for w in caught if "near zone" in str(w.message)]
-        assert len(found) == (warned and estimator == "exact")
+        result = [str(w.message) for w in caught if "near zone" in str(w.message)]
+        assert len(result) == (warned and estimator == "exact")

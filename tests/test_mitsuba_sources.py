@@ -149,12 +149,12 @@ def test_another_wavelength_turns_the_waves_whose_obliquity_counts():
     parameters["wavelength"] = 0.8 * WAVELENGTH
     parameters.update()
     x, direction = draws(30, 0.004)
-    found, expected = (
+    result, expected = (
         evaluated(mi, emitter, x / MILLIMETRE, direction)
         for emitter in (changed, emitter_of(light(source, 0.8 * WAVELENGTH, **how)))
     )
     # the wavelength set is one of single precision
-    assert np.abs(found - expected).max() < 10 * RADIANCE_ERROR * np.abs(expected).max()
+    assert np.abs(result - expected).max() < 10 * RADIANCE_ERROR * np.abs(expected).max()
 
 
 def test_scalar_variants_draw_waves_of_the_right_spread():
@@ -163,14 +163,14 @@ def test_scalar_variants_draw_waves_of_the_right_spread():
 
     waves = DrawnWaves(mi, Mixture(8e-3, 20e9))
     draw = np.random.default_rng(3)
-    found = [
+    result = [
         waves.wave(1 / WAVELENGTH, mi.Point2f(*x), mi.Point3f(*p))
         for x, p in zip(draw.normal(size=(800, 2)), draw.normal(size=(800, 3)), strict=True)
     ]
-    tilts = np.array([[w.tilt.x, w.tilt.y] for w in found]) * (2 * np.pi * 8e-3)
+    tilts = np.array([[w.tilt.x, w.tilt.y] for w in result]) * (2 * np.pi * 8e-3)
     assert np.abs(tilts.mean(axis=0)).max() < 0.12
     assert np.abs(tilts.std(axis=0) - 1).max() < 0.1
-    frequencies = np.array([float(w.inverse) for w in found]) * pw.SPEED_OF_LIGHT
+    frequencies = np.array([float(w.inverse) for w in result]) * pw.SPEED_OF_LIGHT
     middle = pw.SPEED_OF_LIGHT / WAVELENGTH
     assert np.abs(frequencies - middle).max() <= 10.01e9
     assert frequencies.std() == pytest.approx(20e9 / np.sqrt(12), rel=0.1)

@@ -41,8 +41,8 @@ def values(source, dimension):
 @SOURCE
 def test_a_source_made_of_its_normal_form_has_the_same_transform(source):
     form = normal_form(source)
-    found = values(form.public, form.dimension)
-    assert found == pytest.approx(values(source, form.dimension), rel=1e-14, abs=1e-14)
+    result = values(form.public, form.dimension)
+    assert result == pytest.approx(values(source, form.dimension), rel=1e-14, abs=1e-14)
 
 
 @SOURCE
@@ -99,8 +99,8 @@ def test_changed_sources_have_the_fields_of_changed_public_sources():
 def test_path_lengths_have_their_phases_at_another_wavelength(name):
     source, nu = SOURCES[name], np.array([[0.3, 0.1], [-0.2, 0.4]])
     expected = pw.fourier(source.at_wavelength(0.4), nu)
-    found = pw.fourier(normal_form(source).at_wavelength(0.4).public, nu)
-    assert found == pytest.approx(expected, rel=1e-13)
+    result = pw.fourier(normal_form(source).at_wavelength(0.4).public, nu)
+    assert result == pytest.approx(expected, rel=1e-13)
 
 
 def test_properties_tell_uniform_flat_and_coherent_sources():

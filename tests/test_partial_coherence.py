@@ -61,12 +61,12 @@ def test_fresnel_irradiance_is_the_double_integral_of_the_mutual_intensity(
     at = points(25.0)
     expected = mutual.irradiance(x, w, at, WAVELENGTH, width, mutual.parabolic)
     partly = source.partially_coherent(width)
-    found, errors = pw.irradiance(partly, at, WAVELENGTH, "fresnel", return_error=True)
-    assert np.abs(found - expected).max() < PARABOLIC * expected.max()
-    assert errors.shape == found.shape and errors.max() < 1e-6 * expected.max()
+    result, errors = pw.irradiance(partly, at, WAVELENGTH, "fresnel", return_error=True)
+    assert np.abs(result - expected).max() < PARABOLIC * expected.max()
+    assert errors.shape == result.shape and errors.max() < 1e-6 * expected.max()
     system = pw.FirstOrder.free_space(25.0)
     behind = pw.irradiance(partly, at[:, :2], WAVELENGTH, through=system)
-    assert behind == pytest.approx(found, abs=PARABOLIC * expected.max())
+    assert behind == pytest.approx(result, abs=PARABOLIC * expected.max())
 
 
 @pytest.mark.parametrize("name", SOURCES)
@@ -77,8 +77,8 @@ def test_exact_irradiance_is_the_double_integral_of_the_mutual_intensity(
     source, x, w = sampled(name, 36)
     at = points(9.0)
     expected = mutual.irradiance(x, w, at, WAVELENGTH, width, mutual.first_integral)
-    found = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, "auto")
-    assert np.abs(found - expected).max() < SPHERICAL * expected.max()
+    result = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, "auto")
+    assert np.abs(result - expected).max() < SPHERICAL * expected.max()
 
 
 HOLED = shapely.Polygon(
@@ -103,8 +103,8 @@ def test_tilts_share_samples_of_the_source_at_a_fresnel_number_of_100(method: An
                 lit = source.with_illumination(tilt)
                 expected += share * pw.irradiance(lit, at, WAVELENGTH, method)
                 total += share
-    found = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, method)
-    assert found == pytest.approx(expected / total, abs=SPHERICAL * expected.max() / total)
+    result = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, method)
+    assert result == pytest.approx(expected / total, abs=SPHERICAL * expected.max() / total)
 
 
 CONDITIONS = [("kirchhoff", (0.5, 0.5)), ("rayleigh-sommerfeld-2", (0.0, 1.0))]
@@ -118,8 +118,8 @@ def test_normal_derivatives_of_tilted_light_are_taken_tilt_by_tilt(
     source, x, w = sampled("plain", 36)
     at = points(9.0)
     expected = mutual.irradiance_of_tilts(x, [(w, np.zeros(2))], at, WAVELENGTH, width, *shares)
-    found = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, method)
-    assert np.abs(found - expected).max() < SPHERICAL * expected.max()
+    result = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, method)
+    assert np.abs(result - expected).max() < SPHERICAL * expected.max()
 
 
 def test_sums_over_pairs_of_points_have_the_normal_derivatives_of_waves() -> None:
@@ -132,8 +132,8 @@ def test_sums_over_pairs_of_points_have_the_normal_derivatives_of_waves() -> Non
     ]
     expected = mutual.irradiance_of_tilts(x, waves, at, WAVELENGTH, width, 0.5, 0.5)
     partly = source.partially_coherent(width)
-    found = pw.irradiance(partly, at, WAVELENGTH, "kirchhoff")
-    assert found == pytest.approx(expected, abs=SPHERICAL * expected.max())
+    result = pw.irradiance(partly, at, WAVELENGTH, "kirchhoff")
+    assert result == pytest.approx(expected, abs=SPHERICAL * expected.max())
     condition = BY_NAME["kirchhoff"]
     pairs = summed_over_pairs(partly, at, WAVELENGTH, condition, 1e-6, math.inf)
     assert pairs == pytest.approx(expected, abs=1e-6 * expected.max())
@@ -173,23 +173,23 @@ def test_a_square_has_the_product_of_its_axes_behind_any_first_order_system(shar
     )
     expected = of_one_axis(side, along[:, 0], length * z1, width)
     expected = expected * of_one_axis(side, along[:, 1], length * z2, width)
-    found = pw.irradiance(partly, along, length, through=system)
-    assert np.abs(found - expected).max() < PARABOLIC * expected.max()
+    result = pw.irradiance(partly, along, length, through=system)
+    assert np.abs(result - expected).max() < PARABOLIC * expected.max()
     # turned as a whole, and at several distances at once
     c, s = np.cos(0.4), np.sin(0.4)
     turn, none = np.array([[c, -s], [s, c]]), np.zeros((2, 2))
     turned = pw.FirstOrder(np.block([[turn, none], [none, turn]])) @ system
     behind = pw.irradiance(partly, along @ turn.T, length, through=[turned])
-    assert behind == pytest.approx(found, abs=PARABOLIC * expected.max())
+    assert behind == pytest.approx(result, abs=PARABOLIC * expected.max())
 
 
 def test_points_at_many_distances_are_those_of_each_plane() -> None:
     partly = pw.Aperture(TRIANGLE).partially_coherent(2.0)
     z = np.array([8.0, 30.0, 8.0, 55.0])
     at = np.column_stack([PLACES[:4], z])
-    found = pw.irradiance(partly, at, WAVELENGTH, "fresnel")
+    result = pw.irradiance(partly, at, WAVELENGTH, "fresnel")
     each = [float(pw.irradiance(partly, place, WAVELENGTH, "fresnel")) for place in at]
-    assert found == pytest.approx(each, rel=1e-7)
+    assert result == pytest.approx(each, rel=1e-7)
     far_apart = at * [30.0, 30.0, 1.0]  # on lattices of their own
     assert np.isfinite(pw.irradiance(partly, far_apart, WAVELENGTH, "fresnel")).all()
 
@@ -198,11 +198,11 @@ def test_images_of_partly_coherent_sources_are_those_of_coherent_ones() -> None:
     source = pw.Aperture(TRIANGLE)
     at = 2.0 * PLACES
     for width in (5.0, 0.01):
-        found = pw.irradiance(
+        result = pw.irradiance(
             source.partially_coherent(width), at, WAVELENGTH, through=pw.FirstOrder.magnifier(2.0)
         )
         expected = pw.irradiance(source, at, WAVELENGTH, through=pw.FirstOrder.magnifier(2.0))
-        assert found == pytest.approx(expected, abs=1e-12)
+        assert result == pytest.approx(expected, abs=1e-12)
 
 
 def test_wide_coherence_is_coherent_and_narrow_coherence_a_lamp() -> None:
@@ -215,8 +215,8 @@ def test_wide_coherence_is_coherent_and_narrow_coherence_a_lamp() -> None:
     width = 0.02
     x, w = triangle_nodes(10 * HALVES, 40)
     lamp = 2 * np.pi * width**2 * np.abs(mutual.first_integral(x, at, WAVELENGTH)) ** 2 @ w
-    found = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, "auto")
-    assert found == pytest.approx(lamp, rel=2e-2)
+    result = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, "auto")
+    assert result == pytest.approx(lamp, rel=2e-2)
 
 
 def test_arguments_of_partly_coherent_light_are_checked_as_those_of_coherent_light() -> None:

@@ -47,13 +47,13 @@ def test_psf_is_the_sum_over_segments_at_each_wavelength_and_their_mean() -> Non
     each = []
     for length in WAVELENGTHS.tolist():
         expected = np.abs(amplitude(POINTS, length)) ** 2 / (length * FOCUS) ** 2 / MIRROR.area
-        found = pw.psf(PUPIL, POINTS, length, FOCUS)
-        assert found == pytest.approx(expected, abs=EXACT * expected.max())
+        result = pw.psf(PUPIL, POINTS, length, FOCUS)
+        assert result == pytest.approx(expected, abs=EXACT * expected.max())
         each.append(expected)
     weights = [1.0, 2.0, 0.5, 1.0]
     mean = np.average(each, axis=0, weights=weights)
-    found = pw.psf(PUPIL, POINTS, WAVELENGTHS, FOCUS, weights=weights)
-    assert found == pytest.approx(mean, abs=EXACT * mean.max())
+    result = pw.psf(PUPIL, POINTS, WAVELENGTHS, FOCUS, weights=weights)
+    assert result == pytest.approx(mean, abs=EXACT * mean.max())
 
 
 def test_mtf_is_that_of_the_psf_at_each_wavelength() -> None:
@@ -73,8 +73,8 @@ def test_irradiance_and_fields_take_the_phases_of_their_wavelength() -> None:
     for length in WAVELENGTHS.tolist():
         scale = (length * FOCUS) ** 2
         expected = np.abs(amplitude(POINTS, length)) ** 2 / scale
-        found = pw.irradiance(PUPIL, POINTS, length, through=system)
-        assert found == pytest.approx(expected, abs=EXACT * expected.max())
+        result = pw.irradiance(PUPIL, POINTS, length, through=system)
+        assert result == pytest.approx(expected, abs=EXACT * expected.max())
         rebuilt = pw.segmented_pupil(MIRROR, length, PISTON, TILT)
         place = (1e-4, -2e-4, 0.05)
         for method in ("fresnel", "rayleigh-sommerfeld-1", "fraunhofer"):
@@ -109,8 +109,8 @@ def test_a_band_is_the_mean_over_wavelengths_with_their_own_phases(kind: str) ->
         for length in (SPEED_OF_LIGHT / frequencies).tolist()
     ]
     expected = weight @ each / 2
-    found = pw.irradiance(made(DESIGN), place, DESIGN, through=system, bandwidth=width)
-    assert found == pytest.approx(expected, rel=1e-3)
+    result = pw.irradiance(made(DESIGN), place, DESIGN, through=system, bandwidth=width)
+    assert result == pytest.approx(expected, rel=1e-3)
 
 
 def test_curved_waves_keep_their_radius_and_phase_shifters_their_phases() -> None:
@@ -138,5 +138,5 @@ def test_path_lengths_survive_copies_and_other_wavelengths() -> None:
     assert pw.fourier(back, nu) == pytest.approx(pw.fourier(PUPIL, nu), rel=EXACT)
     partly = PUPIL.partially_coherent(4e-4)
     rebuilt = pw.segmented_pupil(MIRROR, 1e-6, PISTON, TILT).partially_coherent(4e-4)
-    found, expected = (pw.irradiance(p, (0, 0, 0.05), 1e-6, "fresnel") for p in (partly, rebuilt))
-    assert found == pytest.approx(expected, rel=1e-9)
+    result, expected = (pw.irradiance(p, (0, 0, 0.05), 1e-6, "fresnel") for p in (partly, rebuilt))
+    assert result == pytest.approx(expected, rel=1e-9)

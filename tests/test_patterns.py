@@ -37,8 +37,8 @@ def test_directivity_averages_to_one_over_all_directions(obliquity):
     source = pw.shapes.triangle(9e-3, 7e-3).with_illumination(field)
     node, weight = np.polynomial.legendre.leggauss(60)
     phi = 2 * np.pi * np.arange(90) / 90
-    found = _pattern(source, np.arccos((node + 1) / 2), phi, obliquity=obliquity)
-    gain = 10 ** (found["directivity"].values / 10)
+    result = _pattern(source, np.arccos((node + 1) / 2), phi, obliquity=obliquity)
+    gain = 10 ** (result["directivity"].values / 10)
     root = 1e-6  # cos(theta)^(1/2) of "paper" is not smooth at the horizon, nor theta in cos(theta)
     assert (gain.mean(axis=1) @ weight) / 4 == pytest.approx(1.0, abs=root)
 
@@ -58,9 +58,9 @@ def test_a_uniform_array_of_32_x_32_has_the_directivity_of_theory():
     with np.errstate(divide="ignore", invalid="ignore"):
         kernel = np.where(z == 0, 1 / 3, np.sin(z) / z**3 - np.cos(z) / z**2)
     theory = 4 * np.pi * n**4 / (2 * np.pi * pairs @ kernel)
-    found = _pattern(array).attrs["largest_directivity"]
+    result = _pattern(array).attrs["largest_directivity"]
     size = 1e-4  # dB; elements of a thousandth of a wavelength are points to 1e-5
-    assert found == pytest.approx(10 * math.log10(theory), abs=size)
+    assert result == pytest.approx(10 * math.log10(theory), abs=size)
 
 
 @pytest.mark.parametrize("obliquity", OBLIQUITIES)
@@ -105,23 +105,23 @@ def test_the_phase_tells_where_the_source_is():
 
 def test_nothing_goes_backwards_and_negative_theta_is_the_opposite_side():
     source = pw.shapes.triangle(9e-3, 7e-3)
-    found = _pattern(source, np.radians([-180, -40, 0, 40, 90, 100]), np.radians([30, 210]))
-    field = found["field"].values
+    result = _pattern(source, np.radians([-180, -40, 0, 40, 90, 100]), np.radians([30, 210]))
+    field = result["field"].values
     assert field[1, 0] == pytest.approx(field[3, 1])
     assert field[1, 0] != pytest.approx(field[3, 0])
     assert not field[[0, 4, 5]].any()
-    assert np.isneginf(found["directivity"].values[[0, 4, 5]]).all()
+    assert np.isneginf(result["directivity"].values[[0, 4, 5]]).all()
 
 
 def test_a_pattern_says_what_it_is():
-    found = _pattern(SQUARE, [0.0, 0.1], [0.0, 1.0, 2.0])
-    assert found["directivity"].dims == ("theta", "phi")
-    assert found["directivity"].attrs["units"] == "dBi"
-    assert found["theta"].attrs["units"] == "rad"
-    assert found.attrs["frequency"] == pytest.approx(94e9)
-    assert found.attrs["wavelength"] == WAVELENGTH
-    assert found.attrs["obliquity"] == "rayleigh-sommerfeld-1"
-    assert found["field"].attrs["polywigner_version"] == pw.__version__
+    result = _pattern(SQUARE, [0.0, 0.1], [0.0, 1.0, 2.0])
+    assert result["directivity"].dims == ("theta", "phi")
+    assert result["directivity"].attrs["units"] == "dBi"
+    assert result["theta"].attrs["units"] == "rad"
+    assert result.attrs["frequency"] == pytest.approx(94e9)
+    assert result.attrs["wavelength"] == WAVELENGTH
+    assert result.attrs["obliquity"] == "rayleigh-sommerfeld-1"
+    assert result["field"].attrs["polywigner_version"] == pw.__version__
     single = _pattern(SQUARE, 0.3, precision="single")["field"].values
     assert single.dtype == np.complex64
 
@@ -145,17 +145,17 @@ def test_files_carry_the_field_and_its_power(suffix, head, polarisation, tmp_pat
     pw.write_pattern(pattern, path, polarisation=polarisation)
     lines = path.read_text().splitlines()
     assert [line[: len(part)] for line, part in zip(lines, head, strict=False)] == head
-    found = pw.read_pattern(path, frequency=94e9) if suffix == "txt" else pw.read_pattern(path)
-    jones = np.abs(found.attrs["polarisation"])[::2]
+    result = pw.read_pattern(path, frequency=94e9) if suffix == "txt" else pw.read_pattern(path)
+    jones = np.abs(result.attrs["polarisation"])[::2]
     assert jones == pytest.approx({"x": [1, 0], "y": [0, 1]}[polarisation], abs=1e-6)
     about, power = pattern.attrs, math.sqrt(pattern.attrs["radiated_power"])
     if suffix != "txt":  # its levels are directivities
-        assert found.attrs["radiated_power"] == pytest.approx(about["radiated_power"], rel=1e-4)
+        assert result.attrs["radiated_power"] == pytest.approx(about["radiated_power"], rel=1e-4)
     one = pattern["field"].values / power
-    other = found["field"].values / math.sqrt(found.attrs["radiated_power"])
+    other = result["field"].values / math.sqrt(result.attrs["radiated_power"])
     digits = 1e-5  # six decimals of dB, and the quadrature of a table of 5 degrees
     assert np.abs(other - one).max() < digits * np.abs(one).max()
-    assert found.attrs["peak_directivity"] == pytest.approx(about["peak_directivity"], abs=1e-4)
+    assert result.attrs["peak_directivity"] == pytest.approx(about["peak_directivity"], abs=1e-4)
 
 
 def test_grasp_reads_cuts_whose_square_is_the_directivity(tmp_path):

@@ -56,8 +56,8 @@ def example() -> Any:
 def test_path_gains_in_free_space_are_the_directivity(example: Any) -> None:
     pattern = pw.radiation_pattern(example.antenna(), example.WAVELENGTH, ANGLES, 0.0)
     expected = pattern["directivity"].values[:, 0]
-    found = 10 * np.log10(example.gain_of_paths("polywigner", ANGLES))
-    assert found == pytest.approx(expected, abs=SINGLE)
+    result = 10 * np.log10(example.gain_of_paths("polywigner", ANGLES))
+    assert result == pytest.approx(expected, abs=SINGLE)
 
 
 @pytest.mark.llvm
@@ -67,8 +67,8 @@ def test_echoes_of_a_target_are_those_of_the_radar_equation() -> None:
     scene = module.radar_scene()
     scene.add(module.target(metal, module.WAVELENGTH, (4.0, 1.8, 1.4)))
     yaws = np.radians(np.arange(0, 360, 15) + 0.3)
-    found = module.echoes(scene, yaws, max_depth=1)
-    ratio = found / module.radar_equation(metal, yaws)
+    result = module.echoes(scene, yaws, max_depth=1)
+    ratio = result / module.radar_equation(metal, yaws)
     assert 10 * np.log10(ratio) == pytest.approx(0, abs=LOBES)
 
 
@@ -88,9 +88,9 @@ def test_two_rays_over_concrete_interfere_as_in_sionna() -> None:
 def test_rays_through_real_lenses_reproduce_the_focal_spot_of_a_hexagon() -> None:
     example = loaded("signed_rays", "optiland")
     for across, surfaces in example.LENSES.values():
-        found = example.compared(across, surfaces, count=1 << 19)
-        assert example.error(found["rays"], found["Huygens"]) < NOISE
-        error = (found["rays"] - found["Huygens"]) / found["standard error"]
+        result = example.compared(across, surfaces, count=1 << 19)
+        assert example.error(result["rays"], result["Huygens"]) < NOISE
+        error = (result["rays"] - result["Huygens"]) / result["standard error"]
         assert np.sqrt((error**2).mean()) == pytest.approx(1.0, abs=0.2)
 
 
@@ -98,15 +98,15 @@ def test_the_example_without_optiland_says_one_sentence(tmp_path: Path) -> None:
     script = EXAMPLES / "signed_rays" / "signed_rays.py"
     hidden = "import sys; sys.modules['optiland'] = None; import runpy; "
     run = f"sys.argv = ['signed_rays.py']; runpy.run_path({str(script)!r}, run_name='__main__')"
-    found = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-c", hidden + run],
         cwd=tmp_path,
         capture_output=True,
         text=True,
         check=False,
     )
-    assert found.returncode == 1
-    assert found.stderr.splitlines() == [
+    assert result.returncode == 1
+    assert result.stderr.splitlines() == [
         "expected optiland, got none; run `pip install optiland==0.6.3`"
     ]
     assert not list(tmp_path.iterdir())

@@ -35,15 +35,15 @@ def warned(call, *arguments):
 
 @pytest.mark.parametrize("name", CALLS)
 def test_a_source_of_thousands_of_wavelengths_is_asked_about_once_and_a_usual_one_never(name):
-    (found,) = warned(CALLS[name], IN_MM, WAVELENGTH)
-    assert found.category is PolywignerWarning
-    assert "wavelengths across: is a unit wrong" in str(found.message)
+    (result,) = warned(CALLS[name], IN_MM, WAVELENGTH)
+    assert result.category is PolywignerWarning
+    assert "wavelengths across: is a unit wrong" in str(result.message)
     assert not warned(CALLS[name], SQUARE, WAVELENGTH)
 
 
 def test_the_doubt_about_a_wavelength_names_the_line_of_the_call():
-    (found,) = warned(CALLS["named"], IN_MM, WAVELENGTH)
-    assert found.filename == __file__
+    (result,) = warned(CALLS["named"], IN_MM, WAVELENGTH)
+    assert result.filename == __file__
 
 
 def test_bounds_of_arrays_hold_their_elements():
@@ -70,8 +70,8 @@ def test_micrometres_and_millimetres_in_a_lens_are_asked_about(name):
         ([0.45, 0.55, 0.65], 0.1, "micrometres for m?"),
         (0.55e-6, 100.0, "mm for m?"),
     ):
-        (found,) = warned(LENSES[name], wavelength, focal_length)
-        assert found.category is PolywignerWarning and words in str(found.message)
+        (result,) = warned(LENSES[name], wavelength, focal_length)
+        assert result.category is PolywignerWarning and words in str(result.message)
 
 
 def link(source, distance, wavelength):
@@ -82,10 +82,10 @@ def link(source, distance, wavelength):
 
 def test_links_of_a_hundred_thousand_sizes_are_asked_about():
     """10 mm squares, 3000 mm apart."""
-    (found,) = warned(link, SQUARE, 3000.0, WAVELENGTH)
-    assert found.category is PolywignerWarning
-    assert "3000 m" in str(found.message)
-    assert "mm for m?" in str(found.message)
+    (result,) = warned(link, SQUARE, 3000.0, WAVELENGTH)
+    assert result.category is PolywignerWarning
+    assert "3000 m" in str(result.message)
+    assert "mm for m?" in str(result.message)
 
 
 def aperture(size, wavelength):

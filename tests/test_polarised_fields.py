@@ -74,8 +74,8 @@ cases = pytest.mark.parametrize(
 
 @cases
 def test_a_near_field_is_the_sum_of_its_dipoles(name: str, model: Any) -> None:
-    found = pw.field(SOURCES[name], POINTS, 1.0, JONES, model, tolerance=1e-12)
-    for point, value in zip(POINTS, found, strict=True):
+    result = pw.field(SOURCES[name], POINTS, 1.0, JONES, model, tolerance=1e-12)
+    for point, value in zip(POINTS, result, strict=True):
         expected = dense(SOURCES[name], point, JONES, model)
         assert value == pytest.approx(expected, abs=EXACT * np.abs(expected).max())
 
@@ -94,17 +94,17 @@ def test_power_through_a_near_hemisphere_is_the_radiated_power(model: Any) -> No
     electric = pw.field(patch, s, 1.0, JONES, model)
     magnetic = pw.field(patch, s, 1.0, (-JONES[1], JONES[0]), DUAL[model])
     flux = (np.cross(electric, magnetic.conj()).real * s).sum(axis=-1).mean(axis=1)
-    found = math.pi * (weight @ flux)
+    result = math.pi * (weight @ flux)
     pattern = pw.radiation_pattern(patch, 1.0, 0.0, 0.0, polarisation=JONES, method=model)
-    assert found == pytest.approx(pattern.attrs["radiated_power"], rel=1e-5)
+    assert result == pytest.approx(pattern.attrs["radiated_power"], rel=1e-5)
 
 
 def test_the_magnetic_model_has_the_field_of_the_opening_along_the_plane() -> None:
     """Its tangential part is Rayleigh-Sommerfeld I times p: u p in the opening, else zero."""
     source = SOURCES["steered taper"]
-    found = pw.field(source, POINTS, 1.0, JONES, "magnetic", tolerance=1e-12)
+    result = pw.field(source, POINTS, 1.0, JONES, "magnetic", tolerance=1e-12)
     scalar = pw.amplitude(source, POINTS, 1.0, tolerance=1e-12)
-    assert found[:, :2] == pytest.approx(scalar[:, None] * JONES, abs=1e-12)
+    assert result[:, :2] == pytest.approx(scalar[:, None] * JONES, abs=1e-12)
     inside, beside = pw.field(source, [(-1.0, 0.2, 1e-6), (0.5, 0.5, 1e-6)], 1.0, "x", "magnetic")
     assert inside[0] == pytest.approx(source.illumination((-1.0, 0.2)), abs=1e-5)
     assert beside[:2] == pytest.approx([0, 0], abs=1e-5)
@@ -115,8 +115,8 @@ def test_a_curved_wave_of_large_radius_is_a_flat_one(model: Any) -> None:
     """The curved wave's field is a sum over places, the flat one's along the edges."""
     curved = ELL.curved(1e12, 1.0)
     flat = pw.field(ELL, POINTS, 1.0, "30 deg", model, tolerance=1e-12)
-    found = pw.field(curved, POINTS, 1.0, "30 deg", model)
-    assert found == pytest.approx(flat, abs=EXACT * np.abs(flat).max())
+    result = pw.field(curved, POINTS, 1.0, "30 deg", model)
+    assert result == pytest.approx(flat, abs=EXACT * np.abs(flat).max())
 
 
 def test_elements_may_have_polarisations_of_their_own() -> None:
@@ -146,10 +146,10 @@ def test_handedness_is_that_of_the_ieee() -> None:
 def test_labels_of_points_stay() -> None:
     xarray = pytest.importorskip("xarray")
     points = xarray.DataArray(POINTS[2:], dims=("place", "axis"))
-    found = pw.field(ELL, points, 1.0, "y")
-    assert found.dims == ("place", "component")
+    result = pw.field(ELL, points, 1.0, "y")
+    assert result.dims == ("place", "component")
     plain = pw.field(ELL, POINTS[2:], 1.0, "y")
-    assert found.sel(component="z").values == pytest.approx(plain[:, 2])
+    assert result.sel(component="z").values == pytest.approx(plain[:, 2])
 
 
 PARTLY = pw.shapes.square(1.0).partially_coherent(0.5)

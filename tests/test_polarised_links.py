@@ -56,8 +56,8 @@ def test_a_receiver_weighs_the_near_fields_that_arrive(model: Any) -> None:
     share = {"huygens": (0.5, 0.5), "magnetic": (1.0, 0.0), "electric": (0.0, 1.0)}[model]
     expected = share[1] * of_electric + share[0] * of_magnetic
     expected /= math.sqrt(1.3 * 0.9 / 2 * TAKER.area)  # int |u|^2 of the cosine is half
-    found = link(at, sent, taken, method=model, tolerance=TIGHT, normalise="aperture")
-    assert found == pytest.approx(expected, abs=TIGHT)
+    result = link(at, sent, taken, method=model, tolerance=TIGHT, normalise="aperture")
+    assert result == pytest.approx(expected, abs=TIGHT)
 
 
 @models
@@ -72,12 +72,12 @@ def test_friis_holds_with_the_directivities_of_the_patterns(model: Any) -> None:
     friis = gains[0] * gains[1] / (4 * math.pi * distance) ** 2
     at = pose(0.0, 0.0, distance)
     for angle in (0.0, 30.0, 60.0):
-        found = np.abs(link(at, "x", f"{angle} deg", method=model)) ** 2
+        result = np.abs(link(at, "x", f"{angle} deg", method=model)) ** 2
         same = pw.radiation_pattern(
             TAKER, 1.0, 0.0, 0.0, polarisation=f"{angle} deg", method=model
         ).attrs["largest_directivity"]
         mismatch = math.cos(math.radians(angle)) ** 2 * 10 ** (same / 10) / gains[1]
-        assert found == pytest.approx(friis * mismatch, rel=1e-4)
+        assert result == pytest.approx(friis * mismatch, rel=1e-4)
 
 
 def test_crossed_and_circular_links_match_as_antennas_do() -> None:
@@ -99,9 +99,9 @@ def test_elements_of_an_array_may_be_crossed() -> None:
     speck = pw.shapes.square(0.2)
     pair = pw.Array([speck, speck], [1, 1j])
     at = pose(0.1, 0.0, 3.0, 0.1)
-    found = pw.coupling(pair, TAKER, at, 1.0, polarisation=(["x", "y"], "left"))
+    result = pw.coupling(pair, TAKER, at, 1.0, polarisation=(["x", "y"], "left"))
     expected = pw.coupling(speck, TAKER, at, 1.0, polarisation=("right", "left"))
-    assert found == pytest.approx(expected, abs=1e-9)
+    assert result == pytest.approx(expected, abs=1e-9)
 
 
 def test_several_poses_and_errors_come_as_of_scalar_links() -> None:

@@ -25,9 +25,9 @@ def pattern(source: Any, theta: Any = THETA, phi: Any = PRINCIPAL, **how: Any) -
     return pw.radiation_pattern(source, 1.0, theta, phi, **how)
 
 
-def relative(found: Any) -> np.ndarray:
+def relative(result: Any) -> np.ndarray:
     """Cuts in dB of the broadside."""
-    levels = found["directivity"].values
+    levels = result["directivity"].values
     return levels - levels[len(levels) // 2]
 
 
@@ -41,22 +41,22 @@ def test_a_half_wave_dipole_and_slot_have_their_textbook_patterns() -> None:
     thin = pw.shapes.rectangle(0.5, SMALL).with_illumination(pw.cosine_taper(0.5))
     along = decibels(np.cos(math.pi / 2 * np.sin(THETA)) / np.cos(THETA))
     for jones, method, planes in (("x", "electric", (0, 1)), ("y", "magnetic", (0, 1))):
-        found = pattern(thin, polarisation=jones, method=method)
-        dipole, across = (relative(found)[:, plane] for plane in planes)
+        result = pattern(thin, polarisation=jones, method=method)
+        dipole, across = (relative(result)[:, plane] for plane in planes)
         assert dipole == pytest.approx(along, abs=TEXTBOOK)
         assert across == pytest.approx(np.zeros(len(THETA)), abs=TEXTBOOK)
-        assert found.attrs["peak_directivity"] == pytest.approx(2.151 + 3.010, abs=TEXTBOOK)
+        assert result.attrs["peak_directivity"] == pytest.approx(2.151 + 3.010, abs=TEXTBOOK)
 
 
 def test_a_horn_has_its_textbook_cuts() -> None:
     """Balanis, aperture of a TE10 mode in free space: E-plane y, H-plane x."""
-    found = relative(pattern(HORN, polarisation="y", method="huygens"))
+    result = relative(pattern(HORN, polarisation="y", method="huygens"))
     s, lean = np.sin(THETA), (1 + np.cos(THETA)) / 2
     h_plane = np.cos(math.pi * 3.0 * s) / (1 - (2 * 3.0 * s) ** 2) * lean
     e_plane = np.sinc(2.0 * s) * lean
     for plane, expected in enumerate((h_plane, e_plane)):
         lit = np.abs(expected) > 1e-3
-        assert found[lit, plane] == pytest.approx(decibels(expected[lit]), abs=TEXTBOOK)
+        assert result[lit, plane] == pytest.approx(decibels(expected[lit]), abs=TEXTBOOK)
 
 
 def test_a_patch_has_its_textbook_cuts() -> None:
@@ -64,12 +64,12 @@ def test_a_patch_has_its_textbook_cuts() -> None:
     width, length, height = 0.4, 0.33, 0.02
     slot = pw.shapes.rectangle(height, width)
     slots = pw.phased_array(slot, [(-length / 2, 0), (length / 2, 0)])
-    found = relative(pattern(slots, polarisation="x", method="magnetic"))
+    result = relative(pattern(slots, polarisation="x", method="magnetic"))
     s = np.sin(THETA)
     e_plane = np.sinc(height * s) * np.cos(math.pi * length * s)
     h_plane = np.cos(THETA) * np.sinc(width * s)
     for plane, expected in enumerate((e_plane, h_plane)):
-        assert found[:, plane] == pytest.approx(decibels(expected), abs=TEXTBOOK)
+        assert result[:, plane] == pytest.approx(decibels(expected), abs=TEXTBOOK)
 
 
 def test_the_scalar_conditions_are_cuts_of_the_vector_patterns() -> None:
@@ -96,18 +96,18 @@ def test_a_linear_polarisation_crosses_between_the_principal_planes() -> None:
     theta, diagonal = np.radians([10.0, 35.0, 70.0]), math.pi / 4
     c = np.cos(theta)
     for method in ("magnetic", "electric"):
-        found = pattern(HORN, theta, diagonal, polarisation="x", method=method)
-        ratio = found["cross_polar_discrimination"].values[:, 0]
+        result = pattern(HORN, theta, diagonal, polarisation="x", method=method)
+        ratio = result["cross_polar_discrimination"].values[:, 0]
         assert ratio == pytest.approx(decibels((1 + c) / (1 - c)), abs=1e-9)
-        assert (found["axial_ratio"].values > 200).all()
+        assert (result["axial_ratio"].values > 200).all()
     huygens = pattern(HORN, theta, np.linspace(0, 6, 5), polarisation="20 deg")
     assert np.abs(huygens["cross_field"]).max() < 1e-14 * np.abs(huygens["field"]).max()
 
 
 def test_circular_waves_are_ellipses_of_the_cosine_beside_the_axis() -> None:
     theta = np.radians([0.0, 20.0, 50.0])
-    found = pattern(HORN, theta, 0.3, polarisation="left", method="magnetic")
-    assert found["axial_ratio"].values[:, 0] == pytest.approx(-decibels(np.cos(theta)), abs=1e-9)
+    result = pattern(HORN, theta, 0.3, polarisation="left", method="magnetic")
+    assert result["axial_ratio"].values[:, 0] == pytest.approx(-decibels(np.cos(theta)), abs=1e-9)
     metrics = pw.beam_metrics(pattern(HORN, polarisation="left", method="magnetic"))
     assert metrics.axial_ratio == pytest.approx(0.0, abs=1e-9)
     assert metrics.cross_polar_discrimination is not None
@@ -122,13 +122,13 @@ def test_directivity_counts_all_of_the_field(model: Any) -> None:
     source = pw.shapes.triangle(1.1, 0.9).with_illumination(pw.steering((0.6, 0, 0.8), 1.0))
     node, weight = np.polynomial.legendre.leggauss(40)
     phi = 2 * np.pi * np.arange(60) / 60
-    found = pattern(source, np.arccos((node + 1) / 2), phi, polarisation=(1, 0.5j), method=model)
-    gain = 10 ** (found["directivity"].values / 10)
+    result = pattern(source, np.arccos((node + 1) / 2), phi, polarisation=(1, 0.5j), method=model)
+    gain = 10 ** (result["directivity"].values / 10)
     assert (gain.mean(axis=1) @ weight) / 4 == pytest.approx(1.0, abs=1e-9)
-    parts = np.abs(found["field"].values) ** 2 + np.abs(found["cross_field"].values) ** 2
-    expected = 4 * math.pi * parts / found.attrs["radiated_power"]
+    parts = np.abs(result["field"].values) ** 2 + np.abs(result["cross_field"].values) ** 2
+    expected = 4 * math.pi * parts / result.attrs["radiated_power"]
     assert gain == pytest.approx(expected, rel=1e-9)
-    assert found.attrs["aperture_power"] == pytest.approx(source.area)  # |u p|^2 = 1
+    assert result.attrs["aperture_power"] == pytest.approx(source.area)  # |u p|^2 = 1
 
 
 def test_a_far_point_has_the_field_of_the_pattern() -> None:
@@ -137,12 +137,12 @@ def test_a_far_point_has_the_field_of_the_pattern() -> None:
         pw.shapes.square(0.4), [(0.5 * k, 0.0) for k in range(4)], np.exp(-1j * np.arange(4))
     )
     theta, phi, distance = 0.4, 0.7, 1e7
-    found = pattern(row, theta, phi, polarisation=["x", "y", "x", "right"], method="magnetic")
+    result = pattern(row, theta, phi, polarisation=["x", "y", "x", "right"], method="magnetic")
     s = (math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta))
     far = pw.field(row, distance * np.array(s), 1.0, ["x", "y", "x", "right"], "magnetic")
-    power = abs(found["field"].item()) ** 2 + abs(found["cross_field"].item()) ** 2
+    power = abs(result["field"].item()) ** 2 + abs(result["cross_field"].item()) ** 2
     assert distance**2 * np.square(np.abs(far)).sum() == pytest.approx(power, rel=1e-5)
-    beam = found.attrs["peak_theta"], found.attrs["peak_phi"]
+    beam = result.attrs["peak_theta"], result.attrs["peak_phi"]
     there = pattern(row, *beam, polarisation=["x", "y", "x", "right"], method="magnetic")
     assert there["cross_field"].item() == pytest.approx(0.0, abs=1e-6)
     assert there.attrs["peak_cross_polar_discrimination"] > 200

@@ -77,10 +77,10 @@ def seen(
 @pytest.mark.parametrize("name", STOKES)
 def test_a_source_seen_straight_has_the_stokes_numbers_of_its_name(name: str) -> None:
     use("scalar_spectral_polarized")
-    found = seen(name)
-    assert found[1:] / found[0] == pytest.approx(STOKES[name], abs=ERROR)
+    result = seen(name)
+    assert result[1:] / result[0] == pytest.approx(STOKES[name], abs=ERROR)
     by_numbers = seen(3.0 * np.array(JONES[name]))
-    assert by_numbers == pytest.approx(found, rel=ERROR, abs=ERROR * found[0])
+    assert by_numbers == pytest.approx(result, rel=ERROR, abs=ERROR * result[0])
 
 
 def test_an_unpolarised_source_sends_light_of_the_same_radiance() -> None:
@@ -105,8 +105,8 @@ def test_beside_the_axis_the_field_turns_the_shortest_way(name: str, aside: Any)
     a, b = field @ right, field @ np.cross(s, right)
     both = 2 * a * np.conj(b)
     expected = abs(a) ** 2 - abs(b) ** 2, both.real, both.imag
-    found = seen(name, camera=(s, (0, 0, 0), up))
-    assert found[1:] / found[0] == pytest.approx(expected, abs=ERROR)
+    result = seen(name, camera=(s, (0, 0, 0), up))
+    assert result[1:] / result[0] == pytest.approx(expected, abs=ERROR)
 
 
 @pytest.mark.llvm
@@ -117,8 +117,8 @@ def test_a_turned_polariser_passes_the_square_of_the_cosine() -> None:
     free = seen("x", inner="volpath")[0]
     for angle in (0, 30, 90):
         pose = looking((0, 0, 0.5), (0, 0, 1)).rotate([0, 0, 1], angle)
-        found = seen("x", {"p": plane(pose, plate)}, inner="volpath")[0]
-        assert found / free == pytest.approx(np.cos(np.radians(angle)) ** 2, abs=ERROR)
+        result = seen("x", {"p": plane(pose, plate)}, inner="volpath")[0]
+        assert result / free == pytest.approx(np.cos(np.radians(angle)) ** 2, abs=ERROR)
 
 
 @pytest.mark.llvm
@@ -151,8 +151,8 @@ def test_a_metal_of_finite_index_turns_slants_into_the_ellipse_of_fresnel(name: 
     metal = {"type": "conductor", "eta": spectrum(0.2), "k": spectrum(3.0)}
     middle, back = np.array([0, 0, 0.5]), np.array([np.sin(2 * angle), 0, -np.cos(2 * angle)])
     mirror = plane(looking(middle, middle + back - [0, 0, 1]), metal)
-    found = seen(name, {"m": mirror}, (middle + back, middle))
-    assert found[1:] / found[0] == pytest.approx(expected, abs=ERROR)
+    result = seen(name, {"m": mirror}, (middle + back, middle))
+    assert result[1:] / result[0] == pytest.approx(expected, abs=ERROR)
 
 
 @pytest.mark.llvm
@@ -161,14 +161,14 @@ def test_an_unpolarised_sky_gives_half_to_a_polarised_receiver(estimator: str) -
     """A sky of 2 k T/lambda^2 in both polarisations gives k T in a bandwidth of 1 Hz."""
     mi = use("llvm_ad_mono_polarized")
     sky = {"type": "constant", "radiance": spectrum(2.0 / WAVELENGTH**2)}
-    found = []
+    result = []
     for polarisation in ("unpolarised", "x", "left"):
         taker = receiver(polarisation=polarisation, estimator=estimator)
         scene = {"type": "scene", "integrator": {"type": "path"}, "r": taker, "sky": sky}
-        found.append(float(pwm.render(mi.load_dict(scene), spp=2**14).mean()))
-    assert found[1] == pytest.approx(found[0] / 2, rel=1e-6)
-    assert found[2] == pytest.approx(found[0] / 2, rel=1e-6)
-    assert found[1] == pytest.approx(1.0, rel=0.01 if estimator == "exact" else 0.2)
+        result.append(float(pwm.render(mi.load_dict(scene), spp=2**14).mean()))
+    assert result[1] == pytest.approx(result[0] / 2, rel=1e-6)
+    assert result[2] == pytest.approx(result[0] / 2, rel=1e-6)
+    assert result[1] == pytest.approx(1.0, rel=0.01 if estimator == "exact" else 0.2)
 
 
 def linked(sent: Any, taken: Any, roll: float = 0.0) -> Any:
@@ -206,9 +206,9 @@ def test_an_array_of_two_polarisations_has_the_pattern_of_the_sum_of_fields() ->
     size = abs(x) ** 2 + abs(y) ** 2
     expected = np.array([abs(x) ** 2 - abs(y) ** 2, both.real, both.imag]) / size
     camera = (s, (0, 0, 0))
-    found = seen(["x", "right"], None, camera, PAIR, half=8e-3, size=64, spp=64)
+    result = seen(["x", "right"], None, camera, PAIR, half=8e-3, size=64, spp=64)
     # in the x-z plane the field along x is the camera's right, and along y its up
-    assert found[1:] / found[0] == pytest.approx(expected, abs=5e-3)
+    assert result[1:] / result[0] == pytest.approx(expected, abs=5e-3)
 
 
 @pytest.mark.slow
@@ -217,7 +217,7 @@ def test_both_estimators_light_a_street_alike() -> None:
     use("llvm_ad_mono_polarized")
     floor = {"type": "pplastic", "alpha": 0.2, "diffuse_reflectance": spectrum(0.3)}
     pose = looking((0, -0.5, 0.3), (0, 0, 0), (0, 0, 1))
-    found = [
+    result = [
         seen(
             ["x", "right"], {"f": plane(looking((0, 0, 0), (0, 0, 1)), floor, 0.3)},
             ((0, 0.5, 0.3), (0, 0, 0), (0, 0, 1)), PAIR, 0.1, 8, 2048,
@@ -225,8 +225,8 @@ def test_both_estimators_light_a_street_alike() -> None:
         )
         for estimator in ("wigner", "exact")
     ]  # fmt: skip
-    assert found[0] == pytest.approx(found[1], abs=0.02 * found[1][0])  # noise of W
-    assert np.linalg.norm(found[1][1:]) > 0.1 * found[1][0]
+    assert result[0] == pytest.approx(result[1], abs=0.02 * result[1][0])  # noise of W
+    assert np.linalg.norm(result[1][1:]) > 0.1 * result[1][0]
 
 
 @pytest.mark.slow

@@ -92,8 +92,8 @@ def test_detectors_all_around_an_emitter_receive_its_power(name, obliquity, esti
     entry = pwm.aperture(
         SOURCES[name], WAVELENGTH, obliquity=obliquity, estimator=estimator, power=2.5
     )
-    found, error = collected(entry, 300 * WAVELENGTH, 2 if estimator == "exact" else 40)
-    assert abs(found / 2.5 - 1) < ERRORS * error / 2.5 + BIAS[estimator]
+    result, error = collected(entry, 300 * WAVELENGTH, 2 if estimator == "exact" else 40)
+    assert abs(result / 2.5 - 1) < ERRORS * error / 2.5 + BIAS[estimator]
     assert error / 2.5 < NOISE[estimator]
 
 
@@ -114,9 +114,9 @@ def test_a_furnace_gives_a_wavelength_squared_of_its_radiance_to_any_receiver(
     sky = {"type": "constant", "radiance": {"type": "spectrum", "value": 3.0}}
     receiver = pwm.receiver(SOURCES[name], WAVELENGTH, obliquity=obliquity, estimator=estimator)
     scene = {"type": "scene", "integrator": {"type": "path"}, "receiver": receiver, "sky": sky}
-    found, error = received(scene, 1 << (15 if estimator == "exact" else 20))
+    result, error = received(scene, 1 << (15 if estimator == "exact" else 20))
     expected = 3.0 * WAVELENGTH**2
-    assert abs(found - expected) < ERRORS * error + BIAS[estimator] * expected
+    assert abs(result - expected) < ERRORS * error + BIAS[estimator] * expected
     assert error < NOISE[estimator] * expected
 
 

@@ -83,7 +83,7 @@ def test_each_slow_call_draws_a_bar_and_a_quick_one_does_not(monkeypatch):
 def test_slow_work_within_the_work_of_a_bar_draws_none(monkeypatch):
     screen = terminal(monkeypatch)
     with progress.progress_bar("outer", 2, show=True) as advance:
-        with progress.told("inner", range(3)) as parts:
+        with progress.with_progress("inner", range(3)) as parts:
             assert list(parts) == [0, 1, 2]
         advance(2)
     assert "outer" in screen.getvalue() and "inner" not in screen.getvalue()
@@ -91,11 +91,11 @@ def test_slow_work_within_the_work_of_a_bar_draws_none(monkeypatch):
 
 def test_an_interruption_ends_the_bar_at_once(monkeypatch):
     screen = terminal(monkeypatch)
-    with pytest.raises(KeyboardInterrupt), progress.told("first", range(3)) as parts:
+    with pytest.raises(KeyboardInterrupt), progress.with_progress("first", range(3)) as parts:
         for part in parts:
             if part == 2:
                 raise KeyboardInterrupt
-    with progress.told("later", range(3)) as parts:
+    with progress.with_progress("later", range(3)) as parts:
         list(parts)
     assert "later" in screen.getvalue()
 
@@ -107,6 +107,9 @@ def test_without_a_terminal_the_work_runs_without_a_bar(stderr, monkeypatch):
     files = {"none": None, "closed": closed, "no terminal": SimpleNamespace(write=len)}
     monkeypatch.setattr(sys, "stderr", files[stderr])
     monkeypatch.setattr(progress, "_PATIENCE", 0.0)
-    with progress.progress_bar("outer", 1) as advance, progress.told("inner", range(3)) as parts:
+    with (
+        progress.progress_bar("outer", 1) as advance,
+        progress.with_progress("inner", range(3)) as parts,
+    ):
         assert list(parts) == [0, 1, 2]
         advance()

@@ -146,8 +146,8 @@ def test_tiles_of_a_product_are_products_of_the_functions_of_slits(name):
     nu, zero = np.linspace(-4, 5, 7)[:, None], np.zeros(1)
 
     def check(kind, kept, first, second, expected):
-        found = tile(source, kind, kept, np.ravel(first), np.ravel(second))
-        assert np.abs(found - expected).max() < ROUNDING * 20, kept
+        result = tile(source, kind, kept, np.ravel(first), np.ravel(second))
+        assert np.abs(result - expected).max() < ROUNDING * 20, kept
 
     intensity = pw.lag_marginal(other, zero).real
     check("wigner", f"{name}_nu_{name}", at, nu, pw.wigner(own, at, nu) * intensity)
@@ -205,8 +205,8 @@ def _assert_rounding_is_as_stated(source):
     axes |= {"upsilon_x": nu, "xi_x": np.array([0.0, 0.2, 1e-14]) * width}
 
     def check(source, kind, name, expected):
-        found = pw.projections(source, kind, tiles=[name], coordinates=_only(axes, kind))[name]
-        assert np.abs(found.values - expected).max() < found.attrs["error"]
+        result = pw.projections(source, kind, tiles=[name], coordinates=_only(axes, kind))[name]
+        assert np.abs(result.values - expected).max() < result.attrs["error"]
 
     check(source, "wigner", "x_nu_x", [_waves(_mirrored_overlap(source, at), nu).real for at in x])
     lifted = [[2 * float(_lifted_overlap(source, at, xi).area) for xi in axes["xi_y"]] for at in x]
@@ -218,13 +218,13 @@ def _assert_rounding_is_as_stated(source):
 
     columns = [_column(source, at) for at in x]
     power = [[abs(_interval_wave(column, n)) ** 2 for n in nu] for column in columns]
-    found = pw.projections(source, tiles=["x_nu_y"], coordinates={"x": x, "nu_y": nu})["x_nu_y"]
-    assert np.abs(found.values - power).max() < found.attrs["error"]
+    result = pw.projections(source, tiles=["x_nu_y"], coordinates={"x": x, "nu_y": nu})["x_nu_y"]
+    assert np.abs(result.values - power).max() < result.attrs["error"]
     shadow = [float(sum(high - low for low, high in column)) ** 2 for column in columns]
-    found = pw.projections(
+    result = pw.projections(
         source, "autocorrelation", tiles=["x_xi_x"], coordinates={"x": x, "xi_x": [0.0]}
     )["x_xi_x"]
-    assert np.abs(found.values[:, 0] - shadow).max() < found.attrs["error"]
+    assert np.abs(result.values[:, 0] - shadow).max() < result.attrs["error"]
 
 
 def _column(source, x):
@@ -287,8 +287,8 @@ def test_exchanging_x_and_y_exchanges_the_tiles(kind, source):
     first, second = (pw.projections(s, kind, samples=12) for s in (source, turned))
     for name in TILES[kind]:
         values, dims = first[name].values, [swap(d) for d in first[name].dims]
-        found = next(a for n in second.data_vars if set((a := second[n]).dims) == set(dims))
-        other = found.values if list(found.dims) == dims else found.values.T
+        result = next(a for n in second.data_vars if set((a := second[n]).dims) == set(dims))
+        other = result.values if list(result.dims) == dims else result.values.T
         assert np.abs(values - other).max() <= 2 * first[name].attrs["error"]
 
 
@@ -319,11 +319,11 @@ def test_a_shift_moves_the_tiles_and_turns_those_of_the_ambiguity_function():
     moved = pw.Aperture(source.rings[0] + shift)
     x, nu = np.linspace(-0.5, 0.5, 7), np.linspace(-4, 4, 5)
     for name in ("x_nu_x", "x_nu_y"):
-        found = tile(moved, "wigner", name, x + shift[0], nu)
-        assert np.abs(found - tile(source, "wigner", name, x, nu)).max() < FAR
+        result = tile(moved, "wigner", name, x + shift[0], nu)
+        assert np.abs(result - tile(source, "wigner", name, x, nu)).max() < FAR
     lags = np.array([1e-9, 0.3, 0.5])
-    found = tile(moved, "autocorrelation", "x_xi_y", x + shift[0], lags)
-    assert np.abs(found - tile(source, "autocorrelation", "x_xi_y", x, lags)).max() < FAR
+    result = tile(moved, "autocorrelation", "x_xi_y", x + shift[0], lags)
+    assert np.abs(result - tile(source, "autocorrelation", "x_xi_y", x, lags)).max() < FAR
     # A looks at opposite points: only a shift along x leaves its rows facing each other
     aside = pw.Aperture(source.rings[0] + [1000.0, 0.0])
     turn = np.exp(-2j * np.pi * nu * 1000.0)[:, None]
@@ -335,16 +335,16 @@ def test_a_shift_moves_the_tiles_and_turns_those_of_the_ambiguity_function():
 @pytest.mark.parametrize("kind", KINDS)
 def test_tiles_carry_their_coordinates_units_and_errors(kind):
     source = SHAPES["holed"]
-    found = pw.projections(source, kind, samples=9)
-    assert list(found.data_vars) == TILES[kind]
+    result = pw.projections(source, kind, samples=9)
+    assert list(result.data_vars) == TILES[kind]
     for name in TILES[kind]:
-        one = found[name]
+        one = result[name]
         assert "_".join(one.dims) == name and one.values.shape == (9, 9)
         assert one.attrs["exact"] and "closed form (P" in one.attrs["method"]
         assert one.attrs["error"] >= 0.0 and one.attrs["units"] in ("1", "m2", "m4")
         for axis in one.dims:
-            assert found[axis].values.shape == (9,)
-            assert found[axis].attrs["units"] == ("1/m" if axis[0] in "nu" else "m")
+            assert result[axis].values.shape == (9,)
+            assert result[axis].attrs["units"] == ("1/m" if axis[0] in "nu" else "m")
         left_out = one.attrs["long_name"].split("over ")[1].split(", ")
         assert not set(left_out) & set(one.dims) and len({*left_out, *one.dims}) == 4
 
@@ -352,22 +352,22 @@ def test_tiles_carry_their_coordinates_units_and_errors(kind):
 def test_the_functions_of_slits_are_their_own_projection():
     source = pw.shapes.slit_pair((0.2, 0.5), (-0.6, 0.4))
     x, nu = np.array([-0.6, 0.0, 0.4]), np.array([0.0, 1.3])
-    found = pw.projections(source, "wigner", coordinates={"x": x, "nu": nu})["x_nu"]
-    assert (found.values == pw.wigner(source, x[:, None, None], nu[:, None])).all()
-    assert found.dims == ("x", "nu") and found.attrs["units"] == "m"
-    found = pw.projections(source, "autocorrelation", coordinates={"x": x, "xi": nu})["x_xi"]
-    assert (found.values == pw.autocorrelation(source, x[:, None, None], nu[:, None])).all()
-    found = pw.projections(source, "ambiguity", coordinates={"upsilon": x, "xi": nu})
+    result = pw.projections(source, "wigner", coordinates={"x": x, "nu": nu})["x_nu"]
+    assert (result.values == pw.wigner(source, x[:, None, None], nu[:, None])).all()
+    assert result.dims == ("x", "nu") and result.attrs["units"] == "m"
+    result = pw.projections(source, "autocorrelation", coordinates={"x": x, "xi": nu})["x_xi"]
+    assert (result.values == pw.autocorrelation(source, x[:, None, None], nu[:, None])).all()
+    result = pw.projections(source, "ambiguity", coordinates={"upsilon": x, "xi": nu})
     expected = pw.ambiguity(source, x[:, None, None], nu[:, None])
-    assert (found["upsilon_xi"].values == expected).all()
+    assert (result["upsilon_xi"].values == expected).all()
 
 
 def test_extents_samples_and_coordinates_are_taken():
-    found = pw.projections(
+    result = pw.projections(
         SHAPES["square"], samples={"x": 5}, extent={"nu_x": (-3.0, 4.0)}, coordinates={"y": [0.1]}
     )
-    assert found["x"].values.shape == (5,) and found["nu_x"].values[[0, -1]].tolist() == [-3, 4]
-    assert found["y_nu_y"].values.shape == (1, 129)
+    assert result["x"].values.shape == (5,) and result["nu_x"].values[[0, -1]].tolist() == [-3, 4]
+    assert result["y_nu_y"].values.shape == (1, 129)
     only = pw.projections(SHAPES["square"], tiles=["x_nu_y"], samples=3)
     assert list(only.data_vars) == ["x_nu_y"] and set(only.coords) == {"x", "nu_y"}
 

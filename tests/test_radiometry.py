@@ -58,8 +58,8 @@ def _gauss(low: Any, high: Any, order: int) -> tuple[np.ndarray, np.ndarray]:
 def test_radiance_of_a_square_at_its_centre_is_the_closed_form() -> None:
     direction = _direction(0.6, 0.3)
     closed = math.prod(20e-3 * np.sinc(20e-3 * s / WAVELENGTH) for s in direction[:2])
-    found = pw.radiance(SQUARE, (0.0, 0.0), direction, WAVELENGTH)
-    assert found == pytest.approx(closed / WAVELENGTH**2, abs=1e-4 * ACCURACY / WAVELENGTH**2)
+    result = pw.radiance(SQUARE, (0.0, 0.0), direction, WAVELENGTH)
+    assert result == pytest.approx(closed / WAVELENGTH**2, abs=1e-4 * ACCURACY / WAVELENGTH**2)
 
 
 def test_the_papers_radiance_lacks_the_power_and_has_four_pi_too_many() -> None:
@@ -108,8 +108,8 @@ def _power_by_lags(width: float, wavelength: float) -> float:
 @pytest.mark.parametrize("wavelengths", [0.1, 1.0, 3.1357, 20.0])
 def test_power_of_a_square_equals_the_integral_over_lags(wavelengths: float) -> None:
     wavelength = 10e-3 / wavelengths
-    found = pw.power(SQUARE, wavelength) / SQUARE.area
-    assert found == pytest.approx(_power_by_lags(10e-3, wavelength) / SQUARE.area, abs=ROUTES)
+    result = pw.power(SQUARE, wavelength) / SQUARE.area
+    assert result == pytest.approx(_power_by_lags(10e-3, wavelength) / SQUARE.area, abs=ROUTES)
 
 
 @sources
@@ -268,5 +268,5 @@ def test_power_of_partly_coherent_wide_light_is_the_mean_over_tilts() -> None:
     for (x, a), (y, b) in product(zip(tilts, weight / weight.sum(), strict=True), repeat=2):
         tilt = pw.steering((x, y, math.sqrt(1 - x * x - y * y)), wavelength)
         mean += a * b * pw.power(square.with_illumination(tilt), wavelength)
-    found = pw.power(square.partially_coherent(width), wavelength)
-    assert found == pytest.approx(mean, rel=1e-8)
+    result = pw.power(square.partially_coherent(width), wavelength)
+    assert result == pytest.approx(mean, rel=1e-8)

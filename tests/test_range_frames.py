@@ -55,12 +55,12 @@ class TestCameras:
         pm = pytest.importorskip("polywigner.mitsuba")
         loaded = pm.load_scene(scene, "llvm_ad_mono")
         edges = np.linspace(9.0, 12.0, 61)
-        told: list[tuple[int, int]] = []
+        reported: list[tuple[int, int]] = []
         frames = pm.range_frames(
-            loaded, edges, spp=64, seed=3, progress=lambda *step: told.append(step)
+            loaded, edges, spp=64, seed=3, progress=lambda *step: reported.append(step)
         )
         radiance = frames["radiance"].values
-        assert radiance.shape == (60, 6, 8) and told[-1] == (4, 4)
+        assert radiance.shape == (60, 6, 8) and reported[-1] == (4, 4)
         total = radiance.sum(axis=0) + frames["before"].values + frames["after"].values
         picture = pm.render(loaded, spp=64, seed=5)[..., 0]
         np.testing.assert_allclose(total.mean(), picture.mean(), rtol=0.02)
@@ -71,8 +71,8 @@ class TestCameras:
         away = np.hypot(10.0, np.hypot(x, y[:, None]))
         expected = (away + np.hypot(10.0, np.hypot(3.0 - x, y[:, None]))) / 2
         middles = frames["range"].values
-        found = (radiance * middles[:, None, None]).sum(axis=0) / radiance.sum(axis=0)
-        np.testing.assert_allclose(found, expected, atol=0.06)
+        result = (radiance * middles[:, None, None]).sum(axis=0) / radiance.sum(axis=0)
+        np.testing.assert_allclose(result, expected, atol=0.06)
         with pytest.raises(ArgumentError, match="range_profile"):
             pm.range_frames(loaded, edges, sensor=1)
         with pytest.raises(ArgumentError, match="sensor as a whole number"):
@@ -165,8 +165,8 @@ def test_an_animation_has_a_frame_for_each_bin(tmp_path):
     edges = {"range_edge": labelled_array(np.linspace(1.0, 4.0, 4), ("range_edge",))}
     path = tmp_path / "frames.gif"
     write_range_animation(labelled_arrays(arrays, edges), path, floor_db=-20.0, title="echo")
-    with Image.open(path) as found:
-        assert found.format == "GIF" and found.n_frames == 3
+    with Image.open(path) as result:
+        assert result.format == "GIF" and result.n_frames == 3
     with pytest.raises(ArgumentError, match="range_frames"):
         write_range_animation(None, path)
     with pytest.raises(ArgumentError, match="milliseconds"):

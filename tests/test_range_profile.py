@@ -71,19 +71,19 @@ def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power():
         far=plate(50.0, at(0.0, 80.0)),
     )
     edges = np.linspace(35.0, 40.0, 11)
-    found = pm.range_profile(scene, edges, spp=16384, seed=4)
+    result = pm.range_profile(scene, edges, spp=16384, seed=4)
     steady = pm.received_power(scene, spp=16384, seed=4)
-    assert found["power"].dims == ("range",) and found["power"].attrs["units"] == "W"
-    np.testing.assert_allclose(found["range"].values, edges[:-1] + 0.25)
+    assert result["power"].dims == ("range",) and result["power"].attrs["units"] == "W"
+    np.testing.assert_allclose(result["range"].values, edges[:-1] + 0.25)
     # 37.5 m on the axis is where a bin begins; the plate's corners are farther by 0.1 m
-    np.testing.assert_array_equal(np.flatnonzero(found["power"].values), [5])
-    assert float(found["before"].values) > 0 and float(found["after"].values) > 0
-    total = found["power"].values.sum() + found["before"].values + found["after"].values
+    np.testing.assert_array_equal(np.flatnonzero(result["power"].values), [5])
+    assert float(result["before"].values) > 0 and float(result["after"].values) > 0
+    total = result["power"].values.sum() + result["before"].values + result["after"].values
     np.testing.assert_allclose(total, steady.scattered, rtol=STEADY)
-    np.testing.assert_allclose(found["scattered"].values, total, rtol=1e-12)
-    np.testing.assert_allclose(found["scattered_error"].values, steady.standard_error, rtol=1e-4)
-    assert float(found["noise_power"].values) == steady.noise_power
-    np.testing.assert_allclose(found["resolution"].values, 0.149896229)
+    np.testing.assert_allclose(result["scattered"].values, total, rtol=1e-12)
+    np.testing.assert_allclose(result["scattered_error"].values, steady.standard_error, rtol=1e-4)
+    assert float(result["noise_power"].values) == steady.noise_power
+    np.testing.assert_allclose(result["resolution"].values, 0.149896229)
 
 
 @pytest.mark.parametrize(
@@ -134,12 +134,12 @@ def test_a_small_patch_at_any_range_sends_what_quadrature_finds(distance):
     half, pose = 0.25, at(0.0, distance)
     scene = scene_of(tx=emitter(estimator="exact"), rx=receiver(LARGE), plate=plate(half, pose))
     # amid a bin: single precision leaves paths on both sides of an edge
-    found = pm.range_profile(scene, np.arange(0.25, 250.5, 0.5), spp=2**22, seed=1)
+    result = pm.range_profile(scene, np.arange(0.25, 250.5, 0.5), spp=2**22, seed=1)
     points, normal, areas = nodes(half, pose)
     radiance = REFLECTANCE / math.pi * lit(SQUARE, points, normal)
     expected = WAVELENGTH**2 * np.sum(areas * radiance * lit(LARGE, points, normal))
-    power = found["power"].values
-    assert found["range"].values[np.argmax(power)] == distance
+    power = result["power"].values
+    assert result["range"].values[np.argmax(power)] == distance
     assert abs(10 * math.log10(power.max() / expected)) < LAW
 
 
@@ -156,8 +156,8 @@ def test_two_bounces_in_a_dihedral_are_a_ghost_behind_it():
         integrator={"type": "path", "max_depth": 3},
     )
     edges = np.linspace(9.0, 14.0, 101)
-    found = pm.range_profile(scene, edges, spp=2**20, seed=2)
-    is_ghost = found["range"].values > 11.1
+    result = pm.range_profile(scene, edges, spp=2**20, seed=2)
+    is_ghost = result["range"].values > 11.1
     (a, normal_a, areas_a), (b, normal_b, areas_b) = (nodes(half, pose, 12) for pose in poses)
     # from the transmitter to b, to a, to the receiver; and once more the other way round
     between = a[:, None] - b
@@ -171,10 +171,10 @@ def test_two_bounces_in_a_dihedral_are_a_ghost_behind_it():
     ranges = (np.linalg.norm(a, axis=1)[:, None] + apart + np.linalg.norm(b, axis=1)) / 2
     single = math.hypot(aside, depth)
     assert abs(np.average(ranges, weights=power) - (single + aside)) < 0.2
-    ghost = np.where(is_ghost, found["power"].values, 0.0)
-    error = math.hypot(*found["standard_error"].values[is_ghost])
+    ghost = np.where(is_ghost, result["power"].values, 0.0)
+    error = math.hypot(*result["standard_error"].values[is_ghost])
     assert abs(ghost.sum() - power.sum()) < SIGMAS * error
-    mean = np.average(found["range"].values, weights=ghost)
+    mean = np.average(result["range"].values, weights=ghost)
     assert abs(mean - np.average(ranges, weights=power)) < 0.05
 
 
@@ -190,14 +190,14 @@ def test_paths_end_at_places_of_the_receiver_not_at_its_middle(estimator):
         rx=pm.receiver(wide, wavelength, estimator=estimator),
         plate=plate(0.05, at(end, z)),
     )
-    found = pm.range_profile(scene, np.linspace(1.9, 2.3, 201), spp=2**18, seed=1)
-    power = found["power"].values
+    result = pm.range_profile(scene, np.linspace(1.9, 2.3, 201), spp=2**18, seed=1)
+    power = result["power"].values
     # signed rays come from where waves come from; exact weights are those of all places alike
     assert math.hypot(z, 1.25 - end) - z > 0.038  # what the middle would make of it
     if estimator == "wigner":
-        assert abs(np.average(found["range"].values, weights=power) - z) < 0.006
+        assert abs(np.average(result["range"].values, weights=power) - z) < 0.006
     else:
-        seen = found["range"].values[power > 0]
+        seen = result["range"].values[power > 0]
         farthest = (z + math.hypot(z, 1.75 - end)) / 2
         assert abs(seen.min() - z) < 0.006 and abs(seen.max() - farthest) < 0.02
 
@@ -212,25 +212,25 @@ def test_fog_spreads_over_its_depth():
         integrator={"type": "volpath", "max_depth": 2},
     )  # fmt: skip
     edges = np.linspace(10.0, 20.0, 6)
-    found = pm.range_profile(scene, edges, spp=2**17, seed=1)
-    power, error = found["power"].values, found["standard_error"].values
+    result = pm.range_profile(scene, edges, spp=2**17, seed=1)
+    power, error = result["power"].values, result["standard_error"].values
     # one scattering: exp(-2 sigma (r - 10))/r^2 dr, for the receiver's beam is narrow
     r = np.linspace(10.0, 20.0, 5001)
     density = np.exp(-0.1 * (r - 10.0)) / r**2
     shape = np.add.reduceat(density[:-1], np.arange(0, 5000, 1000))
     scale = power.sum() / shape.sum()
     assert np.all(np.abs(power - scale * shape) < SIGMAS * error)
-    assert float(found["before"].values) == 0.0
+    assert float(result["before"].values) == 0.0
 
 
 # ---- direct light -------------------------------------------------------------------------------
 
 
-def path_of(found, emitter, mirrors=""):
+def path_of(result, emitter, mirrors=""):
     """Range and power of a path of direct light."""
-    here = found["emitter"].values == emitter, found["mirrors"].values == mirrors
+    here = result["emitter"].values == emitter, result["mirrors"].values == mirrors
     ranges, powers = (
-        found[name].values[here[0]][:, here[1]].ravel() for name in ("path_range", "path_power")
+        result[name].values[here[0]][:, here[1]].ravel() for name in ("path_range", "path_power")
     )
     return float(ranges[0]), float(powers[0])
 
@@ -251,7 +251,7 @@ def with_echoes(**more):
 def test_direct_light_and_echoes_of_mirrors_fall_into_the_bins_of_their_paths():
     edges = np.arange(0.0, 30.5, 0.5)
     scene = with_echoes()
-    found = pm.range_profile(scene, edges, spp=2048, seed=1)
+    result = pm.range_profile(scene, edges, spp=2048, seed=1)
     steady = pm.received_power(scene, spp=2048, seed=1)
     parts = {part.name: part for part in steady.contributions}
     # the metal plate hides the distant source; images by hand
@@ -264,40 +264,40 @@ def test_direct_light_and_echoes_of_mirrors_fall_into_the_bins_of_their_paths():
     ]
     bins = {}
     for name, mirrors, place, paths in cases:
-        length, power = path_of(found, name, mirrors)
+        length, power = path_of(result, name, mirrors)
         assert 2 * length == pytest.approx(np.linalg.norm(place), rel=1e-5)
         assert power > 0.0 and power in [path.power for path in paths]
         bins[int(np.searchsorted(edges, length, side="right")) - 1] = power
     pose = np.diag([-1.0, 1.0, -1.0, 1.0])
     pose[:3, 3] = 0.1, 0.0, 40.0
     expected = abs(complex(pw.coupling(SQUARE, SQUARE, pose, WAVELENGTH))) ** 2
-    assert path_of(found, "tx", "mirror")[1] == pytest.approx(expected, rel=1e-4)
-    direct = found["direct_power"].values
+    assert path_of(result, "tx", "mirror")[1] == pytest.approx(expected, rel=1e-4)
+    direct = result["direct_power"].values
     np.testing.assert_array_equal(np.flatnonzero(direct), sorted(bins))
     np.testing.assert_allclose([direct[k] for k in sorted(bins)], [bins[k] for k in sorted(bins)])
     # sums are those of the received power, for each emitter too
-    np.testing.assert_allclose(found["direct"].values, steady.direct, rtol=1e-12)
+    np.testing.assert_allclose(result["direct"].values, steady.direct, rtol=1e-12)
     np.testing.assert_allclose(
-        found["power"].values, direct + found["scattered_power"].values, rtol=1e-12
+        result["power"].values, direct + result["scattered_power"].values, rtol=1e-12
     )
-    total = found["power"].values.sum() + float(found["before"] + found["after"])
+    total = result["power"].values.sum() + float(result["before"] + result["after"])
     np.testing.assert_allclose(total, float(steady), rtol=STEADY)
-    for number, name in enumerate(found["emitter"].values):
-        own = found["emitter_power"].values[number].sum()
+    for number, name in enumerate(result["emitter"].values):
+        own = result["emitter_power"].values[number].sum()
         np.testing.assert_allclose(own, parts[str(name)].power, rtol=1e-4)
-    assert int(found["power"].values.argmax()) == 8  # the lamp, at 4 m; 40 m of echo are 20
+    assert int(result["power"].values.argmax()) == 8  # the lamp, at 4 m; 40 m of echo are 20
 
 
 def test_a_link_is_at_half_of_its_length():
     """The line of sight of another source, beyond all bins, and in them."""
     scene = scene_of(tx=emitter(pose=at(0.3, 9.0)), rx=receiver())
     power = pm.received_power(scene, spp=16).direct
-    found = pm.range_profile(scene, [0.0, 4.0, 5.0], spp=16)
-    assert found["direct_power"].values == pytest.approx([0.0, power])
-    assert path_of(found, "tx")[0] == pytest.approx(math.hypot(0.3, 9.0) / 2, rel=1e-6)
+    result = pm.range_profile(scene, [0.0, 4.0, 5.0], spp=16)
+    assert result["direct_power"].values == pytest.approx([0.0, power])
+    assert path_of(result, "tx")[0] == pytest.approx(math.hypot(0.3, 9.0) / 2, rel=1e-6)
     for edges, name in (([0.0, 4.0], "after"), ([5.0, 6.0], "before")):
-        found = pm.range_profile(scene, edges, spp=16)
-        assert float(found[name]) == pytest.approx(power) and found["power"].values == 0.0
+        result = pm.range_profile(scene, edges, spp=16)
+        assert float(result[name]) == pytest.approx(power) and result["power"].values == 0.0
     only = pm.range_profile(scene, [0.0, 9.0], spp=16, reflections=0)
     assert only["mirrors"].values.tolist() == [""]
 
@@ -305,11 +305,11 @@ def test_a_link_is_at_half_of_its_length():
 def test_bodies_and_paths_that_interfere_have_a_range():
     body = {"plate": pw.shapes.square(0.1).placed(np.array(at(0.0, 6.0).matrix))}
     scene = scene_of(tx=emitter(), rx=receiver(pose=at(0.05, 0.0, 0.0)))
-    found = pm.range_profile(scene, np.arange(0.0, 8.0, 0.5), spp=16, coherent=True, bodies=body)
+    result = pm.range_profile(scene, np.arange(0.0, 8.0, 0.5), spp=16, coherent=True, bodies=body)
     steady = pm.received_power(scene, spp=16, coherent=True, bodies=body)
-    assert found["mirrors"].values.tolist() == ["plate"]
-    assert np.flatnonzero(found["direct_power"].values).tolist() == [12]
-    assert found["direct_power"].values[12] == pytest.approx(steady.direct, rel=1e-9)
+    assert result["mirrors"].values.tolist() == ["plate"]
+    assert np.flatnonzero(result["direct_power"].values).tolist() == [12]
+    assert result["direct_power"].values[12] == pytest.approx(steady.direct, rel=1e-9)
     with pytest.raises(ArgumentError, match="expected bodies with coherent=True"):
         pm.range_profile(scene, [0.0, 8.0], spp=16, bodies=body)
 

@@ -30,17 +30,17 @@ def test_rays_come_back_as_they_were(rays, suffix, batches, tmp_path):
     given = rays.assign_coords(batch=("ray", np.arange(200) % 4)) if batches else rays
     path = tmp_path / "new folder" / f"rays{suffix}"
     assert pw.rays.save(given, path) == (path,)
-    found = pw.rays.load(path)
+    result = pw.rays.load(path)
     for name in ("position", "direction", "weight", *(["batch"] if batches else [])):
-        assert np.array_equal(found[name].values, given[name].values)
-    assert found.attrs == given.attrs
-    (copy,) = pw.rays.save(found, path.with_suffix(".csv"))
+        assert np.array_equal(result[name].values, given[name].values)
+    assert result.attrs == given.attrs
+    (copy,) = pw.rays.save(result, path.with_suffix(".csv"))
     assert pw.rays.load(copy).attrs == given.attrs
     if copy != path:
         copy.unlink()
     assert [p.name for p in path.parent.iterdir()] == [path.name]
     grid = 0.1, (-0.05, -0.05, 0.05, 0.05), (3, 3)
-    again, before = pw.rays.rebuild(found, *grid), pw.rays.rebuild(given, *grid)
+    again, before = pw.rays.rebuild(result, *grid), pw.rays.rebuild(given, *grid)
     assert np.array_equal(again.standard_error.values, before.standard_error.values)
 
 
@@ -67,9 +67,9 @@ def test_negative_powers_in_a_source_file_are_warned_of_with_their_share(rays, t
     weight = rays.weight.values
     rays_below = f"{100 * (weight < 0).mean():.0f} % of the rays"
     power_below = f"{100 * -weight[weight < 0].sum() / np.abs(weight).sum():.0f} % of all power"
-    with pytest.warns(PolywignerWarning, match=f"{rays_below}.*{power_below}.*split") as found:
+    with pytest.warns(PolywignerWarning, match=f"{rays_below}.*{power_below}.*split") as result:
         pw.rays.save(rays, tmp_path / "rays.dat")
-    assert len(found) == 1
+    assert len(result) == 1
     above = rays.isel(ray=weight > 0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -84,11 +84,11 @@ def test_negative_powers_in_a_source_file_are_warned_of_with_their_share(rays, t
 def test_source_files_come_back_in_single_precision(rays, unit, tmp_path):
     path = tmp_path / "rays.dat"
     pw.rays.save(rays, path, unit=unit)
-    found = pw.rays.load(path)
-    assert found.position.values == pytest.approx(rays.position.values, rel=2 * SINGLE, abs=1e-30)
-    assert found.direction.values == pytest.approx(rays.direction.values, abs=UNIT)
-    assert found.weight.values == pytest.approx(rays.weight.values, rel=SINGLE)
-    assert found.attrs == {"wavelength": pytest.approx(WAVELENGTH, rel=SINGLE), "count": 200}
+    result = pw.rays.load(path)
+    assert result.position.values == pytest.approx(rays.position.values, rel=2 * SINGLE, abs=1e-30)
+    assert result.direction.values == pytest.approx(rays.direction.values, abs=UNIT)
+    assert result.weight.values == pytest.approx(rays.weight.values, rel=SINGLE)
+    assert result.attrs == {"wavelength": pytest.approx(WAVELENGTH, rel=SINGLE), "count": 200}
 
 
 def test_split_files_hold_powers_above_zero_and_are_the_whole_together(rays, tmp_path):
@@ -117,12 +117,12 @@ def foreign(kind=0, unit=4, flux=0, second=0.5, turned=1):
 def test_source_files_of_other_programs_are_read(kind, tmp_path):
     path = tmp_path / "led.dat"
     path.write_bytes(foreign(kind))
-    found = pw.rays.load(path)
+    result = pw.rays.load(path)
     expected = [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]]
-    assert found.position.values == pytest.approx(np.array(expected), rel=SINGLE)
-    assert found.direction.values[0] == pytest.approx([0, 0.6, 0.8], abs=UNIT)
-    assert found.weight.values.tolist() == [0.25, 0.75]
-    assert found.attrs == ({"wavelength": pytest.approx(0.5e-6)} if kind == 2 else {})
+    assert result.position.values == pytest.approx(np.array(expected), rel=SINGLE)
+    assert result.direction.values[0] == pytest.approx([0, 0.6, 0.8], abs=UNIT)
+    assert result.weight.values.tolist() == [0.25, 0.75]
+    assert result.attrs == ({"wavelength": pytest.approx(0.5e-6)} if kind == 2 else {})
 
 
 @pytest.mark.parametrize(

@@ -74,8 +74,8 @@ def test_boxes_and_shadowed_plates_have_the_reference_values(case: Any) -> None:
     else:
         body = [pw.shapes.square(0.3), pw.shapes.square(0.1).placed(at(0, 0, 0.2))]
         size = 0.3**2
-    found = pw.rcs(body, case["to_radar"], case["wavelength"])
-    error = abs(math.sqrt(found) - math.sqrt(case["rcs"]))
+    result = pw.rcs(body, case["to_radar"], case["wavelength"])
+    error = abs(math.sqrt(result) - math.sqrt(case["rcs"]))
     assert error <= REFERENCE * plate(size, case["wavelength"])
 
 
@@ -91,8 +91,8 @@ def test_boxes_and_shadowed_plates_have_the_reference_values(case: Any) -> None:
 def test_plates_seen_at_right_angles_have_the_stated_sections(
     body: Any, wavelength: float, stated: float
 ) -> None:
-    found = 10 * math.log10(pw.rcs(body, (0.0, 0.0, 1.0), wavelength))
-    assert found == pytest.approx(stated, abs=STATED)
+    result = 10 * math.log10(pw.rcs(body, (0.0, 0.0, 1.0), wavelength))
+    assert result == pytest.approx(stated, abs=STATED)
 
 
 def section_of_sphere(ka: float) -> float:
@@ -112,8 +112,8 @@ def section_of_sphere(ka: float) -> float:
     ],
 )
 def test_a_sphere_of_facets_has_the_section_of_a_sphere(splits: int, ka: float) -> None:
-    found = pw.rcs(sphere(splits), (0.36, 0.48, 0.8), 2 * math.pi / ka)
-    assert 10 * math.log10(found / section_of_sphere(ka)) == pytest.approx(0, abs=0.05)
+    result = pw.rcs(sphere(splits), (0.36, 0.48, 0.8), 2 * math.pi / ka)
+    assert 10 * math.log10(result / section_of_sphere(ka)) == pytest.approx(0, abs=0.05)
 
 
 def test_a_plate_with_a_hole_scatters_its_fourier_transform() -> None:
@@ -134,8 +134,8 @@ def test_a_transmitter_beside_the_receiver_is_a_radar(body: Any) -> None:
     alone = pw.rcs(body, DIRECTIONS, 0.3)
     np.testing.assert_allclose(pw.rcs(body, DIRECTIONS, 0.3, DIRECTIONS), alone, rtol=1e-9)
     for channel in ("vv", "hh"):
-        found = pw.rcs(body, DIRECTIONS, 0.3, polarisation=channel)
-        np.testing.assert_allclose(found, alone, rtol=1e-9)
+        result = pw.rcs(body, DIRECTIONS, 0.3, polarisation=channel)
+        np.testing.assert_allclose(result, alone, rtol=1e-9)
     # n x (k x p) of backscatter lies along p
     assert (pw.rcs(body, DIRECTIONS, 0.3, polarisation="vh") < 1e-25 * plate(10, 0.3) ** 2).all()
 
@@ -156,9 +156,9 @@ def test_channels_name_the_receiver_first() -> None:
         assert pw.rcs(L_BODY, s, 0.3, t, name) == pytest.approx(expected, rel=1e-9)
     assert pw.rcs(L_BODY, s, 0.3, t, "vh") != pytest.approx(pw.rcs(L_BODY, s, 0.3, t, "hv"))
     above = towards(0, 0), 0.3, t
-    found = pw.rcs(L_BODY, *above, "vh")  # v is x there
+    result = pw.rcs(L_BODY, *above, "vh")  # v is x there
     expected = pw.rcs(L_BODY, *above, ((1.0, 0.0, 0.0), horizontal))
-    assert found == pytest.approx(expected, rel=1e-9, abs=1e-20)
+    assert result == pytest.approx(expected, rel=1e-9, abs=1e-20)
 
 
 def test_circular_waves_return_turned_the_other_way_from_a_plate() -> None:
@@ -185,8 +185,8 @@ def test_forward_scattering_is_that_of_the_shadow(body: Any) -> None:
     # walls seen edge-on among them, whose shadows have edges in common with others
     for t in (*DIRECTIONS, towards(90, -30), towards(90, 0), towards(60, 45), towards(0, 0)):
         area = shadow_of(body, t)
-        found = pw.rcs(body, -t, 0.3, t, "vv")
-        assert math.sqrt(found) == pytest.approx(plate(area, 0.3), rel=1e-9)
+        result = pw.rcs(body, -t, 0.3, t, "vv")
+        assert math.sqrt(result) == pytest.approx(plate(area, 0.3), rel=1e-9)
 
 
 def shadow_of(body: Any, t: np.ndarray) -> float:
@@ -209,12 +209,12 @@ def section_of_plate(side: float, wavelength: float, s: Any, t: Any, q: Any, p: 
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_fixed_transmitter_sees_each_azimuth_at_the_poles(channel: Any, side: int) -> None:
     azimuth, t = np.radians([0.0, 40.0, 90.0, 200.0]), towards(90 - side * 60, 70)
-    found = pw.rcs_pattern(
+    result = pw.rcs_pattern(
         PLATE, 0.13, azimuth, side * math.pi / 2, to_transmitter=t, polarisation=channel
     )["rcs"].values[:, 0]
     v = np.array([t[2] * t[0], t[2] * t[1], t[2] ** 2 - 1]) / math.hypot(t[0], t[1])
     p = {"v": v, "h": np.cross((0, 0, 1), t) / math.hypot(t[0], t[1])}[channel[1]]
-    for value, angle in zip(found, azimuth, strict=True):
+    for value, angle in zip(result, azimuth, strict=True):
         c, s = math.cos(angle), math.sin(angle)
         q = {"v": np.array([side * c, side * s, 0.0]), "h": np.array([-s, c, 0.0])}[channel[0]]
         expected = section_of_plate(1.0, 0.13, (0, 0, side), t, q, p)
@@ -234,9 +234,9 @@ def test_columns_of_a_pattern_are_continuous_at_the_poles(
         for pole in (math.pi / 2, -math.pi / 2):
             angles = pole * np.array([1.0, 1 - 1e-7])
             how = {"to_transmitter": t, "polarisation": channel, "bounces": bounces}
-            found = np.sqrt(pw.rcs_pattern(body, 0.13, azimuth, angles, **how)["rcs"].values)
+            result = np.sqrt(pw.rcs_pattern(body, 0.13, azimuth, angles, **how)["rcs"].values)
             np.testing.assert_allclose(
-                found[:, 0], found[:, 1], rtol=0, atol=1e-4 * plate(2.0, 0.13)
+                result[:, 0], result[:, 1], rtol=0, atol=1e-4 * plate(2.0, 0.13)
             )
 
 
@@ -280,16 +280,16 @@ def test_a_face_below_a_wavelength_is_warned_of() -> None:
 def test_a_pattern_is_a_table_of_sections(body: Any, bounces: int) -> None:
     azimuth, elevation = np.radians([-30.0, 0.0, 100.0]), np.radians([-90.0, 0.0, 40.0, 90.0])
     how: Any = {"polarisation": "hh", "bounces": bounces}
-    found = pw.rcs_pattern(body, 0.3, azimuth, elevation, **how)
-    assert found["rcs"].dims == ("azimuth", "elevation")
+    result = pw.rcs_pattern(body, 0.3, azimuth, elevation, **how)
+    assert result["rcs"].dims == ("azimuth", "elevation")
     for i, j in np.ndindex(3, 4 if bounces == 1 else 3):
         s = towards(90 - math.degrees(elevation[j]), math.degrees(azimuth[i]))
         expected = math.sqrt(pw.rcs(body, s, 0.3, **how))
-        value = math.sqrt(found["rcs"].values[i, j])
+        value = math.sqrt(result["rcs"].values[i, j])
         assert value == pytest.approx(expected, abs=1e-6 * plate(9, 0.3))
-    assert found.attrs["largest_rcs"] == found["rcs"].values.max()
-    assert found.attrs["bounces"] == bounces
-    assert ("three reflections" in found["rcs"].attrs["method"]) == (bounces == 3)
+    assert result.attrs["largest_rcs"] == result["rcs"].values.max()
+    assert result.attrs["bounces"] == bounces
+    assert ("three reflections" in result["rcs"].attrs["method"]) == (bounces == 3)
 
 
 @pytest.mark.parametrize(
@@ -353,11 +353,11 @@ def test_wrong_arguments_are_refused(arguments: Any, message: str) -> None:
 def test_faces_that_light_each_other_at_a_concave_edge_are_warned_of(
     body: Any, direction: np.ndarray, is_lit: bool
 ) -> None:
-    with warnings.catch_warnings(record=True) as found:
+    with warnings.catch_warnings(record=True) as result:
         warnings.simplefilter("always")
         pw.rcs(body, direction, 0.05)
-    assert [w.category for w in found] == [PolywignerWarning] * is_lit
-    for about in found:
+    assert [w.category for w in result] == [PolywignerWarning] * is_lit
+    for about in result:
         assert "two or three reflections" in str(about.message)
         assert "pass bounces=3" in str(about.message)
     with warnings.catch_warnings():

@@ -80,8 +80,8 @@ def test_corners_have_the_reference_values_on_and_off_their_axes(name: str) -> N
         warnings.simplefilter("ignore", PolywignerWarning)  # one reflection alone
         for case in cases:
             how = {name: case[name] for name in ("polarisation", "bounces")}
-            found = pw.rcs(body, case["to_radar"], case["wavelength"], **how)
-            error = abs(math.sqrt(found) - math.sqrt(case["rcs"]))
+            result = pw.rcs(body, case["to_radar"], case["wavelength"], **how)
+            error = abs(math.sqrt(result) - math.sqrt(case["rcs"]))
             assert error <= REFERENCE * largest, case
 
 
@@ -100,8 +100,8 @@ def test_corners_have_the_closed_forms_on_their_axes(
     # the faces themselves send back some more, less so the larger they are
     for size, limit in zip((10, 20, 30), decibels, strict=True):
         for channel in ("vv", "hh", "vh", "hv"):
-            found = pw.rcs(body, direction, 1 / size, polarisation=channel, bounces=3)
-            ratio = found / (section * size**2)
+            result = pw.rcs(body, direction, 1 / size, polarisation=channel, bounces=3)
+            ratio = result / (section * size**2)
             is_same = channel[0] == channel[1]
             assert abs(10 * math.log10(ratio)) < limit if is_same else ratio < 1e-12
 
@@ -141,10 +141,10 @@ def test_beams_are_the_rays_of_all_reflections(case: str, rays: int) -> None:
     for axis in np.eye(3):
         q = axis - s * (axis @ s)
         q /= np.linalg.norm(q)
-        found = math.sqrt(pw.rcs(body, s, wavelength, t, (q, p), bounces=3))
+        result = math.sqrt(pw.rcs(body, s, wavelength, t, (q, p), bounces=3))
         expected = math.sqrt(4 * math.pi) / wavelength * abs(q @ field)
         allowed = RAYS * (250 / rays) ** 1.2 * plate(area, wavelength)
-        assert found == pytest.approx(expected, abs=allowed)
+        assert result == pytest.approx(expected, abs=allowed)
 
 
 @pytest.mark.slow
@@ -153,9 +153,9 @@ def test_beams_of_a_drone_are_the_rays_of_two_reflections(polar: float, azimuth:
     body, s, wavelength = drone(12), towards(polar, azimuth), 0.1
     p = across(s)
     field, area = scattered_field(triangles_of([body]), s, s, p, wavelength, 2, across=250)
-    found = math.sqrt(pw.rcs(body, s, wavelength, polarisation=(p, p), bounces=2))
+    result = math.sqrt(pw.rcs(body, s, wavelength, polarisation=(p, p), bounces=2))
     expected = math.sqrt(4 * math.pi) / wavelength * abs(p @ field)
-    assert found == pytest.approx(expected, abs=RAYS * plate(area, wavelength))
+    assert result == pytest.approx(expected, abs=RAYS * plate(area, wavelength))
 
 
 @pytest.mark.parametrize("degrees", [80.0, 90.0, 100.0])
@@ -195,9 +195,9 @@ def test_a_corner_turned_with_its_radar_is_the_same() -> None:
     turned = [part.aperture.placed(pose @ part.pose) for part in body]
     for transmitter, other in ((None, None), (t, pose[:3, :3] @ t)):
         expected = pw.rcs(body, s, 0.1, transmitter, bounces=3)
-        found = pw.rcs(turned, pose[:3, :3] @ s, 0.1, other, bounces=3)
+        result = pw.rcs(turned, pose[:3, :3] @ s, 0.1, other, bounces=3)
         scale = plate(0.5, 0.1)
-        assert math.sqrt(found) == pytest.approx(math.sqrt(expected), abs=ROUNDING * scale)
+        assert math.sqrt(result) == pytest.approx(math.sqrt(expected), abs=ROUNDING * scale)
 
 
 def test_a_plate_with_a_hole_reflects_as_its_parts_do() -> None:

@@ -37,11 +37,11 @@ def rotated(body: pw.Polyhedron, seed: int) -> tuple[pw.Polyhedron, np.ndarray]:
 def test_beams_are_followed_between_all_parts_of_a_drone(
     sides: int, polar: float, azimuth: float, bounces: int
 ) -> None:
-    with warnings.catch_warnings(record=True) as found:
+    with warnings.catch_warnings(record=True) as result:
         warnings.simplefilter("always")
         sigma = pw.rcs(drone(sides), towards(polar, azimuth), 0.03, bounces=bounces)
     assert sigma > 0
-    assert not any("could not be computed" in str(warning.message) for warning in found)
+    assert not any("could not be computed" in str(warning.message) for warning in result)
 
 
 def lit_lengths(body: Any, k: np.ndarray, angle: float, height: float) -> np.ndarray:
@@ -89,11 +89,11 @@ def test_visible_parts_are_those_of_scan_lines(body: Any) -> None:
         facing = facets.normal @ -s < 0
         for angle in rng.uniform(0, math.pi, 4):
             height = rng.uniform(-0.2, 0.2) * facets.size
-            found = np.bincount(plane, lit_lengths(body, -s, angle, height))
+            result = np.bincount(plane, lit_lengths(body, -s, angle, height))
             expected = np.zeros(len(plane))
             expected[facing] = visible_lengths(facets.corners[facing], -s, angle, height)
             expected = np.bincount(plane, expected)
-            np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * facets.size)
+            np.testing.assert_allclose(result, expected, rtol=0, atol=ROUNDING * facets.size)
 
 
 @pytest.mark.parametrize("azimuth", [17.3, 40.0, 71.0, 135.0])
@@ -101,9 +101,9 @@ def test_walls_stay_lit_as_the_receiver_rises_to_their_plane(azimuth: float) -> 
     # the limit: a wall seen edge-on still radiates along itself, so nothing of it may be lost
     body, t = [pw.shapes.square(8.0), BOX], towards(40, 30)
     angles = np.degrees(10.0 ** -np.arange(6.0, 12.0))
-    found = [math.sqrt(pw.rcs(body, towards(a, azimuth), 0.13, t)) for a in angles]
+    result = [math.sqrt(pw.rcs(body, towards(a, azimuth), 0.13, t)) for a in angles]
     edge_on = math.sqrt(pw.rcs(body, (0, 0, 1), 0.13, t))
-    np.testing.assert_allclose(found, edge_on, atol=2e-5 * section_root(8.0, 0.13), rtol=0)
+    np.testing.assert_allclose(result, edge_on, atol=2e-5 * section_root(8.0, 0.13), rtol=0)
 
 
 def test_set_operations_return_polygons_and_lose_none() -> None:
@@ -162,8 +162,8 @@ def test_directions_beyond_the_limits_are_nan_and_leave_the_others() -> None:
     # seen from above, each of 500 plates hides all plates below it
     body = joined([moved(block(1, 1, 0.001), 0, 0, 0.01 * k) for k in range(500)])
     with pytest.warns(PolywignerWarning, match="1 of 2 directions could not be computed"):
-        found = pw.rcs(body, [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0)], 0.03)
-    assert np.isnan(found[0]) and found[1] > 0
+        result = pw.rcs(body, [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0)], 0.03)
+    assert np.isnan(result[0]) and result[1] > 0
     with pytest.raises(ArgumentError, match="overlap"):
         pw.rcs(body, (0.0, 0.0, 1.0), 0.03)
     with pytest.warns(PolywignerWarning, match="could not be computed"):
@@ -173,10 +173,10 @@ def test_directions_beyond_the_limits_are_nan_and_leave_the_others() -> None:
 
 
 def warns_of_reflections(body: Any, s: Any) -> bool:
-    with warnings.catch_warnings(record=True) as found:
+    with warnings.catch_warnings(record=True) as result:
         warnings.simplefilter("always")
         pw.rcs(body, s, 0.01)
-    return any("illuminate each other" in str(warning.message) for warning in found)
+    return any("illuminate each other" in str(warning.message) for warning in result)
 
 
 FLOOR, WALL = moved(block(2, 2, 0.02), 0, 0, -0.02), block(0.02, 1, 1)

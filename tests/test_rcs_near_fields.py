@@ -92,8 +92,10 @@ def test_far_away_it_is_the_cross_section(body: Any, polarisation: Any) -> None:
 def test_a_small_body_has_its_section_near_an_antenna_too() -> None:
     body = pw.shapes.square(0.02)
     at = np.array([0.0, 0.0, 0.3])  # inside the near field of 0.36 m
-    found = pw.rcs(body, at, WAVELENGTH, source=pw.shapes.square(0.06))
-    assert 10 * math.log10(found / pw.rcs(body, (0, 0, 1), WAVELENGTH)) == pytest.approx(0, abs=0.3)
+    result = pw.rcs(body, at, WAVELENGTH, source=pw.shapes.square(0.06))
+    assert 10 * math.log10(result / pw.rcs(body, (0, 0, 1), WAVELENGTH)) == pytest.approx(
+        0, abs=0.3
+    )
 
 
 @pytest.mark.slow
@@ -166,13 +168,13 @@ def test_the_radar_equation_has_its_decibels() -> None:
 def test_cross_sections_are_the_same_however_powers_count() -> None:
     """Of both powers the one is the other times the squares of the shares that radiate."""
     at = 0.5 * S, WAVELENGTH, 0.6 * T
-    found, expected = (
+    result, expected = (
         pw.rcs(PLATE, *at, source=FEED, receiver=OTHER, return_power=True, normalise=count)
         for count in ("radiated", "aperture")
     )
-    assert found[0] == pytest.approx(expected[0], rel=1e-12)
+    assert result[0] == pytest.approx(expected[0], rel=1e-12)
     shares = [pw.radiated_power(s, WAVELENGTH) / s.area for s in (FEED, OTHER)]
-    assert found[1] == pytest.approx(expected[1] / math.prod(shares), rel=1e-12)
+    assert result[1] == pytest.approx(expected[1] / math.prod(shares), rel=1e-12)
     assert math.prod(shares) < 0.9
 
 

@@ -60,11 +60,11 @@ def coupled(one, pose, other, other_pose):
 
 def test_in_empty_space_a_link_is_its_coupling(plain):
     pose = turned(0.3, facing(0.2, x=0.03, y=-0.02))
-    found = power_of(tx=emitter(HANDED), rx=receiver(SQUARE, pose))
-    assert float(found) == pytest.approx(coupled(HANDED, np.eye(4), SQUARE, pose), rel=SINGLE)
-    assert found.scattered == 0 and found.standard_error == 0
-    assert found.notes == ()
-    (part,) = found.contributions
+    result = power_of(tx=emitter(HANDED), rx=receiver(SQUARE, pose))
+    assert float(result) == pytest.approx(coupled(HANDED, np.eye(4), SQUARE, pose), rel=SINGLE)
+    assert result.scattered == 0 and result.standard_error == 0
+    assert result.notes == ()
+    (part,) = result.contributions
     assert part.name == "tx" and part.paths[0].mirrors == () and part.paths[0].transmission == 1
 
 
@@ -72,27 +72,27 @@ def test_partly_coherent_light_of_a_band_is_received_as_the_mean_of_its_waves(pl
     """Far away: the blurred intensity, over the power of the emitter, on the effective area."""
     square, far, band = pw.shapes.square(6e-3), 20.0, 2e9
     partly = square.partially_coherent(12e-3)
-    found = power_of(tx=emitter(partly, bandwidth=band), rx=receiver(square, facing(far)))
+    result = power_of(tx=emitter(partly, bandwidth=band), rx=receiver(square, facing(far)))
     how = {"method": "rayleigh-sommerfeld-1", "bandwidth": band}
     density = pw.irradiance(partly, (0.0, 0.0, far), WAVELENGTH, **how)
     density /= pw.radiated_power(partly, WAVELENGTH)
     area = square.area**2 / pw.radiated_power(square, WAVELENGTH)
-    assert float(found) == pytest.approx(density * area, rel=1e-3)
+    assert float(result) == pytest.approx(density * area, rel=1e-3)
 
 
 def test_a_scene_in_millimetres_has_the_link_of_one_in_metres(plain):
     in_mm = facing(200.0, x=30.0)
-    found = power_of(tx=emitter(scene_unit=1e-3), rx=receiver(SQUARE, in_mm, scene_unit=1e-3))
+    result = power_of(tx=emitter(scene_unit=1e-3), rx=receiver(SQUARE, in_mm, scene_unit=1e-3))
     expected = coupled(SQUARE, np.eye(4), SQUARE, facing(0.2, x=0.03))
-    assert float(found) == pytest.approx(expected, rel=SINGLE)
+    assert float(result) == pytest.approx(expected, rel=SINGLE)
 
 
 def test_a_plate_before_half_of_the_aperture_takes_half_of_the_light(plain):
     black = plate(1.0, 0, 2e-3, [0, 0, 1], 0, type="diffuse", reflectance=0.0)
-    found = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), half=black)
+    result = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), half=black)
     whole = coupled(SQUARE, np.eye(4), SQUARE, facing(1.0))
-    assert float(found) == pytest.approx(whole / 2, rel=RAYS)
-    assert "passes obstacles" in found.notes[0]
+    assert float(result) == pytest.approx(whole / 2, rel=RAYS)
+    assert "passes obstacles" in result.notes[0]
 
 
 def test_a_link_without_direct_light_has_a_note(plain):
@@ -102,9 +102,9 @@ def test_a_link_without_direct_light_has_a_note(plain):
         (shifted(0.05), {}, behind),
         (shifted(0, 0, 1.0), {}, behind),
     ):
-        found = power_of(tx=emitter(), rx=receiver(pose=pose), **parts)
-        assert float(found) == 0 and found.dbm is None
-        assert reason in found.notes[0] and "none" in str(found)
+        result = power_of(tx=emitter(), rx=receiver(pose=pose), **parts)
+        assert float(result) == 0 and result.dbm is None
+        assert reason in result.notes[0] and "none" in str(result)
 
 
 def test_surfaces_of_sources_and_null_surfaces_are_no_obstacles(plain):
@@ -113,8 +113,8 @@ def test_surfaces_of_sources_and_null_surfaces_are_no_obstacles(plain):
         "bound": plate(0, 0, 0.3, [0, 0, 1], 0, type="null"),
         "veil": plate(0, 0, 0.4, [0, 0, 1], 0, type="mask", opacity=0.25, b={"type": "diffuse"}),
     }
-    found = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), **between)
-    part = next(part for part in found.contributions if part.name == "tx")
+    result = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), **between)
+    part = next(part for part in result.contributions if part.name == "tx")
     expected = 0.75 * coupled(SQUARE, np.eye(4), SQUARE, facing(1.0))
     assert part.direct == pytest.approx(expected, rel=SINGLE)
 
@@ -122,14 +122,14 @@ def test_surfaces_of_sources_and_null_surfaces_are_no_obstacles(plain):
 def test_of_a_source_that_reaches_behind_the_other_the_part_in_front_counts(plain):
     # The receiver's plane goes through the middle of the emitter, x > 0 lies in front of it.
     pose = turned(math.pi / 2, shifted(0, 0, 0.1))
-    found = power_of(tx=emitter(SQUARE), rx=receiver(SQUARE, pose))
+    result = power_of(tx=emitter(SQUARE), rx=receiver(SQUARE, pose))
     half = SQUARE & pw.shapes.rectangle(10e-3, 10e-3).moved((5e-3, 0))
     least = pose.copy()
     least[0, 3] = -1e-9  # the emitter's edge lies in its plane
     radiated = [pw.radiated_power(source, WAVELENGTH) for source in (half, SQUARE)]
     expected = coupled(half, np.eye(4), SQUARE, least) * radiated[0] / radiated[1]
-    assert float(found) == pytest.approx(expected, rel=1e-3)
-    assert "left out" in found.notes[0]
+    assert float(result) == pytest.approx(expected, rel=1e-3)
+    assert "left out" in result.notes[0]
 
 
 FOG = {"type": "homogeneous", "sigma_t": 2.0, "albedo": 0.5}
@@ -158,12 +158,12 @@ def test_fog_takes_its_share_off_direct_light(plain):
 def test_a_perfect_mirror_shows_the_mirrored_source(plain):
     """The image of the receiver, made by hand, receives what the receiver does of the image."""
     pose = turned(-0.4, facing(1.0, x=0.02, y=0.01))
-    found = power_of(
+    result = power_of(
         tx=emitter(HANDED),
         rx=receiver(HANDED, pose),
         m=plate(0.2, 0, 0.5, [0, 1, 0], -90, **MIRROR),
     )
-    paths = {path.mirrors: path for path in found.contributions[0].paths}
+    paths = {path.mirrors: path for path in result.contributions[0].paths}
     field = HANDED.illumination
     flipped = pw.Aperture([ring * [-1, 1] for ring in HANDED.rings]).with_illumination(
         pw.Illumination(field.amplitudes, field.frequencies * [-1, 1])
@@ -174,7 +174,7 @@ def test_a_perfect_mirror_shows_the_mirrored_source(plain):
     expected = coupled(HANDED, np.eye(4), flipped, image)
     assert paths["m",].power == pytest.approx(expected, rel=1e-4)  # the plate's own place
     assert paths["m",].transmission == pytest.approx(1.0, rel=SINGLE)
-    assert found.direct == pytest.approx(paths[()].power + paths["m",].power)
+    assert result.direct == pytest.approx(paths[()].power + paths["m",].power)
 
 
 def test_mirrors_are_found_by_their_smooth_plane_faces(plain):
@@ -188,9 +188,9 @@ def test_mirrors_are_found_by_their_smooth_plane_faces(plain):
         },
     }
     scene = scene_of(tx=emitter(), rx=receiver(pose=facing(1.0)), **others)
-    found = pm.received_power(scene, spp=16, reflections=1)
-    assert {path.mirrors for path in found.contributions[0].paths} == {(), ("disk",)}
-    assert any("ball" in note for note in found.notes)
+    result = pm.received_power(scene, spp=16, reflections=1)
+    assert {path.mirrors for path in result.contributions[0].paths} == {(), ("disk",)}
+    assert any("ball" in note for note in result.notes)
     alone = pm.received_power(scene, spp=16, reflections=0)
     assert len(alone.contributions[0].paths) == 1
 
@@ -213,16 +213,16 @@ def test_power_over_an_aperture_is_that_in_front_times_the_share_that_is_radiate
     more = {"obliquity": "kirchhoff"}
     floor = plate(0, -0.1, 0.25, [1, 0, 0], -90)
 
-    def found(options, **of):
+    def result(options, **of):
         tx = pm.aperture(SQUARE, WAVELENGTH, **of, **more)
         rx = receiver(HANDED, facing(0.5), estimator="wigner", **more, **options)
         return power_of(tx=tx, rx=rx, floor=floor)
 
-    front = found({}, power=1.0)
+    front = result({}, power=1.0)
     energy = pw.lag_marginal(HANDED, (0.0, 0.0)).real
     for other, source, own in (
-        (found({"normalise": "aperture"}, power=1.0), HANDED, energy),
-        (found({}, aperture_power=1.0), SQUARE, SQUARE.area),
+        (result({"normalise": "aperture"}, power=1.0), HANDED, energy),
+        (result({}, aperture_power=1.0), SQUARE, SQUARE.area),
     ):
         share = pw.radiated_power(source, WAVELENGTH, "kirchhoff") / own
         assert share < 0.95
@@ -236,9 +236,9 @@ def test_the_stated_error_is_that_of_repetitions(plain):
     scene = scene_of(
         tx=emitter(), rx=receiver(estimator="wigner"), floor=plate(0, 0, 0.3, [1, 0, 0], 180)
     )
-    found = [pm.received_power(scene, spp=32, seed=seed) for seed in range(40)]
-    spread = np.var([each.scattered for each in found], ddof=1)
-    stated = np.mean([each.standard_error**2 for each in found])
+    result = [pm.received_power(scene, spp=32, seed=seed) for seed in range(40)]
+    spread = np.var([each.scattered for each in result], ddof=1)
+    stated = np.mean([each.standard_error**2 for each in result])
     # chi squared of 39 degrees of freedom over 39 is from 0.43 to 1.87 in 999 of 1000 cases
     assert 0.43 < spread / stated < 1.87
 
@@ -289,30 +289,30 @@ def test_parameters_that_were_changed_count_as_they_are_now(plain):
 def test_noise_is_boltzmanns_constant_times_temperature_bandwidth_and_figure(plain):
     pose = facing(1.0)
     scene = scene_of(tx=emitter(), rx=receiver(pose=pose, temperature=290.0, bandwidth=1.0))
-    found = pm.received_power(scene, spp=16)
-    assert 10 * math.log10(found.noise_power / 1e-3) == pytest.approx(-173.975, abs=1e-3)
+    result = pm.received_power(scene, spp=16)
+    assert 10 * math.log10(result.noise_power / 1e-3) == pytest.approx(-173.975, abs=1e-3)
     louder = pm.received_power(scene, spp=16, bandwidth="1 MHz", noise_figure=3.0)
-    assert louder.noise_power == pytest.approx(found.noise_power * 1e6 * 10**0.3, abs=0)
+    assert louder.noise_power == pytest.approx(result.noise_power * 1e6 * 10**0.3, abs=0)
     assert louder.snr == pytest.approx(float(louder) / louder.noise_power)
     assert pm.received_power(scene_of(tx=emitter(), rx=receiver(pose=pose)), spp=16).snr is None
 
 
 def test_a_result_tells_itself_as_text_and_numbers(plain):
-    found = power_of(tx=emitter(), rx=receiver(pose=facing(1.0), temperature=290, bandwidth=1e9))
-    told = json.loads(json.dumps(found.to_dict(), allow_nan=False))
-    assert told["power_w"] == float(found) and told["power_dbm"] == found.dbm
-    assert told["emitters"][0]["paths"][0]["mirrors"] == []
-    assert 10 * math.log10(float(found) / 1e-3) == pytest.approx(found.dbm)
-    lines = str(found).splitlines()
+    result = power_of(tx=emitter(), rx=receiver(pose=facing(1.0), temperature=290, bandwidth=1e9))
+    record = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert record["power_w"] == float(result) and record["power_dbm"] == result.dbm
+    assert record["emitters"][0]["paths"][0]["mirrors"] == []
+    assert 10 * math.log10(float(result) / 1e-3) == pytest.approx(result.dbm)
+    lines = str(result).splitlines()
     assert lines[0].split()[:2] == ["receiver", "rx"] and lines[1].split()[0] == "tx"
     assert "signal to noise" in lines[-1]
 
 
 def test_a_power_below_zero_has_no_decibels():
     part = pm.Contribution("tx", 0.0, -1e-9, 1e-9)
-    found = pm.ReceivedPower("rx", WAVELENGTH, (part,), 1e-9, 16, 0, 1.0, 290.0)
-    assert found.dbm is None and found.to_dict()["power_dbm"] is None
-    assert "below zero" in str(found) and found.snr < 0
+    result = pm.ReceivedPower("rx", WAVELENGTH, (part,), 1e-9, 16, 0, 1.0, 290.0)
+    assert result.dbm is None and result.to_dict()["power_dbm"] is None
+    assert "below zero" in str(result) and result.snr < 0
 
 
 def test_several_receivers_are_named_or_all_taken(plain):
@@ -384,6 +384,6 @@ def test_an_argument_out_of_range_is_refused(plain, wrong):
 def test_a_mirror_narrower_than_a_fresnel_zone_is_pointed_out(size, is_narrow):
     mirror = plate(0.5, 0.0, 0.5, [0, 1, 0], -90, **MIRROR)
     mirror["to_world"] = mirror["to_world"].scale(size)
-    found = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), glass=mirror)
-    narrow = [note for note in found.notes if "'glass' is narrower than a Fresnel zone" in note]
+    result = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), glass=mirror)
+    narrow = [note for note in result.notes if "'glass' is narrower than a Fresnel zone" in note]
     assert len(narrow) == is_narrow

@@ -72,11 +72,11 @@ def apart(cloud, expected, error=0.0):
 @pytest.mark.parametrize("estimator", [pytest.param("exact", marks=pytest.mark.slow), "wigner"])
 def test_powers_add_up_to_the_received_power(plain, estimator):
     scene = on_floor(estimator)
-    found = pm.received_power(scene, spp=128)
+    result = pm.received_power(scene, spp=128)
     cloud = pm.scatterers(scene, 100, rays=256)
     assert len(cloud["power"].values) == 100
-    assert apart(cloud, found.scattered, found.standard_error) < SIGMAS
-    assert cloud.attrs["standard_error"] < 0.25 * found.scattered
+    assert apart(cloud, result.scattered, result.standard_error) < SIGMAS
+    assert cloud.attrs["standard_error"] < 0.25 * result.scattered
     if estimator == "exact":
         assert (cloud["power"].values > 0).all()
 

@@ -65,9 +65,9 @@ def test_loaded_scenes_repeat_their_random_numbers() -> None:
     floor["floor"]["to_world"] = floor["floor"]["to_world"].rotate([1, 0, 0], 180)
     made = {k: v for k, v in entries().items() if not k.endswith(" rx")} | floor
     made["rx"] = pm.receiver(SQUARE, WAVELENGTH, moved(0.3, 0, 0))
-    found = [pm.received_power(pm.load_scene(made), spp=16, seed=3).scattered for _ in range(3)]
-    assert found[0] > 0
-    assert found == [found[0]] * 3
+    result = [pm.received_power(pm.load_scene(made), spp=16, seed=3).scattered for _ in range(3)]
+    assert result[0] > 0
+    assert result == [result[0]] * 3
 
 
 # Axis and angle of a turn, and the place of a wall.
@@ -155,8 +155,8 @@ GLASS = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
 def test_faces_of_a_glass_box_are_mirrors_and_the_note_names_transmission_alone(
     coherent: bool,
 ) -> None:
-    found = notes_over(GLASS, coherent=coherent)
-    reflected = found.contributions[0].paths[1]
+    result = notes_over(GLASS, coherent=coherent)
+    reflected = result.contributions[0].paths[1]
     metal = notes_over(MIRROR, coherent=coherent)
     sine = 0.5 / np.hypot(0.5, 0.05)  # at the face 0.05 m beside the line
     cosine, root = np.sqrt(1 - sine**2), np.sqrt(1.5**2 - sine**2)
@@ -166,8 +166,8 @@ def test_faces_of_a_glass_box_are_mirrors_and_the_note_names_transmission_alone(
     share = reflected.power / metal.contributions[0].paths[1].power
     assert share == pytest.approx(expected, rel=5e-3)
     assert reflected.mirrors[0].startswith("shell[")
-    assert "not included: refracted transmission through 'shell'" in found.notes
-    assert not any("curved" in note for note in found.notes)
+    assert "not included: refracted transmission through 'shell'" in result.notes
+    assert not any("curved" in note for note in result.notes)
 
 
 def test_a_smooth_ball_is_reported_as_curved() -> None:
@@ -228,6 +228,6 @@ def test_threads_that_load_and_receive_at_once_get_the_power_of_one(tmp_path: Pa
     alone = power(0)
     assert alone > 0
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(power, range(25)))
+        result = list(pool.map(power, range(25)))
     # kernels add in single precision, in an order that depends on the scenes that are alive
-    assert found == pytest.approx([alone] * 25, rel=1e-6)
+    assert result == pytest.approx([alone] * 25, rel=1e-6)

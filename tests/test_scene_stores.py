@@ -151,8 +151,8 @@ def test_workers_of_a_cluster_render_and_receive_the_same(camera_scene, tmp_path
     ) as cluster:
         for number, scheduler in enumerate((cluster, cluster.scheduler_address)):
             store = tmp_path / f"{number}.zarr"
-            found = rendered(camera_scene, store=store, scheduler=scheduler)
-            np.testing.assert_allclose(found, image, rtol=LAST)
+            result = rendered(camera_scene, store=store, scheduler=scheduler)
+            np.testing.assert_allclose(result, image, rtol=LAST)
         (tmp_path / "b").mkdir()
         path = scene_of(tmp_path / "b", rx(), tx())
         power = received(path, store=tmp_path / "p.zarr", scheduler=cluster.scheduler_address)

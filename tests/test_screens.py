@@ -50,17 +50,17 @@ def by_quadrature(source, point, method):
 @pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff"])
 def test_point_sources_through_openings_equal_quadrature(method):
     opening = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource(SOURCE), "opening")
-    found = pw.amplitude(opening, POINTS, 1.0, method, tolerance=TOLERANCE)
+    result = pw.amplitude(opening, POINTS, 1.0, method, tolerance=TOLERANCE)
     expected = [by_quadrature(SOURCE, point, method) for point in POINTS]
-    assert np.abs(found - expected).max() < ROUNDING + TOLERANCE
+    assert np.abs(result - expected).max() < ROUNDING + TOLERANCE
 
 
 def test_right_before_the_opening_the_field_is_the_free_one():
     near = 1e-7
     opening = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource((0.0, 0.0, -near)), "opening")
-    found = pw.amplitude(opening, (0.0, 0.0, near), 1.0, "kirchhoff", tolerance=1e-12)
+    result = pw.amplitude(opening, (0.0, 0.0, near), 1.0, "kirchhoff", tolerance=1e-12)
     # edges, 0.1 away, add the share (near/0.1)^2 at most
-    assert abs(found) * 2 * near == pytest.approx(1.0, abs=1e-11)
+    assert abs(result) * 2 * near == pytest.approx(1.0, abs=1e-11)
 
 
 def test_a_plate_and_an_opening_add_up_to_the_free_field():
@@ -87,12 +87,12 @@ def test_grazing_is_half_the_field_and_knife_edges_follow_fresnel():
     screen = pw.Screen(HALF_PLANE, pw.PointSource((0.0, 0.0, -5.0)))
     field = pw.amplitude(screen, points, wavelength, "kirchhoff", tolerance=1e-6)
     distance = np.hypot(x, 10.0)
-    found = 20 * np.log10(np.abs(field) * distance)
+    result = 20 * np.log10(np.abs(field) * distance)
     v = np.sign(x) * 2 * np.sqrt((5.0 + np.hypot(x, 5.0) - distance) / wavelength)
     expected = 20 * np.log10(np.abs(knife_edge(v)))
     # (1 + cos)/2 of Kirchhoff's integral is left out of the formula: at most 11 degrees here
-    assert np.abs(found - expected).max() < 0.08
-    assert found[3] == pytest.approx(-6.0206, abs=1e-3)
+    assert np.abs(result - expected).max() < 0.08
+    assert result[3] == pytest.approx(-6.0206, abs=1e-3)
 
 
 def test_screens_say_what_they_expect():
@@ -142,5 +142,5 @@ def test_irradiance_is_the_square_and_errors_are_told():
     screen = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource(SOURCE))
     field, error = pw.amplitude(screen, POINTS, 1.0, "kirchhoff", return_error=True)
     assert (error < 1e-9 * 2).all()
-    found = pw.irradiance(screen, POINTS, 1.0, "kirchhoff")
-    np.testing.assert_allclose(found, np.abs(field) ** 2, rtol=1e-12)
+    result = pw.irradiance(screen, POINTS, 1.0, "kirchhoff")
+    np.testing.assert_allclose(result, np.abs(field) ** 2, rtol=1e-12)

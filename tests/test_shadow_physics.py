@@ -36,13 +36,13 @@ def test_partial_waves_meet_their_conditions_on_the_sphere() -> None:
 
 @pytest.mark.parametrize("radius", shadow_spheres.RADII)
 def test_shadow_of_a_black_ball_is_between_those_of_a_soft_and_a_hard_one(radius: float) -> None:
-    found = shadow_spheres.levels(radius, 10 * radius)
-    dark = {kind: shadow_spheres.mean_level(found[kind][Zones.dark]) for kind in found}
+    result = shadow_spheres.levels(radius, 10 * radius)
+    dark = {kind: shadow_spheres.mean_level(result[kind][Zones.dark]) for kind in result}
     assert dark["soft"] < dark["black"] < dark["hard"]
-    edge = {kind: level[Zones.boundary] for kind, level in found.items()}
+    edge = {kind: level[Zones.boundary] for kind, level in result.items()}
     assert edge["soft"] < edge["black"] < edge["hard"] < edge["soft"] + 3
     for kind in ("soft", "hard"):
-        off = (found[kind] - found["black"])[Zones.lit]
+        off = (result[kind] - result["black"])[Zones.lit]
         assert np.sqrt(np.mean(off**2)) < 1.0
 
 
@@ -86,8 +86,8 @@ def test_box_of_three_wavelengths_beside_finite_differences(
     points, depth = np.array(FDTD["points"]), fdtd_bodies.SHAPES[body.split(",")[0]]
     for angle in fdtd_bodies.ANGLES:
         level = 20 * np.log10(FDTD[f"{body}, {angle:.0f}"])
-        found = 20 * np.log10(np.abs(fdtd_bodies.silhouette_field(points, angle, depth)))
-        off = (found - level)[level > fdtd_bodies.FLOOR]
+        result = 20 * np.log10(np.abs(fdtd_bodies.silhouette_field(points, angle, depth)))
+        off = (result - level)[level > fdtd_bodies.FLOOR]
         assert np.sqrt(np.mean(off**2)) < rms
         assert np.abs(off).max() < largest
 
@@ -96,8 +96,8 @@ def test_finite_differences_of_a_small_box_are_those_of_its_silhouette() -> None
     waves = fdtd_bodies.field_around("jumps", 30.0, 12, 0.5, 0.75, wide=1.5, near=-1.0, far=2.5)
     x, y, z = (axis[every::4] for axis, every in ((waves.x, 2), (waves.y, 2), (waves.z, 30)))
     points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
-    found = np.abs(waves.values[2::4, 2::4, 30::4]).ravel()
-    off = 20 * np.log10(np.abs(fdtd_bodies.silhouette_field(points, 30.0, 0.5, 0.75)) / found)
+    result = np.abs(waves.values[2::4, 2::4, 30::4]).ravel()
+    off = 20 * np.log10(np.abs(fdtd_bodies.silhouette_field(points, 30.0, 0.5, 0.75)) / result)
     assert np.sqrt(np.mean(off**2)) < 0.3
 
 
@@ -108,7 +108,7 @@ def test_two_edges_in_a_row_pass_what_millington_says() -> None:
     """
     apart = behind = 100.0
     x, z = np.zeros(1), np.array([apart + behind])
-    found = np.abs(double_edges.cascade(0.0, apart, x, z))[0]
-    assert abs(found - (0.25 + np.arcsin(np.sqrt(behind / (apart + behind))) / (2 * np.pi))) < 0.01
+    result = np.abs(double_edges.cascade(0.0, apart, x, z))[0]
+    assert abs(result - (0.25 + np.arcsin(np.sqrt(behind / (apart + behind))) / (2 * np.pi))) < 0.01
     both = [double_edges.half_plane(0.0, 0.0), double_edges.half_plane(0.3, apart)]
     assert abs(np.abs(double_edges.behind(both, x + 0.3, z))[0] - 0.5) < 0.01

@@ -84,8 +84,10 @@ def test_field_of_an_aperture_is_its_surface_integral_over_a_plate(method: Any) 
     points = [(8.0, 0.3, 2.0), (9.0, -1.0, 5.0)]
     source = aperture_radiators(SQUARE, method, order=8, longest=2.0)
     expected = shadowed_field([plate], source, points, order=8, share_regions=True)
-    found = pw.amplitude(SQUARE, points, 1.0, method, obstacles=plate)
-    assert np.abs(found - expected).max() < TOLERANCE * np.abs(source.field(np.array(points))).max()
+    result = pw.amplitude(SQUARE, points, 1.0, method, obstacles=plate)
+    assert (
+        np.abs(result - expected).max() < TOLERANCE * np.abs(source.field(np.array(points))).max()
+    )
 
 
 CURVED = pw.shapes.square(2.0).curved(5.0, 1.0)
@@ -105,8 +107,8 @@ def test_curved_waves_have_shadows_by_all_boundary_conditions(method: Any) -> No
         pw.shapes.square(2.0), method, 12, 4.0, lambda nodes: curved_wave(method, nodes)
     )
     expected = shadowed_field([plate], source, points, order=8, share_regions=True)
-    found = pw.amplitude(CURVED, points, 1.0, method, obstacles=plate)
-    assert np.abs(found - expected).max() < TOLERANCE * np.abs(source.field(points)).max()
+    result = pw.amplitude(CURVED, points, 1.0, method, obstacles=plate)
+    assert np.abs(result - expected).max() < TOLERANCE * np.abs(source.field(points)).max()
 
 
 def test_kirchhoff_field_of_a_curved_wave_is_the_mean_of_both() -> None:
@@ -143,9 +145,9 @@ def test_source_of_1000_wavelengths_behind_a_distant_edge() -> None:
     x = np.linspace(-900.0, 900.0, 7)
     wide = pw.Aperture([(edge, -3e3), (3e3, -3e3), (3e3, 3e3), (edge, 3e3)]).placed(at(z=z))
     points = np.column_stack([x, 0 * x, 0 * x + end])
-    found = pw.amplitude(pw.shapes.square(1e3), points, 1.0, obstacles=wide, tolerance=1e-4)
+    result = pw.amplitude(pw.shapes.square(1e3), points, 1.0, obstacles=wide, tolerance=1e-4)
     expected = np.abs(paraxial_over_a_half_plane(1e3, x, edge, z, end))
-    assert np.abs(np.abs(found) - expected).max() < 2e-3 * expected.max()
+    assert np.abs(np.abs(result) - expected).max() < 2e-3 * expected.max()
 
 
 def test_equivalent_points_for_few_directions_are_those_for_all() -> None:
@@ -179,8 +181,8 @@ def test_free_field_of_a_point_source_is_its_wave() -> None:
         2j * np.exp(10j * math.pi / 0.3) / 5.0, rel=1e-12
     )
     for method in ("wigner", "auto", RS1, RS2, "kirchhoff"):
-        found = pw.irradiance(source, [point, (1.0, 0.0, -2.0)], 0.1, method)
-        assert found == pytest.approx([4 / 25, 1.0])
+        result = pw.irradiance(source, [point, (1.0, 0.0, -2.0)], 0.1, method)
+        assert result == pytest.approx([4 / 25, 1.0])
     with pytest.raises(ArgumentError, match="position of the point source"):
         pw.amplitude(source, source.position, 0.3)
     with pytest.raises(ArgumentError, match="takes no through"):

@@ -54,20 +54,20 @@ def test_field_of_an_aperture_behind_a_body_is_the_sum_over_points_of_it(
     name: str, engine: Any
 ) -> None:
     expected = REFERENCE[name]
-    found = pw.amplitude(
+    result = pw.amplitude(
         SQUARE, expected["points"], WAVELENGTH, obstacles=BODIES[name], engine=engine
     )
-    error = np.abs(np.abs(found) - expected["field"]).max()
+    error = np.abs(np.abs(result) - expected["field"]).max()
     assert error < TOLERANCE * max(expected["free"])
 
 
 def test_tolerance_bounds_the_error_and_the_estimate_covers_it() -> None:
     points, how = REFERENCE["box"]["points"], {"obstacles": BODIES["box"]}
     fine = pw.amplitude(SQUARE, points, WAVELENGTH, tolerance=1e-8, **how)
-    found, error = pw.amplitude(
+    result, error = pw.amplitude(
         SQUARE, points, WAVELENGTH, tolerance=1e-5, return_error=True, **how
     )
-    off = np.abs(found - fine).max()
+    off = np.abs(result - fine).max()
     assert off < 1e-5 * np.abs(fine).max() and off < 3 * error.max()
 
 
@@ -213,9 +213,9 @@ def test_power_that_a_shadow_takes_is_what_the_body_blocks() -> None:
     g = (np.arange(400) + 0.5) / 400 * 0.8 - 0.4
     points = np.stack(np.meshgrid(g, g, [z], indexing="ij"), axis=-1).reshape(-1, 3)
     free = np.exp(2j * np.pi / WAVELENGTH) / np.linalg.norm(points - lamp.position, axis=1)
-    found = pw.amplitude(lamp, points, WAVELENGTH, "kirchhoff", obstacles=plate.placed(at()))
+    result = pw.amplitude(lamp, points, WAVELENGTH, "kirchhoff", obstacles=plate.placed(at()))
     cosine = (z + 3.0) / np.linalg.norm(points - lamp.position, axis=1)
-    lost = ((np.abs(free) ** 2 - np.abs(found) ** 2) * cosine).sum() * (g[1] - g[0]) ** 2
+    lost = ((np.abs(free) ** 2 - np.abs(result) ** 2) * cosine).sum() * (g[1] - g[0]) ** 2
     blocked = plate.area / 9.0
     assert abs(lost / blocked - 1) < 0.01
 
@@ -285,7 +285,7 @@ def test_partly_coherent_light_is_the_mean_over_its_tilts() -> None:
         part = pw.irradiance(tilted, points, WAVELENGTH, "auto", **how)
         expected = expected + weights[i] * weights[j] / (2 * math.pi) * part
     source = pw.Wavefront(SQUARE, coherence_width=width)
-    found = pw.irradiance(source, points, WAVELENGTH, "auto", **how)
-    assert np.abs(found - expected).max() < 1e-2 * expected.max()
+    result = pw.irradiance(source, points, WAVELENGTH, "auto", **how)
+    assert np.abs(result - expected).max() < 1e-2 * expected.max()
     coherent = pw.irradiance(SQUARE, points, WAVELENGTH, "auto", **how)
-    assert np.abs(found - coherent).max() > 0.03 * expected.max()
+    assert np.abs(result - coherent).max() > 0.03 * expected.max()

@@ -73,9 +73,9 @@ def on_floor(count: int, fine: int, obstacles: Any = None, source: Any = SQUARE)
 def test_picture_is_the_field_behind_a_box() -> None:
     use("llvm_ad_mono")
     count = 8
-    found = rendered(scene(count, {"box": box()}), 256)
+    result = rendered(scene(count, {"box": box()}), 256)
     expected = on_floor(count, 8, BOX)
-    assert np.abs(found - expected).max() < 1e-3 * on_floor(count, 1).max()
+    assert np.abs(result - expected).max() < 1e-3 * on_floor(count, 1).max()
     # and the shadow is not the rays' shadow
     assert expected[count // 2, count // 2] > 1e-3 * on_floor(count, 1).max()
 
@@ -113,10 +113,10 @@ def test_shapes_of_mitsuba_throw_shadows(name: str) -> None:
     use("llvm_ad_mono")
     shapes, obstacle = SHAPES[name]
     point = pw.Aperture(0.05 * HALF)  # a point, to which the rim of a ball is a circle
-    found = rendered(scene(8, shapes(), source=point), 324)
+    result = rendered(scene(8, shapes(), source=point), 324)
     expected = on_floor(8, 12, obstacle, point)
     within = 2e-2 if name == "sphere" else 3e-3
-    assert np.abs(found - expected).max() < within * on_floor(8, 1, None, point).max()
+    assert np.abs(result - expected).max() < within * on_floor(8, 1, None, point).max()
 
 
 @pytest.mark.llvm
@@ -134,9 +134,9 @@ def test_plate_before_a_wall_has_the_field_of_both_in_pictures_and_at_points() -
     places = [(0.005, 0.08, 0.012), (0.04, 0.18, 0.04)]
     shapes = {f"r{k}": black(*place) for k, place in enumerate(places)}
     bodies = [plate(*place) for place in places]
-    found = rendered(scene(8, shapes), 324)
+    result = rendered(scene(8, shapes), 324)
     expected = on_floor(8, 12, bodies)
-    assert np.abs(found - expected).max() < 5e-3 * on_floor(8, 1).max()
+    assert np.abs(result - expected).max() < 5e-3 * on_floor(8, 1).max()
     use("scalar_rgb")
     # on the line through the source's centre and a corner as well, in single precision
     point = pw.Aperture(0.05 * HALF)
@@ -195,21 +195,21 @@ def test_link_over_an_edge() -> None:
     small = pw.Aperture(0.1 * HALF)
     free = received({}, small, small, False).direct
     for x in (-0.03, 0.0, 0.02):
-        found = received(edge_at(x, 0.4), small, small, True).direct / free
+        result = received(edge_at(x, 0.4), small, small, True).direct / free
         v = x * math.sqrt(2 / WAVELENGTH * (1 / 0.4 + 1 / 0.6))
         s, c = fresnel(v)
         knife = abs(0.5 - c - 1j * (0.5 - s)) ** 2 / 2
         # the integral is paraxial, and patterns fall towards the edge
-        assert 10 * abs(math.log10(found / knife)) < (0.02 if x <= 0 else 0.05)
+        assert 10 * abs(math.log10(result / knife)) < (0.02 if x <= 0 else 0.05)
     assert received(edge_at(0.02, 0.4), small, small, False).direct == 0
 
 
 def cubes(*boxes: Any) -> dict[str, Any]:
-    found = {}
+    result = {}
     for k, (low, high) in enumerate(boxes):
         pose = transform().translate((low + high) / 2).scale((high - low) / 2)
-        found[f"b{k}"] = {"type": "cube", "to_world": pose, "bsdf": BLACK}
-    return found
+        result[f"b{k}"] = {"type": "cube", "to_world": pose, "bsdf": BLACK}
+    return result
 
 
 @pytest.mark.parametrize(
@@ -245,8 +245,8 @@ def test_cubes_of_one_mesh_with_a_common_face_are_in_contact_with_what_touches_t
     cube = meshes.box((0, 0, 0), (1, 1, 1))
     pair = meshes.joined([cube, meshes.moved(cube, 1, 0, 0)])
     bodies = [(body.vertices, body.triangles) for body in (pair, meshes.moved(cube, 0, 1, 0))]
-    found = Obstacles(bodies_of(bodies))
-    assert found.contacts.tolist() == [[0, 1]]
+    result = Obstacles(bodies_of(bodies))
+    assert result.contacts.tolist() == [[0, 1]]
 
 
 @pytest.mark.llvm
@@ -275,8 +275,8 @@ def test_bodies_on_mirrored_ways() -> None:
             mirror=mirror,
             plate=plate,
         )
-        found = pm.received_power(made, spp=16)
-        return next(p.transmission for p in found.contributions[0].paths if p.mirrors)
+        result = pm.received_power(made, spp=16)
+        return next(p.transmission for p in result.contributions[0].paths if p.mirrors)
 
     before, behind = mirrored(0.25), mirrored(0.75)
     assert before < 0.7
@@ -302,7 +302,7 @@ def test_receiver_takes_light_over_edges() -> None:
         ),
         plate={"type": "rectangle", "to_world": pose, "bsdf": BLACK},
     )
-    found = pm.received_power(made, spp=1 << 16)
+    result = pm.received_power(made, spp=1 << 16)
     x = side * (2 * np.arange(80) + 1 - 80) / 80
     floor = np.stack([*np.meshgrid(x, x), np.full((80, 80), height)], axis=-1)
     pose_of_plate = np.eye(4)
@@ -319,8 +319,8 @@ def test_receiver_takes_light_over_edges() -> None:
     norm = pw.radiated_power(SQUARE, WAVELENGTH)
     each = 0.8 / math.pi * seen[0] * seen[1] * (WAVELENGTH / norm) ** 2
     expected = each.sum() * (2 * side / 80) ** 2
-    assert found.scattered == pytest.approx(expected, abs=4 * found.standard_error)
-    assert found.standard_error < 0.05 * expected
+    assert result.scattered == pytest.approx(expected, abs=4 * result.standard_error)
+    assert result.standard_error < 0.05 * expected
 
 
 def test_what_diffraction_cannot_do_is_said() -> None:

@@ -63,8 +63,8 @@ def test_the_chevron_is_the_reference_one_scaled(width, height, part):
     expected = [(-x, -y), (0, y - t), (x, -y), (x, t - y), (0, y), (-x, t - y)]
     assert shapes.chevron(width, height, thickness) == Aperture(expected)
     reference = Aperture(CHEVRON - [1, 0.55])
-    found = shapes.chevron(2, 1.1, 0.6)
-    assert found.polygons.symmetric_difference(reference.polygons).area < ROUNDING
+    result = shapes.chevron(2, 1.1, 0.6)
+    assert result.polygons.symmetric_difference(reference.polygons).area < ROUNDING
 
 
 @relaxed
@@ -110,8 +110,8 @@ def test_segments_are_numbered_by_columns_and_stay_apart(gap, centre):
     order = np.lexsort((np.round(centres[:, 1], 9), np.round(centres[:, 0], 9)))
     assert (order == np.arange(len(centres))).all()
     assert sum(segment.area for segment in mirror.segments) == pytest.approx(mirror.area)
-    found = [segment.centre for segment in moved.segments]
-    assert np.allclose(found, -2.0 * centres + [1.0, 0.0], atol=1e-12)
+    result = [segment.centre for segment in moved.segments]
+    assert np.allclose(result, -2.0 * centres + [1.0, 0.0], atol=1e-12)
     assert len(moved.with_illumination(None).segments) == len(centres)
 
 

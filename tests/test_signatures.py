@@ -43,9 +43,9 @@ def test_arguments_say_what_they_are(name):
 
 
 def test_functions_that_take_a_frequency_keep_the_types_of_their_arguments():
-    found = inspect.signature(pw.amplitude).parameters
-    assert found["points"].annotation == "ArrayLike"
-    assert found["frequency"].annotation == "float | None"
+    result = inspect.signature(pw.amplitude).parameters
+    assert result["points"].annotation == "ArrayLike"
+    assert result["frequency"].annotation == "float | None"
 
 
 def test_a_drjit_array_is_what_its_type_says():

@@ -68,8 +68,8 @@ def mean_irradiance(source, obliquity=None):
     """Means over the pixels of |U|^2 of Wigner rays, by quadrature."""
     (x, w), (y, _) = gauss(BOUNDS[0], BOUNDS[2], 4), gauss(BOUNDS[1], BOUNDS[3], 2)
     points = np.stack(np.meshgrid(x, y, [Z], indexing="ij"), axis=-1)[..., 0, :]
-    found = pw.irradiance(source, points, WAVELENGTH, method="wigner", obliquity=obliquity)
-    return np.einsum("iajb,a,b->ji", found.reshape(4, 5, 2, 5), w, w)
+    result = pw.irradiance(source, points, WAVELENGTH, method="wigner", obliquity=obliquity)
+    return np.einsum("iajb,a,b->ji", result.reshape(4, 5, 2, 5), w, w)
 
 
 def rebuilt(source, seeds, **how):
@@ -120,9 +120,9 @@ def test_rebuilt_irradiance_is_unbiased_and_knows_its_error(name, sampling):
 @pytest.mark.parametrize("obliquity", [None, "kirchhoff"])
 def test_obliquities_are_those_of_wigner_rays(obliquity):
     rays = pw.sample_rays(STEERED, WAVELENGTH, 1 << 18, cone=1.4, obliquity=obliquity)
-    found = pw.rays.rebuild(across(rays), *GRID)
-    error = abs(found.irradiance.values - mean_irradiance(STEERED, obliquity))
-    assert (error / found.standard_error.values).max() < UNLIKELY
+    result = pw.rays.rebuild(across(rays), *GRID)
+    error = abs(result.irradiance.values - mean_irradiance(STEERED, obliquity))
+    assert (error / result.standard_error.values).max() < UNLIKELY
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.6])
@@ -134,27 +134,27 @@ def test_far_away_a_plane_receives_the_exact_density_of_power_times_its_cosine(a
     plane = np.eye(4)
     plane[:3, :3] = [[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]]
     plane[:3, 3] = 0.3 * axis
-    found = pw.rays.rebuild(rays, plane, (-half, -half, half, half), (1, 1))
+    result = pw.rays.rebuild(rays, plane, (-half, -half, half, half), (1, 1))
     t, w = gauss(-half, half, 1)
     x, y = np.meshgrid(t, t, indexing="ij")
     points = np.stack([x, y], axis=-1) @ plane[:3, :2].T + plane[:3, 3]
     towards = points / np.linalg.norm(points, axis=-1, keepdims=True)
     received = pw.irradiance(STEERED, points, WAVELENGTH) * (towards @ plane[:3, 2])
-    expected, error = w @ received @ w, found.standard_error.item()
-    assert abs(found.irradiance.item() - expected) < UNLIKELY * error
+    expected, error = w @ received @ w, result.standard_error.item()
+    assert abs(result.irradiance.item() - expected) < UNLIKELY * error
     assert error < 0.01 * expected
 
 
 def check_focus(rays, pupil, light, focal_length, half):
     """In the focal plane the irradiance is |F|^2/(lambda f)^2 of the flat source."""
-    found = pw.rays.rebuild(rays, focal_length, (-half, -half, half, half), (5, 5))
+    result = pw.rays.rebuild(rays, focal_length, (-half, -half, half, half), (5, 5))
     x, w = gauss(-half, half, 5)
     nu = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1) / (light * focal_length)
     exact = np.abs(pw.fourier(pupil, nu)) ** 2 / (light * focal_length) ** 2
     mean = np.einsum("iajb,a,b->ji", exact.reshape(5, 5, 5, 5), w, w)
-    error = found.standard_error.values
+    error = result.standard_error.values
     # t of 15 degrees of freedom: exceeds 5 once in 1e4
-    assert (abs(found.irradiance.values - mean) / error).max() < 5
+    assert (abs(result.irradiance.values - mean) / error).max() < 5
     assert error.max() < 0.04 * mean.max()
 
 
@@ -186,8 +186,8 @@ def test_a_pose_moves_rays_and_the_plane_that_meets_them():
     screen[2, 3] = Z
     expected = pw.rays.rebuild(here, Z, BOUNDS, SHAPE).irradiance.values
     for rays, plane in ((here, screen), (there, turn @ screen)):
-        found = pw.rays.rebuild(rays, plane, BOUNDS, SHAPE).irradiance.values
-        assert found == pytest.approx(expected, rel=1e-9)
+        result = pw.rays.rebuild(rays, plane, BOUNDS, SHAPE).irradiance.values
+        assert result == pytest.approx(expected, rel=1e-9)
 
 
 EVERYWHERE = (-1e9, -1e9, 1e9, 1e9)
@@ -205,11 +205,11 @@ def test_rays_are_counted_where_they_meet_the_plane():
     direction[3] = 0.0, 0.0, -1.0  # away from the plane
     direction[5] = 1.0, 0.0, 0.0  # along it
     rays = by_hand(position, direction, [1.0, -2.0, 4.0, 8.0, 16.0, 32.0])
-    found = pw.rays.rebuild(rays, 1.0, (0, 0, 1, 1), (2, 4))
-    assert found.irradiance.values.T.tolist() == [[0, 0, 8, 0], [0, 0, -16, 0]]
-    assert (found.power, found.lost, found.missed) == (-1.0, 1, 3)
+    result = pw.rays.rebuild(rays, 1.0, (0, 0, 1, 1), (2, 4))
+    assert result.irradiance.values.T.tolist() == [[0, 0, 8, 0], [0, 0, -16, 0]]
+    assert (result.power, result.lost, result.missed) == (-1.0, 1, 3)
     # one of six rays: variance 6/5 (w^2 - w^2/6)
-    assert found.standard_error.values[2, 0] == pytest.approx(8.0)
+    assert result.standard_error.values[2, 0] == pytest.approx(8.0)
     virtual = pw.rays.rebuild(rays, 1.0, (0, 0, 1, 1), (2, 4), virtual=True)
     assert virtual.irradiance.values[2, 0] == 8 * 9
     # rays that end on the plane, to rounding, are there
@@ -220,13 +220,13 @@ def test_rays_are_counted_where_they_meet_the_plane():
 def test_pictures_of_rays_have_y_upwards_and_x_to_the_right():
     """One ray off both axes: rows are along x, the first at the bottom (``origin="lower"``)."""
     rays = by_hand([[0.3, 0.8, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
-    found = pw.rays.rebuild(rays, 0.0, (-1, -1, 1, 1), (10, 5))
+    result = pw.rays.rebuild(rays, 0.0, (-1, -1, 1, 1), (10, 5))
     for name in ("irradiance", "standard_error"):
-        assert found[name].dims == ("y", "x")
-        assert found[name].shape == (5, 10)
-    assert np.argwhere(found.irradiance.values).tolist() == [[4, 6]]
-    assert (np.diff(found.x) > 0).all() and (np.diff(found.y) > 0).all()
-    assert float(found.irradiance.sel(x=0.3, y=0.8, method="nearest")) > 0
+        assert result[name].dims == ("y", "x")
+        assert result[name].shape == (5, 10)
+    assert np.argwhere(result.irradiance.values).tolist() == [[4, 6]]
+    assert (np.diff(result.x) > 0).all() and (np.diff(result.y) > 0).all()
+    assert float(result.irradiance.sel(x=0.3, y=0.8, method="nearest")) > 0
 
 
 def test_a_selection_of_batches_keeps_its_own_error():
@@ -234,9 +234,9 @@ def test_a_selection_of_batches_keeps_its_own_error():
     batch = rays["batch"].values
     some = rays.isel(ray=(batch == 3) | (batch == 11))
     sums = [rays["weight"].values[batch == k].sum() for k in (3, 11)]
-    found = pw.rays.rebuild(some, 0.0, EVERYWHERE, (1, 1))
-    assert found.power == pytest.approx(sum(sums))
-    assert found.power_error == pytest.approx(abs(sums[0] - sums[1]))  # sqrt(2) of two
+    result = pw.rays.rebuild(some, 0.0, EVERYWHERE, (1, 1))
+    assert result.power == pytest.approx(sum(sums))
+    assert result.power_error == pytest.approx(abs(sums[0] - sums[1]))  # sqrt(2) of two
     # of one alone no scatter is known: it counts as independent rays
     one = rays.isel(ray=batch == 3)
     alone = pw.rays.rebuild(one, 0.0, EVERYWHERE, (1, 1))
@@ -336,11 +336,11 @@ def test_the_power_in_a_narrow_cone_is_that_of_the_radiant_intensity(source):
 
 def test_a_wave_that_is_flat_and_coherent_has_the_rays_of_its_source():
     for wave in (SQUARE.curved(math.inf, WAVELENGTH), SQUARE.partially_coherent(math.inf)):
-        found = pw.sample_rays(wave, WAVELENGTH, 512, cone=0.7)
+        result = pw.sample_rays(wave, WAVELENGTH, 512, cone=0.7)
         expected = pw.sample_rays(SQUARE, WAVELENGTH, 512, cone=0.7)
         for name in ("position", "direction", "weight"):
             scale = float(abs(expected[name]).max())
-            assert found[name].values == pytest.approx(expected[name].values, abs=1e-12 * scale)
+            assert result[name].values == pytest.approx(expected[name].values, abs=1e-12 * scale)
 
 
 @pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "paper"])

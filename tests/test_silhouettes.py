@@ -117,9 +117,9 @@ def test_edges_seen_from_within_a_convex_cone_are_those_of_the_mesh() -> None:
         if obstacles.inside(source[None])[0]:
             continue
         expected = obstacles.silhouette(source)
-        found = net_contours(obstacles.surface([0], source), source)
-        order = [np.lexsort(s.edges.reshape(-1, 6).round(9).T) for s in (expected, found)]
-        assert np.abs(expected.edges[order[0]] - found.edges[order[1]]).max() < 1e-12
+        result = net_contours(obstacles.surface([0], source), source)
+        order = [np.lexsort(s.edges.reshape(-1, 6).round(9).T) for s in (expected, result)]
+        assert np.abs(expected.edges[order[0]] - result.edges[order[1]]).max() < 1e-12
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
@@ -129,8 +129,8 @@ def test_corner_lines_of_plates_are_those_of_a_screen(scale: float) -> None:
     points = scale * np.array([(2, 2, 10), (2, 0.3, 10), (-2, 2, 10), (0.2, -2, 10)])
     outline = pw.shapes.square(2.0 * scale)
     expected = pw.amplitude(pw.Screen(outline, source), points, 1.0, "kirchhoff")
-    found = pw.amplitude(source, points, 1.0, obstacles=outline.placed(pose()), engine="numpy")
-    assert np.abs(found / expected - 1.0).max() < EXACT * max(scale, 1.0)
+    result = pw.amplitude(source, points, 1.0, obstacles=outline.placed(pose()), engine="numpy")
+    assert np.abs(result / expected - 1.0).max() < EXACT * max(scale, 1.0)
 
 
 def test_apparent_crossing_of_two_edges_has_the_field_beside_it() -> None:
@@ -146,9 +146,9 @@ def test_apparent_crossing_of_two_edges_has_the_field_beside_it() -> None:
 def test_surface_behind_the_source_changes_the_field_by_its_diffracted_part() -> None:
     behind, source = plate(2, 2, pose(shift=(0, 0, -8))), (0.0, 0.0, -5.0)
     points = [(0.0, 0.0, 10.0), (0.5, 0.2, 3.0)]
-    found = ratio(source, points, [behind])
-    assert np.abs(found - expected_ratio(source, points, [behind])).max() < EXACT
-    assert np.abs(found - 1.0).max() < 0.03
+    result = ratio(source, points, [behind])
+    assert np.abs(result - expected_ratio(source, points, [behind])).max() < EXACT
+    assert np.abs(result - 1.0).max() < 0.03
 
 
 def test_housing_around_a_source_leaves_its_opening() -> None:
@@ -159,8 +159,8 @@ def test_housing_around_a_source_leaves_its_opening() -> None:
     sides += [plate(4, 4, pose(math.pi / 2, 0, (0, y, 0))) for y in (-2.0, 2.0)]
     points = np.random.default_rng(2).uniform((-5, -5, -5), (5, 5, 7), (10, 3))
     points = points[np.abs(points).max(axis=1) > 2.1]
-    found = ratio(source, points, sides)
-    assert np.abs(found - expected_ratio(source, points, sides)).max() < EXACT
+    result = ratio(source, points, sides)
+    assert np.abs(result - expected_ratio(source, points, sides)).max() < EXACT
 
 
 def test_plates_seen_edge_on_have_no_silhouette() -> None:
@@ -252,8 +252,8 @@ def test_plate_behind_a_plate_is_near_sequential_kirchhoff() -> None:
         points = rng.uniform((-4, -4, 6), (4, 4, 10), (8, 3))
         radiator = point_radiator(source)
         expected = sequential_field([first, second], radiator, points) / radiator.field(points)
-        found = ratio(source, points, [first, second])
-        assert np.sqrt(np.mean(np.abs(found - expected) ** 2)) < largest
+        result = ratio(source, points, [first, second])
+        assert np.sqrt(np.mean(np.abs(result - expected) ** 2)) < largest
 
 
 @pytest.mark.parametrize("width", [40.0, 400.0, 4000.0])

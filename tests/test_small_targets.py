@@ -81,9 +81,9 @@ def test_small_plates_send_what_quadrature_finds(
     compiled: None, things: list[Any], seen: list[Any]
 ) -> None:
     scene = scene_of(**{f"plate {k}": plate(*thing) for k, thing in enumerate(things)})
-    found = pm.received_power(scene, spp=SAMPLES)
+    result = pm.received_power(scene, spp=SAMPLES)
     expected = sum(quadrature(*thing) for thing in seen)
-    check(found.scattered, found.standard_error, expected)
+    check(result.scattered, result.standard_error, expected)
 
 
 def test_rays_of_the_wigner_function_find_a_small_plate_and_the_receiver_is_as_before(
@@ -92,8 +92,8 @@ def test_rays_of_the_wigner_function_find_a_small_plate_and_the_receiver_is_as_b
     scene = scene_of("wigner", plate=plate(*SMALL))
     (sensor,) = scene.sensors()
     before = sensor.directions
-    found = pm.received_power(scene, spp=1 << 8)
-    check(found.scattered, found.standard_error, quadrature(*SMALL), 0.2)
+    result = pm.received_power(scene, spp=1 << 8)
+    check(result.scattered, result.standard_error, quadrature(*SMALL), 0.2)
     assert sensor.directions is before
 
 

@@ -55,12 +55,12 @@ GOOD = [
 
 @pytest.mark.parametrize(("source", "texts", "expected"), GOOD, ids=str)
 def test_texts_do_what_functions_do(source: Any, texts: dict[str, str], expected: Any) -> None:
-    found = apply_texts(source, texts, WAVELENGTH)
-    fields = [s.repeated[0] if isinstance(s, pw.Array) else s for s in (found, expected)]
-    if isinstance(found, pw.Array):
-        assert (found.repeated[1] == expected.repeated[1]).all()
-        assert found.weights == pytest.approx(expected.weights, rel=1e-12)
-    elif not isinstance(found, pw.Wavefront):
+    result = apply_texts(source, texts, WAVELENGTH)
+    fields = [s.repeated[0] if isinstance(s, pw.Array) else s for s in (result, expected)]
+    if isinstance(result, pw.Array):
+        assert (result.repeated[1] == expected.repeated[1]).all()
+        assert result.weights == pytest.approx(expected.weights, rel=1e-12)
+    elif not isinstance(result, pw.Wavefront):
         ours, theirs = (field.illumination for field in fields)
         assert ours.amplitudes == pytest.approx(theirs.amplitudes, rel=1e-12)
         assert ours.frequencies == pytest.approx(theirs.frequencies, rel=1e-9, abs=1e-9)

@@ -11,7 +11,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.cli.propagate import parse_place, samples_of_box, samples_of_place
+from polywigner.cli.propagate import parse_region, samples_of_box, samples_of_region
 from polywigner.errors import ArgumentError
 
 WAVELENGTH = 299_792_458 / 94e9
@@ -65,8 +65,8 @@ def between(f, points, steps):
 def worst(f, points, steps, coarser=1.0):
     """Error of values between samples, relative to the largest of them."""
     values = f(points)
-    found = between(f, points, [coarser * step for step in steps])
-    return float(np.abs(found - values).max() / np.abs(values).max())
+    result = between(f, points, [coarser * step for step in steps])
+    return float(np.abs(result - values).max() / np.abs(values).max())
 
 
 def box_of(source):
@@ -221,10 +221,10 @@ PLACES = {
 @pytest.mark.parametrize("kind", PLACES)
 def test_every_place_of_the_command_line_gets_what_its_field_needs(kind):
     text, fewest, options, size = PLACES[kind]
-    place = parse_place({kind: text}, None)
+    place = parse_region({kind: text}, None)
     small, wide = (pw.shapes.square(n * WAVELENGTH) for n in (2, size))
-    assert samples_of_place(small, place, WAVELENGTH, amplitude=False) == fewest
-    chosen = samples_of_place(wide, place, WAVELENGTH, amplitude=False)
+    assert samples_of_region(small, place, WAVELENGTH, amplitude=False) == fewest
+    chosen = samples_of_region(wide, place, WAVELENGTH, amplitude=False)
     assert max(np.array(chosen) / fewest) > 1
     axes = pw.suggest_sampling(wide, WAVELENGTH, "irradiance", **options).axes
     for count, axis in zip(chosen, [axis for axis in axes if axis.step], strict=False):

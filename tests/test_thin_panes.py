@@ -65,9 +65,9 @@ def free() -> float:
 
 
 def of_channel(scene: Any, polarisation: str, mirrors: str) -> float:
-    found = pm.channel(scene, polarisation=polarisation)
-    here = found["mirrors"].values == mirrors
-    return float((np.abs(found["amplitude"].values[0, 0, 0, here]) ** 2).sum()) / free()
+    result = pm.channel(scene, polarisation=polarisation)
+    here = result["mirrors"].values == mirrors
+    return float((np.abs(result["amplitude"].values[0, 0, 0, here]) ** 2).sum()) / free()
 
 
 def of_power(scene: Any, mirrors: tuple[str, ...], **how: Any) -> float:
@@ -102,8 +102,8 @@ def test_a_pane_reflects_and_transmits_each_polarisation_by_itself(
     reflected, passed = share * reflected, 1 - share + share * passed
     for number, polarisation in enumerate("xy"):
         back, through = (powers(index, angle, polarisation, far, **pane) for far in (False, True))
-        found = of_channel(back, polarisation, "pane"), of_channel(through, polarisation, "")
-        assert found == pytest.approx((reflected[number], passed[number]), abs=RAYS)
+        result = of_channel(back, polarisation, "pane"), of_channel(through, polarisation, "")
+        assert result == pytest.approx((reflected[number], passed[number]), abs=RAYS)
         how: dict[str, Any] = {"coherent": True, "polarisation": polarisation}
         assert of_power(back, ("pane",), **how) == pytest.approx(reflected[number], abs=RAYS)
     assert of_power(back, ("pane",)) == pytest.approx(np.mean(reflected), abs=RAYS)

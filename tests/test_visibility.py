@@ -57,9 +57,9 @@ def test_a_wall_close_to_either_end_blocks_a_link(start: Any, length: float, ahe
     assert pm.received_power(free, spp=16).direct == pytest.approx(expected**2, rel=1e-4)
     for end in (one, other):
         walled = link(one, other, wall=plate(end, 0.2, ahead))
-        found = pm.received_power(walled, spp=16)
-        assert float(found) == 0.0
-        assert any("obstacles block it" in note for note in found.notes)
+        result = pm.received_power(walled, spp=16)
+        assert float(result) == 0.0
+        assert any("obstacles block it" in note for note in result.notes)
         assert np.abs(pm.channel(walled).h.values).max() == 0.0
 
 
@@ -107,8 +107,8 @@ def test_both_sides_of_a_thin_plate_far_from_the_origin_are_told_apart() -> None
     to_world = mi.ScalarTransform4f().translate([90, 0, 0]).scale([3.0, 3.0, 2.5e-3])
     sheet = {"type": "cube", "to_world": to_world, "bsdf": METAL}
     one, other = looking((89.5, 0, 1), (0.5, 0, -1)), looking((90.5, 0, 1), (-0.5, 0, -1))
-    found = pm.received_power(link(one, other, sheet=sheet), spp=16, reflections=1)
-    assert len([path for path in found.contributions[0].paths if path.mirrors]) == 1
+    result = pm.received_power(link(one, other, sheet=sheet), spp=16, reflections=1)
+    assert len([path for path in result.contributions[0].paths if path.mirrors]) == 1
 
 
 # ---- scattered light ----------------------------------------------------------------------------
@@ -145,8 +145,8 @@ def test_a_wall_close_to_either_end_blocks_scattered_light(estimator: str) -> No
         assert pm.received_power(scene, spp=256, seed=1).scattered == 0.0
         assert float(np.abs(pm.scatterers(scene, 100).power.values).sum()) == 0.0
     on_a_wall, *_ = over_a_floor(100.0, estimator, wall=lambda one, other: plate(one, 20.0))
-    found = pm.received_power(on_a_wall, spp=4096, seed=1).scattered
-    assert found == pytest.approx(expected, rel=1e-4)
+    result = pm.received_power(on_a_wall, spp=4096, seed=1).scattered
+    assert result == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.slow

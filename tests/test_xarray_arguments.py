@@ -90,18 +90,18 @@ def _as_labelled(values):
 def test_dimensions_and_coordinates_are_kept_and_values_are_those_of_numpy(name):
     function, values, units = CASES[name]
     labelled, plain = _as_labelled(values)
-    found, expected = function(*labelled), function(*plain)
-    assert isinstance(found, xarray.DataArray)
-    assert found.dims == tuple(d for v in labelled for d in v.dims[:-1])
-    np.testing.assert_array_equal(found.values, expected)
-    assert found.dtype == expected.dtype
-    assert set(found.coords) == {*found.dims, "scalar"}
+    result, expected = function(*labelled), function(*plain)
+    assert isinstance(result, xarray.DataArray)
+    assert result.dims == tuple(d for v in labelled for d in v.dims[:-1])
+    np.testing.assert_array_equal(result.values, expected)
+    assert result.dtype == expected.dtype
+    assert set(result.coords) == {*result.dims, "scalar"}
     for array in labelled:
         for dim in array.dims[:-1]:
-            assert found[dim].identical(array[dim].drop_vars("component", errors="ignore"))
-    assert found.attrs["units"] == units
-    assert found.attrs["long_name"]
-    assert found.name == name.split()[0]
+            assert result[dim].identical(array[dim].drop_vars("component", errors="ignore"))
+    assert result.attrs["units"] == units
+    assert result.attrs["long_name"]
+    assert result.name == name.split()[0]
 
 
 @pytest.mark.parametrize("name", ["fourier of a body", "ambiguity", "radiance", "irradiance"])
@@ -121,40 +121,40 @@ def test_a_lazy_argument_stays_lazy_and_computes_the_same(name):
 
 def test_dimensions_of_one_name_go_together():
     x, nu = _named(X, "ray", "xy"), _named(NU[0, :3], "ray", "frequency")
-    found = pw.wigner(SQUARE, x, nu)
-    assert found.dims == ("ray",)
-    np.testing.assert_array_equal(found.values, pw.wigner(SQUARE, X, NU[0, :3]))
+    result = pw.wigner(SQUARE, x, nu)
+    assert result.dims == ("ray",)
+    np.testing.assert_array_equal(result.values, pw.wigner(SQUARE, X, NU[0, :3]))
 
 
 def test_one_point_may_stand_beside_a_labelled_array():
     for origin in ((0.0, 0.0), np.zeros(2)):
-        found = pw.wigner(SQUARE, origin, _named(NU, "i", "j", "k"))
-        np.testing.assert_array_equal(found.values, pw.wigner(SQUARE, (0.0, 0.0), NU))
+        result = pw.wigner(SQUARE, origin, _named(NU, "i", "j", "k"))
+        np.testing.assert_array_equal(result.values, pw.wigner(SQUARE, (0.0, 0.0), NU))
     assert pw.fourier(SQUARE, _named(NU[0, 0], "k")).dims == ()
 
 
 @pytest.mark.parametrize("chunks", [None, {"place": 2}])
 def test_the_flux_vector_has_a_dimension_for_its_components(chunks):
     x = _named(X, "place", "component")
-    found = pw.flux_vector(SQUARE, x if chunks is None else x.chunk(chunks), WAVELENGTH)
-    assert found.dims == ("place", "flux_component")
-    assert list(found["flux_component"].values) == ["x", "y", "z"]
-    assert found.attrs["units"] == "W m-2"
+    result = pw.flux_vector(SQUARE, x if chunks is None else x.chunk(chunks), WAVELENGTH)
+    assert result.dims == ("place", "flux_component")
+    assert list(result["flux_component"].values) == ["x", "y", "z"]
+    assert result.attrs["units"] == "W m-2"
     expected = pw.flux_vector(SQUARE, X, WAVELENGTH)
-    np.testing.assert_allclose(found.values, expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(result.values, expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("chunks", [None, {"place": 2}])
 def test_estimated_errors_are_labelled_too(chunks):
     points = _named(IN_FRONT, "place", "xyz")
     points = points if chunks is None else points.chunk(chunks)
-    found = pw.amplitude(SQUARE, points, WAVELENGTH, return_error=True)
+    result = pw.amplitude(SQUARE, points, WAVELENGTH, return_error=True)
     expected = pw.amplitude(SQUARE, IN_FRONT, WAVELENGTH, return_error=True)
-    for array, values in zip(found, expected, strict=True):
+    for array, values in zip(result, expected, strict=True):
         assert array.dims == ("place",)
         np.testing.assert_allclose(array.values, values, rtol=1e-9, atol=1e-15)
-    assert found[1].name == "error"
-    assert "error" in found[1].attrs["long_name"]
+    assert result[1].name == "error"
+    assert "error" in result[1].attrs["long_name"]
 
 
 def test_a_lazy_result_can_be_sent_to_another_process():
@@ -167,7 +167,7 @@ NAMED = _named(X, "place", "component")
 
 
 @pytest.mark.parametrize(
-    ("call", "told"),
+    ("call", "message"),
     [
         (lambda: pw.wigner(SQUARE, NAMED, NU), "expected nu as an xarray.DataArray too"),
         (lambda: pw.wigner(SQUARE, NAMED, _named(NU, "place", "b", "c")), "equal coordinates"),
@@ -183,8 +183,8 @@ NAMED = _named(X, "place", "component")
         ),
     ],
 )
-def test_errors_are_those_of_the_package(call, told):
-    with pytest.raises(ArgumentError, match=told):
+def test_errors_are_those_of_the_package(call, message):
+    with pytest.raises(ArgumentError, match=message):
         call()
 
 

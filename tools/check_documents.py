@@ -23,8 +23,8 @@ ROOT = Path(__file__).resolve().parent.parent
 
 def documents() -> list[Path]:
     folders = [ROOT, *(ROOT / name for name in ("docs", "examples", "benchmarks"))]
-    found = [path for folder in folders[1:] for path in folder.rglob("*.md")]
-    return sorted([*ROOT.glob("*.md"), *found])
+    result = [path for folder in folders[1:] for path in folder.rglob("*.md")]
+    return sorted([*ROOT.glob("*.md"), *result])
 
 
 def anchors(text: str) -> set[str]:

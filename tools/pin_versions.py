@@ -23,11 +23,11 @@ def declared() -> dict[str, list[Requirement]]:
     """The requirements of pyproject.toml by the names of the packages, without polywigner's own."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     lists = [project["dependencies"], *project["optional-dependencies"].values()]
-    found: dict[str, list[Requirement]] = {}
+    result: dict[str, list[Requirement]] = {}
     for requirement in (Requirement(text) for texts in lists for text in texts):
-        found.setdefault(canonicalize_name(requirement.name), []).append(requirement)
-    del found["polywigner"]
-    return found
+        result.setdefault(canonicalize_name(requirement.name), []).append(requirement)
+    del result["polywigner"]
+    return result
 
 
 def installed() -> tuple[dict[str, str], list[str]]:
@@ -43,12 +43,12 @@ def installed() -> tuple[dict[str, str], list[str]]:
             continue
         seen.add((name, *requirement.extras))
         try:
-            found = importlib.metadata.distribution(name)
+            result = importlib.metadata.distribution(name)
         except importlib.metadata.PackageNotFoundError:
             absent += [name] if is_declared else []
             continue
-        versions[name] = found.version
-        for inner in map(Requirement, found.requires or []):
+        versions[name] = result.version
+        for inner in map(Requirement, result.requires or []):
             extras = requirement.extras or {""}
             if inner.marker is None or any(inner.marker.evaluate({"extra": e}) for e in extras):
                 waiting.append((inner, False))

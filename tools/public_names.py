@@ -56,7 +56,7 @@ def described(name: str, value: Any) -> Iterator[str]:
         for member in sorted(set(dir(value)) | set(getattr(value, "__annotations__", ()))):
             if member.startswith("_") and member not in OPERATORS:
                 continue
-            found = inspect.getattr_static(value, member, None)
+            result = inspect.getattr_static(value, member, None)
             inherited = member not in {
                 key
                 for owner in value.__mro__
@@ -64,7 +64,7 @@ def described(name: str, value: Any) -> Iterator[str]:
                 for key in (*vars(owner), *vars(owner).get("__annotations__", ()))
             }
             if not inherited:
-                yield f"  {name}.{member}{signature(getattr(found, '__func__', found))}"
+                yield f"  {name}.{member}{signature(getattr(result, '__func__', result))}"
     else:
         yield name + signature(value)
 

@@ -186,12 +186,12 @@ def main() -> None:
             ]
             for fault, source in drawn(area, options.count, options.seed, table):
                 chosen = [*map(str, files)] if table is None else table[f"{fault[0]}:{fault[1]}"]
-                found = tried(copy / "polywigner" / fault[0], source, chosen, options.seconds)
-                count[found] += 1
-                print(area, *fault, found, sep=" | ", flush=True)
+                result = tried(copy / "polywigner" / fault[0], source, chosen, options.seconds)
+                count[result] += 1
+                print(area, *fault, result, sep=" | ", flush=True)
                 if options.out:
                     with options.out.open("a") as out:
-                        out.write(json.dumps([area, *fault, found]) + "\n")
+                        out.write(json.dumps([area, *fault, result]) + "\n")
             print(area, dict(count), flush=True)
 
 

@@ -75,9 +75,9 @@ def from_cpp(shape: Any, centre: float) -> Callable[[np.ndarray], np.ndarray]:
 
 def _function() -> ctypes.c_void_p:
     """The library's function."""
-    found = [file for file in files("bornagain") or () if file.name.startswith(LIBRARY)]
+    result = [file for file in files("bornagain") or () if file.name.startswith(LIBRARY)]
     try:
-        library = ctypes.CDLL(str(found[0].locate()))
+        library = ctypes.CDLL(str(result[0].locate()))
         return ctypes.cast(library[FUNCTION], ctypes.c_void_p)
     except (IndexError, OSError, AttributeError):
         raise RuntimeError("BornAgain's library has no function that C++ can call") from None

@@ -36,11 +36,11 @@ def module_of(name: str) -> Any:
 
 def tasks(names: Iterable[str], cores: int, quick: bool = False) -> list[Task]:
     """All there is to measure; of a quick run the first case of each question, on one core."""
-    found = []
+    result = []
     for name in names:
         module = module_of(name)
         threads = [t for t in module.THREADS if t is not None or cores > 1] or [1]
         cases = module.CASES[:1] if quick else module.CASES
         threads = threads[:1] if quick else threads
-        found += [Task(name, case, count) for count in threads for case in cases]
-    return found
+        result += [Task(name, case, count) for count in threads for case in cases]
+    return result

@@ -110,8 +110,8 @@ def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
     actions = {name: _render(scene, spp) for name, scene in scenes.items()}
     times = in_turns(actions, max(2, effort.rounds // FEWER_ROUNDS), count)
     entries = {
-        name: (as_times(found, 1.0, _noise(actions[name])), found, 1.0)
-        for name, found in times.items()
+        name: (as_times(result, 1.0, _noise(actions[name])), result, 1.0)
+        for name, result in times.items()
     }
     target = TARGETS.get(case)
     peer = "Mitsuba's area emitter"

@@ -79,8 +79,8 @@ def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
     ours = entry("ours")
     labels = {"question": "fourier", "case": case, "precision": "double", "threads": count}
     labels |= {"unit": "ms", "error_unit": "of the area"}
-    found = [name for name in actions if name != "ours"]
-    lines = [line_of(labels, name, ours, entry(name), note=notes.get(name, "")) for name in found]
+    result = [name for name in actions if name != "ours"]
+    lines = [line_of(labels, name, ours, entry(name), note=notes.get(name, "")) for name in result]
     return lines + [absent(labels, name, why, ours[0]) for name, why in missing.items()]
 
 

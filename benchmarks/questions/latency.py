@@ -44,14 +44,14 @@ def _labels(case: str, precision: str) -> dict[str, Any]:
 
 
 def _imports(rounds: int) -> list[Line]:
-    found: dict[str, list[float]] = {name: [] for name in ("polywigner", *IMPORTED)}
-    missing = {name for name in found if not _runs(f"import {name}")}
+    result: dict[str, list[float]] = {name: [] for name in ("polywigner", *IMPORTED)}
+    missing = {name for name in result if not _runs(f"import {name}")}
     for _ in range(rounds):
-        for name in found.keys() - missing:
-            found[name].append(_cpu_seconds(f"import {name}") - _cpu_seconds("pass"))
+        for name in result.keys() - missing:
+            result[name].append(_cpu_seconds(f"import {name}") - _cpu_seconds("pass"))
     entries = {
         name: (as_times(times, 1.0), times, 1.0)
-        for name, times in found.items()
+        for name, times in result.items()
         if name not in missing
     }
     labels, ours = _labels(IMPORT, "-"), entries["polywigner"]
@@ -108,13 +108,13 @@ def _calls(case: str, rounds: int) -> list[Line]:
     return lines
 
 
-def _add(found: dict[str, list[float]], case: str, precision: str, who: str) -> None:
+def _add(result: dict[str, list[float]], case: str, precision: str, who: str) -> None:
     """Two processes with a folder of their own for compiled kernels."""
     with tempfile.TemporaryDirectory() as home:
         first, again = _process(case, precision, who, home)
         later, _ = _process(case, precision, who, home)
     for which, seconds in ((FIRST, first), (NEXT, later), (AGAIN, again)):
-        found[which].append(seconds)
+        result[which].append(seconds)
 
 
 def _process(case: str, precision: str, who: str, home: str) -> list[float]:

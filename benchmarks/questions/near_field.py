@@ -66,15 +66,15 @@ def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
         if kind is PeerRaster and not available():
             missing[peer] = "not installed (pip install diffractio)"
             continue
-        found = _coarsest(kind, source, z, half)
-        if found is None:
+        result = _coarsest(kind, source, z, half)
+        if result is None:
             missing[peer] = f"no raster of up to {MOST_PIXELS} pixels a side will do"
             continue
-        actions[peer], misses[peer], pixels = found
+        actions[peer], misses[peer], pixels = result
         notes[peer] = f"{pixels} pixels a side"
     times = in_turns(actions, max(2, effort.rounds // FEWER_ROUNDS), count)
     entries: dict[str, Any] = {
-        peer: (as_times(found, 1.0, misses[peer]), found, 1.0) for peer, found in times.items()
+        peer: (as_times(result, 1.0, misses[peer]), result, 1.0) for peer, result in times.items()
     }
     labels = {"question": "near field", "case": case, "precision": "double", "threads": count}
     labels |= {"unit": "s", "error_unit": "dB"}
@@ -116,13 +116,13 @@ def _miss(raster: Raster, source: pw.Aperture, half: float) -> float:
 def _own_miss(source: pw.Aperture, half: float, z: float) -> float:
     """Of the tolerance asked for, against a thousandth of it."""
     points = _points(half, z, 41)
-    found, exact = (
+    result, exact = (
         np.abs(pw.amplitude(source, points, WAVELENGTH, tolerance=TOLERANCE * factor))
         for factor in (1, 1e-4)
     )
-    return _decibels(found, exact, exact.max())
+    return _decibels(result, exact, exact.max())
 
 
-def _decibels(found: np.ndarray, exact: np.ndarray, peak: float) -> float:
+def _decibels(result: np.ndarray, exact: np.ndarray, peak: float) -> float:
     above = 20 * np.log10(exact / peak) > FLOOR
-    return float(np.abs(20 * np.log10(found[above] / exact[above])).max())
+    return float(np.abs(20 * np.log10(result[above] / exact[above])).max())

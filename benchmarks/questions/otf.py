@@ -54,8 +54,8 @@ def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
     for name, method in methods.items():
         make = lambda size, method=method: method(lags(source, size))  # noqa: E731
         actions[name], counts[name] = fitting(make, effort, count)
-        found = method(checked)()
-        errors[name] = None if exact is None else float(np.abs(found - exact).max())
+        result = method(checked)()
+        errors[name] = None if exact is None else float(np.abs(result - exact).max())
     times = in_turns(actions, effort.rounds, count)
 
     def entry(name: str) -> tuple[Any, list[float], float]:

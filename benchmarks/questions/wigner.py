@@ -186,24 +186,24 @@ def _in_cpp_if_possible(source: pw.Aperture, precision: str, threads: int) -> Me
 
 def _peers(source: Any, precision: str, threads: int) -> dict[str, Method | str]:
     """Peers by name, or why they are not there."""
-    found: dict[str, Method | str] = {}
+    result: dict[str, Method | str] = {}
     clips = cpp.header_of(source)[1] if isinstance(source, pw.Aperture) else None
     if clips is not None:
-        found[CPP] = _in_cpp_if_possible(source, precision, threads)
+        result[CPP] = _in_cpp_if_possible(source, precision, threads)
     if clips is not None and clips <= cpp.UNROLLED_CLIPS:
         missing = "not installed (pip install jax)"
-        found[JAX] = in_jax(source, precision) if jax_kernel.available() else missing
+        result[JAX] = in_jax(source, precision) if jax_kernel.available() else missing
     usable = prepare().usable
     if threads > 1:
         if usable:
-            found[ONE_CORE] = in_engine(source, precision, 1)
-        return found
+            result[ONE_CORE] = in_engine(source, precision, 1)
+        return result
     if usable:
-        found[CONVERTED] = through_numpy(source, precision, "llvm")
-        found[NUMPY] = through_numpy(source, precision, "numpy")
+        result[CONVERTED] = through_numpy(source, precision, "llvm")
+        result[NUMPY] = through_numpy(source, precision, "numpy")
     polygons = by_shapely.polygons_of(outline(source))
-    found[SHAPELY] = lambda x, nu: lambda: by_shapely.wigner_one_by_one(polygons, x, nu)
-    return found
+    result[SHAPELY] = lambda x, nu: lambda: by_shapely.wigner_one_by_one(polygons, x, nu)
+    return result
 
 
 def _target(case: str, peer: str, precision: str, threads: int) -> float | None:
@@ -214,8 +214,8 @@ def _target(case: str, peer: str, precision: str, threads: int) -> float | None:
 
 
 def _asked(table: Asked, case: str, peer: str, precision: str, threads: int) -> float | None:
-    found = table.get((case, peer)) if threads == 1 else None
-    return found and found[precision == "double"]
+    result = table.get((case, peer)) if threads == 1 else None
+    return result and result[precision == "double"]
 
 
 def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
@@ -268,8 +268,8 @@ def _lines(
 def _error(method: Method, source: Any, effort: Effort, exact: np.ndarray | None) -> float | None:
     if exact is None:
         return None
-    found = np.asarray(method(*checked_points(source, effort.checked))(), np.float64)
-    return float(np.abs(found - exact).max() / _energy(source))
+    result = np.asarray(method(*checked_points(source, effort.checked))(), np.float64)
+    return float(np.abs(result - exact).max() / _energy(source))
 
 
 def _energy(source: Any) -> float:

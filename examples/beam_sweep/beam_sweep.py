@@ -18,7 +18,7 @@ import matplotlib as mpl
 import mitsuba as mi
 import numpy as np
 
-from polywigner.figures import level_db, picture_peak
+from polywigner.figures import image_peak, level_db
 
 SCENE = Path(__file__).resolve().parents[1] / "phased_array_77ghz" / "scene.xml"
 FIRST, LAST = -45.0, 45.0
@@ -85,7 +85,7 @@ def main() -> None:
     for angle in angles:
         frames.append(frame(angle, size, options.spp))
         print(f"{angle:+6.1f} deg", flush=True)
-    peak = max(picture_peak(radiance) or 0.0 for radiance in frames)
+    peak = max(image_peak(radiance) or 0.0 for radiance in frames)
     images = [
         reduced(picture(radiance, peak, angle))
         for radiance, angle in zip(frames, angles, strict=True)

@@ -69,9 +69,9 @@ def echoes(distance: float, body: list[pw.PlacedAperture]) -> tuple[float, float
             },
         }
     )
-    found = pm.channel(scene, bodies={"corner": (body, 3)})
-    straight = complex(found["amplitude"].values[0, 0, 0, found["mirrors"].values == "corner"][0])
-    return abs(complex(found["h"].values[0, 0, 0])) ** 2, abs(straight) ** 2
+    result = pm.channel(scene, bodies={"corner": (body, 3)})
+    straight = complex(result["amplitude"].values[0, 0, 0, result["mirrors"].values == "corner"][0])
+    return abs(complex(result["h"].values[0, 0, 0])) ** 2, abs(straight) ** 2
 
 
 def of_point(distances: np.ndarray, sigma: float) -> np.ndarray:
@@ -93,10 +93,10 @@ def main(folder: Path) -> None:
     mi.set_variant(pm.choose_variant())
     body = reflector()
     sigma = float(pw.rcs(body, (-1.0, 0.0, 0.0), WAVELENGTH, bounces=3))
-    found = np.array([echoes(float(distance), body) for distance in DISTANCES])
+    result = np.array([echoes(float(distance), body) for distance in DISTANCES])
     fine = np.geomspace(DISTANCES[0], DISTANCES[-1], 4001)
     rays = of_point(fine, sigma)
-    off = 10 * np.log10(found[:, 0] / of_point(DISTANCES, sigma))[DISTANCES >= 200]
+    off = 10 * np.log10(result[:, 0] / of_point(DISTANCES, sigma))[DISTANCES >= 200]
     print(f"cross section {10 * math.log10(sigma):.2f} dBsm; from 200 m on the echo is that of a "
           f"point, rms {np.sqrt(np.mean(off**2)):.2f} dB")  # fmt: skip
     figure, axes = plt.subplots(figsize=(7.2, 4.0), layout="constrained")
@@ -104,9 +104,9 @@ def main(folder: Path) -> None:
         fine, 10 * np.log10(rays), color="0.6", lw=0.8, label="point of the same cross section"
     )
     axes.plot(
-        DISTANCES, 10 * np.log10(found[:, 1]), "k:", lw=1.2, label="trihedral, straight alone"
+        DISTANCES, 10 * np.log10(result[:, 1]), "k:", lw=1.2, label="trihedral, straight alone"
     )
-    axes.plot(DISTANCES, 10 * np.log10(found[:, 0]), ".", color="#c23b22", ms=4, label="trihedral")
+    axes.plot(DISTANCES, 10 * np.log10(result[:, 0]), ".", color="#c23b22", ms=4, label="trihedral")
     axes.set_xscale("log")
     axes.set_xlim(fine[0], fine[-1])
     ticks = [20, 50, 100, 200, 400]

@@ -33,10 +33,10 @@ def main(folder: Path) -> None:
     closed = 10 * math.log10(4 * math.pi * LEG**4 / (3 * WAVELENGTH**2))
     figure, axes = plt.subplots(figsize=(7.2, 4.0), layout="constrained")
     for bounces, colour, width in ((3, "#c23b22", 1.6), (2, "#1f77b4", 1.0), (1, "0.55", 1.0)):
-        found = pw.rcs_pattern(
+        result = pw.rcs_pattern(
             body, WAVELENGTH, AZIMUTH, ELEVATION, polarisation="vv", bounces=bounces, progress=False
         )
-        level = 10 * np.log10(np.maximum(found["rcs"].values[:, 0], 1e-9))
+        level = 10 * np.log10(np.maximum(result["rcs"].values[:, 0], 1e-9))
         name = {1: "one reflection", 2: "two", 3: "three"}[bounces]
         axes.plot(np.degrees(AZIMUTH), level, color=colour, lw=width, label=name)
         on_axis = level[np.abs(AZIMUTH - math.pi / 4).argmin()]

@@ -98,8 +98,8 @@ def shaped_aperture(steps: int = 120) -> tuple[list[np.ndarray], list[float]]:
     def loss(values: Adam) -> Any:
         return soft_maximum(relative_power(outline_of(values["shape"]), sidelobes))
 
-    found, history = descended({"shape": start}, loss, steps, rate=0.06)
-    rings = [np.array(outline_of(shape)).T for shape in (start, found["shape"])]
+    result, history = descended({"shape": start}, loss, steps, rate=0.06)
+    rings = [np.array(outline_of(shape)).T for shape in (start, result["shape"])]
     return rings, [10 / np.log(10) * value for value in history]
 
 
@@ -140,8 +140,8 @@ def designed_weights(steps: int = 200) -> tuple[list[np.ndarray], list[float]]:
         lobes, hole = (dr.squared_norm(pw.fourier(source, nu)) / peak for nu in (outside, null))
         return soft_maximum(dr.concat([lobes, 100 * hole]))  # 20 dB below the lobes
 
-    found, history = descended(start, loss, steps, rate=0.01)
-    chosen = (start, {name: found[name] for name in start})
+    result, history = descended(start, loss, steps, rate=0.01)
+    chosen = (start, {name: result[name] for name in start})
     weights = [steered(v["amplitude"], v["phase"]) for v in chosen]
     numbers = [np.array(w.real) + 1j * np.array(w.imag) for w in weights]
     return numbers, [10 / np.log(10) * value for value in history]

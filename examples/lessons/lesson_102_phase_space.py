@@ -163,10 +163,10 @@ assert np.isclose(one, WIDTH * np.sinc(WIDTH * 0.7), rtol=1e-12)
 shift, lag_point = 0.3, 0.45
 weight = 1 - np.abs(spaced) / 200.05
 phase = np.exp(-2j * np.pi * (shift * places[..., 0] - spaced * lag_point))
-found = np.sum(table * phase * weight) * step * 0.05
+result = np.sum(table * phase * weight) * step * 0.05
 there = pw.ambiguity(slits, [shift], [lag_point])
-print(f"A from W: {found:.4f}; A: {there:.4f}")
-assert abs(found - there) < 5e-3 * energy
+print(f"A from W: {result:.4f}; A: {there:.4f}")
+assert abs(result - there) < 5e-3 * energy
 
 # %%
 # Back to the plane

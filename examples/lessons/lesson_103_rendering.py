@@ -19,7 +19,7 @@ import mitsuba as mi
 import numpy as np
 
 import polywigner as pw
-from polywigner.figures import level_db, picture_peak
+from polywigner.figures import image_peak, level_db
 
 mi.set_variant(polywigner.mitsuba.choose_variant())
 print(mi.variant())
@@ -80,7 +80,7 @@ print(f"{time.perf_counter() - start:.1f} s, of which most is compiling")
 # %%
 # What comes back is radiance in W/(m² sr), with its sign: :math:`W` is negative in places, and so
 # are single pixels, where the sum over the aperture has not come out quite. **Never** take the
-# logarithm of raw pixels. A picture in dB needs a reference and a floor; ``picture_peak`` is the
+# logarithm of raw pixels. A picture in dB needs a reference and a floor; ``image_peak`` is the
 # largest median over three by three pixels, because the largest single pixel of a Monte Carlo
 # picture is its noisiest.
 
@@ -97,7 +97,7 @@ def show(axes, values, reference, floor, title, **box):
 
 PLACES = {"extent": 2 * [-HALF * 1e3, HALF * 1e3]}  # mm
 figure, axes = plt.subplots(figsize=(5, 4), layout="constrained")
-show(axes, radiance, picture_peak(radiance), -40, "the floor, from above", **PLACES)
+show(axes, radiance, image_peak(radiance), -40, "the floor, from above", **PLACES)
 axes.set_ylabel("y (mm)")
 
 # %%
@@ -152,20 +152,20 @@ def noise(sampler, spp):
 
 counts = [16, 64, 256]
 figure, axes = plt.subplots(figsize=(7, 3.4), layout="constrained")
-found = {}
+result = {}
 for sampler, marker in (("independent", "o"), ("multijitter", "s")):
-    found[sampler] = np.array([noise(sampler, spp) for spp in counts])
-    db = 10 * np.log10(found[sampler])
+    result[sampler] = np.array([noise(sampler, spp) for spp in counts])
+    db = 10 * np.log10(result[sampler])
     axes.semilogx(counts, db[:, 0], marker + "-", label=f"{sampler}: two seeds")
     axes.semilogx(counts, db[:, 1], marker + "--", mfc="none", label=f"{sampler}: against formula")
 axes.set(xlabel="samples per pixel", ylabel="rms over the peak (dB)")
 axes.set_xticks(counts, map(str, counts))
 axes.minorticks_off()
 axes.legend()
-for sampler, values in found.items():
+for sampler, values in result.items():
     print(sampler, "  ".join(f"{10 * np.log10(v):.1f} dB" for v in values[:, 0]))
 
-independent, multijitter = found["independent"][:, 0], found["multijitter"][:, 0]
+independent, multijitter = result["independent"][:, 0], result["multijitter"][:, 0]
 assert 0.4 < independent[1] / independent[0] < 0.6  # four times the samples, half the noise
 assert multijitter[2] < independent[2] / 5  # 7 dB and more, for nothing
 
@@ -221,7 +221,7 @@ XML = """
 outline = Path("../patch_above_floor/patch.geojson").resolve()
 picture = polywigner.mitsuba.render(mi.load_string(XML, outline=str(outline)))[..., 0]
 figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
-show(axes, picture, picture_peak(picture), -35, "a ball in the beam")
+show(axes, picture, image_peak(picture), -35, "a ball in the beam")
 axes.set_axis_off()
 
 # %%

@@ -107,8 +107,8 @@ lobe = np.sin(THETA) - WAVELENGTH / 3.8e-3
 print(f"grating lobe at s_y = {lobe:.3f}, {np.degrees(np.arcsin(lobe)):.1f} degrees")
 near = np.abs(np.sin(theta) - lobe) < 0.1
 power = np.abs(pw.fourier(sparse, cut)) ** 2
-found = np.sin(theta[near][np.argmax(power[near])])
-assert abs(found - lobe) < 0.01
+result = np.sin(theta[near][np.argmax(power[near])])
+assert abs(result - lobe) < 0.01
 factor = np.abs(pw.array_factor(sparse_places, sparse.weights, [[0, lobe / WAVELENGTH]])) ** 2
 assert np.isclose(factor[0], 48**2, rtol=1e-9)  # as strong as the beam: only the element weakens it
 
@@ -123,7 +123,7 @@ assert np.isclose(factor[0], 48**2, rtol=1e-9)  # as strong as the beam: only th
 angles, planes = np.radians(np.arange(0, 91, 1.0)), np.radians(np.arange(0, 360, 15.0))
 rule = 10 * np.log10(4 * np.pi * 192 * 1.9e-3**2 / WAVELENGTH**2)
 print(f"4 pi A/lambda²: {rule:.2f} dBi")
-found = {}
+result = {}
 for name, source in (
     ("uniform", uniform),
     ("Taylor", pw.phased_array(element, places, window)),
@@ -131,11 +131,11 @@ for name, source in (
     ("pitch 3.8 mm, steered", sparse),
 ):
     pattern = pw.radiation_pattern(source, WAVELENGTH, angles, planes)
-    found[name] = pattern.attrs["largest_directivity"]
-    print(f"{name:22} {found[name]:.2f} dBi")
-assert abs(found["uniform"] - rule) < 0.5
-assert 0.3 < found["uniform"] - found["Taylor"] < 1.2
-assert found["pitch 3.8 mm, steered"] < found["steered"] - 2  # what the grating lobe takes
+    result[name] = pattern.attrs["largest_directivity"]
+    print(f"{name:22} {result[name]:.2f} dBi")
+assert abs(result["uniform"] - rule) < 0.5
+assert 0.3 < result["uniform"] - result["Taylor"] < 1.2
+assert result["pitch 3.8 mm, steered"] < result["steered"] - 2  # what the grating lobe takes
 
 # %%
 # An array in phase space

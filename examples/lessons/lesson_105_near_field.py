@@ -85,7 +85,7 @@ methods: dict[str, dict] = {
     "Fresnel": {"method": "fresnel"},
     "Fraunhofer": {"method": "fraunhofer"},
 }
-found = {name: pw.irradiance(square, points, WAVELENGTH, **how) for name, how in methods.items()}
+result = {name: pw.irradiance(square, points, WAVELENGTH, **how) for name, how in methods.items()}
 
 figure, (upper, lower) = plt.subplots(2, 1, figsize=(8, 6), layout="constrained", sharex=True)
 waves = distance / WAVELENGTH
@@ -93,7 +93,7 @@ upper.semilogx(
     waves, 10 * np.log10(exact), color="black", linewidth=3, alpha=0.3, label="Kirchhoff"
 )
 error = {}
-for (name, values), colour in zip(found.items(), ("C0", "C2", "C3"), strict=True):
+for (name, values), colour in zip(result.items(), ("C0", "C2", "C3"), strict=True):
     with np.errstate(invalid="ignore", divide="ignore"):
         upper.semilogx(waves, 10 * np.log10(values), color=colour, label=name, linewidth=1)
         error[name] = np.abs(10 * np.log10(np.abs(values / exact)))

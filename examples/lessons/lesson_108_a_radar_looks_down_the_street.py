@@ -299,10 +299,10 @@ for k in range(len(POSTS)):
     window = np.abs(cosines - towards[k]) < 1 / 6
     for picture, within in ((beams, 1 / 12), (capon, 0.03)):
         part = np.where(window, picture[bins[k] - 1 : bins[k] + 2], 0)
-        row, found = np.unravel_index(part.argmax(), part.shape)
+        row, result = np.unravel_index(part.argmax(), part.shape)
         assert abs(row - 1) <= 1
-        assert abs(cosines[found] - towards[k]) < within
-    print(f"post {k + 1}: cosine {towards[k]:+.3f}, Capon's peak {cosines[found]:+.3f}")
+        assert abs(cosines[result] - towards[k]) < within
+    print(f"post {k + 1}: cosine {towards[k]:+.3f}, Capon's peak {cosines[result]:+.3f}")
 
 # %%
 # How alike are two columns?

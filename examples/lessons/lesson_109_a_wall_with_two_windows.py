@@ -161,8 +161,8 @@ def contrast(width: float, distance: float) -> float:
 
 
 widths = 1e-3 * np.array([1, 10, 20, 30, 40, 53, 65, 80, 100])
-found = {L: np.array([contrast(w, L) for w in widths]) for L in (BEFORE, 2 * BEFORE)}
-for L, values in found.items():
+result = {L: np.array([contrast(w, L) for w in widths]) for L in (BEFORE, 2 * BEFORE)}
+for L, values in result.items():
     off = np.abs(values - np.sinc(widths * APART / (WAVELENGTH * L))).max()
     print(f"{L:g} m before the wall: at most {off:.2f} from van Cittert's and Zernike's theorem")
     assert off < 0.1
@@ -175,7 +175,7 @@ left.set(title=f"lamp {BEFORE:g} m before the wall", xlabel="x (mm)")
 left.set_ylabel("irradiance over the free one")
 left.legend(title="width of the lamp")
 fine = np.linspace(0, 0.1, 201)
-for L, values in found.items():
+for L, values in result.items():
     curve = right.plot(1e3 * fine, np.sinc(fine * APART / (WAVELENGTH * L)), label=f"{L:g} m")
     right.plot(1e3 * widths, values, "o", color=curve[0].get_color())
 right.axhline(0, color="black", linewidth=0.6)
@@ -198,8 +198,8 @@ waves = (
 )
 near = np.abs(line[::8]) < predicted
 visibility = (waves[near].max() - waves[near].min()) / (waves[near].max() + waves[near].min())
-print(f"a patch 53 mm wide: V = {visibility:.2f}; a lamp as wide: {found[BEFORE][5]:.2f}")
-assert visibility > 0.9 and abs(found[BEFORE][5]) < 0.1
+print(f"a patch 53 mm wide: V = {visibility:.2f}; a lamp as wide: {result[BEFORE][5]:.2f}")
+assert visibility > 0.9 and abs(result[BEFORE][5]) < 0.1
 
 # %%
 # What this wall leaves out

@@ -556,12 +556,12 @@ bin_of = round(RANGE / CELL)
 beams = np.abs(steering @ cells) ** 2 / 12
 floor = beams[:, 145:250].mean()
 spectrum = beams[:, bin_of]
-found = decibels(spectrum.max() / floor)
+result = decibels(spectrum.max() / floor)
 clutter = decibels(expected / power[bin_of - 1])
 print(f"noise {dbm(floor):.2f} dBm, by kTBF {dbm(noise):.2f} dBm; ground {clutter:.1f} dB below")
-print(f"signal to noise {found:.2f} dB, by the budget {decibels(budget) + hann:.2f} dB")
+print(f"signal to noise {result:.2f} dB, by the budget {decibels(budget) + hann:.2f} dB")
 assert abs(decibels(floor / noise)) < 0.5 and abs(clutter - 31) < 1
-assert abs(found - decibels(budget) - hann) < 1
+assert abs(result - decibels(budget) - hann) < 1
 
 figure, axes = plt.subplots(figsize=(8, 3.8), layout="constrained")
 one = np.abs(steering[:, 4:8] @ cells[4:8, bin_of]) ** 2 / 4

@@ -33,10 +33,10 @@ RAYS: dict[str, dict[str, Any]] = {
 
 def compared(place: Any, *others: str) -> Any:
     """Fields at a place by rays, by other methods, and by Kirchhoff's integral, the last."""
-    found = place(method=(*others, "kirchhoff"))
+    result = place(method=(*others, "kirchhoff"))
     for name, how in RAYS.items():
-        found[name] = place(method="wigner", **how)["wigner"]
-    return found[[*RAYS, *others, "kirchhoff"]]
+        result[name] = place(method="wigner", **how)["wigner"]
+    return result[[*RAYS, *others, "kirchhoff"]]
 
 
 def boresight() -> Any:
@@ -55,11 +55,11 @@ def off_axis(distance: float) -> Any:
     )
 
 
-def report(title: str, found: Any) -> None:
+def report(title: str, result: Any) -> None:
     print(f"{title}: largest and rms difference from Kirchhoff, where it is above -30 dB, in dB")
-    for name, field in found.items():
+    for name, field in result.items():
         if name != "kirchhoff":
-            apart = summary(field.values, found["kirchhoff"].values)
+            apart = summary(field.values, result["kirchhoff"].values)
             print(f"  {name:24} {apart.largest:+8.3f}  {apart.rms:7.4f}")
 
 
@@ -80,8 +80,8 @@ def main() -> None:
     draw_lines(axis, title=title).savefig(out / "boresight.png")
 
     arcs = {f"{distance} wavelengths": off_axis(distance) for distance in (5, 10, 30)}
-    for name, found in arcs.items():
-        report(name, found)
+    for name, result in arcs.items():
+        report(name, result)
     title = "10 mm square, 94 GHz, plane through its centre and along two of its sides"
     draw_lines(arcs, floor_db=-45, title=title).savefig(out / "off_axis.png")
     for name in ("boresight.png", "off_axis.png"):

@@ -43,5 +43,5 @@ def widened(steps: int = 30) -> tuple[torch.Tensor, list[float]]:
 
 
 if __name__ == "__main__":
-    found, history = widened()
-    print(f"loss {history[0]:.4f} -> {history[-1]:.4f}, vertices\n{found.numpy().round(3)}")
+    result, history = widened()
+    print(f"loss {history[0]:.4f} -> {history[-1]:.4f}, vertices\n{result.numpy().round(3)}")

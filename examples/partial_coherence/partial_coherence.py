@@ -108,13 +108,13 @@ def main() -> None:
     lines.set(xlabel="x on the floor (mm)", ylabel="irradiance over its peak", ylim=(0, 1.3))
     lines.legend(fontsize=8, ncol=2, loc="upper center")
     ratio = np.linspace(0.2, 3.0, 15)
-    found = [visibility(APART / r) for r in ratio]
+    result = [visibility(APART / r) for r in ratio]
     fine = np.linspace(0.0, 3.0, 200)
     curve.plot(fine, np.exp(-(fine**2) / 2), color=COLOURS[0], label="degree of coherence")
-    curve.plot(ratio, found, "o", color=COLOURS[2], label="visibility of two narrow slits")
+    curve.plot(ratio, result, "o", color=COLOURS[2], label="visibility of two narrow slits")
     curve.set(xlabel="distance of the slits / width of coherence", ylim=(0, 1.02))
     curve.legend(fontsize=8)
-    error = np.abs(np.array(found) - np.exp(-(ratio**2) / 2)).max()
+    error = np.abs(np.array(result) - np.exp(-(ratio**2) / 2)).max()
     print(f"visibility and degree of coherence differ by at most {error:.1e}")
     figure.savefig(out / "partial_coherence.png", dpi=130)
 

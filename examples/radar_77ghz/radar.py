@@ -132,8 +132,8 @@ def seen_at(pose: np.ndarray, place: tuple[float, float]) -> tuple[float, float]
 def peak_near(picture: np.ndarray, x: int, y: int, reach: int) -> tuple[int, int]:
     """Row and column of the largest value at most so many bins away."""
     rows, columns = (slice(max(k - reach, 0), k + reach + 1) for k in (y, x))
-    found = np.unravel_index(picture[rows, columns].argmax(), picture[rows, columns].shape)
-    return int(found[0]) + rows.start, int(found[1]) + columns.start
+    result = np.unravel_index(picture[rows, columns].argmax(), picture[rows, columns].shape)
+    return int(result[0]) + rows.start, int(result[1]) + columns.start
 
 
 def draw(angle: np.ndarray, doppler: np.ndarray, pose: np.ndarray, path: Path) -> None:

@@ -65,16 +65,16 @@ def irradiances(samples: int) -> tuple[Any, Any, Any]:
     x = np.linspace(-0.15, 0.15, samples)
     points = np.stack([*np.meshgrid(x, x), np.full((samples, samples), FLOOR)], axis=-1)
     free = pw.irradiance(PATCH, points, WAVELENGTH, "auto")
-    found = pw.irradiance(PATCH, points, WAVELENGTH, "auto", obstacles=BODIES)
-    return x, free, found
+    result = pw.irradiance(PATCH, points, WAVELENGTH, "auto", obstacles=BODIES)
+    return x, free, result
 
 
-def draw(x: Any, free: Any, found: Any) -> Any:
+def draw(x: Any, free: Any, result: Any) -> Any:
     """Both in dB of the largest free irradiance."""
     figure, axes = plt.subplots(1, 2, figsize=(10.5, 4.6), sharey=True, layout="constrained")
     ends = (1e3 * x[0], 1e3 * x[-1])
     for panel, values, name in zip(
-        axes, (free, found), ("without the bodies", "behind a box and a ball"), strict=True
+        axes, (free, result), ("without the bodies", "behind a box and a ball"), strict=True
     ):
         shown = panel.imshow(
             level_db(values, float(free.max()), LOWEST), cmap="inferno", vmin=LOWEST, vmax=0.0,
@@ -89,11 +89,11 @@ def draw(x: Any, free: Any, found: Any) -> Any:
 
 
 def main(folder: Path, samples: int = 300) -> None:
-    x, free, found = irradiances(samples)
+    x, free, result = irradiances(samples)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "shadows_of_bodies.png"
-    draw(x, free, found).savefig(path, dpi=150)
-    blocked = 1.0 - found.sum() / free.sum()
+    draw(x, free, result).savefig(path, dpi=150)
+    blocked = 1.0 - result.sum() / free.sum()
     print(f"the bodies take {100 * blocked:.1f} % of the light on this part of the floor")
     print(f"wrote {path}")
 

@@ -163,20 +163,20 @@ def compared(
     }
 
 
-def error(found: Values, reference: Values) -> float:
+def error(result: Values, reference: Values) -> float:
     """The largest error, of the peak."""
-    return float(np.abs(found - reference).max() / reference.max())
+    return float(np.abs(result - reference).max() / reference.max())
 
 
-def told(found: dict[str, Any]) -> str:
+def errors(result: dict[str, Any]) -> str:
     """How far the rays are from either integral."""
-    rays, peak = found["rays"], found["Huygens"].max()
+    rays, peak = result["rays"], result["Huygens"].max()
     return (
-        f"{found['waves']:.2f} waves of aberration: rays differ by "
-        f"{100 * error(rays, found['Huygens']):.2f} % of the peak from Huygens' integral with the "
-        f"lens's wavefront, by {100 * error(rays, found['Collins']):.2f} % from Collins' of a "
+        f"{result['waves']:.2f} waves of aberration: rays differ by "
+        f"{100 * error(rays, result['Huygens']):.2f} % of the peak from Huygens' integral with the "
+        f"lens's wavefront, by {100 * error(rays, result['Collins']):.2f} % from Collins' of a "
         f"perfect lens; their standard error is up to "
-        f"{100 * found['standard error'].max() / peak:.2f} %"
+        f"{100 * result['standard error'].max() / peak:.2f} %"
     )
 
 
@@ -190,11 +190,11 @@ def main(folder: Path) -> None:
     warnings.filterwarnings("ignore", module="numba")
     figure, axes = plt.subplots(len(LENSES), 3, figsize=(10, 6), layout="constrained")
     for row, (name, (across, surfaces)) in zip(axes, LENSES.items(), strict=True):
-        found = compared(across, surfaces)
-        peak = found["Huygens"].max()
-        print(f"{name}, {told(found)}")
-        edge = found["half"] * 1e6
-        shown = [("rays", found["rays"] / peak), ("wavefront", found["Huygens"] / peak)]
+        result = compared(across, surfaces)
+        peak = result["Huygens"].max()
+        print(f"{name}, {errors(result)}")
+        edge = result["half"] * 1e6
+        shown = [("rays", result["rays"] / peak), ("wavefront", result["Huygens"] / peak)]
         for axis, (kind, values) in zip(row, shown, strict=False):
             picture = axis.imshow(
                 10 * np.log10(np.maximum(values, 1e-5)),
@@ -202,19 +202,21 @@ def main(folder: Path) -> None:
             )  # fmt: skip
             axis.set(title=f"{name}: {kind}", xlabel="x in um", ylabel="y in um")
         figure.colorbar(picture, ax=row[:2], label="dB of the peak")
-        middle = pixels(found["half"])[1] * 1e6
-        row[2].plot(middle, found["Huygens"][PIXELS // 2] / peak, label="wavefront")
-        row[2].plot(middle, found["rays"][PIXELS // 2] / peak, ".", label="rays")
+        middle = pixels(result["half"])[1] * 1e6
+        row[2].plot(middle, result["Huygens"][PIXELS // 2] / peak, label="wavefront")
+        row[2].plot(middle, result["rays"][PIXELS // 2] / peak, ".", label="rays")
         row[2].set(title="along x", xlabel="x in um", ylabel="of the peak")
         row[2].legend(loc="upper left", fontsize="small")
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "signed_rays.png", dpi=110)
     print(folder / "signed_rays.png")
     for across in WIDER:
-        found = compared(across, SINGLET)
-        real, by_rays = (found[name].max() / found["Collins"].max() for name in ("Huygens", "rays"))
+        result = compared(across, SINGLET)
+        real, by_rays = (
+            result[name].max() / result["Collins"].max() for name in ("Huygens", "rays")
+        )
         print(
-            f"singlet, pupil of {across:g} mm, {told(found)}; peak over that of a perfect lens "
+            f"singlet, pupil of {across:g} mm, {errors(result)}; peak over that of a perfect lens "
             f"{real:.3f}, by rays {by_rays:.3f}"
         )
 

@@ -83,14 +83,14 @@ def radar_scene(file: str | None = None) -> Any:
 
 def echoes(scene: Any, yaws: Any, max_depth: int) -> Any:
     """Received over transmitted power (n,) while the target turns about the vertical, by Sionna."""
-    found = np.empty(len(yaws))
+    result = np.empty(len(yaws))
     solver = targets.RCSSolver()
     for k, yaw in enumerate(yaws):
         scene.get("target").orientation = mi.Point3f(float(yaw), 0, 0)
         paths = solver(scene, max_depth=max_depth, samples_per_sp=10**4)
         real, imaginary = (np.asarray(part.numpy()) for part in paths.a)
-        found[k] = (real**2 + imaginary**2).sum()
-    return found
+        result[k] = (real**2 + imaginary**2).sum()
+    return result
 
 
 def radar_equation(metal: Any, yaws: Any) -> Any:

@@ -63,8 +63,8 @@ def channel_of(source: Any, distances: Any, **options: Any) -> Any:
     for k, x in enumerate(distances):
         pose = looking((float(x), 0, HEIGHTS[1]), -1.0)
         scene[f"rx{k:04d}"] = pm.receiver(DOT, WAVELENGTH, pose, **ALL_SIDES)
-    found = pm.channel(mi.load_dict(scene), [FREQUENCY], reflections=1, polarisation="y")
-    return found.h.sortby("receiver").values[0, :, 0]
+    result = pm.channel(mi.load_dict(scene), [FREQUENCY], reflections=1, polarisation="y")
+    return result.h.sortby("receiver").values[0, :, 0]
 
 
 def sionna_channel_of(distances: Any, rows: int = 1) -> Any:

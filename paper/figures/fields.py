@@ -31,10 +31,10 @@ def draw_compar(quality: Quality) -> Made:
     """(a) Irradiance on boresight; (b) in the plane y = 0, which contains the axis."""
     axis = _boresight(number_samples(quality, 501, 1486))
     cut = _plane((number_samples(quality, 91, 301), number_samples(quality, 76, 251)))
-    found = "10 mm × 10 mm, 94 GHz"
+    result = "10 mm × 10 mm, 94 GHz"
     figures = {
-        "a": draw_lines(axis, title=f"(a) boresight, {found}"),
-        "b": draw_planes(cut, title=f"(b) plane through the axis and along two sides, {found}"),
+        "a": draw_lines(axis, title=f"(a) boresight, {result}"),
+        "b": draw_planes(cut, title=f"(b) plane through the axis and along two sides, {result}"),
     }
     for letter, figure in figures.items():
         number_panels(figure, letter)
@@ -125,20 +125,20 @@ def draw_error(quality: Quality) -> Made:
 
 def _by_method(points: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     with limits_known():
-        found = {
+        result = {
             name: pw.irradiance(square(), points, WAVELENGTH, **how)
             for name, how in _METHODS.items()
         }
-        found["Kirchhoff"] = pw.irradiance(square(), points, WAVELENGTH, method="kirchhoff")
-    return found
+        result["Kirchhoff"] = pw.irradiance(square(), points, WAVELENGTH, method="kirchhoff")
+    return result
 
 
 def _decibels(values: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
     """Everywhere, unlike difference_db: boresight has no nulls far away, and falls by 40 dB."""
-    found = np.full(values.shape, np.nan)
+    result = np.full(values.shape, np.nan)
     known = values > 0
-    found[known] = 10 * np.log10(values[known] / reference[known])
-    return found
+    result[known] = 10 * np.log10(values[known] / reference[known])
+    return result
 
 
 def _draw(axes: Any, places: Any, errors: Any, label: str, title: str) -> None:
@@ -159,7 +159,7 @@ _TOLERANCE = 1e-3  # 0.004 dB: far less than a surface's thickness on the page
 def draw_volrender(quality: Quality) -> Made:
     """From 2 mm to 120 mm (38 wavelengths), exactly: rays take tens of times as long here."""
     source = chevrons()
-    found = pw.volume(
+    result = pw.volume(
         source,
         _BOX,
         _SHAPES[quality],
@@ -169,10 +169,10 @@ def draw_volrender(quality: Quality) -> Made:
         precision="single",
         progress=False,
     )
-    figure = draw_volume(found, source, title="two chevrons, 94 GHz")
+    figure = draw_volume(result, source, title="two chevrons, 94 GHz")
     about = f"W/m^2 for |u|^2 = 1 W/m^2, over x, y, z; {_METHOD}"
-    values = {name: (found[name].values, "m") for name in "xyz"}
-    values |= {"irradiance": (found[_METHOD].values, about), "aperture": geojson(source.polygons)}
+    values = {name: (result[name].values, "m") for name in "xyz"}
+    values |= {"irradiance": (result[_METHOD].values, about), "aperture": geojson(source.polygons)}
     return Made({"": figure}, values)
 
 
@@ -205,9 +205,9 @@ def draw_volrender_fdtd(quality: Quality) -> Made:
     figures = {}
     for letter, (name, field) in zip("ab", values.items(), strict=True):
         labelled = {name: (tuple("xyz"), field, {"units": "W m-2"})}
-        found = xr.Dataset(labelled, {k: (k, v, {"units": "m"}) for k, v in axes.items()})
+        result = xr.Dataset(labelled, {k: (k, v, {"units": "m"}) for k, v in axes.items()})
         title = f"10 mm square, 94 GHz: {titles[name]}"
-        figures[letter] = draw_volume(found, square(), title=title, reference=values["fdtd"].max())
+        figures[letter] = draw_volume(result, square(), title=title, reference=values["fdtd"].max())
     about = {
         "fdtd": "finite differences, black screen, 12 cells a wavelength",
         "rays": "Wigner rays, Kirchhoff's obliquity",

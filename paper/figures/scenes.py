@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import polywigner as pw
 from paper.figures.sources import WAVELENGTH, Made, Quality, square
 from polywigner.figures import style
-from polywigner.figures.levels import level_db, picture_peak
+from polywigner.figures.levels import image_peak, level_db
 from polywigner.figures.scene_plots import draw_scene
 from polywigner.interruption import temporary_folder
 
@@ -136,7 +136,7 @@ _FILMS = {"draft": Film(270, 225, 36), "print": Film(720, 600, 784)}
 def draw_render(quality: Quality) -> Made:
     """The 10 mm square at 94 GHz, looking down at a floor, as Mitsuba renders it."""
     radiance = render_room(wigner_source(), _FILMS[quality])
-    figure = draw_scene(radiance, picture_peak(radiance), _FLOOR_DB)
+    figure = draw_scene(radiance, image_peak(radiance), _FLOOR_DB)
     about = "W m^-2 sr^-1 for |u|^2 = 1 W/m^2; rows from the top; signed"
     return Made({"": figure}, {"radiance": (radiance, about)})
 
@@ -161,7 +161,7 @@ def draw_emitters(quality: Quality) -> Made:
     }
     titles = ("Wigner, coherent aperture", "far field by FFT, from a point",
               "uniform, from a point", "cosine, incoherent surface")  # fmt: skip
-    zero = picture_peak(pictures["wigner"])
+    zero = image_peak(pictures["wigner"])
     figure = style.new_figure(8.4, 6.6, is_compressed=True)
     panels = figure.subplots(2, 2).ravel()
     for axes, picture, title in zip(panels, pictures.values(), titles, strict=True):

@@ -116,10 +116,10 @@ RAYS: Mapping[str, Mapping[str, Any]] = {
 def compared(place: Callable[..., Any], rays: tuple[str, ...], *others: str) -> Any:
     """Fields at a place by some of ``RAYS``, by other methods, and last by Kirchhoff's integral."""
     with limits_known():
-        found = place(method=(*others, "kirchhoff"), progress=False)
+        result = place(method=(*others, "kirchhoff"), progress=False)
         for name in rays:
-            found[name] = place(method="wigner", progress=False, **RAYS[name])["wigner"]
-    return found[[*rays, *others, "kirchhoff"]]
+            result[name] = place(method="wigner", progress=False, **RAYS[name])["wigner"]
+    return result[[*rays, *others, "kirchhoff"]]
 
 
 @contextmanager

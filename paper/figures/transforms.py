@@ -241,16 +241,16 @@ def draw_projs(quality: Quality) -> Made:
     figures = {}
     values = {}
     for letter, kind in KINDS.items():
-        found = pw.projections(chevrons(), kind, samples=number_samples(quality, 97, 513))
+        result = pw.projections(chevrons(), kind, samples=number_samples(quality, 97, 513))
         title = f"({letter}) projected {_called(kind)}, two chevrons"
-        figures[letter] = draw_projections(found, title=title)
+        figures[letter] = draw_projections(result, title=title)
         number_panels(figures[letter], letter)
-        for name in (*found.coords, *found.data_vars):
-            key = str(name) if name in found.coords else f"{kind}_{name}"
-            units = found[name].attrs["units"]
-            dims = ", ".join(map(str, found[name].dims))
-            about = units if name in found.coords else f"{units}, over {dims}"
-            values[key] = np.asarray(found[name].values), about
+        for name in (*result.coords, *result.data_vars):
+            key = str(name) if name in result.coords else f"{kind}_{name}"
+            units = result[name].attrs["units"]
+            dims = ", ".join(map(str, result[name].dims))
+            about = units if name in result.coords else f"{units}, over {dims}"
+            values[key] = np.asarray(result[name].values), about
     return Made(figures, values)
 
 

@@ -89,8 +89,8 @@ QUANTITIES: dict[str, tuple[Callable[[pw.Aperture], Array], Array, int]] = {
 def errors(name: str, sides: tuple[int, ...]) -> Array:
     """Largest errors (len(sides),) of n-gons of the unit disc's area, in units of it."""
     of_polygon, exact, _ = QUANTITIES[name]
-    found = [np.abs(of_polygon(pw.shapes.disc(1.0, n)) - exact).max() / np.pi for n in sides]
-    return np.array(found)
+    result = [np.abs(of_polygon(pw.shapes.disc(1.0, n)) - exact).max() / np.pi for n in sides]
+    return np.array(result)
 
 
 def orders(error: Array) -> Array:

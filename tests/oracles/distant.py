@@ -21,7 +21,7 @@ def distant_fields(source: Any, point: Any, wavelength: float) -> dict[str, comp
     ``source``: a rectangle along the axes with any field, or an Array of such.
     """
     with mpmath.workdps(_DIGITS):
-        found = {name: mpmath.mpc(0) for name in _names()}
+        result = {name: mpmath.mpc(0) for name in _names()}
         elements, weights = [source], [1.0]
         if isinstance(source, pw.Array):
             elements, weights = list(source.elements_in_plane), source.weights.tolist()
@@ -34,8 +34,8 @@ def distant_fields(source: Any, point: Any, wavelength: float) -> dict[str, comp
                 for amplitude, wave, pz in _waves(element, wavelength):
                     value = weight * share * amplitude * wave(x, y)
                     for name, kernel in _kernels(x, y, centre, place, wavelength, pz).items():
-                        found[name] += value * kernel
-        return {name: complex(value) for name, value in found.items()}
+                        result[name] += value * kernel
+        return {name: complex(value) for name, value in result.items()}
 
 
 def _nodes(element: Any) -> Iterator[tuple[Any, Any, Any]]:

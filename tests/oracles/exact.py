@@ -123,14 +123,14 @@ def _trapezoids(edges: list[_Edge], copies: int) -> tuple[tuple[Any, ...], ...]:
     heights = {y for e in edges for y in (e.ya, e.yb)} | _crossing_heights(edges)
     levels = sorted(heights)
     by_id = {id(e): e for e in edges}
-    found: list[tuple[Any, ...]] = []
+    result: list[tuple[Any, ...]] = []
     open_since: dict[tuple[int, int, int], Any] = {}
 
     def close(keys: Iterable[tuple[int, int, int]], y1: Any) -> None:
         for key in list(keys):
             y0 = open_since.pop(key)
             left, right = by_id[key[0]], by_id[key[1]]
-            found.append(
+            result.append(
                 (y0, y1, left.x_at(y0), right.x_at(y0), left.x_at(y1), right.x_at(y1), key[2])
             )
 
@@ -142,7 +142,7 @@ def _trapezoids(edges: list[_Edge], copies: int) -> tuple[tuple[Any, ...], ...]:
             open_since[key] = y0
     if levels:
         close(list(open_since), levels[-1])
-    return tuple(found)
+    return tuple(result)
 
 
 def _turns_clockwise(ring: list[tuple[Any, Any]]) -> bool:

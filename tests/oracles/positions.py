@@ -132,12 +132,12 @@ def _direction(rng: np.random.Generator, shape: Outline) -> Any:
 
 def frequencies(rng: np.random.Generator, shape: Outline, count: int) -> np.ndarray:
     """(count, 2) spatial frequencies: zero, and |nu| D from 1e-12 to 1e3."""
-    found = [np.zeros(2)]
-    while len(found) < count:
+    result = [np.zeros(2)]
+    while len(result) < count:
         if rng.random() < 0.7:  # the range in which the transforms have their content
             size = 10 ** rng.uniform(-1, 1.7)
         else:
             size = 10 ** rng.uniform(np.log10(SMALLEST), np.log10(LARGEST))
-        found.append(size / shape.diameter * _direction(rng, shape))
-    size = np.array([np.hypot(*nu) for nu in found]) * shape.diameter
-    return np.array(found) * np.minimum(1, LARGEST / np.maximum(size, 1e-300))[:, None]
+        result.append(size / shape.diameter * _direction(rng, shape))
+    size = np.array([np.hypot(*nu) for nu in result]) * shape.diameter
+    return np.array(result) * np.minimum(1, LARGEST / np.maximum(size, 1e-300))[:, None]

@@ -122,13 +122,13 @@ def awkward_names() -> list[str]:
 @lru_cache(maxsize=64)
 def awkward(name: str) -> Reference:
     """One shape with its special positions."""
-    found = {key.split("/")[1]: v for key, v in _arrays().items() if key.split("/")[0] == name}
+    result = {key.split("/")[1]: v for key, v in _arrays().items() if key.split("/")[0] == name}
     return Reference(
-        _polygons(found["vertices"], found["lengths"], found["hole"]),
-        found["x"],
-        found["nu"][found["x_nu"]],
-        found["wigner"],
-        found["xi"],
-        found["nu"][found["xi_nu"]],
-        found["ambiguity"],
+        _polygons(result["vertices"], result["lengths"], result["hole"]),
+        result["x"],
+        result["nu"][result["x_nu"]],
+        result["wigner"],
+        result["xi"],
+        result["nu"][result["xi_nu"]],
+        result["ambiguity"],
     )

@@ -125,13 +125,13 @@ def propagate(
     """
     field.check()
     regions = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}
-    place = parse_place(regions, samples)
-    if linear and place.kind == "hemisphere":
+    region = parse_region(regions, samples)
+    if linear and region.kind == "hemisphere":
         raise ArgumentError("--linear: hemispheres are drawn in dB; leave it out")
     suffixes = options.suffixes_of(field.formats or ["nc"])
-    if ".vti" in suffixes and place.kind != "plane":
+    if ".vti" in suffixes and region.kind != "plane":
         raise ArgumentError(
-            f"--format: expected vti, an image, with --plane, got it with --{place.kind}; use nc "
+            f"--format: expected vti, an image, with --plane, got it with --{region.kind}; use nc "
             "or zarr"
         )
     stem = options.output_stem(field.out, Path(field.source).stem)
@@ -147,50 +147,50 @@ def propagate(
             required(module)  # now rather than after the work
     source, wavelength = field.read_with_wavelength()
     obstacles = field.read_obstacles()
-    place = place._replace(shape=samples_of_place(source, place, wavelength, amplitude))
+    region = region._replace(shape=samples_of_region(source, region, wavelength, amplitude))
     quantity = "amplitude" if amplitude else "irradiance"
     settings = {"quantity": quantity, **field.arguments(obstacles)}
     values = None
     for name, arguments in methods.items():
-        dataset = _values(source, place, wavelength, settings | arguments)
+        dataset = _values(source, region, wavelength, settings | arguments)
         dataset = dataset.rename({arguments["method"]: name})
         values = dataset if values is None else values.assign({name: dataset[name]})
     assert values is not None
-    title = f"{field_title(field.source, wavelength)}\n{place.kind}: {regions[place.kind]}"
+    title = f"{field_title(field.source, wavelength)}\n{region.kind}: {regions[region.kind]}"
     drawn: dict[str, Any] = {"against": reference, "title": title}
     if floor_db is not None:
         drawn["floor_db"] = floor_db
-    if place.kind != "hemisphere":
+    if region.kind != "hemisphere":
         drawn["linear"] = linear
-    if place.kind == "plane":
+    if region.kind == "plane":
         figure = draw_planes(values, obstacles=obstacles, **drawn)
     else:
-        draw = draw_hemispheres if place.kind == "hemisphere" else draw_lines
+        draw = draw_hemispheres if region.kind == "hemisphere" else draw_lines
         figure = draw(values, **drawn)
     print_differences(values.data_vars, reference)
     options.write(files, [figure, *(values for _ in suffixes)])
 
 
 def _values(
-    source: Aperture | ApertureArray, place: Place, wavelength: float, settings: Mapping[str, Any]
+    source: Aperture | ApertureArray, region: Region, wavelength: float, settings: Mapping[str, Any]
 ) -> xarray.Dataset:
     """Return the dataset of one method."""
     import numpy as np
 
     import polywigner as pw
 
-    first, *more = place.shape
-    if place.kind == "line":
-        return pw.line(source, place.points, first, wavelength, **settings)
-    if place.kind == "plane":
-        return pw.plane(source, place.points, (first, more[0]), wavelength, **settings)
-    if place.kind == "arc":
-        theta = np.linspace(-place.reach, place.reach, first)
-        phi = np.array([place.phi])
+    first, *more = region.shape
+    if region.kind == "line":
+        return pw.line(source, region.points, first, wavelength, **settings)
+    if region.kind == "plane":
+        return pw.plane(source, region.points, (first, more[0]), wavelength, **settings)
+    if region.kind == "arc":
+        theta = np.linspace(-region.reach, region.reach, first)
+        phi = np.array([region.phi])
     else:
-        theta = np.linspace(0.0, place.reach, first)
+        theta = np.linspace(0.0, region.reach, first)
         phi = np.arange(more[0]) * (2 * math.pi / more[0])
-    return pw.hemisphere(source, place.radius, theta, phi, wavelength, **settings)
+    return pw.hemisphere(source, region.radius, theta, phi, wavelength, **settings)
 
 
 def volume(
@@ -306,8 +306,8 @@ def _check_files(files: Sequence[Path]) -> None:
 # ---- samples -------------------------------------------------------------------------------------
 
 
-def samples_of_place(
-    source: Aperture | ApertureArray, place: Place, wavelength: float, amplitude: bool
+def samples_of_region(
+    source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool
 ) -> tuple[int, ...]:
     """Return the requested samples along each axis, else the number that the field needs.
 
@@ -315,20 +315,20 @@ def samples_of_place(
     """
     import polywigner as pw
 
-    if place.shape:
-        return place.shape
-    corners = {"line": {"line": place.points}, "plane": {"box": place.points}}
-    region: Any = corners.get(place.kind, {"radius": place.radius})
+    if region.shape:
+        return region.shape
+    corners = {"line": {"line": region.points}, "plane": {"box": region.points}}
+    where: Any = corners.get(region.kind, {"radius": region.radius})
     quantity: Any = "amplitude" if amplitude else "irradiance"
-    axes = pw.suggest_sampling(source, wavelength, quantity, **region).axes
-    if place.kind in corners:
+    axes = pw.suggest_sampling(source, wavelength, quantity, **where).axes
+    if region.kind in corners:
         needed = [axis.count for axis in axes if axis.high > axis.low]
     else:
         theta, phi = axes
-        steps = place.reach / theta.high * (theta.count - 1)
-        is_arc = place.kind == "arc"
+        steps = region.reach / theta.high * (theta.count - 1)
+        is_arc = region.kind == "arc"
         needed = [math.ceil(2 * steps) + 1] if is_arc else [math.ceil(steps) + 1, phi.count - 1]
-    return _within("--samples", needed, _FEWEST[place.kind], _MOST[place.kind])
+    return _within("--samples", needed, _FEWEST[region.kind], _MOST[region.kind])
 
 
 def samples_of_box(
@@ -359,7 +359,7 @@ def _within(
 # ---- regions -------------------------------------------------------------------------------------
 
 
-class Place(NamedTuple):
+class Region(NamedTuple):
     """Region of the field: ``points`` of a line or plane; angles in rad of an arc or hemisphere.
 
     ``kind`` is "line", "arc", "plane" or "hemisphere"; ``shape`` is empty without --samples.
@@ -373,7 +373,7 @@ class Place(NamedTuple):
     reach: float = _GRAZING
 
 
-def parse_place(texts: Mapping[str, str | None], samples: str | None) -> Place:
+def parse_region(texts: Mapping[str, str | None], samples: str | None) -> Region:
     """Parse the requested region: a line, an arc, a plane or a hemisphere."""
     given = {name: text for name, text in texts.items() if text is not None}
     if len(given) != 1:
@@ -400,15 +400,15 @@ def parse_place(texts: Mapping[str, str | None], samples: str | None) -> Place:
                     'expected two points such as "0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm", got '
                     f"{value_text(text)}"
                 )
-            return Place(kind, shape, tuple(_ranges(end, 0)[0] for end in ends))
+            return Region(kind, shape, tuple(_ranges(end, 0)[0] for end in ends))
         if kind == "plane":
-            return Place(kind, shape, _ranges(text, 2))
+            return Region(kind, shape, _ranges(text, 2))
         if kind == "hemisphere":
-            return Place(kind, shape, radius=parse_length(text))
+            return Region(kind, shape, radius=parse_length(text))
         return _arc(text, shape)
 
 
-def _arc(text: str, shape: tuple[int, ...]) -> Place:
+def _arc(text: str, shape: tuple[int, ...]) -> Region:
     distance, *angles = _split(text, ",")
     if len(angles) > 2:
         raise QuantityError(
@@ -421,7 +421,7 @@ def _arc(text: str, shape: tuple[int, ...]) -> Place:
             f"expected a largest angle between 0 and 90 deg, got {text!r}; write degrees "
             'with their unit, such as "80 deg"'
         )
-    return Place("arc", shape, (), parse_length(distance), phi, reach)
+    return Region("arc", shape, (), parse_length(distance), phi, reach)
 
 
 def parse_box(text: str) -> tuple[Point, Point]:

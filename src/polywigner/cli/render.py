@@ -119,7 +119,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         radiance = films.mean_of_colours(
             image if stokes is None else image[..., :-_STOKES_CHANNELS]
         )
-        reference = figures.picture_peak(radiance)
+        reference = figures.image_peak(radiance)
         record = settings.record(variant)
         record["used"] |= {
             "integrator": integrator or _integrator_of(scene),

@@ -247,7 +247,7 @@ def _shared(
         with np.errstate(invalid="ignore", over="ignore"):  # positions far from the source
             sheared = arguments if shear is None else shear(arguments)
             inner = kernel.enter(_HOST, exact.frame, *sheared)
-            position = [np.broadcast_to(p, (count, 1))[:, 0] for p in inner[slices.place]]
+            position = [np.broadcast_to(p, (count, 1))[:, 0] for p in inner[slices.position]]
             if compiled is not None:
                 yield (
                     targets,
@@ -260,7 +260,7 @@ def _shared(
                 for n in inner[slices.frequency]
             ]
             sums = slices.shared_sums(_HOST, exact, position, nu)
-            for argument in (*inner[slices.place], *nu):
+            for argument in (*inner[slices.position], *nu):
                 if not np.isfinite(argument).all():
                     sums = tuple(total + (argument - argument) for total in sums)
             values = kernel.leave(_HOST, exact.frame, inner, sums)
@@ -273,7 +273,7 @@ def _shared(
 def evaluate_sums(
     kernel: Kernel,
     source: Any,
-    places: Array,
+    positions: Array,
     weights: Array,
     points: Array,
     constants: Sequence[float],
@@ -287,19 +287,19 @@ def evaluate_sums(
     and has one real output. Terms are stored block by block.
     """
     total = np.zeros(len(points))
-    if not len(points) or not len(places):
+    if not len(points) or not len(positions):
         return total
     terms = terms_of(kernel, kernel.tables_for(source, double))
-    actual = resolved(engine, len(places) * len(points), terms)
+    actual = resolved(engine, len(positions) * len(points), terms)
     how: Any = {"double": double, "engine": actual, "outputs": 1}
     fixed = [np.array(value) for value in constants]
-    step = min(len(places), _BLOCK)
+    step = min(len(positions), _BLOCK)
     width = max(1, _BLOCK // step)
-    for start in range(0, len(places), step):
+    for start in range(0, len(positions), step):
         some = slice(start, start + step)
         for low in range(0, len(points), width):
             columns = slice(low, low + width)
-            components = [*places[some].T, *points[columns].T[:, :, None], *fixed]
+            components = [*positions[some].T, *points[columns].T[:, :, None], *fixed]
             (values,) = evaluate(kernel, source, components, **how)
             total[columns] += values @ weights[some]
     return total

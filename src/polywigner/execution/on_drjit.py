@@ -177,7 +177,7 @@ class OnDrjit:
             first, end, lambda number: run.term(*ops.gather(rows, number)), run.values
         )
         # Infinite and NaN arguments give NaN.
-        lost = sum(a - a for a in (*at[slices.place], *nu))
+        lost = sum(a - a for a in (*at[slices.position], *nu))
         total = run.total(tuple(value + lost for value in sums))
         return _fetching(self.kernel.leave(ops, self.tables.frame, at, total), shape)
 
@@ -345,7 +345,7 @@ class _Slices:
         """Return the order of samples by cells, in which neighbours read the same lists."""
         if not self.sorts or inner[-1].size < _LEAST_SAMPLES_SORTED:
             return ...
-        x, y = inner[self.slices.place]
+        x, y = inner[self.slices.position]
         (view, *_), grid = next(iter(self.pairs.items()))
         cell = cells_at(grid.on_host, view.side * self.slices.scale * (x + 1j * y))
         # There are fewer than 2^16 cells; NumPy sorts 16-bit numbers in linear time.

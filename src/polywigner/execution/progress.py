@@ -71,7 +71,7 @@ def slow_bar(title: str, total: int) -> Iterator[Advance]:
 
 
 @contextmanager
-def told(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]:
+def with_progress(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]:
     """Iterate over the parts of the work under a slow bar.
 
     A context manager ends the bar at once after an exception; a generator would not.

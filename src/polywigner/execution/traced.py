@@ -17,7 +17,7 @@ from polywigner.execution.points import Drjit, Points, components_of, sibling, s
 from polywigner.geometry import Slits
 from polywigner.kernels import Kernel
 from polywigner.kernels.outline.wave_pairs import waves_in_frame
-from polywigner.kernels.slopes import Wanted, slope_kernel_of, slopes_in_ends
+from polywigner.kernels.slopes import Wanted, gradient_kernel_of, slopes_in_ends
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.source import Illumination
@@ -163,7 +163,7 @@ def kernel_with_derivatives(
     """Return results of a kernel with derivatives in its arguments and in ``traced`` numbers."""
     import drjit as dr
 
-    slopes = slope_kernel_of(kernel)
+    slopes = gradient_kernel_of(kernel)
     if slopes is None or not dr.grad_enabled((tuple(components), traced.vertices, traced.fields)):
         return kernel(ops, tables, *components)
     real = ops.float_type
@@ -214,7 +214,7 @@ def evaluate_traced(
     # Edges as data compile once for all outlines. For many samples edges as code are up to four
     # times as fast. A function that the caller freezes may not contain cached memory.
     is_code_better = is_long_code or drjit.flag(drjit.JitFlag.FreezingScope)
-    if (numbers.numbers or not is_code_better) and slope_kernel_of(kernel) is not None:
+    if (numbers.numbers or not is_code_better) and gradient_kernel_of(kernel) is not None:
         ops, tables = TracedOperations(ops.float_type), with_frame_as_data(ops, tables)
     results = kernel_with_derivatives(kernel, ops, tables, components, traced)
     return sibling(ops.float_type, "Complex2f")(*results[:2]) if complex_result else results[0]

@@ -25,7 +25,7 @@ from polywigner.explorer import state as states
 from polywigner.explorer import views
 from polywigner.explorer.plots import Editor, Plot
 from polywigner.explorer.state import CATALOGUE, State, read_upload
-from polywigner.explorer.views import VIEWS, Name, Picture
+from polywigner.explorer.views import VIEWS, Name, View
 
 if TYPE_CHECKING:
     from bokeh.plotting import figure
@@ -78,7 +78,7 @@ class Explorer:
         self.history = states.History(state or State())
         self._document: Any = pn.state.curdoc
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="explorer")
-        self._pictures: dict[Name, tuple[str, float, Picture]] = {}  # with code and seconds
+        self._pictures: dict[Name, tuple[str, float, View]] = {}  # with code and seconds
         self._errors: dict[Name, str] = {}
         self._posted: deque[Callable[[], None]] = deque()
         self._is_following = False  # controls follow the state, so their changes are no edits
@@ -277,7 +277,7 @@ class Explorer:
     def _say(self, text: str, kind: str = "warning") -> None:
         self._message.param.update(object=text, alert_type=kind, visible=bool(text))
 
-    def _picture(self) -> Picture:
+    def _picture(self) -> View:
         """Return the view that is chosen for the downloads."""
         name = self._saved.value
         if name not in self._pictures:

@@ -14,7 +14,7 @@ from bokeh.events import DoubleTap, PointEvent, Tap
 from bokeh.plotting import figure as Figure
 
 from polywigner.explorer.state import Point, Rings, State, rings_of_rows, with_vertex
-from polywigner.explorer.views import Name, Picture, Polygon
+from polywigner.explorer.views import Name, Polygon, View
 from polywigner.figures.style import ACCENT, BLUE, INK, ORANGE
 
 PALE = "#c6d7e6"
@@ -230,7 +230,7 @@ class Plot:
                 plot.add_glyph(self._mark, cross)
             plot.on_event(Tap, self._tapped)
 
-    def show(self, picture: Picture) -> None:
+    def show(self, picture: View) -> None:
         """Draw a view."""
         plot = self.plot
         plot.title.text = picture.title

@@ -100,7 +100,7 @@ def snippet(state: State, name: Name, samples: int = SAMPLES) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class View:
     """A view for display, in the unit of the page, and its values in SI units.
 
     ``x`` and ``y`` are the axes of an image. Otherwise ``y`` contains limits, and ``x`` contains
@@ -121,7 +121,7 @@ class Picture:
     outlines: Sequence[Polygon] | None = None
 
 
-def picture(state: State, name: Name, samples: int = SAMPLES) -> Picture:
+def picture(state: State, name: Name, samples: int = SAMPLES) -> View:
     """Compute a view with samples along each axis; errors are PolywignerErrors."""
     result = states.run(view_code(state, name, samples), **variables_of(state))
     values, scale, unit = result["values"], float(state.per_metre), state.unit
@@ -130,7 +130,7 @@ def picture(state: State, name: Name, samples: int = SAMPLES) -> Picture:
     if name == "lags":
         polygons = polygons_of(values)
         span = np.array([-1, 1]) * _MARGIN * 2 * _half_size(state) * scale
-        return Picture(
+        return View(
             f"Lag slice {at_x}", f"ξ_x ({unit})", f"ξ_y ({unit})",
             {f"ring_{k}": ring for k, ring in enumerate(r for p in polygons for r in p)},
             span, span, outlines=[[ring * scale for ring in p] for p in polygons],
@@ -138,7 +138,7 @@ def picture(state: State, name: Name, samples: int = SAMPLES) -> Picture:
     if name == "far":
         azimuths, peak = [state.phi, state.phi + 90], float(values.max())
         top = 5 * math.ceil((peak + 1) / 5)
-        return Picture(
+        return View(
             f"Directivity, peak {peak:.2f} dBi", "θ (degrees)", "directivity (dBi)",
             {"values": values, "theta": result["x"], "phi": np.radians(azimuths)},
             np.degrees(result["x"]), np.array([top + FLOOR_DB, top]),
@@ -156,7 +156,7 @@ def picture(state: State, name: Name, samples: int = SAMPLES) -> Picture:
     x_label, y_label = (f"{s} ({'1/' if s[0] in 'νυ' else ''}{unit})" for s in symbols)
     x, y = (a / scale if s[0] in "νυ" else a * scale for s, a in zip(symbols, axes, strict=True))
     arrays = {"values": values, "x": axes[0], "y": axes[1]}
-    return Picture(title, x_label, y_label, arrays, x, y, *_image(state, name, values))
+    return View(title, x_label, y_label, arrays, x, y, *_image(state, name, values))
 
 
 def _image(
@@ -187,7 +187,7 @@ def support_of(state: State) -> list[Polygon]:
     return [[ring * state.per_metre for ring in polygon] for polygon in polygons]
 
 
-def npz(picture: Picture) -> bytes:
+def npz(picture: View) -> bytes:
     """Return the values and axes of a view in SI units as an ``.npz`` file."""
     buffer, labels = io.BytesIO(), {"title": picture.title, "quantity": picture.quantity}
     np.savez_compressed(buffer, **picture.arrays, **labels)  # type: ignore[arg-type]

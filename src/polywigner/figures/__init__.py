@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from polywigner.figures.far_field_plots import draw_pattern, draw_rcs, draw_tolerance
 from polywigner.figures.field_plots import draw_hemispheres, draw_lines, draw_planes
-from polywigner.figures.levels import level_db, picture_peak
+from polywigner.figures.levels import image_peak, level_db
 from polywigner.figures.projections import draw_projections
 from polywigner.figures.scene_plots import (
     DirectArrival,
@@ -60,9 +60,9 @@ __all__ = [
     "draw_tolerance",
     "draw_transforms",
     "draw_volume",
+    "image_peak",
     "level_db",
     "outline_of",
-    "picture_peak",
     "samples_needed",
     "system_slices",
     "transform_slices",

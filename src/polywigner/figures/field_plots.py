@@ -79,7 +79,7 @@ class Comparison:
         """Read the variables of a dataset; ``against``: None: the last variable."""
         arrays = {
             str(name): array.squeeze()
-            for name, array in checked_dataset(dataset, "found").data_vars.items()
+            for name, array in checked_dataset(dataset, "dataset").data_vars.items()
         }
         if not arrays:
             raise ArgumentError("expected a field to draw, got a dataset without variables")
@@ -127,7 +127,7 @@ class Comparison:
 
 @style.typeset
 def draw_lines(
-    found: Any,
+    dataset: Any,
     *,
     along: str | None = None,
     against: str | None = None,
@@ -141,7 +141,7 @@ def draw_lines(
 
     Parameters
     ----------
-    found : xarray.Dataset with a variable for each method, such as a result of
+    dataset : xarray.Dataset with a variable for each method, such as a result of
         :func:`polywigner.line`, or a cut of :func:`polywigner.hemisphere`; complex values are
         squared. Or a dict of such datasets, with equal methods, by the titles of columns.
     along : coordinate on the horizontal axis, in metres or radians; None: x, y or z if the line is
@@ -164,7 +164,7 @@ def draw_lines(
     """
     check_floor(floor_db)
     checked_flag(linear, "linear")
-    columns = dict(found) if isinstance(found, dict) and found else {"": found}
+    columns = dict(dataset) if isinstance(dataset, dict) and dataset else {"": dataset}
     fields = [Comparison.of(dataset, against) for dataset in columns.values()]
     is_compared, side_by_side = len(fields[0].powers) > 1, len(fields) > 1
     width, height = 1.0 + 3.0 * len(fields) if side_by_side else 6.4, 5.6 if is_compared else 3.7
@@ -189,8 +189,8 @@ def draw_lines(
         _difference_axis(panels[1], fields[0], compared_db)
     if is_compared and side_by_side:
         handles, labels = panels[0, 0].get_legend_handles_labels()
-        place: Any = "outside lower center"
-        figure.legend(handles, labels, loc=place, ncols=len(handles), **legend)
+        position: Any = "outside lower center"
+        figure.legend(handles, labels, loc=position, ncols=len(handles), **legend)
     elif is_compared:
         panels[0, 0].legend(**legend)
     style.write_title(figure, title)
@@ -292,7 +292,7 @@ def _difference_axis(panels: Any, fields: Comparison, compared_db: float) -> Non
 
 @style.typeset
 def draw_planes(
-    found: Any,
+    dataset: Any,
     *,
     against: str | None = None,
     floor_db: float | None = None,
@@ -306,7 +306,7 @@ def draw_planes(
 
     Parameters
     ----------
-    found : xarray.Dataset with a variable for each method, such as a result of
+    dataset : xarray.Dataset with a variable for each method, such as a result of
         :func:`polywigner.plane`, over two evenly spaced axes in metres. The second axis is drawn
         upwards, unless it is z. Complex values are squared; their phases, in a second row, fade
         with the level.
@@ -329,11 +329,11 @@ def draw_planes(
     ArgumentError : if the quantity or method is missing, for unevenly spaced axes, and for a
         ``figure`` of another type.
     """
-    fields = Comparison.of(found, against)
+    fields = Comparison.of(dataset, against)
     floor_db = fields.default_floor_db() if floor_db is None else check_floor(floor_db)
     checked_flag(linear, "linear")
-    across, up = _axes(found, fields.dims)
-    cuts = _cuts(found, fields.dims, obstacles)
+    across, up = _axes(dataset, fields.dims)
+    cuts = _cuts(dataset, fields.dims, obstacles)
     extents = [np.ptp(axis) + axis[1] - axis[0] for _, axis in (across, up)]
     rows = 2 if fields.is_field or len(fields.powers) > 1 else 1
     ratio = float(np.clip(extents[1] / extents[0], 0.4, 2.0))
@@ -438,7 +438,7 @@ def _draw_differences(
 
 @style.typeset
 def draw_hemispheres(
-    found: Any,
+    dataset: Any,
     *,
     against: str | None = None,
     floor_db: float = -40.0,
@@ -449,7 +449,7 @@ def draw_hemispheres(
 
     Parameters
     ----------
-    found : xarray.Dataset with a variable for each method, such as a result of
+    dataset : xarray.Dataset with a variable for each method, such as a result of
         :func:`polywigner.hemisphere`, over ``theta`` (angle from the z axis) and ``phi`` (azimuth
         from x) in radians. Complex values are squared.
     against : variable whose peak is 0 dB; None: the last variable.
@@ -467,17 +467,17 @@ def draw_hemispheres(
         another type.
     """
     check_floor(floor_db)
-    if "directivity" in checked_dataset(found, "found"):
+    if "directivity" in checked_dataset(dataset, "dataset"):
         raise ArgumentError(
             "expected fields on a hemisphere, got a radiation pattern with a directivity in dBi; "
             "use draw_pattern"
         )
-    fields = Comparison.of(found, against)
+    fields = Comparison.of(dataset, against)
     if sorted(fields.dims) != ["phi", "theta"]:
         raise ArgumentError(
             f"expected fields over theta and phi, got them over {', '.join(fields.dims)}"
         )
-    theta, phi = (np.asarray(found[d].values, dtype=np.float64) for d in ("theta", "phi"))
+    theta, phi = (np.asarray(dataset[d].values, dtype=np.float64) for d in ("theta", "phi"))
     size = _DISC * len(fields.powers) + 1.2, _DISC + 0.6
     figure = style.figure_on(figure, *size, is_compressed=True)
     panels = figure.subplots(1, len(fields.powers), squeeze=False, sharey=True)[0]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 PEAK_RULE = "largest 3x3 median"
-"""Definition of 0 dB by :func:`picture_peak`, for labels and logs."""
+"""Definition of 0 dB by :func:`image_peak`, for labels and logs."""
 COMPARED_DB = -30.0
 """Lowest compared level in dB relative to the peak of the reference: differences in dB diverge at
 nulls."""
@@ -48,7 +48,7 @@ def check_floor(floor_db: float) -> float:
     return float(floor_db)
 
 
-def picture_peak(values: ArrayLike) -> float | None:
+def image_peak(values: ArrayLike) -> float | None:
     """Return the peak of an image, the largest median over 3 x 3 neighbouring pixels.
 
     The largest pixel of a Monte Carlo image is too high due to noise, and depends on the seed. A

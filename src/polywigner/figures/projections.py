@@ -45,7 +45,7 @@ _INCHES = 3.3
 
 @style.typeset
 def draw_projections(
-    found: xarray.Dataset,
+    dataset: xarray.Dataset,
     layout: Layout = "paper",
     floor_db: float = -40.0,
     title: str = "",
@@ -59,7 +59,7 @@ def draw_projections(
 
     Parameters
     ----------
-    found : result of :func:`polywigner.projections` with all tiles.
+    dataset : result of :func:`polywigner.projections` with all tiles.
     layout : "paper": two rows of two, with coordinates of one kind in the diagonal tiles, and a
         position with the frequency (or lag) along it in the other tiles. "all": all six pairs in a
         triangle. Tiles in a column share the horizontal axis, and tiles in a row the vertical axis.
@@ -78,12 +78,12 @@ def draw_projections(
     ``figure`` of another type.
     """
     check_floor(floor_db)
-    cells = _cells(found, layout)
+    cells = _cells(dataset, layout)
     axes_of_tiles = {d for _, *pair in cells.values() for d in pair}
-    if min(found.sizes[name] for name in axes_of_tiles) < 2:
+    if min(dataset.sizes[name] for name in axes_of_tiles) < 2:
         raise ArgumentError("expected at least two samples along each axis to draw, got one")
     lengths = [d for d in axes_of_tiles if not style.is_spectral(d)]
-    unit = length_unit(max(float(np.ptp(found[d].values)) for d in lengths))
+    unit = length_unit(max(float(np.ptp(dataset[d].values)) for d in lengths))
     rows, columns = (max(cell[k] for cell in cells) + 1 for k in (0, 1))
     size = _INCHES * columns + 0.5, _INCHES * rows * 0.92 + 0.4
     figure = style.figure_on(figure, *size, spacing=0.03)
@@ -92,7 +92,7 @@ def draw_projections(
         if position not in cells:
             axes.set_axis_off()
             continue
-        _draw(axes, found, cells[position], unit, floor_db)
+        _draw(axes, dataset, cells[position], unit, floor_db)
         axes.tick_params(labelbottom=True)
         axes.set_xlabel(style.axis_label(cells[position][1], unit))
         if position[1] == 0:
@@ -106,7 +106,7 @@ Cells = dict[tuple[int, ...], tuple[str, str, str]]
 
 
 def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
-    names = list(checked_dataset(dataset, "found").data_vars)
+    names = list(checked_dataset(dataset, "dataset").data_vars)
     if len(names) == 1 and not any("_" in d for d in dataset[names[0]].dims):
         return {(0, 0): (names[0], *dataset[names[0]].dims)}  # of slits
     p, q, r, s = _COORDINATES[dataset.attrs["kind"]]

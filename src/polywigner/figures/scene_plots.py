@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.figures import style
-from polywigner.figures.levels import arrays_of, check_floor, level_db, picture_peak
+from polywigner.figures.levels import arrays_of, check_floor, image_peak, level_db
 from polywigner.geometry.arguments import checked_array, checked_count, checked_path
 from polywigner.propagation.stores import in_place
 
@@ -49,7 +49,7 @@ def draw_scene(
     Parameters
     ----------
     radiance : (height, width), signed, in ``unit``.
-    reference : the 0 dB radiance, normally :func:`polywigner.figures.picture_peak`; None draws
+    reference : the 0 dB radiance, normally :func:`polywigner.figures.image_peak`; None draws
         an image at the floor.
     floor_db : lowest level in dB. Lower and negative radiance is drawn at the floor.
     unit : unit of ``radiance``, for the label.
@@ -100,7 +100,7 @@ def draw_stokes(stokes: ArrayLike, title: str = "") -> Figure:
     ArgumentError : for an array of another shape.
     """
     numbers, figure, panels = _stokes_panels(stokes, 2, title)
-    peak = picture_peak(numbers[0])
+    peak = image_peak(numbers[0])
     for axes, name, values in zip(panels, _STOKES, numbers, strict=True):
         shown = style.draw_signed(axes, values / (peak or 1.0))
         axes.set_title(name, fontsize=8)
@@ -132,7 +132,7 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
     """
     check_floor(floor_db)
     numbers, figure, panels = _stokes_panels(stokes, 1, title)
-    peak = picture_peak(numbers[0])
+    peak = image_peak(numbers[0])
     bright = numbers[0] > (peak or math.inf) * 10 ** (floor_db / 10)
     total = np.where(bright, numbers[0], 1.0)
     linear = np.hypot(numbers[1], numbers[2]) / total
@@ -206,7 +206,7 @@ def write_range_animation(
     path = checked_path(path)
     if path.suffix.lower() != ".gif":
         raise ArgumentError(f"expected a path with the suffix .gif, got {path.name!r}")
-    peak = max(picture_peak(frame) or 0.0 for frame in radiance) or None
+    peak = max(image_peak(frame) or 0.0 for frame in radiance) or None
     figure: Any = draw_scene(radiance[0], peak, floor_db)
     axes = figure.axes[0]
     writer = PillowWriter(fps=1000 / milliseconds)  # type: ignore[arg-type]
@@ -307,7 +307,7 @@ def draw_range_profile(
 class DirectArrival(NamedTuple):
     """Line-of-sight or specular path, a mark in the figure."""
 
-    place: tuple[float, float]
+    direction_cosines: tuple[float, float]
     """Direction cosines of the arrival."""
     power: float
     """Power in W."""
@@ -370,7 +370,7 @@ def draw_arrivals(
         )  # fmt: skip
         label.set_path_effects([withStroke(linewidth=1.5, foreground="k")])
         labels.append(label)
-    low, high = _view(levels > floor_db, [arrival.place for arrival in direct])
+    low, high = _view(levels > floor_db, [arrival.direction_cosines for arrival in direct])
     axes.set(xlim=(high[0], low[0]), ylim=(low[1], high[1]), xlabel=r"$s_x$", ylabel=r"$s_y$")
     axes.set_title(title, fontsize=8)
     rows, columns = values.shape
@@ -410,10 +410,11 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
         )
     labels = []
     for arrival in direct:
-        axes.plot(*arrival.place, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)
+        axes.plot(*arrival.direction_cosines, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)
         level = f"{10 * math.log10(arrival.power / _MILLIWATT):.1f} dBm".replace("-", "−")
         label = axes.annotate(
-            f"{arrival.name}\n{level}", arrival.place, (0, 12), textcoords="offset points",
+            f"{arrival.name}\n{level}", arrival.direction_cosines, (0, 12),
+            textcoords="offset points",
             color=_MARK, fontsize=7, parse_math=False, ha="center", va="center",
         )  # fmt: skip
         labels.append(label)

@@ -21,7 +21,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.display import LengthUnit, length_unit
 from polywigner.source.support import mutual_support
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_source
 
 if TYPE_CHECKING:
     import xarray
@@ -103,7 +103,7 @@ def transform_slices(
     plane z = 0.
     """
     checked_count(samples, "samples", 2, LARGEST_SAMPLES)
-    aperture, support = outline_of(source), mutual_support(flat_of(source))
+    aperture, support = outline_of(source), mutual_support(flat_source(source))
     position = _default_position(support, aperture.centre) if x is None else _point(x)
     lag = _default_lag(aperture) if xi is None else _point(xi)
     if not pw.lag_slice(aperture, position).area > 0:
@@ -133,7 +133,7 @@ def outline_of(source: pw.Aperture | pw.Array | pw.Wavefront) -> pw.Aperture:
 
     Raises ArgumentError for other sources.
     """
-    source = flat_of(source)
+    source = flat_source(source)
     if isinstance(source, pw.Aperture):
         return source
     if not isinstance(source, pw.Array) or source.dimension == 1:
@@ -231,7 +231,7 @@ def system_slices(
     wavelength = checked_wavelength(wavelength)
     if not isinstance(system, pw.FirstOrder):
         raise ArgumentError(f"expected a FirstOrder system, got {type(system).__name__}")
-    aperture, support = outline_of(source), mutual_support(flat_of(source))
+    aperture, support = outline_of(source), mutual_support(flat_source(source))
     centre = np.array(_default_position(support, aperture.centre))
     xmin, ymin, xmax, ymax = support.bounds
     width = np.array([xmax - xmin, ymax - ymin])
@@ -378,7 +378,7 @@ def _draw_section(
 
 
 def _draw_supports(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:
-    array = isinstance(flat_of(slices.source), pw.Array)
+    array = isinstance(flat_source(slices.source), pw.Array)
     support, aperture = ("W is 0 outside", "elements") if array else ("automean", "aperture")
     overlap = pw.position_slice(slices.aperture, slices.xi)
     for shape, face, edge, label in (
@@ -471,7 +471,7 @@ def _heading(title: str, wavelength: float | None, note: str) -> str:
 
 @style.typeset
 def draw_psf(
-    found: Any,
+    dataset: Any,
     floor_db: float = -40.0,
     title: str = "",
     *,
@@ -481,7 +481,7 @@ def draw_psf(
 
     Parameters
     ----------
-    found : xarray.Dataset with ``psf`` (defocus, y, x) in 1/m^2, x and y in m.
+    dataset : xarray.Dataset with ``psf`` (defocus, y, x) in 1/m^2, x and y in m.
     floor_db : lowest level in dB relative to the largest value of all panels.
     title : title of the figure.
     figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
@@ -496,13 +496,13 @@ def draw_psf(
     type.
     """
     check_floor(floor_db)
-    spots = _checked_lens(found, "psf", ("defocus", "y", "x"))
-    unit = length_unit(float(np.ptp(found["x"].values)))
+    spots = _checked_lens(dataset, "psf", ("defocus", "y", "x"))
+    unit = length_unit(float(np.ptp(dataset["x"].values)))
     peak = float(spots.max())
     count = spots.sizes["defocus"]
     figure = style.figure_on(figure, 2.4 + 2.6 * count, 3.5)
     panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
-    across, up = (found[name].values / unit.metres for name in ("x", "y"))
+    across, up = (dataset[name].values / unit.metres for name in ("x", "y"))
     for axes, spot in zip(panels, spots, strict=True):
         levels = level_db(spot.values, peak, floor_db)
         shown = style.draw_levels(axes, levels, across, up, low=floor_db)
@@ -516,12 +516,12 @@ def draw_psf(
 
 
 @style.typeset
-def draw_mtf(found: Any, title: str = "", *, figure: Figure | SubFigure | None = None) -> Figure:
+def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None = None) -> Figure:
     """Draw modulation transfer functions along x and y, with a line style for each defocus.
 
     Parameters
     ----------
-    found : xarray.Dataset with ``mtf`` (defocus, direction, frequency), frequency in cycles/mm.
+    dataset : xarray.Dataset with ``mtf`` (defocus, direction, frequency), frequency in cycles/mm.
     title : title of the figure.
     figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
 
@@ -533,10 +533,10 @@ def draw_mtf(found: Any, title: str = "", *, figure: Figure | SubFigure | None =
     ------
     ArgumentError for another dataset, and a ``figure`` of another type.
     """
-    curves = _checked_lens(found, "mtf", ("defocus", "direction", "frequency"))
+    curves = _checked_lens(dataset, "mtf", ("defocus", "direction", "frequency"))
     figure = style.figure_on(figure, 6.4, 3.8)
     axes = figure.subplots()
-    frequency = found["frequency"].values
+    frequency = dataset["frequency"].values
     for part, dashes in zip(curves, cycle(_DASHES), strict=False):
         lines = dict(zip(("along x", "along y"), part.values, strict=True))
         if np.ptp(part.values, axis=0).max() <= _ALIKE:
@@ -558,7 +558,7 @@ def _of_focus(part: Any) -> str:
 
 
 def _checked_lens(dataset: Any, name: str, dims: tuple[str, ...]) -> xarray.DataArray:
-    values = checked_dataset(dataset, "found").get(name)
+    values = checked_dataset(dataset, "dataset").get(name)
     if values is None or values.dims != dims or not all(dim in dataset.coords for dim in dims):
         raise ArgumentError(
             f"expected a dataset with {name} over {', '.join(dims)}, got another dataset; use a "

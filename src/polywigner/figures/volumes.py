@@ -56,7 +56,7 @@ _AMBIENT, _DIFFUSE = 0.45, 0.55
 
 @style.typeset
 def draw_volume(
-    found: Any,
+    dataset: Any,
     source: Aperture | Array | None = None,
     *,
     obstacles: Any = (),
@@ -75,9 +75,10 @@ def draw_volume(
 
     Parameters
     ----------
-    found : xarray.Dataset, such as a result of :func:`polywigner.volume`: ``found[name]`` over x, y
-        and z (in any order) in metres, each with at least two evenly spaced samples. Axes with more
-        than 128 samples are decimated.
+    dataset : xarray.Dataset
+        Such as a result of :func:`polywigner.volume`: ``dataset[name]`` over x, y and z (in any
+        order) in metres, each with at least two evenly spaced samples. Axes with more than 128
+        samples are decimated.
     source : source whose outline is drawn in the plane z = 0; None: the source in the dataset.
     obstacles : bodies and plates, as for :func:`polywigner.volume`, whose outlines are drawn.
     name : variable to draw, a power density; None: the only variable.
@@ -103,7 +104,7 @@ def draw_volume(
     from matplotlib.colors import Normalize
 
     shells = check_volume_options(surfaces, floor_db, projection)
-    volume = _samples(found, name)
+    volume = _samples(dataset, name)
     if reference is None:
         zero = peak_of(volume.values, volume.label)
     else:
@@ -137,8 +138,8 @@ def draw_volume(
     for k, (shell, colour, opacity) in enumerate(zip(shells, colours, opacities, strict=True)):
         # surfaces of lower levels enclose the others, and are drawn later
         _draw_surface(axes, volume, levels, shell, colour, opacity, zorder=20 - k)
-    if source is None and SOURCE_COORDINATE in found.coords:
-        source = read_source(found)  # type: ignore[assignment]
+    if source is None and SOURCE_COORDINATE in dataset.coords:
+        source = read_source(dataset)  # type: ignore[assignment]
     if source is not None:
         rings = outline_of(source).rings
         corners = [np.pad(np.asarray(ring) / unit.metres, ((0, 0), (0, 1))) for ring in rings]
@@ -195,7 +196,7 @@ class _Volume(NamedTuple):
 
 def _samples(dataset: Any, name: str | None) -> _Volume:
     """Return the real samples of ``dataset[name]``, at most 128 along an axis."""
-    variables = checked_dataset(dataset, "found").data_vars
+    variables = checked_dataset(dataset, "dataset").data_vars
     if name is None and len(variables) == 1:
         (name,) = variables
     if not isinstance(name, str) or name not in variables:

@@ -67,7 +67,7 @@ class Slopes:
     """Derivatives of a complex value V in the numbers of each sample."""
 
     frequency: list[Pair]
-    place: list[Pair]
+    position: list[Pair]
     shared: Pair
     """Sum of the values that an accumulator returned."""
 
@@ -345,7 +345,7 @@ class _PairSlopes:
         area, *pushes, along, across = sums
         for k, push in enumerate(pushes):
             moved = (push * self.amplitude).scaled(self.scale) + area * self.rates[k] * self.mutual
-            result.place[k] = result.place[k] + moved.scaled(self.scale)
+            result.position[k] = result.position[k] + moved.scaled(self.scale)
         for k, slope in enumerate(self.axes.gradient(along, across)):
             change = (slope * self.amplitude).scaled(self.scale)
             result.frequency[k] = result.frequency[k] + change
@@ -433,7 +433,7 @@ _KNOWN = {
 }
 
 
-def slope_kernel_of(kernel: Kernel) -> SlopeKernel | None:
+def gradient_kernel_of(kernel: Kernel) -> SlopeKernel | None:
     """Return the derivatives of a kernel, or None if Dr.Jit differentiates it."""
     return _KNOWN.get(kernel)
 

@@ -6,7 +6,7 @@ metres; a free wave is exp(+i k R)/R (docs/conventions). Fields are in the unit 
 ===================  ==========================================================================
 module               what is in it
 ===================  ==========================================================================
-``places``           points, angles, grids of points and names of methods, checked
+``point_grids``         points, angles, grids of points and names of methods, checked
 ``irradiances``      |U|^2 at points: Wigner rays to a tolerance, and mixtures of waves;
                      ``partial_coherence`` and ``lag_sums`` for partially coherent light
 ``quadrature``       Gauss rules on triangles, and on rows of trapezoids
@@ -49,7 +49,7 @@ from polywigner.propagation.far_fields import radiated_power
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import read_pattern, write_pattern
 from polywigner.propagation.patterns import beam_cuts, radiation_pattern
-from polywigner.propagation.places import METHODS
+from polywigner.propagation.point_grids import METHODS
 from polywigner.propagation.screens import PlaneWave, PointSource, Screen
 from polywigner.propagation.stores import write_netcdf, write_vti
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling

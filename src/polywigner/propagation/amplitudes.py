@@ -24,7 +24,7 @@ from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.collins import field_behind
 from polywigner.propagation.curved_fields import curved_field
 from polywigner.propagation.far_fields import check_slopes, far_field
-from polywigner.propagation.places import (
+from polywigner.propagation.point_grids import (
     METHODS,
     Method,
     checked_amplitude_tolerance,
@@ -48,7 +48,7 @@ from polywigner.source.obliquities import (
     BoundaryCondition,
 )
 from polywigner.transforms.traced_sources import check_no_drjit
-from polywigner.transforms.wavefronts import checked_wavefront, flat_of
+from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 Floats = NDArray[np.float64]
@@ -259,7 +259,7 @@ def _fraunhofer(
 ) -> tuple[Complex, Floats]:
     """Far field (B7) and its error at points (n, 3), with the distance from the centre."""
     kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
-    flat = flat_of(source)
+    flat = flat_source(source)
     radiator = radiator_of(flat)
     check_slopes(source, kind)
     CONDITIONS[kind].warn_of_fit(flat, wavelength)

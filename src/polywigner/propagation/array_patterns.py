@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.execution.progress import told
+from polywigner.execution.progress import with_progress
 from polywigner.geometry.arguments import (
     checked_count,
     checked_generator,
@@ -20,7 +20,7 @@ from polywigner.geometry.arguments import (
 from polywigner.propagation.far_field_tables import FLOOR
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.patterns import decibels, described, radiation_pattern
-from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
+from polywigner.propagation.point_grids import angle_axes, checked_phi, checked_theta, unit_vectors
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.source import Array
 from polywigner.source.obliquities import ObliquityName, obliquity_of
@@ -187,7 +187,7 @@ def _statistics(
     rows = max(1, _BLOCK // size)
     results = []
     parts = [directions[k : k + rows] for k in range(0, len(directions), rows)]
-    with told("directions", parts) as blocks:
+    with with_progress("directions", parts) as blocks:
         for block in blocks:
             fields = _element_fields(source, block, wavelength, obliquity)
             nominal = np.square(np.abs(fields @ source.weights))

@@ -18,7 +18,7 @@ from polywigner.propagation.patterns import (
     circles_through_beam,
     cuts_in,
 )
-from polywigner.propagation.places import unit_vectors
+from polywigner.propagation.point_grids import unit_vectors
 
 if TYPE_CHECKING:
     import xarray

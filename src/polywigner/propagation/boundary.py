@@ -14,7 +14,7 @@ from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import NumpyOperations
 from polywigner.execution.choice import resolved
-from polywigner.execution.progress import told
+from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.kernel import Kernel
@@ -317,7 +317,7 @@ def _summed(
         for panels in panels_of(radiator, wavelength, longest, _ROWS, paraxial):
             step = max(_FEWEST_POINTS, _MOST_PAIRS // len(panels.rows))
             blocks = [slice(low, low + step) for low in range(0, len(some), step)]
-            with told("points", blocks) as remaining:
+            with with_progress("points", blocks) as remaining:
                 for block in remaining:
                     real, imag, estimate = execution.evaluate(
                         kernel,

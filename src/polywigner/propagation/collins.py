@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
-from polywigner.execution.progress import told
+from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront, triangulate
 from polywigner.geometry.arguments import (
     Points,
@@ -32,7 +32,7 @@ from polywigner.propagation.boundary import (
     parabolic_field,
     radiator_of,
 )
-from polywigner.propagation.places import (
+from polywigner.propagation.point_grids import (
     checked_amplitude_tolerance,
     checked_coordinates,
     warn_of_missed,
@@ -508,7 +508,7 @@ class _Lattice:
         """Sums (n,) of waves (m,) at nodes (m, 2) times exp(-2 pi i nu.x)."""
         total: Any = 0.0
         rows = max(1, _BLOCK // max(1, sum(map(len, self.axes))))
-        with told("waves", range(0, len(nodes), rows)) as starts:
+        with with_progress("waves", range(0, len(nodes), rows)) as starts:
             for start in starts:
                 some = slice(start, start + rows)
                 first, second = (

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.execution.progress import told
+from polywigner.execution.progress import with_progress
 from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
 from polywigner.propagation.boundary import radiator_of
@@ -79,7 +79,7 @@ def summed_over_cells(
     points (k, 3).
     """
     values, sizes = np.zeros((len(points), *components), np.complex128), np.zeros(len(points))
-    with told("points", range(0, len(points), _POINTS)) as starts:
+    with with_progress("points", range(0, len(points), _POINTS)) as starts:
         for start in starts:
             some = points[start : start + _POINTS]
             for part in _parts(wave):
@@ -165,7 +165,7 @@ def _are_small(
     return np.asarray((rate * size <= _TURNS) & (size <= 2 * near))
 
 
-def lit_nodes(
+def field_at_nodes(
     wave: Wavefront, part: _Part, cells: Floats, wavelength: float, with_slopes: bool = False
 ) -> tuple[Floats, Complex, Complex]:
     """Nodes (k, n, 2) of cells; field and normal derivative over ik there, (k, n), times weights.
@@ -197,7 +197,7 @@ def _terms(
 ) -> Complex:
     """Values times weights (k, nodes) of the integrand of (Q7)."""
     condition = CONDITIONS[method]
-    nodes, field, slopes = lit_nodes(
+    nodes, field, slopes = field_at_nodes(
         wave, part, cells, wavelength, condition.needs_normal_derivative
     )
     height = points[:, 2, None]

@@ -35,7 +35,7 @@ from polywigner.geometry.silhouettes import listed_bodies
 from polywigner.kernels import kernel_for
 from polywigner.propagation.amplitudes import Obstacle, amplitude
 from polywigner.propagation.irradiances import irradiance
-from polywigner.propagation.places import (
+from polywigner.propagation.point_grids import (
     METHODS,
     Grid,
     box_grid,
@@ -60,7 +60,7 @@ from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.source.obliquities import DEFAULT
 from polywigner.source.source_files import source_json
 from polywigner.transforms import PhaseSpaceSource, ambiguity, wigner
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_source
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:
@@ -595,7 +595,7 @@ def _table(
     from polywigner import __version__
 
     _check_options(options, TableOptions, out)
-    if kernel_for(kind, flat_of(source)).dimension != 2:
+    if kernel_for(kind, flat_source(source)).dimension != 2:
         raise ArgumentError(
             f"expected a source of the plane, got {type(source).__name__}; the table of slits has "
             f"two coordinates only: use polywigner.{kind}"

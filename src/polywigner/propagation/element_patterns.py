@@ -17,7 +17,7 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     warn_caller,
 )
-from polywigner.propagation.places import unit_vectors
+from polywigner.propagation.point_grids import unit_vectors
 from polywigner.propagation.vector_fields import of_co_and_cross, of_currents
 from polywigner.radiometry.directions import directions_and_weights
 from polywigner.source.obliquities import DEFAULT, DefaultCondition
@@ -239,7 +239,7 @@ class FittedPattern(NamedTuple):
     """Aperture with the fitted field."""
     residual: float
     """Square root of the power of the error of the far field over the power of the pattern."""
-    stored: float
+    power_ratio: float
     """Power int |u|^2 on the aperture over radiated power; superdirective if far above 3."""
 
 
@@ -345,8 +345,10 @@ def fit_pattern(
     amplitudes = np.linalg.lstsq(columns * roots[:, None], along * roots, least)[0]
     fitted = columns @ amplitudes
     error = total - polarised + float(weights @ np.square(np.abs(fitted - along)))
-    stored = float((amplitudes.conj() @ fourier(outline, waves[:, None] - waves) @ amplitudes).real)
-    stored /= float(weights @ np.square(np.abs(fitted)))
+    power_ratio = float(
+        (amplitudes.conj() @ fourier(outline, waves[:, None] - waves) @ amplitudes).real
+    )
+    power_ratio /= float(weights @ np.square(np.abs(fitted)))
     field = Illumination(amplitudes * np.exp(-2j * math.pi * (waves @ centre)), waves)
     residual = math.sqrt(max(0.0, error) / total)
     if residual > _POOR:
@@ -354,7 +356,7 @@ def fit_pattern(
             f"the residual of the fitted far field is {residual:.2g}: check polarisation, method, "
             "wavelength, and size and position of the outline"
         )
-    return FittedPattern(aperture.with_illumination(field), residual, stored)
+    return FittedPattern(aperture.with_illumination(field), residual, power_ratio)
 
 
 def _waves_on(aperture: Aperture, wavelength: float) -> Floats:

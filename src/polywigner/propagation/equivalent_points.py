@@ -22,11 +22,11 @@ from polywigner.kernels.boundary.edge_waves import Point
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.propagation.boundary import Radiator, radiator_of
-from polywigner.propagation.curved_fields import cells_of_wave, lit_nodes
+from polywigner.propagation.curved_fields import cells_of_wave, field_at_nodes
 from polywigner.propagation.screens import PointSource
 from polywigner.source.obliquities import CONDITIONS, Obliquity, times_direction_cosine
 from polywigner.transforms import fourier
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_source
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -132,7 +132,7 @@ def _spectra(
         spectra.append(condition.slope * _slope_spectrum(source, sines, wavelength) * phase)
     elif condition.slope:
         with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
-            slopes = times_direction_cosine(flat_of(source), wavelength)
+            slopes = times_direction_cosine(flat_source(source), wavelength)
             spectra.append(condition.slope * fourier(slopes, nu) * phase)
     return spectra
 
@@ -142,7 +142,7 @@ def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> 
     total = np.zeros([len(s) for s in sines], np.complex128)
     for part, cells in cells_of_wave(wave, wavelength):
         for start in range(0, len(cells), _CELLS):
-            nodes, _, slopes = lit_nodes(
+            nodes, _, slopes = field_at_nodes(
                 wave, part, cells[start : start + _CELLS], wavelength, True
             )
             x, y = (
@@ -229,7 +229,7 @@ def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = 
 class RadiatingPoint(NamedTuple):
     """A point that represents a part of a source. Lengths in wavelengths."""
 
-    place: Floats
+    position: Floats
     field: complex
     slope: complex
 
@@ -241,11 +241,11 @@ class RadiatingPoint(NamedTuple):
     @property
     def row(self) -> Floats:
         """(7,): position, and real and imaginary parts of both weights."""
-        return np.array([*self.place, *self.weights[0], *self.weights[1]])
+        return np.array([*self.position, *self.weights[0], *self.weights[1]])
 
     def wave(self, points: Floats) -> Complex:
         """Return the wave of the point at points (3, n)."""
-        ahead = points - self.place[:, None]
+        ahead = points - self.position[:, None]
         wave = wave_ahead(NumpyOperations(double=True), tuple(ahead), *self.weights)
         return np.asarray(wave.real + 1j * wave.imag)
 
@@ -267,9 +267,9 @@ def radiating_points(
     """
     if isinstance(source, PointSource):
         # exp(ikR)/R is i/wavelength times exp(ikR)/(i R/wavelength)
-        place = np.array(source.position) / wavelength
-        return [RadiatingPoint(place, 0j, 1j * source.amplitude / wavelength)]
-    radiator = radiator_of(flat_of(source))
+        position = np.array(source.position) / wavelength
+        return [RadiatingPoint(position, 0j, 1j * source.amplitude / wavelength)]
+    radiator = radiator_of(flat_source(source))
     condition = CONDITIONS[method]
     low, high = radiator.low / wavelength, radiator.high / wavelength
     sines = _ALL_SINES if targets is None else sines_towards(low, high, targets)

@@ -23,7 +23,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.numerics.band_limited import climbed, largest
 from polywigner.propagation.element_patterns import element_pattern_of
-from polywigner.propagation.places import unit_vectors
+from polywigner.propagation.point_grids import unit_vectors
 from polywigner.propagation.vector_fields import far_vectors, polarised_parts, vector_powers
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import (
@@ -48,7 +48,7 @@ from polywigner.source.obliquities import (
 from polywigner.source.polarisation import MODELS, CurrentModel, checked_polarisation
 from polywigner.transforms import array_factor, fourier
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
+from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 
 if TYPE_CHECKING:
     import xarray
@@ -136,7 +136,7 @@ def radiated_power(
     name = checked_choice(obliquity, "obliquity", OBLIQUITIES)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
     check_slopes(radiator, name)
-    OBLIQUITIES[name].warn_of_fit(flat_of(radiator), length)
+    OBLIQUITIES[name].warn_of_fit(flat_source(radiator), length)
     return powers_of(radiator, length, name)[0]
 
 
@@ -229,7 +229,7 @@ class FarField:
         """
         if self.known_beam is not None:
             return self.known_beam
-        extent = np.ptp(np.reshape(flat_of(self.source).bounds, (2, 2)), axis=0)
+        extent = np.ptp(np.reshape(flat_source(self.source).bounds, (2, 2)), axis=0)
         width = extent / self.wavelength
         steps = np.maximum(2 * np.ceil(2 * width), _LEAST_STEPS).astype(int)
         windows = [(np.zeros(2), steps // 2)]
@@ -259,7 +259,7 @@ class FarField:
         Sizes are half the numbers of samples.
         """
         source, wavelength = self.source, self.wavelength
-        flat = flat_of(source)
+        flat = flat_source(source)
         sides = [np.ptp(np.reshape(e.bounds, (2, 2)), axis=0) for e in flat.elements_in_plane]
         reach = _LOBES * wavelength / np.min(sides, axis=0)
         if isinstance(source, Wavefront):
@@ -328,7 +328,7 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
     condition = obliquity_of(obliquity)
     name = condition.name
     check_slopes(radiator, name)
-    condition.warn_of_fit(flat_of(radiator), length)
+    condition.warn_of_fit(flat_source(radiator), length)
     at = partial(far_field, radiator, wavelength=length, obliquity=name)
     powers = powers_of(radiator, length, name)
     return FarField(radiator, length, at, powers, {"obliquity": name}, is_vector=False, how=how)

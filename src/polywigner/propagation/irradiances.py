@@ -38,7 +38,7 @@ from polywigner.propagation.collins import (
 )
 from polywigner.propagation.far_fields import check_slopes
 from polywigner.propagation.partial_coherence import partly_coherent_irradiance
-from polywigner.propagation.places import (
+from polywigner.propagation.point_grids import (
     DEFAULT_TOLERANCE,
     METHODS,
     checked_method,
@@ -69,7 +69,12 @@ from polywigner.source.obliquities import DEFAULT, Forms, ObliquityName, obliqui
 from polywigner.source.support import mutual_support
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
-from polywigner.transforms.wavefronts import coherent_source, flat_of, is_partly_coherent, tilts_of
+from polywigner.transforms.wavefronts import (
+    coherent_source,
+    flat_source,
+    is_partly_coherent,
+    tilts_of,
+)
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 Floats = NDArray[np.float64]
@@ -407,7 +412,7 @@ def _by_rays(
     engine: Engine,
 ) -> tuple[Floats, Floats]:
     """Irradiance by Wigner rays and its estimated error, (n,), at points (n, 3)."""
-    condition, flat = obliquity_of(obliquity), flat_of(source)
+    condition, flat = obliquity_of(obliquity), flat_source(source)
     curved: tuple[float, ...] = ()
     if isinstance(source, Wavefront) and not source.is_flat:
         (xx, xy), (_, yy) = source.curvature.tolist()

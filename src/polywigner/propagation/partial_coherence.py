@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.execution.progress import told
+from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.optics import FirstOrder
@@ -359,7 +359,7 @@ def _summed_over_tilts(
         for kappa in rule.channels
     ]
     values = np.empty(len(points))
-    with told("blocks of points", blocks) as remaining:
+    with with_progress("blocks of points", blocks) as remaining:
         for members, counts in remaining:
             spectra = _spectra(rule, points[members], counts)
             if not is_even:

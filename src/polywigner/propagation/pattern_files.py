@@ -46,7 +46,7 @@ from polywigner.propagation.patterns import (
     jones_of,
     vector_dataset,
 )
-from polywigner.propagation.places import angle_axes
+from polywigner.propagation.point_grids import angle_axes
 from polywigner.propagation.vector_fields import axial_ratios
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency
 from polywigner.source.polarisation import checked_polarisation

@@ -24,13 +24,13 @@ from polywigner.propagation.far_fields import (
     checked_far_field,
     steered_direction,
 )
-from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
+from polywigner.propagation.point_grids import angle_axes, checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.stores import source_attrs, source_coords
 from polywigner.propagation.vector_fields import axial_ratios, co_and_cross, ludwig_components
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource
 from polywigner.source.polarisation import checked_polarisation
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_source
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:
@@ -171,7 +171,9 @@ def beam_cuts(
     [9.29, 8.09]
     """
     far = checked_far_field(source, wavelength, options)
-    extent = float(np.linalg.norm(np.ptp(np.reshape(flat_of(far.source).bounds, (2, 2)), axis=0)))
+    extent = float(
+        np.linalg.norm(np.ptp(np.reshape(flat_source(far.source).bounds, (2, 2)), axis=0))
+    )
     steps = math.ceil(_STEPS_PER_LOBE * math.pi * extent / far.wavelength)
     return _great_circles(far, math.pi / min(max(steps, _LEAST_STEPS), _MOST_STEPS))
 

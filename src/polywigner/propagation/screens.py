@@ -18,7 +18,7 @@ from polywigner.geometry.arguments import checked_choice, finite_array
 from polywigner.kernels.boundary.edge_waves import spherical_edge
 from polywigner.numerics.chirps import waves_of_turns
 from polywigner.propagation.boundary import boundary_field, radiator_of
-from polywigner.propagation.places import warn_of_missed
+from polywigner.propagation.point_grids import warn_of_missed
 from polywigner.source import Illumination
 from polywigner.source.obliquities import CONDITIONS
 
@@ -192,7 +192,7 @@ class Screen:
     Parameters
     ----------
     outline : an Aperture without illumination: the opaque part, or the opening.
-    lit_by : a :class:`PointSource` or a :class:`PlaneWave`.
+    illuminated_by : a :class:`PointSource` or a :class:`PlaneWave`.
     kind : "plate" (default): the outline is opaque and everything else is open; or "opening": the
         outline is open in an infinite screen.
 
@@ -208,7 +208,7 @@ class Screen:
     """
 
     outline: Aperture
-    lit_by: PointSource | PlaneWave
+    illuminated_by: PointSource | PlaneWave
     kind: Literal["plate", "opening"] = "plate"
 
     def __post_init__(self) -> None:
@@ -217,11 +217,12 @@ class Screen:
                 "expected the outline of a screen as an Aperture without illumination, got "
                 f"{self.outline!r:.80}"
             )
-        if not isinstance(self.lit_by, (PointSource, PlaneWave)):
+        if not isinstance(self.illuminated_by, (PointSource, PlaneWave)):
             raise ArgumentError(
-                f"expected lit_by as a PointSource or a PlaneWave, got {type(self.lit_by).__name__}"
+                f"expected illuminated_by as a PointSource or a PlaneWave, "
+                f"got {type(self.illuminated_by).__name__}"
             )
-        light = self.lit_by
+        light = self.illuminated_by
         if isinstance(light, PointSource) and not light.position[2] < 0:
             raise ArgumentError(
                 "point source of a screen must lie in front of it, at z < 0, got "
@@ -243,7 +244,7 @@ def field_of_screen(
         raise ArgumentError(
             f"expected method to be one of {', '.join(CONDITIONS)} behind a screen, got {method!r}"
         )
-    light = screen.lit_by
+    light = screen.illuminated_by
     if isinstance(light, PointSource):
         mirrored = CONDITIONS[method].mirrored
         incident = light.amplitude * incident_of_point(light.position, points, wavelength)

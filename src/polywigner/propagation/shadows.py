@@ -105,85 +105,90 @@ def shadow_of(
 
     Raises ArgumentError for obstacles around the source, and sources that need too many points.
     """
-    places = points / wavelength
-    sources, seen = _seen(source, bodies, places, wavelength, method, tolerance)
-    change, free, off = diffracted(bodies, sources, seen, places, engine, with_error, tolerance)
+    positions = points / wavelength
+    sources, seen = _seen(source, bodies, positions, wavelength, method, tolerance)
+    change, free, off = diffracted(bodies, sources, seen, positions, engine, with_error, tolerance)
     if with_error and len(sources) > 1:
         off += _OF_GRID * tolerance * np.abs(free).max(initial=0.0)
-    return change, bodies.inside(places), off
+    return change, bodies.inside(positions), off
 
 
 def diffracted(
     bodies: Obstacles,
     sources: Sequence[RadiatingPoint],
     seen: Sequence[Silhouette],
-    places: Floats,
+    positions: Floats,
     engine: str,
     with_error: bool = False,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> tuple[Complex, Complex, Floats]:
-    """Change by bodies, free field and error (n,) at points ``places`` (n, 3), in wavelengths."""
+    """Change by bodies, free field and error (n,) at ``positions`` (n, 3) in wavelengths."""
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
     summed = partial(_summed, bodies, sources, seen, engine=engine, rule=rule)
-    change, free, off = summed(places, coarser=coarser if with_error else None)
-    near, across = _near_corners(sources, seen, places)
+    change, free, off = summed(positions, coarser=coarser if with_error else None)
+    near, across = _near_corners(sources, seen, positions)
     if near.any():
         # mean over neighbouring points on a line: an error of the fourth order in their distance
         change[near] = 0.0
         for number, share in ((1, 4 / 6), (-1, 4 / 6), (2, -1 / 6), (-2, -1 / 6)):
-            change[near] += share * summed(places[near] + number * across)[0]
+            change[near] += share * summed(positions[near] + number * across)[0]
     return change, free, off
 
 
 def _near_corners(
-    sources: Sequence[RadiatingPoint], seen: Sequence[Silhouette], places: Floats
+    sources: Sequence[RadiatingPoint], seen: Sequence[Silhouette], positions: Floats
 ) -> tuple[NDArray[np.bool_], Floats]:
     """Return a mask of points (n, 3) on a line through a point of the source and a corner.
 
     On these lines the derivatives (SB5) of the two edges diverge, and their sum loses its digits.
     Also return displacements (k, 3) across the line, over which the field is smooth.
     """
-    near = np.zeros(len(places), bool)
+    near = np.zeros(len(positions), bool)
     for point, silhouette in zip(sources, seen, strict=True):
         if not point.field:
             continue
-        corners = silhouette.edges.reshape(-1, 3) - point.place
+        corners = silhouette.edges.reshape(-1, 3) - point.position
         corners /= np.linalg.norm(corners, axis=1)[:, None]
-        axes = places - point.place
+        axes = positions - point.position
         distance = np.linalg.norm(axes, axis=1)
         rows, columns = np.nonzero(axes @ corners.T > (1.0 - _ALIGNED) * distance[:, None])
         aside = np.linalg.norm(np.cross(axes[rows], corners[columns]), axis=1)
         near[rows[aside < _CORNER * np.sqrt(distance[rows])]] = True
-    axes = places[near] - np.mean([place for place, *_ in sources], axis=0)
+    axes = positions[near] - np.mean([position for position, *_ in sources], axis=0)
     across = np.cross(axes, ASIDE)
     length = np.linalg.norm(across, axis=1) / np.sqrt(np.linalg.norm(axes, axis=1))
     return near, _BESIDE * across / np.maximum(length, 1e-300)[:, None]
 
 
 def _seen(
-    source: Any, bodies: Obstacles, places: Floats, wavelength: float, method: str, tolerance: float
+    source: Any,
+    bodies: Obstacles,
+    positions: Floats,
+    wavelength: float,
+    method: str,
+    tolerance: float,
 ) -> tuple[list[RadiatingPoint], list[Silhouette]]:
     """Return the points that represent a source, and the silhouettes that they see."""
     boxes = [np.stack([b.vertices.min(axis=0), b.vertices.max(axis=0)]) for b in bodies.bodies]
-    targets = np.concatenate([np.stack(boxes), np.stack([places, places], axis=1)])
+    targets = np.concatenate([np.stack(boxes), np.stack([positions, positions], axis=1)])
     error = _OF_GRID * tolerance
     sources = radiating_points(source, wavelength, method, error, targets=targets)
     _check_clearance(bodies, sources)
-    return sources, bodies.silhouettes([place for place, *_ in sources])
+    return sources, bodies.silhouettes([position for position, *_ in sources])
 
 
 def _summed(
     bodies: Obstacles,
     sources: Sequence[RadiatingPoint],
     seen: Sequence[Silhouette],
-    places: Floats,
+    positions: Floats,
     engine: str,
     rule: EdgeRule,
     coarser: EdgeRule | None = None,
 ) -> tuple[Complex, Complex, Floats]:
     """Change of the field, free field, and error (0 without a coarser rule) at places (n, 3)."""
-    count = len(places)
-    blocked = blocked_edges(bodies, seen, np.mean([place for place, *_ in sources], axis=0))
+    count = len(positions)
+    blocked = blocked_edges(bodies, seen, np.mean([position for position, *_ in sources], axis=0))
     group = np.concatenate(blocked.groups)
     # rows (k, 17): point of the source, seven numbers; ends; and plane of the face behind
     table = np.concatenate(
@@ -192,13 +197,13 @@ def _summed(
             for p, s in zip(sources, seen, strict=True)
         ]
     )
-    resolution = _resolution(table[:, 7:13].reshape(-1, 3), table[:, :3], places)
-    aside, margin = places + resolution[:, None] * ASIDE, _ON_SURFACE * resolution
+    resolution = _resolution(table[:, 7:13].reshape(-1, 3), table[:, :3], positions)
+    aside, margin = positions + resolution[:, None] * ASIDE, _ON_SURFACE * resolution
     edges: list[tuple[Floats, Blocker | None]] = []
     for number, blocker in enumerate(blocked.blockers):
         rows = table[group == number]
         planes = np.unique(rows[:, 13:], axis=0)
-        heights = places @ planes[:, :3].T + planes[:, 3]
+        heights = positions @ planes[:, :3].T + planes[:, 3]
         if (heights < -margin[:, None]).any():
             edges.append((rows, blocker))
         else:  # nothing is behind the surface
@@ -208,8 +213,8 @@ def _summed(
     # beyond all bodies the angles of the edges determine the illuminated points, otherwise rays do
     by_angles = np.zeros(count, bool)
     if not blocked.blockers and all(silhouette.is_closed for silhouette in seen):
-        by_angles = np.all([bodies.beyond(place, places) for place, *_ in sources], axis=0)
-    samples = np.column_stack([places, aside, by_angles])
+        by_angles = np.all([bodies.beyond(position, positions) for position, *_ in sources], axis=0)
+    samples = np.column_stack([positions, aside, by_angles])
     change, free, error = *np.zeros((2, count), np.complex128), np.zeros(count)
     # the engine is chosen for the edges of all groups together
     chosen = resolved(engine, count, sum(len(rows) for rows, _ in edges))
@@ -218,7 +223,7 @@ def _summed(
         columns = samples
         if surface is not None:
             hidden = surface.hides(aside, margin)
-            passed = surface.transmission(NumpyOperations(double=True), tuple(places.T), hidden)
+            passed = surface.transmission(NumpyOperations(double=True), tuple(positions.T), hidden)
             parts = (np.broadcast_to(part, count) for part in (passed.real, passed.imag))
             columns = np.column_stack([samples, margin, *parts])
         real, imag, off = execution.evaluate_rows(
@@ -231,8 +236,8 @@ def _summed(
         )
         change, error = change + real + 1j * imag, error + off
     for point in sources:
-        wave, hidden = point.wave(places.T), np.zeros(count, bool)
-        hidden[~by_angles] = bodies.hide(point.place, aside[~by_angles], margin[~by_angles])
+        wave, hidden = point.wave(positions.T), np.zeros(count, bool)
+        hidden[~by_angles] = bodies.hide(point.position, aside[~by_angles], margin[~by_angles])
         change -= np.where(hidden, wave, 0.0)
         free += wave
     return change, free, error
@@ -298,12 +303,12 @@ def _edge(
 
 
 def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> None:
-    places = np.array([place for place, *_ in sources])
-    if bodies.inside(places).any():
+    positions = np.array([position for position, *_ in sources])
+    if bodies.inside(positions).any():
         raise ArgumentError(
             "an obstacle encloses a part of the source; move it away from the source"
         )
-    nearest = min(float(body.distance(places).min()) for body in bodies.bodies)
+    nearest = min(float(body.distance(positions).min()) for body in bodies.bodies)
     if nearest < _NEAR and len(sources) > 1:
         warn_caller(
             f"an obstacle is {nearest:.2g} wavelengths from the source: its shadow neglects "

@@ -18,7 +18,7 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     takes_frequency,
 )  # fmt: skip
-from polywigner.propagation.places import box_grid, line_grid, unit_vectors
+from polywigner.propagation.point_grids import box_grid, line_grid, unit_vectors
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.source import Array
 from polywigner.source.support import mutual_support

@@ -36,8 +36,8 @@ from polywigner.propagation.boundary import (
     radiator_of,
     strata_of,
 )
-from polywigner.propagation.curved_fields import lit_nodes, summed_over_cells
-from polywigner.propagation.places import (
+from polywigner.propagation.curved_fields import field_at_nodes, summed_over_cells
+from polywigner.propagation.point_grids import (
     checked_amplitude_tolerance,
     checked_method,
     checked_points,
@@ -190,7 +190,7 @@ def _dipole_terms(
     part: Any, cells: Floats, points: Floats, wavelength: float,
 ) -> Complex:  # fmt: skip
     """Fields (k, nodes, 3) of the currents at the nodes of cells, weights included."""
-    nodes, weights, _ = lit_nodes(wave, part, cells, wavelength)
+    nodes, weights, _ = field_at_nodes(wave, part, cells, wavelength)
     ahead = np.empty((*nodes.shape[:2], 3))
     ahead[..., :2] = points[:, None, :2] - nodes
     ahead[..., 2] = points[:, None, 2]

@@ -28,7 +28,7 @@ from polywigner.source.obliquities import OBLIQUITIES
 from polywigner.source.tapers import checked_unit_vectors
 from polywigner.transforms import lag_marginal
 from polywigner.transforms.traced_sources import check_no_drjit
-from polywigner.transforms.wavefronts import checked_wavefront, flat_of
+from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 
 Floats = NDArray[np.float64]
 
@@ -148,7 +148,7 @@ _PANEL = 400.0
 
 def largest_lag(source: PlaneSource | Wavefront) -> float:
     """Return the largest distance of two points of the source in m, or an upper bound."""
-    flat: Any = flat_of(source)
+    flat: Any = flat_source(source)
     if isinstance(flat, Aperture):
         return flat.diameter
     if flat.repeated is not None and isinstance(flat.repeated[0], Aperture):
@@ -166,7 +166,7 @@ def longest_path(source: PlaneSource | Wavefront) -> float:
 
     That is the largest lag and the difference of the path lengths on the source itself.
     """
-    lag, flat = largest_lag(source), flat_of(source)
+    lag, flat = largest_lag(source), flat_source(source)
     paths = getattr(flat, "paths", None)
     if paths is not None:
         centres = np.array([element.centre for element in flat.elements_in_plane])
@@ -191,14 +191,14 @@ def check_width(lag: float, wavelength: float) -> None:
 
 
 def directions_and_weights(
-    lag: float, wavelength: float, places: int = 1
+    lag: float, wavelength: float, positions: int = 1
 ) -> Iterator[tuple[Floats, Floats]]:
     """Unit vectors (n, 3) of z > 0 and solid angles (n,), in blocks.
 
     Functions band-limited as above by ``lag``, times polynomials of the direction's components,
     are integrated to 1e-14 of the largest value, with about 15 (lag/wavelength)^2 points, at least
-    a hundred. A terminal shows a progress bar for long computations; each block serves ``places``
-    positions. Raises ArgumentError for lags of too many wavelengths.
+    a hundred. A terminal shows a progress bar for long computations; each block serves
+    ``positions`` positions. Raises ArgumentError for lags of too many wavelengths.
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
@@ -206,7 +206,7 @@ def directions_and_weights(
     counts = _azimuths(phase * np.sin(theta))
     ends = np.cumsum(counts)
     first, all_directions = 0, int(ends[-1])
-    show = None if places * all_directions > _LONG else False
+    show = None if positions * all_directions > _LONG else False
     with progress_bar("directions", all_directions, show=show) as advance:
         while first < len(theta):
             below = int(np.searchsorted(ends, ends[first] - counts[first] + _BLOCK, side="right"))
@@ -274,7 +274,7 @@ def power_by_lags(
     ends = [[0.5 * math.erfc((r - off * soft) / soft) for r in rho.tolist()] for off in _ENDS]
     lags = wavelength * rho[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
     powers = np.zeros(len(_ENDS))
-    for one, forms in OBLIQUITIES[obliquity].terms(flat_of(source), wavelength):
+    for one, forms in OBLIQUITIES[obliquity].terms(flat_source(source), wavelength):
         part = source.on(one) if isinstance(source, Wavefront) else one
         mean = np.real(lag_marginal(part, lags)) @ around
         powers += np.array(ends) @ (ring * mean * forms.at_lags(2.0 * math.pi * rho))
@@ -283,13 +283,13 @@ def power_by_lags(
 
 def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
     """Return the largest spatial frequency of the field of a source, times the wavelength."""
-    flat: Any = flat_of(source)
-    found = float(np.linalg.norm(normal_form(flat).frequencies, axis=1).max())
+    flat: Any = flat_source(source)
+    result = float(np.linalg.norm(normal_form(flat).frequencies, axis=1).max())
     if isinstance(source, Wavefront):
         box = np.array(flat.bounds).reshape(2, 2)
         corners = np.array([(x, y) for x in box[:, 0] for y in box[:, 1]]) - source.centre
-        found += float(np.linalg.norm(corners @ source.curvature, axis=1).max())
-    return float(wavelength * found)
+        result += float(np.linalg.norm(corners @ source.curvature, axis=1).max())
+    return float(wavelength * result)
 
 
 def _lag_angles(source: PlaneSource | Wavefront, turns: float) -> tuple[Floats, Floats]:
@@ -297,7 +297,7 @@ def _lag_angles(source: PlaneSource | Wavefront, turns: float) -> tuple[Floats, 
 
     R_xi has kinks where lags are along edges. ``turns``: largest change of its phase, by angle.
     """
-    flat: Any = flat_of(source)
+    flat: Any = flat_source(source)
     rings = [ring for element in getattr(flat, "distinct", (flat,)) for ring in element.rings]
     along = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])
     kinks = np.unique(np.round(np.arctan2(along[:, 1], along[:, 0]) % math.pi, 12) % math.pi)

@@ -27,7 +27,7 @@ from polywigner.radiometry.directions import (
 )
 from polywigner.transforms import fourier, wigner
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.wavefronts import flat_of, mean_over_tilts
+from polywigner.transforms.wavefronts import flat_source, mean_over_tilts
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 Normalisation = Literal["si", "paper"]
@@ -88,13 +88,13 @@ def radiance(
     length = checked_wavelength(wavelength)
     checked_choice(normalisation, "normalisation", get_args(Normalisation))
     nu = checked_directions(direction)[..., :2] / length
-    found = wigner(radiator, checked_positions(x), nu, precision=precision, engine=engine)
+    result = wigner(radiator, checked_positions(x), nu, precision=precision, engine=engine)
     scale = 1.0
     if normalisation == "paper":
-        flat = flat_of(radiator)
+        flat = flat_source(radiator)
         area = flat.area if isinstance(flat, Aperture) else flat.support.area
         scale = 1 / (4 * math.pi * area)
-    return found * found.dtype.type(scale / length**2)
+    return result * result.dtype.type(scale / length**2)
 
 
 @takes_frequency
@@ -149,10 +149,10 @@ def radiant_intensity(
     if isinstance(radiator, Wavefront) and not radiator.is_coherent:
         double = checked_precision(precision) != "single"
         of_coherent: Any = partial(per_frequency, radiator.coherent)
-        found = mean_over_tilts(of_coherent, radiator, nu, double=double)
+        result = mean_over_tilts(of_coherent, radiator, nu, double=double)
     else:
-        found = per_frequency(radiator, nu)
-    return (directions[..., 2] * found).astype(found.dtype, copy=False)[()]
+        result = per_frequency(radiator, nu)
+    return (directions[..., 2] * result).astype(result.dtype, copy=False)[()]
 
 
 # Values of the radiance per block: 32 MB.
@@ -194,17 +194,17 @@ def flux_vector(
     radiator = checked_radiator(source, partly=True)
     length = checked_wavelength(wavelength)
     positions = checked_positions(x)
-    places = positions.reshape(-1, 1, 2)
-    total = np.zeros((len(places), 3))
+    positions = positions.reshape(-1, 1, 2)
+    total = np.zeros((len(positions), 3))
     for directions, solid_angle in directions_and_weights(
-        largest_lag(radiator), length, len(places)
+        largest_lag(radiator), length, len(positions)
     ):
         weighted = directions * solid_angle[:, None]
         size = max(1, _BLOCK // len(directions))
-        for first in range(0, len(places), size):
+        for first in range(0, len(positions), size):
             some = slice(first, first + size)
-            found = radiance(radiator, places[some], directions, length, engine=engine)
-            total[some] += found @ weighted
+            result = radiance(radiator, positions[some], directions, length, engine=engine)
+            total[some] += result @ weighted
     return total.reshape(*positions.shape[:-1], 3)
 
 

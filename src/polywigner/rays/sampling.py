@@ -39,7 +39,7 @@ from polywigner.source.obliquities import (
 )
 from polywigner.transforms import sample_automean, wigner
 from polywigner.transforms.automean_samples import Weights
-from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
+from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 
 if TYPE_CHECKING:
     import xarray
@@ -295,7 +295,7 @@ def sample_rays(
     condition = obliquity_of(obliquity)
     name = condition.name
     check_slopes(radiator, name)
-    flat = flat_of(radiator)
+    flat = flat_source(radiator)
     scale = _scale(radiator, length, name, power, aperture_power)
     parts = condition.terms(flat, length)
     tilts = 2 if is_partly_coherent(radiator) else 0

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError, GeometryError, value_text
-from polywigner.execution.progress import told
+from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
     checked_flag,
@@ -27,7 +27,7 @@ from polywigner.geometry.arguments import (
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field
-from polywigner.propagation.places import checked_method, warn_of_missed
+from polywigner.propagation.point_grids import checked_method, warn_of_missed
 from polywigner.propagation.quadrature import (
     gauss_rule,
     has_few_kinks,
@@ -51,7 +51,7 @@ from polywigner.source.polarisation import MODELS, CurrentModel, checked_pair
 from polywigner.transforms import wigner
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_source
 
 Floats = NDArray[np.float64]
 
@@ -313,7 +313,7 @@ class _Link:
             parts = list(map(polarised_parts, self.sources, self.jones))
         floor = 0.0 if self.method == "fraunhofer" else _FLOOR * self.norm("aperture")
         for sent, received in product(*parts):
-            with told("links", range(0, len(poses), _BLOCK)) as starts:
+            with with_progress("links", range(0, len(poses), _BLOCK)) as starts:
                 for start in starts:
                     some = slice(start, start + _BLOCK)
                     terms = self._between(sent, received, poses[some], floor)
@@ -370,7 +370,7 @@ class _Link:
 
     def _largest(self, sources: tuple[Any, ...], offset: Floats) -> Floats:
         """Return the largest coupling (n,) of sources of these areas at their distances."""
-        areas = [sum(e.area for e in flat_of(source).elements_in_plane) for source in sources]
+        areas = [sum(e.area for e in flat_source(source).elements_in_plane) for source in sources]
         size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
         return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
 

@@ -17,7 +17,7 @@ from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT, Obliquity
 from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_source
 
 Complex = NDArray[np.complex128]
 
@@ -69,7 +69,7 @@ def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, j
 
 
 def _check_field(source: Any) -> None:
-    norm = energy_of(flat_of(source))  # a curved wave has the same modulus
+    norm = energy_of(flat_source(source))  # a curved wave has the same modulus
     parts: float = sum(
         (abs(e.weight) * float(np.abs(e.amplitudes).max())) ** 2 * e.shape.area
         for e in normal_form(source).in_plane.elements

@@ -21,7 +21,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
-from polywigner.propagation.places import checked_angles
+from polywigner.propagation.point_grids import checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.scattering.facet_beams import sums_of_beams
 from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_reflections

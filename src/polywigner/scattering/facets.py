@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.execution.progress import told
+from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, triangulate
 from polywigner.geometry.arguments import warn_caller
 from polywigner.geometry.hidden_parts import (
@@ -417,7 +417,7 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
     rows = _AT_ONCE // columns
     of_directions = [slice(k, k + rows) for k in range(0, len(nu), rows)]
     of_triangles = [slice(k, k + columns) for k in range(0, len(pieces), columns)]
-    with told(_TITLE, list(product(of_directions, of_triangles))) as blocks:
+    with with_progress(_TITLE, list(product(of_directions, of_triangles))) as blocks:
         for some, part in blocks:
             taken = pieces.taken(part)
             shape = len(nu[some]), len(taken)

@@ -378,8 +378,10 @@ def phased_array(
     64
     """
     if isinstance(element, Wavefront):
-        places, amplitudes = checked_sites(positions, weights, element.dimension)
-        array: Any = _array_of_waves([element.moved(place) for place in places], amplitudes)
+        positions, amplitudes = checked_sites(positions, weights, element.dimension)
+        array: Any = _array_of_waves(
+            [element.moved(position) for position in positions], amplitudes
+        )
         warn_of_overlaps(array.source)
     else:
         array = repeated_element(element, positions, weights)
@@ -460,9 +462,9 @@ def repeated_element(
             "polywigner.Array for other elements"
         )
     dimension = 1 if isinstance(element, Slits) else 2
-    places, amplitudes = checked_sites(positions, weights, dimension)
+    positions, amplitudes = checked_sites(positions, weights, dimension)
     array: Array = object.__new__(Array)
-    array.__dict__.update(repeated=(element, places), weights=amplitudes, paths=None)
+    array.__dict__.update(repeated=(element, positions), weights=amplitudes, paths=None)
     return array
 
 

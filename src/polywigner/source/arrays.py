@@ -257,17 +257,17 @@ def virtual_array(
     _check_number(len(sent) * len(received))
     v = checked_weights(transmit_weights, len(sent))
     w = checked_weights(receive_weights, len(received))
-    places = (sent[:, None] + received).reshape(-1, sent.shape[1])
+    positions = (sent[:, None] + received).reshape(-1, sent.shape[1])
     near = _EQUAL_POSITIONS * float(max(np.abs(sent).max(), np.abs(received).max()))
-    order = np.argsort(places, axis=0, kind="stable")
+    order = np.argsort(positions, axis=0, kind="stable")
     ranks = np.empty_like(order)
     for axis, along in enumerate(order.T):  # equal coordinates have equal ranks
-        steps = np.diff(places[along, axis]) > near
+        steps = np.diff(positions[along, axis]) > near
         ranks[along, axis] = np.concatenate([[0], np.cumsum(steps)])
     _, first, which = np.unique(ranks, axis=0, return_index=True, return_inverse=True)
     weights = np.zeros(len(first), np.complex128)
     np.add.at(weights, which.reshape(-1), np.multiply.outer(v, w).ravel())
-    return places[first] + 0.0, weights
+    return positions[first] + 0.0, weights
 
 
 WINDOWS = ("uniform", "taylor", "chebyshev", "hamming")
@@ -294,14 +294,14 @@ def steering_weights(
     Raises ArgumentError for positions out of shape, directions that do not fit them or are of no
     unit vector, and wavelengths that are not above zero.
     """
-    places = checked_positions(positions, (1, 2, 3))
-    towards = unit_vector(direction) if places.shape[1] == 3 else transverse(direction)
-    if len(towards) != places.shape[1]:
+    positions = checked_positions(positions, (1, 2, 3))
+    towards = unit_vector(direction) if positions.shape[1] == 3 else transverse(direction)
+    if len(towards) != positions.shape[1]:
         raise ArgumentError(
-            f"expected a direction for positions of {places.shape[1]} components, got one with "
+            f"expected a direction for positions of {positions.shape[1]} components, got one with "
             f"{len(towards)} along the array"
         )
-    return np.exp(2j * np.pi * (places @ (towards / checked_length(wavelength, "wavelength"))))
+    return np.exp(2j * np.pi * (positions @ (towards / checked_length(wavelength, "wavelength"))))
 
 
 @takes_frequency
@@ -323,15 +323,15 @@ def focusing_weights(
     Raises ArgumentError for positions or points out of shape, a point not in front of the array,
     and wavelengths that are not above zero.
     """
-    places = checked_positions(positions, (2,))
+    positions = checked_positions(positions, (2,))
     expected = "expected a point (x, y, z) with z above zero"
     focus = finite_array(point, expected, (3,))
     if not focus[2] > 0:
         raise ArgumentError(f"{expected}, got {value_text(point)}")
-    apart = np.column_stack([focus[:2] - places, np.full(len(places), focus[2])])
+    apart = np.column_stack([focus[:2] - positions, np.full(len(positions), focus[2])])
     distance = np.linalg.norm(apart, axis=1) + np.linalg.norm(focus)
     # R_k - R without cancellation
-    path = ((places - 2 * focus[:2]) * places).sum(axis=1) / distance
+    path = ((positions - 2 * focus[:2]) * positions).sum(axis=1) / distance
     return np.exp(-2j * np.pi * path / checked_length(wavelength, "wavelength"))
 
 

@@ -224,17 +224,17 @@ def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np
     expected = f"expected finite positions of shape {' or '.join(f'(n, {c})' for c in components)}"
     shapes: list[tuple[int | None, ...]] = [(None, c) for c in components]
     shapes += [(None,)] if 1 in components else []
-    places = finite_array(positions, expected, *shapes)
-    return places[:, None] if places.ndim == 1 else places
+    positions = finite_array(positions, expected, *shapes)
+    return positions[:, None] if positions.ndim == 1 else positions
 
 
 def checked_sites(
     positions: Any, weights: Any, dimension: int | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
     """Return read-only positions (n, d), with d <= 3 if `dimension` is None, and weights (n,)."""
-    places = checked_positions(positions, (1, 2, 3) if dimension is None else (dimension,)) + 0.0
-    places.setflags(write=False)
-    return places, checked_weights(weights, len(places))
+    positions = checked_positions(positions, (1, 2, 3) if dimension is None else (dimension,)) + 0.0
+    positions.setflags(write=False)
+    return positions, checked_weights(weights, len(positions))
 
 
 def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:

@@ -338,19 +338,21 @@ def fit_illumination(
 
 def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
     expected = "expected points (n, 2), or (n, 1) for slits"
-    places = finite_array(points, expected, (None,), (None, 1), (None, 2)).reshape(len(points), -1)
+    positions = finite_array(points, expected, (None,), (None, 1), (None, 2)).reshape(
+        len(points), -1
+    )
     try:
         field = np.array(values, dtype=np.complex128)
     except (TypeError, ValueError, OverflowError):
         field = np.empty(0, np.complex128)
-    if field.shape != places.shape[:1] or not np.isfinite(field).all():
+    if field.shape != positions.shape[:1] or not np.isfinite(field).all():
         raise ArgumentError(
-            f"expected a finite complex number for each of {len(places)} points, "
+            f"expected a finite complex number for each of {len(positions)} points, "
             f"got {value_text(values)}"
         )
     if not field.any():
         raise IlluminationError("expected values other than zero, got zeros only")
-    return places, field
+    return positions, field
 
 
 def _distinct(frequencies: Any, dimension: int) -> NDArray[np.float64]:

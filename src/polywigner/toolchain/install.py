@@ -43,7 +43,7 @@ def install_llvm() -> LLVMStatus:
             install_packages(packages)
         except EngineError as error:
             raise EngineError(f"{status.problem} {error}") from error
-        status = prepare(afresh=True)
+        status = prepare(refresh=True)
     if not status.usable:
         raise EngineError(f"{status.problem} {status.remedy}")
     return status

@@ -114,7 +114,7 @@ _lock = threading.Lock()
 _status: LLVMStatus | None = None
 
 
-def prepare(*, afresh: bool = False) -> LLVMStatus:
+def prepare(*, refresh: bool = False) -> LLVMStatus:
     """Select the LLVM library for Dr.Jit, before Dr.Jit is imported.
 
     The candidates are the library in ``DRJIT_LIBLLVM_PATH``, then the libraries of the Python
@@ -125,7 +125,7 @@ def prepare(*, afresh: bool = False) -> LLVMStatus:
 
     Parameters
     ----------
-    afresh : bool
+    refresh : bool
         Whether to search again after a library has been installed, default False.
 
     Returns
@@ -137,7 +137,7 @@ def prepare(*, afresh: bool = False) -> LLVMStatus:
     """
     global _status
     with _lock:
-        if _status is None or afresh:
+        if _status is None or refresh:
             if "drjit" in sys.modules:
                 _status = _status_of_loaded_drjit()
             else:

@@ -23,7 +23,7 @@ from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import PhaseSpaceSource
 from polywigner.transforms.phase_space import position_marginal
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_source
 
 Weights = Literal["uniform", "marginal"]
 
@@ -92,7 +92,7 @@ def sample_automean(
     >>> positions.shape, round(float(density.sum()), 6)
     ((100, 2), 100.0)
     """
-    flat: Any = flat_of(source)  # a curved wave has the same support and modulus
+    flat: Any = flat_source(source)  # a curved wave has the same support and modulus
     dimension = kernel_for("wigner", flat).dimension
     checked_choice(weights, "weights", get_args(Weights))
     if weights == "uniform":

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.execution import NumpyOperations
-from polywigner.execution.progress import told
+from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
     checked_array,
@@ -283,7 +283,7 @@ class _System:
         first, second = np.triu_indices(len(lags))
         above = np.zeros((len(lags), len(lags)), np.complex128)
         blocks = [slice(k, k + _PAIRS) for k in range(0, len(first), _PAIRS)]
-        with told("pairs of orders", blocks) as each:
+        with with_progress("pairs of orders", blocks) as each:
             for some in each:
                 pairs = first[some], second[some]
                 above[pairs] = self.coefficients(lags, *pairs)

@@ -10,7 +10,7 @@ from polywigner.geometry.arguments import Points
 from polywigner.optics import FirstOrder
 from polywigner.transforms.calls import compute, public
 from polywigner.transforms.checked_calls import PhaseSpaceSource, Values
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_source
 
 
 @public
@@ -278,5 +278,5 @@ def energy_of(source: PhaseSpaceSource) -> float:
     Rounding may make it negative if elements cancel each other everywhere.
     """
     # One value on NumPy is faster than the compilation of a kernel.
-    lag = np.zeros(kernels.kernel_for("ambiguity", flat_of(source)).dimension)
+    lag = np.zeros(kernels.kernel_for("ambiguity", flat_source(source)).dimension)
     return float(np.real(lag_marginal(source, lag, engine="numpy")))

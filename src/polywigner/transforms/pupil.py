@@ -22,7 +22,7 @@ from polywigner.geometry.arguments import (
 from polywigner.source import Array
 from polywigner.transforms.checked_calls import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
-from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
+from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 # Smallest ratio of the energy to the sum of the energies of the elements. Rounding leaves 1e-15 if
@@ -85,7 +85,7 @@ def otf(
     >>> float(pw.otf(square, (0.5, 0.0)).real)
     0.75
     """
-    kernel = kernels.kernel_for("ambiguity", flat_of(_checked_pupil(source)))
+    kernel = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(source)))
     radius = checked_pupil_radius(source, pupil_radius)
     waves = checked_waves(defocus)
     slope = -2.0 * waves / radius**2
@@ -162,7 +162,7 @@ def mtf(
     distance = checked_length(focal_length, "focal_length")
     fractions = shares_of(weights, lengths.size)
     warn_of_lens(source, float(lengths.max()), distance)
-    dimension = kernels.kernel_for("ambiguity", flat_of(_checked_pupil(source))).dimension
+    dimension = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(source))).dimension
     cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
     sides = checked_row(pixel, "expected pixel in m")
     if sides.size not in (1, dimension) or not (np.isfinite(sides) & (sides >= 0)).all():
@@ -221,7 +221,7 @@ def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
 
 def _vertices(source: PhaseSpaceSource) -> Iterator[NDArray[np.float64]]:
     """Yield the vertices (n, 2) of each ring, or the ends (n, 1) of slits."""
-    flat: Any = flat_of(source)
+    flat: Any = flat_source(source)
     for element in flat.elements_in_plane:
         if isinstance(element, Slits):
             yield element.intervals.reshape(-1, 1)
@@ -231,7 +231,7 @@ def _vertices(source: PhaseSpaceSource) -> Iterator[NDArray[np.float64]]:
 
 def checked_energy(source: PhaseSpaceSource) -> float:
     """Return the integral of |u|^2, A(0, 0). Raises IlluminationError if it is zero."""
-    source = flat_of(source)
+    source = flat_source(source)
     energy = incoherent = energy_of(source)
     if isinstance(source, Array):
         contents = [checked_energy(element) for element in source.elements_in_plane]

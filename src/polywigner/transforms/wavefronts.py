@@ -44,7 +44,7 @@ _THIN = 16.0
 _BLOCK = 1 << 20
 
 
-def flat_of(source: Any) -> Any:
+def flat_source(source: Any) -> Any:
     """Return the flat source of a Wavefront, or any other source unchanged."""
     return source.source if isinstance(source, Wavefront) else source
 

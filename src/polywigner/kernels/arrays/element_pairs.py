@@ -296,9 +296,9 @@ def _ambiguity_sum(ops: Any, tables: PairTables, turns: Any, *samples: Any) -> V
     return real, -imag
 
 
-def _fields(ops: Any, tables: PairTables, turns: Any, *places: Any) -> Values:
+def _fields(ops: Any, tables: PairTables, turns: Any, *positions: Any) -> Values:
     """u at both ends of a lag, without the carrier, from the elements around them."""
-    ends = places[:4], places[4:]
+    ends = positions[:4], positions[4:]
     return tuple(part for end in ends for part in _sum(ops, tables, 2, end, _field_of))
 
 

@@ -275,7 +275,7 @@ def _length(ops: Any, left: Any, scale: float) -> Number:
 
 
 def _over_pairs(
-    ops: Any, pairs: Sequence[WavePair], place: Any, frequency: Any, length: Any,
+    ops: Any, pairs: Sequence[WavePair], position: Any, frequency: Any, length: Any,
     width: float = math.inf,
 ) -> Pair:  # fmt: skip
     """The sum over pairs of waves, each with the length times its sinc, or an interval of (I6)."""
@@ -286,7 +286,7 @@ def _over_pairs(
     def wave(rate: float) -> Pair:
         number = round(abs(rate) / tolerance)
         if number not in waves:
-            waves[number] = unit_wave(ops, abs(rate) * place)
+            waves[number] = unit_wave(ops, abs(rate) * position)
         value = waves[number]
         return value if rate >= 0.0 else value.conjugate()
 

@@ -64,7 +64,7 @@ class SliceSum:
     scale: float
     """The offset T between the copies is ``scale`` times the position or lag: 2x, or xi. A point p
     of an edge is the point ``scale (p + side T)`` of the slice."""
-    place: slice
+    position: slice
     """Components of the position or lag among the arguments in the frame."""
     frequency: slice
     pairings: Callable[[Tables], Sequence[Pairing]]
@@ -79,15 +79,15 @@ class SliceSum:
 
     def __call__(self, ops: Any, tables: Tables, *inner: Any) -> Values:
         if ops.target == "numpy":
-            place, nu = inner[self.place], inner[self.frequency]
-            shape = np.shape(place[0])
+            position, nu = inner[self.position], inner[self.frequency]
+            shape = np.shape(position[0])
             is_plain = len(shape) == 1 and shape == np.shape(nu[0]) == np.shape(nu[1])
-            if is_plain and np.shape(place[1]) == shape and shape[0] * len(tables.edges) <= _CUT:
-                return self._as_waves(self._sums(ops, tables, place, nu))
+            if is_plain and np.shape(position[1]) == shape and shape[0] * len(tables.edges) <= _CUT:
+                return self._as_waves(self._sums(ops, tables, position, nu))
             return self._in_blocks(ops, tables, inner)
         # Dr.Jit has no derivatives of nested loops
         if ops.needs_gradient(*inner) or (ops.target == "compiled" and tables.fits_code):
-            offset = (self.scale * c for c in inner[self.place])
+            offset = (self.scale * c for c in inner[self.position])
             return self._summed(Clipper(ops, tables, *offset), inner)
         return self.by_pairs(ops, tables, None, *inner)
 
@@ -95,7 +95,7 @@ class SliceSum:
         self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
     ) -> Values:
         """Sums by lists of pairs in an engine's memory, by default the tables' own."""
-        tx, ty = (self.scale * c for c in inner[self.place])
+        tx, ty = (self.scale * c for c in inner[self.position])
         return self._summed(PairClipper(ops, tables, tx, ty, self.views, inner, pairs), inner)
 
     def passes(self, tables: Tables) -> list[Pass]:
@@ -106,10 +106,10 @@ class SliceSum:
 
     def after(self, count: int) -> SliceSum:
         """Return the sum for arguments that follow ``count`` others."""
-        place, frequency = (
-            slice(s.start + count, s.stop + count) for s in (self.place, self.frequency)
+        position, frequency = (
+            slice(s.start + count, s.stop + count) for s in (self.position, self.frequency)
         )
-        return replace(self, place=place, frequency=frequency, arguments=None)
+        return replace(self, position=position, frequency=frequency, arguments=None)
 
     # ---- compiled code
 
@@ -121,8 +121,8 @@ class SliceSum:
             terms = self.terms(clipper.ops, clipper.tables, shifted, is_even, pair.is_real)
             return TermSum(clipper, terms, pair, self.scale)
 
-        totals, place = [0.0] * self.values, inner[self.place]
-        for sums in self._sums_of_pairings(clipper, sum_of, place):
+        totals, position = [0.0] * self.values, inner[self.position]
+        for sums in self._sums_of_pairings(clipper, sum_of, position):
             totals = [a + b for a, b in zip(totals, sums, strict=True)]
         return self._as_waves(totals)
 
@@ -130,7 +130,7 @@ class SliceSum:
         return tuple(totals) if self.values == 1 else (totals[0], -totals[1])
 
     def _sums_of_pairings(
-        self, clipper: Clipper, sum_of: Callable[[WavePair, bool], TermSum], place: Values
+        self, clipper: Clipper, sum_of: Callable[[WavePair, bool], TermSum], position: Values
     ) -> Iterator[Sequence[Any]]:
         """The sums over pairs of waves; one pass over the edges for all pairs of two groups.
 
@@ -144,7 +144,9 @@ class SliceSum:
         for (group, other), beats in pairings.items():
             if ops.target != "scalar" and sum(len(p) for _, p in beats) > MOST_PAIRS_AS_CODE:
                 for views, pairs in beats:
-                    yield _sum_of_rows(clipper, (group, other), views, pairs, sum_of, place, count)
+                    yield _sum_of_rows(
+                        clipper, (group, other), views, pairs, sum_of, position, count
+                    )
                 continue
             is_even = other == group and not tables.phased
             runs = [(views, sum_of(pair, is_even)) for views, pairs in beats for pair in pairs]
@@ -162,13 +164,13 @@ class SliceSum:
             count_of_all = sum(run.values for _, run in runs)
             sums = iter(clipper.sum_over_edges(term, count_of_all, group, other))
             for _, run in runs:
-                yield run.value([next(sums) for _ in range(run.values)], place)[:count]
+                yield run.value([next(sums) for _ in range(run.values)], position)[:count]
 
     # ---- NumPy
 
     def _in_blocks(self, ops: Any, tables: Tables, inner: Values) -> Values:
         """Sums for arguments that broadcast, some samples at a time."""
-        arguments = (*inner[self.place], *inner[self.frequency])
+        arguments = (*inner[self.position], *inner[self.frequency])
         shape = np.broadcast_shapes(*map(np.shape, inner)) or (1,)
         flat = [np.broadcast_to(a, shape).reshape(-1) for a in arguments]
         step = max(1, _CUT // len(tables.edges))
@@ -180,7 +182,7 @@ class SliceSum:
         return self._as_waves([total.reshape(shape) for total in totals])
 
     def shared_sums(
-        self, ops: Any, tables: Tables, place: Sequence[Array], nu: Sequence[Array]
+        self, ops: Any, tables: Tables, position: Sequence[Array], nu: Sequence[Array]
     ) -> Values:
         """Sums (n, m) at points (n,), each cut once for frequencies (1, m) or (n, m)."""
         columns = np.broadcast_shapes(*(n.shape for n in nu))[1]
@@ -189,26 +191,26 @@ class SliceSum:
             nu = np.broadcast_arrays(*nu)
         # many frequencies take fewer points in each pass
         step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
-        results = [np.zeros((len(place[0]), columns)) for _ in range(self.values)]
-        for k in range(0, len(place[0]), step):
+        results = [np.zeros((len(position[0]), columns)) for _ in range(self.values)]
+        for k in range(0, len(position[0]), step):
             rows = slice(k, k + step)
             own = nu if len(nu[0]) == 1 else [n[rows] for n in nu]
-            totals = self._sums(ops, tables, [p[rows] for p in place], own)
+            totals = self._sums(ops, tables, [p[rows] for p in position], own)
             for result, total in zip(results, totals, strict=True):
                 result[rows] = total
         return self._as_waves(results)
 
-    def _sums(self, ops: Any, tables: Tables, place: Any, nu: Any) -> list[Any]:
+    def _sums(self, ops: Any, tables: Tables, position: Any, nu: Any) -> list[Any]:
         """Return sums at points (n,).
 
         Frequencies (n,) give (n,); frequencies (1, m) or (n, m) give (n, m).
         """
-        is_shared, count = nu[0].ndim > 1, len(place[0])
-        check = place[0] + place[1]
+        is_shared, count = nu[0].ndim > 1, len(position[0])
+        check = position[0] + position[1]
         check = check[:, None] + (nu[0] + nu[1]) if is_shared else check + (nu[0] + nu[1])
         # NaN and infinite arguments give NaN
         totals: list[Any] = [0.0 if np.isfinite(check).all() else check - check] * self.values
-        for pairs, is_even, owner, part in self.parts(tables, place):
+        for pairs, is_even, owner, part in self.parts(tables, position):
             for pair in pairs:
                 shifted = nu if pair.is_unit else pair.detuned(nu)
                 terms = self.terms(ops, tables, shifted, is_even, pair.is_real)
@@ -220,22 +222,22 @@ class SliceSum:
                         sums.append(np.bincount(owner, value, count))
                 total = terms.total(tuple(sums))
                 if not pair.is_unit:
-                    points = [p[:, None] for p in place] if is_shared else place
+                    points = [p[:, None] for p in position] if is_shared else position
                     total = _with_amplitude(total, pair.amplitude(ops, points))
                 for k in range(self.values):
                     totals[k] = totals[k] + total[k]
         return totals
 
     def parts(
-        self, tables: Tables, place: Sequence[Array]
+        self, tables: Tables, position: Sequence[Array]
     ) -> Iterator[tuple[Sequence[WavePair], bool, Array, tuple[Any, ...]]]:
         """Pairs of waves, whether their terms are even, and last parts of edges (theory, (K1)).
 
         A part is the index of its point (k,); and its centre and its vector (x, y, dx, dy) in the
         slice, and its weight (real, imag). In double precision.
         """
-        t = np.empty(len(place[0]), np.complex128)
-        t.real, t.imag = place
+        t = np.empty(len(position[0]), np.complex128)
+        t.real, t.imag = position
         lists = tables.lists.get(self.pairings)
         if lists is None:
             lists = tables.lists.setdefault(self.pairings, list(self._lists(tables)))
@@ -261,16 +263,16 @@ class SliceSum:
                 grid = pairs_of(tables, (view, group, other), True, _SAMPLES).on_host
                 yield pairs, is_even, grid, view.side, side
 
-    def listed(self, ops: Any, tables: Tables, *place: Array) -> tuple[Array, Array, bool]:
+    def listed(self, ops: Any, tables: Tables, *position: Array) -> tuple[Array, Array, bool]:
         """The first part of each point (n + 1,), rows of parts, whether weights are real.
 
         Rows are (x, y, dx, dy), and where weights are others than 1 and -1 or a frequency is
         shifted (real, imag, shift) as well; a part of weight -1 is stored reversed (terms are odd).
         """
-        owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(place[0])
-        for pairs, _, owner, (*geometry, real, imag) in self.parts(tables, place):
+        owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(position[0])
+        for pairs, _, owner, (*geometry, real, imag) in self.parts(tables, position):
             for pair in pairs:
-                values = (np.broadcast_to(a, count) for a in pair.amplitude(ops, place))
+                values = (np.broadcast_to(a, count) for a in pair.amplitude(ops, position))
                 factor = Pair(*(a[owner] for a in values)) * Pair(real, imag)
                 columns = (*geometry, factor.real, factor.imag, *pair.shift)
                 owners.append(owner)
@@ -326,7 +328,7 @@ def _sum_of_rows(
     views: Views,
     pairs: Sequence[WavePair],
     sum_of: Any,
-    place: Values,
+    position: Values,
     count: int,
 ) -> Values:
     """Return the results of the pairs of waves of two groups by a loop over them."""
@@ -340,7 +342,7 @@ def _sum_of_rows(
 
         def of_pair(row: Any) -> Values:
             run = sum_of(pair_of_row(is_real, *ops.gather(table, row)[:6]), False)
-            return tuple(run.value(run.terms(edge, cuts), place)[:count])
+            return tuple(run.value(run.terms(edge, cuts), position)[:count])
 
         return tuple(ops.plain_sum(0, len(rows), of_pair, count))
 
@@ -397,9 +399,9 @@ class TermSum:
                 total = tuple(a + b for a, b in zip(total, values, strict=True))
         return total
 
-    def value(self, sums: Sequence[Any], place: Values) -> Values:
+    def value(self, sums: Sequence[Any], position: Values) -> Values:
         """The contribution of the pair to the result."""
-        amplitude = self.pair.amplitude(self.ops, place)
+        amplitude = self.pair.amplitude(self.ops, position)
         return _with_amplitude(self.function.total(tuple(sums)), amplitude)
 
 
@@ -460,7 +462,7 @@ def difference_pairings(tables: Tables) -> list[Pairing]:
 WIGNER_SUM = SliceSum(
     views=(MIRRORED,),
     scale=2.0,
-    place=slice(0, 2),
+    position=slice(0, 2),
     frequency=slice(2, 4),
     pairings=mean_pairings,
     terms=wigner_terms,
@@ -470,7 +472,7 @@ WIGNER_SUM = SliceSum(
 AMBIGUITY_SUM = SliceSum(
     views=(BEHIND, AHEAD),
     scale=1.0,
-    place=slice(3, 5),
+    position=slice(3, 5),
     frequency=slice(1, 3),
     pairings=difference_pairings,
     terms=ambiguity_terms,

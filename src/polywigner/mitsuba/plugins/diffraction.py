@@ -94,7 +94,7 @@ def edge_tables(
     silhouettes : one for each point, or one for all.
     margin : depth behind a face, as a fraction of its distance, up to which points lie on it.
     """
-    centre = np.mean([point.place for point in points], axis=0)
+    centre = np.mean([point.position for point in points], axis=0)
     blocked = shadows.blocked_edges(obstacles, silhouettes, centre)
     parts, groups = [], []
     for k, (silhouette, group) in enumerate(zip(silhouettes, blocked.groups, strict=True)):
@@ -160,7 +160,7 @@ class Shadows:
                 spec.at_origin, wavelength, spec.obliquity, _ERROR, _MOST_POINTS
             )
             bodies = [surfaces.in_frame(body, pose, scale) for body in bodies]
-            obstacles, positions = Obstacles(bodies), np.array([point.place for point in points])
+            obstacles, positions = Obstacles(bodies), np.array([point.position for point in points])
             silhouettes = obstacles.silhouettes(list(positions))
             shared = silhouettes[-1] is silhouettes[0]
             silhouettes = [
@@ -200,7 +200,9 @@ class Shadows:
         at = tuple(c * self._inverse for c in (point.x, point.y, point.z))
         if not self._jit:
             # in front of the surface that contains the point, by more than rounding
-            change, free, _ = self._on_host(places=(1.0 - _ENDS) * np.array([at]), engine="numpy")
+            change, free, _ = self._on_host(
+                positions=(1.0 - _ENDS) * np.array([at]), engine="numpy"
+            )
             return float(np.abs(free + change)[0] ** 2)
         # off the boundaries of shadows and their corners, by more than rounding
         away = self._ops.sqrt(sum(c * c for c in at))

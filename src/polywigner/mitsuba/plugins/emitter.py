@@ -240,7 +240,7 @@ class WignerEmitter(VariantPlugin):
         return self._value(self.power) * (inverse * inverse / self._norm)
 
     def eval(self, si: mi.SurfaceInteraction3f, active: Drjit = True) -> Drjit:
-        if not self.spec.visible:  # also while `unseen` hides a source that has a surface
+        if not self.spec.visible:  # also while `hide_emitters` hides a source that has a surface
             return spectrum(self.m, self._dark, active)
         along = si.to_world(si.wi)
         direction = self.frame.to_own(along)

@@ -74,7 +74,7 @@ class PlacedSource(SourceParameters):
         return replace(self, reach=self.reach_in(scene, self.pose) * self.scene_unit)
 
     @property
-    def middle(self) -> Floats:
+    def centre(self) -> Floats:
         """Centre (3,) of the source's bounds, in m."""
         result: Floats = self.points(np.reshape(self.source.bounds, (2, 2)).mean(axis=0)[None])[0]
         return result
@@ -86,7 +86,7 @@ class PlacedSource(SourceParameters):
 
     def cosines_to(self, point: Floats) -> tuple[float, float]:
         """Return direction cosines from the centre to a point (3,) in m, in the source's frame."""
-        away = self.pose[:3, :3].T @ (point - self.middle)
+        away = self.pose[:3, :3].T @ (point - self.centre)
         alpha, beta, _ = (away / np.linalg.norm(away)).tolist()
         return alpha, beta
 

@@ -68,7 +68,7 @@ from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
 from polywigner.source.support import mutual_support
 from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.wavefronts import flat_of, tilts_of
+from polywigner.transforms.wavefronts import flat_source, tilts_of
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
@@ -88,7 +88,7 @@ UNPOLARISED = "unpolarised"
 
 def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
     """Return whether the terms of `emissions` change with the wavelength."""
-    waves = normal_form(flat_of(source)).frequencies
+    waves = normal_form(flat_source(source)).frequencies
     return OBLIQUITIES[obliquity].needs_normal_derivative and bool(waves.any())
 
 
@@ -97,7 +97,7 @@ def emissions(
 ) -> list[tuple[SceneSource, Forms]]:
     """Return terms (source, h) such that the sum of h W is the radiance times wavelength^2."""
     check_slopes(source, obliquity)
-    terms = OBLIQUITIES[obliquity].terms(flat_of(source), wavelength)
+    terms = OBLIQUITIES[obliquity].terms(flat_source(source), wavelength)
     if not any(any(forms) for _, forms in terms):
         raise grazing_error(wavelength)
     if isinstance(source, Wavefront):
@@ -203,7 +203,7 @@ def _mixture_of(
     """Return the source in coherent light, and the mixture that describes its light."""
     if bandwidth is not None:
         bandwidth = checked_bandwidth(bandwidth, wavelength)
-        if getattr(flat_of(source), "paths", None) is not None:
+        if getattr(flat_source(source), "paths", None) is not None:
             raise SceneError(
                 "pistons and tilts of segments are not supported with a bandwidth in scenes; "
                 "compute wavelengths one by one, or use polywigner.irradiance(bandwidth=)"
@@ -230,7 +230,7 @@ def norm_of(
     Raises SceneError for a source that radiates nothing.
     """
     if normalise == "aperture":
-        return _energy(flat_of(source))
+        return _energy(flat_source(source))
     try:
         return mixture.power(checked_radiator(source), wavelength, obliquity)
     except PolywignerError as error:
@@ -261,11 +261,11 @@ def region_of(source: Any, obliquity: str) -> Region:
 
     Raises SceneError for a source that cannot radiate in a scene.
     """
-    if not isinstance(flat_of(source), Aperture | Array):
+    if not isinstance(flat_source(source), Aperture | Array):
         raise unsuitable_source(source)
     try:
         check_slopes(source, obliquity)
-        return _region(flat_of(source))
+        return _region(flat_source(source))
     except PolywignerError as error:
         raise SceneError(str(error)) from None
 

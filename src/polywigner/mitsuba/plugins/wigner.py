@@ -37,7 +37,7 @@ from polywigner.source.obliquities import DEFAULT, OBLIQUITIES, Forms
 from polywigner.source.polarisation import Stokes
 from polywigner.transforms import differentiable as differentiable_source
 from polywigner.transforms import fourier
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_source
 
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.emitter import WignerEmitter
@@ -122,8 +122,8 @@ class WignerRadiance:
         self.terms = []
         for part, stokes in spec.fields_of(source):
             for term, forms in emissions(part, wavelength, spec.obliquity):
-                kernel = kernel_for("wigner", flat_of(term))
-                tables = kernel.tables(flat_of(term), self._ops.double)
+                kernel = kernel_for("wigner", flat_source(term))
+                tables = kernel.tables(flat_source(term), self._ops.double)
                 self.terms.append(_Term(term, forms, stokes, kernel, tables))
         self._wave = source if isinstance(source, Wavefront) else None
 
@@ -283,7 +283,7 @@ class TracedSource:
         elif not _is_simple(source):
             self.why_not = "a uniform aperture, or an array of uniform apertures without overlap"
         else:
-            self._tables = new_tables_of(flat_of(spec.at_origin), dr.itemsize_v(m.Float) == 8)
+            self._tables = new_tables_of(flat_source(spec.at_origin), dr.itemsize_v(m.Float) == 8)
             cuts = self._tables.clips
             if cuts > _MOST_CUTS:
                 self.why_not = (
@@ -347,7 +347,7 @@ class TracedSource:
         corners = iter(self._centred())
         weights = None if self.weights is None else self._gathered(self.weights)
         total = Pair(0.0, 0.0)
-        for number, element in enumerate(flat_of(self._spec.at_origin).elements_in_plane):
+        for number, element in enumerate(flat_source(self._spec.at_origin).elements_in_plane):
             outline = new_outline_of(element)
             vertices = [outline.frame.position(ops, *next(corners)) for _ in outline.edges]
             x, y = zip(*vertices, strict=True)

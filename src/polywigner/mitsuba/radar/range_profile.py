@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
-from polywigner.execution.progress import told
+from polywigner.execution.progress import with_progress
 from polywigner.geometry.arguments import checked_callable, real_numbers
 from polywigner.mitsuba.plugins.films import check_seed, check_spp, seed_of
 from polywigner.mitsuba.plugins.registration import one_at_a_time
@@ -121,8 +121,12 @@ def range_profile(
     noise = bandwidth, temperature, noise_figure
     waves = coherent, polarisation, bodies
     options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, *noise, *waves)
-    found = receivers_of(scene)
-    numbers = list(range(len(found))) if receiver is None else [chosen(found, receiver)]
+    received_batches = receivers_of(scene)
+    numbers = (
+        list(range(len(received_batches)))
+        if receiver is None
+        else [chosen(received_batches, receiver)]
+    )
     sample = partial(scattered_here, scene, progress)
     return received_by_range(scene, numbers, options, edges, sample)[1]
 
@@ -131,8 +135,8 @@ def received_by_range(
     scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
     """Return received powers of receivers by their numbers, and the same by range."""
-    found = received(scene, numbers, options, sample, edges)
-    return found.powers, _profile_of(scene, found, edges)
+    received_batches = received(scene, numbers, options, sample, edges)
+    return received_batches.powers, _profile_of(scene, received_batches, edges)
 
 
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
@@ -159,9 +163,9 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
     return edges
 
 
-def _profile_of(scene: Any, found: Received, edges: Floats) -> xarray.Dataset:
+def _profile_of(scene: Any, received_batches: Received, edges: Floats) -> xarray.Dataset:
     """See :func:`range_profile`."""
-    powers, parties, batches = found
+    powers, parties, batches = received_batches
     shares = [shares_of(scene, each) for each in batches]
     names = [part.name for part in powers[0].contributions]
     by_light = np.array([[*own, other][: len(names)] for own, other in shares])
@@ -170,7 +174,7 @@ def _profile_of(scene: Any, found: Received, edges: Floats) -> xarray.Dataset:
     values = _bins_of(by_light, direct) | _noise_of(powers)
     labels, paths = _paths_of(lights)
     coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
-    receivers = [place.name for place in parties.receivers]
+    receivers = [position.name for position in parties.receivers]
     values |= paths
     if is_single := len(receivers) == 1:
         values = {name: (array[0], *rest) for name, (array, *rest) in values.items()}
@@ -350,7 +354,7 @@ def prepared_frames(
     def rendered(progress: Progress | None) -> xarray.Dataset:
         checked_callable(progress, "progress")
         sums: Any = 0.0
-        with told("renders", range(parts)) as numbers:
+        with with_progress("renders", range(parts)) as numbers:
             for part in numbers:
                 samples = total // parts + (part < total % parts)
                 seed = seed_of(entropy, part)

@@ -25,7 +25,7 @@ from polywigner.mitsuba.receive.received_power import chosen, matched
 from polywigner.mitsuba.receive.scattered import BATCHES, aimed
 from polywigner.mitsuba.receive.scattering_steps import Events, Motion, Paths, events_of, number_of
 from polywigner.mitsuba.receive.specular_paths import even_points
-from polywigner.mitsuba.scenes.rendering import unseen
+from polywigner.mitsuba.scenes.rendering import hide_emitters
 from polywigner.mitsuba.scenes.surfaces import (
     is_source,
     receivers_of,
@@ -255,7 +255,7 @@ def scatterers(
     names = _Names.of(scene, placed.name)
     motion = None if velocities is None else names.motion(velocities, placed.scene_unit)
     depth = _longest_path(scene.integrator()) if depth is None else depth
-    with unseen(scene), aimed(scene), scene_known(scene):
+    with hide_emitters(scene), aimed(scene), scene_known(scene):
         cloud = cloud_of(scene, sensor, launched, depth, rng, motion)
     cloud = cloud.thinned(size, rng, isinstance(placed.source, Array))
     about = {

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
-from polywigner.execution.progress import told
+from polywigner.execution.progress import with_progress
 from polywigner.geometry.arguments import checked_callable, checked_row
 from polywigner.mitsuba.plugins.placement import (
     FacingParts,
@@ -48,12 +48,12 @@ from polywigner.mitsuba.scenes.reflectors import (
     Body,
     Chain,
     Echo,
-    Way,
+    Route,
     names_of,
     paths_by,
-    ways_in,
+    routes_in,
 )
-from polywigner.mitsuba.scenes.rendering import polarised_by_default, unseen
+from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
 from polywigner.mitsuba.scenes.surfaces import receivers_of, wigner_emitters
 from polywigner.numerics.band_limited import in_band
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
@@ -136,11 +136,11 @@ def channel(
         raise SceneError("the scene has no wigner emitter; add one")
     if requested is None:
         requested = np.unique([SPEED_OF_LIGHT / emitter.wavelength for emitter in emitters])
-    chains, echoes, notes = ways_in(scene, receivers[0].scene_unit, count, options.bodies)
-    routes: list[Way] = [*chains, *echoes]
+    chains, echoes, notes = routes_in(scene, receivers[0].scene_unit, count, options.bodies)
+    routes: list[Route] = [*chains, *echoes]
     pairs = list(product(receivers, emitters))
     links = []
-    with unseen(scene), told("links", pairs) as pairs_in_turn:
+    with hide_emitters(scene), with_progress("links", pairs) as pairs_in_turn:
         for number, (receiver, emitter) in enumerate(pairs_in_turn, 1):
             shortest = SPEED_OF_LIGHT / requested.max()
             paths, of_link = paths_between(scene, emitter, receiver, routes, jones, shortest)
@@ -170,7 +170,7 @@ def checked_frequencies(frequencies: Any) -> Floats:
 class CoherentPath:
     """A path between two ends with all factors of its amplitude except the couplings."""
 
-    route: Way
+    route: Route
     """Mirrors and body of the path."""
     distance: float
     """Length in m between the centres of both ends along the path."""
@@ -230,7 +230,7 @@ def paths_between(
     scene: Any,
     emitter: PlacedSource,
     receiver: PlacedSource,
-    routes: Sequence[Way],
+    routes: Sequence[Route],
     polarisation: Any,
     shortest: float,
 ) -> tuple[list[CoherentPath], list[str]]:
@@ -245,14 +245,14 @@ def paths_between(
     meshes = obstacles_of(scene, emitter, receiver, shortest)
     leg_to = cache(partial(_leg_to, scene, receiver))  # several paths share a leg
 
-    def find(route: Way) -> tuple[CoherentPath, list[str]] | str:
+    def find(route: Route) -> tuple[CoherentPath, list[str]] | str:
         if isinstance(route, Echo):
             return _echo_path(ends, route, leg_to)
         return _path(scene, ends, route, meshes)
 
     paths, notes = paths_by(routes, link, find)
     if len(paths) > 1 and paths[0].route == () and not ends[0].is_polarised:
-        line = CentralPath(np.array([emitter.middle, receiver.middle]), [np.eye(3)])
+        line = CentralPath(np.array([emitter.centre, receiver.centre]), [np.eye(3)])
         match = abs(_turned(ends[0].parts[0][1], ends[1].parts[0][1], ends, (), line)) ** 2
         if match < _MATCHED:
             notes.append(
@@ -432,7 +432,7 @@ def _dataset(
     frequencies: Floats,
     receivers: list[PlacedSource],
     emitters: list[PlacedSource],
-    routes: Sequence[Way],
+    routes: Sequence[Route],
     links: list[tuple[list[CoherentPath], Complexes]],
     notes: list[str],
     polarisation: str,

@@ -129,9 +129,9 @@ def direct_light(
             emitter.power * coupling * transmission * matched,
             coupling,
             transmission,
-            result.parts.receiver.cosines_to(result.parts.emitter.middle),
+            result.parts.receiver.cosines_to(result.parts.emitter.centre),
             matched,
-            length=math.dist(image.middle, receiver.middle),
+            length=math.dist(image.centre, receiver.centre),
         )
         return path, result.notes
 
@@ -249,7 +249,7 @@ def _delta_path(
         transmission,
         receiver.cosines_to(image),
         matched,
-        length=math.inf if light.is_infinite else math.dist(image, receiver.middle),
+        length=math.inf if light.is_infinite else math.dist(image, receiver.centre),
         light=light.name,
     )
 
@@ -262,7 +262,7 @@ def _starts(
     The image of a direction is represented by a point at 1 m from the receiver's centre.
     """
     unit = receiver.scene_unit
-    ((centre,),) = point_batches(receiver.middle[None] / unit)
+    ((centre,),) = point_batches(receiver.centre[None] / unit)
     sample, _ = _sampled(light, centre)
     if not light.is_infinite:
         point = _row(sample.p) * unit
@@ -272,7 +272,7 @@ def _starts(
     size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
     turned = _image(_row(sample.d), chain) - _image(np.zeros(3), chain)
     image = end + size * (2 * len(chain) + 1) * turned
-    return _image(image, chain[::-1]), receiver.middle + turned
+    return _image(image, chain[::-1]), receiver.centre + turned
 
 
 def _row(point: Drjit) -> Floats:
@@ -337,7 +337,7 @@ def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Ter
     if is_infinite:
         reach = float(np.abs(receiver.source.bounds).max())
         distance = _FAR * reach * max(reach / receiver.wavelength, 1.0)
-        point, scale = axes.T @ (image - receiver.middle), distance**2
+        point, scale = axes.T @ (image - receiver.centre), distance**2
         point *= distance / float(np.linalg.norm(point))
     method: Any = receiver.obliquity
     terms = []

@@ -48,13 +48,13 @@ from polywigner.mitsuba.receive.scattered import (
     standard_error,
 )
 from polywigner.mitsuba.receive.scattering_steps import number_of
-from polywigner.mitsuba.scenes.reflectors import Echo, Way, names_of, ways_in
+from polywigner.mitsuba.scenes.reflectors import Echo, Route, names_of, routes_in
 from polywigner.mitsuba.scenes.rendering import (
     default_integrator,
     default_spp,
     exposed,
+    hide_emitters,
     polarised_by_default,
-    unseen,
 )
 from polywigner.mitsuba.scenes.surfaces import receivers_of, sorted_shapes, wigner_emitters
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -206,7 +206,7 @@ def received(
 
     ``edges``: edges of range bins in m, by which scattered light is sampled; None: one bin.
     """
-    with polarised_by_default(scene, options.polarisation), unseen(scene), aimed(scene):
+    with polarised_by_default(scene, options.polarisation), hide_emitters(scene), aimed(scene):
         parties = matched(scene, numbers, options)
         ends = list(zip(parties.sensors, parties.receivers, strict=True))
         plans = [_scattering(scene, k, options, end.scene_unit, edges) for k, end in ends]
@@ -270,8 +270,10 @@ def _direct(
     options: ReceiveOptions,
 ) -> tuple[list[DirectLight], list[str]]:
     """Return direct light of each emitter, then of other lights, and notes. Sources are hidden."""
-    chains, echoes, notes = ways_in(scene, receiver.scene_unit, options.reflections, options.bodies)
-    routes: list[Way] = [*chains, *echoes]
+    chains, echoes, notes = routes_in(
+        scene, receiver.scene_unit, options.reflections, options.bodies
+    )
+    routes: list[Route] = [*chains, *echoes]
     links = []
     for emitter in emitters:
         if options.coherent:
@@ -288,7 +290,7 @@ def _coherent_light(
     scene: Any,
     emitter: PlacedSource,
     receiver: PlacedSource,
-    routes: list[Way],
+    routes: list[Route],
     options: ReceiveOptions,
 ) -> DirectLight:
     """Return direct light of an emitter whose paths interfere, in a scene with hidden sources."""
@@ -303,7 +305,7 @@ def _coherent_light(
             1.0 if path.edges is None else abs(path.edges(wavelength))
         )
         route = path.route
-        origin = route.place if isinstance(route, Echo) else emitter.image(route).middle
+        origin = route.position if isinstance(route, Echo) else emitter.image(route).centre
         direct.append(
             DirectPath(
                 names_of(route),
@@ -375,7 +377,7 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
     sensor = receiver_class(mi.variant())(original.spec, props)
     sensor.scene = scene
     try:
-        with scene_known(scene), unseen(scene), silent():
+        with scene_known(scene), hide_emitters(scene), silent():
             integrator = scene.integrator()
             if integrator is None or is_transient(integrator):
                 integrator = mi.load_dict({"type": default_integrator(scene)})
@@ -403,7 +405,7 @@ def shapes_in(
         return {}
     x, y, power = x[lit], y[lit], power[lit]
     directions = placed.pose[:3, :3] @ [x, y, np.sqrt(1 - x * x - y * y)]
-    with unseen(scene):
+    with hide_emitters(scene):
         numbers = _first_shapes(scene, placed.pose[:3, 3] / placed.scene_unit, directions)
     labels = []
     for shape in sorted_shapes(scene):

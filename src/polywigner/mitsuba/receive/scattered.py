@@ -32,7 +32,7 @@ from polywigner.geometry.parts import connected
 from polywigner.mitsuba.plugins.films import changed, check_spp, mean_of_colours, seed_of
 from polywigner.mitsuba.radar.range_film import sorted_by_range, transient_integrator
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
-from polywigner.mitsuba.scenes.rendering import check_is_whole, exposed, lit_by
+from polywigner.mitsuba.scenes.rendering import check_is_whole, exposed, illuminated_by
 from polywigner.mitsuba.scenes.surfaces import (
     bounds_of,
     faces_of,
@@ -249,7 +249,7 @@ class Scattering:
             integrator = transient_integrator(exposure.integrator, scene, camera)
         powers = []
         for light in lights_of(scene):
-            with lit_by(wigner_emitters(scene), light):
+            with illuminated_by(wigner_emitters(scene), light):
                 if self.edges is None:
                     image = exposure.picture(lambda: None)
                     check_is_whole(exposure.integrator)

@@ -145,7 +145,7 @@ class CentralPath(NamedTuple):
         cls, facing: PlacedSource, taking: PlacedSource, chain: Sequence[Mirror], rays: PassingRays
     ) -> CentralPath:
         """Return the path between the centres of both ends, or a ray if it does not exist."""
-        points = points_by(facing.middle[None], taking.middle[None], chain)
+        points = points_by(facing.centre[None], taking.centre[None], chain)
         if not len(points[0]):
             points = rays.points
         return cls(np.array([point[0] for point in reversed(points)]), rays.panes)
@@ -203,7 +203,7 @@ def diffracted_ratio(
         raise SceneError(f"with diffraction: {error}") from None
     sent, taken = ends
     positions, weights = _receiving(taken, pose[:3, :3], pose[:3, 3] / wavelength)
-    silhouettes = [before_plane(part) for part in bodies.silhouettes([p.place for p in sent])]
+    silhouettes = [before_plane(part) for part in bodies.silhouettes([p.position for p in sent])]
     change, free, _ = diffracted(bodies, sent, silhouettes, positions, "auto")
     with_edges = np.where(bodies.inside(positions), 0.0, free + change)
     return complex((weights @ with_edges) / (weights @ free))
@@ -216,7 +216,7 @@ def _receiving(
 
     By reciprocity the weight of a point's field multiplies the normal derivative of the field.
     """
-    positions = np.array([p.place for p in points]) @ axes.T + origin
+    positions = np.array([p.position for p in points]) @ axes.T + origin
     field, slope = (np.array(w) for w in zip(*((p.field, p.slope) for p in points), strict=True))
     if not field.any():
         return positions, slope
@@ -255,7 +255,7 @@ def _unfolded(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Mesh]:
     """Return the meshes next to each leg, as images in all mirrors behind the leg."""
-    points = points_by(emitter.middle[None], receiver.middle[None], chain)
+    points = points_by(emitter.centre[None], receiver.centre[None], chain)
     if not len(points[0]):
         points = _rays_between(emitter, receiver, chain)
     path = [point[0] for point in reversed(points)]
@@ -400,7 +400,7 @@ def _between_axes(
     first, last = result.first, result.last
     if is_direct and emitter is not None:
         # along the line between the centres, as for amplitudes
-        across = emitter.middle - receiver.middle
+        across = emitter.centre - receiver.centre
         first = last = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
     leaves = None if emitter is None else (frames[1], -last)
     return turned(mi, result.share, (frames[0], first), leaves)
@@ -450,7 +450,7 @@ def open_path(
             f"{transmission:.1%} of the line-of-sight {'amplitude' if coherent else 'power'} "
             "passes obstacles (ray test, without diffraction)"
         )
-    zone = math.sqrt(receiver.wavelength * math.dist(parts.emitter.middle, receiver.middle))
+    zone = math.sqrt(receiver.wavelength * math.dist(parts.emitter.centre, receiver.centre))
     notes += [
         f"{mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: diffraction at its "
         "edges, which is not included, changes its reflection"

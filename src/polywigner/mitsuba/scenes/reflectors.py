@@ -284,7 +284,7 @@ class Body:
 
     def standing_in(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
         """Return a square at its centre that faces the image of a source, for rays between both."""
-        z = image.middle - self.facets.centre
+        z = image.centre - self.facets.centre
         z /= np.linalg.norm(z)
         x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
         x /= np.linalg.norm(x)
@@ -339,7 +339,7 @@ class Echo:
         return (*names_of(self.before), self.body.name, *names_of(self.after))
 
     @property
-    def place(self) -> Floats:
+    def position(self) -> Floats:
         """Centre (3,) of the body as the receiver sees it."""
         point = self.body.facets.centre
         for mirror in self.after:
@@ -347,10 +347,10 @@ class Echo:
         return point
 
 
-Way = Chain | Echo
+Route = Chain | Echo
 
 
-def names_of(path: Way) -> tuple[str, ...]:
+def names_of(path: Route) -> tuple[str, ...]:
     """Return the names of mirrors and bodies in the order of the light."""
     return path.names if isinstance(path, Echo) else tuple(mirror.name for mirror in path)
 
@@ -395,7 +395,7 @@ def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: i
     return [Echo(before, body, after) for body in bodies for before, after in pairs]
 
 
-def ways_in(
+def routes_in(
     scene: mi.Scene, unit: float, reflections: int, bodies: Sequence[Body] = ()
 ) -> tuple[list[Chain], list[Echo], list[str]]:
     """Return paths by up to ``reflections`` mirrors, paths by bodies, and notes on other paths.
@@ -411,7 +411,7 @@ Result = TypeVar("Result")
 
 
 def paths_by(
-    ways: Iterable[Way], link: str, find: Callable[[Any], tuple[Result, list[str]] | str]
+    ways: Iterable[Route], link: str, find: Callable[[Any], tuple[Result, list[str]] | str]
 ) -> tuple[list[Result], list[str]]:
     """Collect the results of ``find`` for paths between two ends, and notes on the link.
 

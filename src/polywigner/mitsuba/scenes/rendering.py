@@ -267,7 +267,7 @@ _SHRUNK = 1e-3
 
 
 @contextmanager
-def unseen(scene: mi.Scene) -> Iterator[None]:
+def hide_emitters(scene: mi.Scene) -> Iterator[None]:
     """Hide coherent sources while the block runs: they light the scene, but rays read nothing."""
     sources = surfaces.wigner_emitters(scene)
     null = mi.BSDFFlags.Null
@@ -299,7 +299,7 @@ def polarised_by_default(
     return films.changed(changes)
 
 
-def lit_by(sources: Sequence[Any], lit: Any) -> AbstractContextManager[None]:
+def illuminated_by(sources: Sequence[Any], lit: Any) -> AbstractContextManager[None]:
     """Set the power of all sources but ``lit`` to zero; None: the power of all sources."""
     dark = [(source, "power", type(source.power)(0.0)) for source in sources if source is not lit]
     for _, _, power in dark:

@@ -36,7 +36,7 @@ from polywigner.mitsuba.receive.power_results import ReceivedPower, ReceiveOptio
 from polywigner.mitsuba.receive.received_power import received, scattered_here
 from polywigner.mitsuba.receive.scattered import BATCHES, Scattering, aimed, batches_of, lights_of
 from polywigner.mitsuba.scenes.reflectors import chains_of, mirrors_in
-from polywigner.mitsuba.scenes.rendering import Exposure, check_is_whole, exposed, unseen
+from polywigner.mitsuba.scenes.rendering import Exposure, check_is_whole, exposed, hide_emitters
 from polywigner.mitsuba.scenes.scenes import SceneFile, choose_variant, digests_of
 from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of
 from polywigner.propagation.stores import Index, Scheduler, lazy_array, require_stores, write_store
@@ -344,5 +344,5 @@ def _sampled(
 def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
     """Return the powers (1, 1, lights, ...) of one batch of one receiver in W."""
     receiver, batch, *_ = origin
-    with unseen(scene), aimed(scene):
+    with hide_emitters(scene), aimed(scene):
         return plans[receiver].batch(scene, batch)[None, None]

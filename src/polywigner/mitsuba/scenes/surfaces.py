@@ -57,7 +57,7 @@ def _emitter_key(emitter: mi.Emitter) -> _Key:
 
 def _shape_key(shape: mi.Shape) -> _Key:
     emitter = shape.emitter()
-    # `unseen` shrinks the meshes of sources, so their poses serve instead of their bounding boxes
+    # `hide_emitters` shrinks the meshes of sources, so their poses serve instead of their boxes
     if hasattr(emitter, "spec"):
         return shape.id(), np.ravel(emitter.spec.pose).tolist(), ""
     return shape.id(), bounds_of(shape).ravel().tolist(), ""
