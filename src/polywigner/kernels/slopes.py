@@ -400,7 +400,7 @@ class SlopeKernel:
     parts: Callable[[Pair], tuple[Any, ...]]
     """(V) -> the kernel's sums."""
     points: tuple[str, ...]
-    """The kernel's points: ``"frequency"``, ``"place"``."""
+    """The kernel's points: ``"frequency"``, ``"position"``."""
 
     def changed(self, ops: Any, frame: Any, slopes: Slopes, change: Sequence[Any]) -> Pair:
         """Return the change of V for changes of all components of all points."""
@@ -426,8 +426,8 @@ def _real(value: Pair) -> tuple[Any, ...]:
 
 _FOURIER = SlopeKernel(fourier_slopes, 2, _wave, ("frequency",))
 _KNOWN = {
-    plane.WIGNER: SlopeKernel(wigner_slopes, 4, _real, ("place", "frequency")),
-    plane.AMBIGUITY: SlopeKernel(ambiguity_slopes, 4, _wave, ("frequency", "place")),
+    plane.WIGNER: SlopeKernel(wigner_slopes, 4, _real, ("position", "frequency")),
+    plane.AMBIGUITY: SlopeKernel(ambiguity_slopes, 4, _wave, ("frequency", "position")),
     plane.FOURIER: _FOURIER,
     plane.FOURIER_PLACED: _FOURIER,
 }

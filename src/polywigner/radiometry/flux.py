@@ -194,16 +194,14 @@ def flux_vector(
     radiator = checked_radiator(source, partly=True)
     length = checked_wavelength(wavelength)
     positions = checked_positions(x)
-    positions = positions.reshape(-1, 1, 2)
-    total = np.zeros((len(positions), 3))
-    for directions, solid_angle in directions_and_weights(
-        largest_lag(radiator), length, len(positions)
-    ):
+    rows = positions.reshape(-1, 1, 2)
+    total = np.zeros((len(rows), 3))
+    for directions, solid_angle in directions_and_weights(largest_lag(radiator), length, len(rows)):
         weighted = directions * solid_angle[:, None]
         size = max(1, _BLOCK // len(directions))
-        for first in range(0, len(positions), size):
+        for first in range(0, len(rows), size):
             some = slice(first, first + size)
-            result = radiance(radiator, positions[some], directions, length, engine=engine)
+            result = radiance(radiator, rows[some], directions, length, engine=engine)
             total[some] += result @ weighted
     return total.reshape(*positions.shape[:-1], 3)
 
