@@ -43,7 +43,7 @@ PEER_RANGES = (
     ("1e-4 .. 1", range(-4, 1)),
     ("10 .. 1000", range(1, 4)),
 )
-PLANE = ("convex", "concave", "holed", "disjoint", "needle", "thin", "off centre")
+PLANE = ("convex", "concave", "holed", "disjoint", "needle", "off centre")
 
 Array = np.ndarray
 Formula = Callable[[Any, Array], Array]

@@ -9,21 +9,14 @@ import pytest
 import polywigner as pw
 from oracles import simplices
 from oracles.meshes import hollow, moved
-from oracles.references import DATA, ENGINES, numpy_and_few
-from oracles.sources import CUBE, SOURCES, box_bound, content, frequencies, points_of
+from oracles.references import DATA, numpy_and_few
+from oracles.sources import CUBE, SOURCES, content, frequencies, points_of
 
 # Relative to the content, which the package promises to be 1e-13 and 1e-6: rounding of a few terms
 # of the content's size. Measured: 2.3e-15 and 6e-7 (docs/accuracy.md).
 ERROR = {"double": 1e-14, "single": 1e-6}
 # Walls of 1e-2 diameters: the fan of a body covers its volume 33 times over with either sign.
 CAVITY = 33
-# What a float cannot hold at full precision, in either direction.
-SMALLEST = {"double": 1e-300, "single": 1e-36}
-LARGEST = {"double": 1e308, "single": 3e38}
-
-engines = pytest.mark.parametrize("engine", ENGINES)
-precisions = pytest.mark.parametrize("precision", list(ERROR))
-kinds = pytest.mark.parametrize("kind", list(SOURCES))
 
 
 @lru_cache(maxsize=1)
@@ -37,12 +30,11 @@ _EVERY = 7
 
 
 @lru_cache
-def _cases(kind, complex_nu):
-    data, prefix = _data(), "complex_" if complex_nu else ""
-    result = []
+def _cases(kind):
+    data, result = _data(), []
     for name, source in SOURCES[kind].items():
         key = f"{kind}/{name}/"
-        nu, expected = data[f"{key}{prefix}nu"], data[f"{key}{prefix}F"]
+        nu, expected = data[f"{key}nu"], data[f"{key}F"]
         stored, own = data[key + "vertices"], points_of(source)
         off = np.abs(stored - own).max() / np.abs(stored).max()
         assert off < 1e-12, f"{kind}, {name}: run python -m oracles.generate fourier_stability"
@@ -66,34 +58,11 @@ def _allowed(kind, precision):
         [(kind, "double") for kind in SOURCES] + [("slits", "single"), ("convex body", "single")],
     ),
 )
-def test_real_frequencies_of_all_sizes_and_directions(kind, precision, engine):
-    for name, source, nu, expected in _cases(kind, False):
+def test_frequencies_of_all_sizes_and_directions(kind, precision, engine):
+    for name, source, nu, expected in _cases(kind):
         got = pw.fourier(source, nu, precision=precision, engine=engine)
         error = np.abs(got - expected).max() / content(source)
         assert error < _allowed(kind, precision), name
-
-
-@precisions
-@kinds
-def test_growing_waves_err_relative_to_the_largest_wave_in_the_box(kind, precision):
-    for name, source, nu, expected in _cases(kind, True):
-        with np.errstate(over="ignore"):
-            got = pw.fourier(source, nu, precision=precision, engine="numpy")
-            largest = content(source) * np.exp(2 * np.pi * box_bound(source, nu))
-        within = largest < LARGEST[precision]
-        assert within.any()
-        allowed = _allowed(kind, precision) * largest[within] + SMALLEST[precision]
-        assert (np.abs(got[within] - expected[within]) < allowed).all(), name
-
-
-@engines
-def test_growth_and_decay_that_cancel_leave_a_finite_transform(engine):
-    """The centre's wave is exp(-1257), that of the far end of the source exp(+1257) times it."""
-    square = pw.Aperture([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    nu = np.array([0.3 - 400.0j, 0.1 + 0.0j])
-    expected = complex(simplices.fourier(simplices.simplices_of(square), nu))
-    assert 1e-4 < abs(expected) < 1e-3
-    assert pw.fourier(square, nu, engine=engine) == pytest.approx(expected, rel=1e-13)
 
 
 def test_a_far_source_has_the_phase_of_its_exact_place():
@@ -127,6 +96,16 @@ def test_a_thin_wall_costs_as_many_digits_as_its_surface_exceeds_its_volume():
         assert error < 2e-16 * 3**0.5 * 12 / body.volume
 
 
+def test_a_thin_outline_costs_as_many_digits_as_its_perimeter_exceeds_its_area():
+    """The limit that docs/accuracy.md states: 2e-16 D perimeter/area."""
+    rng = np.random.default_rng(4)
+    for width in (1e-2, 1e-4, 1e-6):
+        ring = pw.Aperture([[0, 0], [1, 0], [1, width], [width, width], [width, 1], [0, 1]])
+        nu = np.concatenate([frequencies(rng, ring, d, 2) for d in (-9, -1, 0, 1)])
+        error = np.abs(pw.fourier(ring, nu) - simplices.rounded(ring, nu)).max()
+        assert error < 2e-16 * ring.diameter * 4.0
+
+
 SOME = (slice(None, None, 8),) * 2
 
 
@@ -144,7 +123,6 @@ def _grid(size, source):
         ("convex", "triangle"),
         ("concave", "chevron"),
         ("holed", "frame"),
-        ("thin", "thin L"),
         ("off centre", "chevron"),
     ],
 )
@@ -171,16 +149,14 @@ def test_a_point_beside_its_place_in_a_grid_is_seen():
     assert pw.fourier(HEXAGONS, nu)[7, 11] == pytest.approx(expected, abs=1e-13 * HEXAGONS.area)
 
 
-@pytest.mark.parametrize("scale", [1.0, 1 + 0.1j])
-def test_an_array_on_a_grid_is_the_sum_of_its_elements(scale):
-    """Parts of equal outlines, one elsewhere in another pose, and of complex frequencies."""
+def test_an_array_on_a_grid_is_the_sum_of_its_elements():
+    """Parts of equal outlines, and one elsewhere in another pose."""
     rng, hexagon = np.random.default_rng(3), pw.shapes.regular_polygon(6, 0.55)
     places, weights = rng.uniform(-5, 5, (12, 2)).round(1), np.exp(6j * rng.random(13))
     tilted = np.eye(4)
     tilted[:2, :2] = [[0.8, -0.6], [0.6, 0.8]]
-    nu = scale * _axes_grid(np.linspace(-6, 6, 33), np.linspace(-4, 4, 20))
-    far = 1e4 if scale == 1 else 20.0
-    for last in (hexagon.moved((far, 0.0)), pw.shapes.square(0.3).placed(tilted)):
+    nu = _axes_grid(np.linspace(-6, 6, 33), np.linspace(-4, 4, 20))
+    for last in (hexagon.moved((1e4, 0.0)), pw.shapes.square(0.3).placed(tilted)):
         array = pw.Array([*(hexagon.moved(place) for place in places), last], weights)
         there = nu
         if array.dimension == 3:
@@ -190,4 +166,4 @@ def test_an_array_on_a_grid_is_the_sum_of_its_elements(scale):
             w * pw.fourier(e, points) for e, w in zip(array.elements, weights, strict=True)
         )
         error = np.abs(pw.fourier(array, there).ravel() - expected).max()
-        assert error < 1e-13 * np.abs(expected).max() * (1 if scale == 1 else 10)
+        assert error < 1e-13 * np.abs(expected).max()

@@ -1,6 +1,5 @@
 """Slits: the transforms in one dimension against closed forms, quadrature and identities."""
 
-import math
 import pickle
 
 import numpy as np
@@ -13,17 +12,6 @@ ROUNDING = 4e-15  # times the total width; sums of a few terms of that size
 
 
 PAIR = pw.Slits([[-1.0, -0.4], [0.1, 0.9]])
-
-
-def test_complex_frequencies_continue_the_transform():
-    nu = 0.4 + 0.2j
-    expected = sum(
-        (np.exp(-2j * math.pi * nu * b) - np.exp(-2j * math.pi * nu * a)) / (-2j * math.pi * nu)
-        for a, b in PAIR.intervals
-    )
-    assert pw.fourier(PAIR, [nu]) == pytest.approx(expected, abs=1e-14)
-    far = pw.Slits(PAIR.intervals + 3.0)
-    assert pw.fourier(far, [nu]) == pytest.approx(expected * np.exp(-6j * math.pi * nu))
 
 
 def test_slits_are_sorted_merged_where_they_touch_and_compared_by_content():

@@ -20,7 +20,7 @@ COINCIDENT, STABILITY = 20220205, 20220206  # seeds
 # Frequencies, positions and lags of one shape.
 FREQUENCIES, POSITIONS, LAGS = 128, 500, 300
 # Frequencies of one source in each decade.
-REAL, COMPLEX = 5, 2
+REAL = 5
 
 
 def coincident_edges() -> None:
@@ -76,19 +76,9 @@ def fourier_stability() -> None:
 def of_source(source: Any, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """All arrays of one source; its vertices show whether it is still the same."""
 
-    def drawn(count: int, growing: bool) -> np.ndarray:
-        decades = sources.DECADES
-        rows = [sources.frequencies(rng, source, d, count, growing=growing) for d in decades]
-        return np.concatenate(rows)
-
-    real, growing = drawn(REAL, False), drawn(COMPLEX, True)
-    return {
-        "vertices": sources.points_of(source),
-        "nu": real,
-        "F": simplices.rounded(source, real),
-        "complex_nu": growing,
-        "complex_F": simplices.rounded(source, growing),
-    }
+    drawn = [sources.frequencies(rng, source, d, REAL) for d in sources.DECADES]
+    nu = np.concatenate(drawn)
+    return {"vertices": sources.points_of(source), "nu": nu, "F": simplices.rounded(source, nu)}
 
 
 def shadows() -> None:

@@ -86,8 +86,7 @@ def _sources() -> dict[str, dict[str, Any]]:
     square = _box(1, 1)
     holed = shapely.Polygon(_box(2, 1.2), [_box(0.75, 0.6, -0.125)])
     annulus = shapely.Polygon(_ngon(12), [_ngon(7, 0.6)])
-    needle, thin_l = _box(1, NEEDLE), [[0, 0], [1, 0], [1, 1e-6], [1e-6, 1e-6], [1e-6, 1], [0, 1]]
-    thin_ring = shapely.Polygon(_ngon(16), [_ngon(16, 1 - NEEDLE)])
+    needle = _box(1, NEEDLE)
     return {
         "convex": {
             "square": pw.Aperture(square),
@@ -111,11 +110,6 @@ def _sources() -> dict[str, dict[str, Any]]:
             "triangle": pw.Aperture(_turned([[0, 0], [1, 3e-7], [0.3, 1e-6]], 2.1, (0.3, 0.1))),
             "chevron": pw.Aperture(_turned(CHEVRON * [1, NEEDLE], 0.9, (0.3, 0.1))),
         },
-        "thin": {
-            "two needles apart": pw.Aperture([_box(NEEDLE, 1, -0.5), _box(NEEDLE, 1, 0.5)]),
-            "thin L": pw.Aperture(_turned(thin_l, 0.3)),
-            "thin annulus": pw.Aperture(thin_ring),
-        },
         "off centre": {
             "chevron": pw.Aperture(_turned(CHEVRON, 0.4, (2 * FAR, -1.5 * FAR))),
             "frame": pw.Aperture(shapely.affinity.translate(holed, 1234.5, 1987.6)),
@@ -132,7 +126,6 @@ def _sources() -> dict[str, dict[str, Any]]:
             "chevron": pw.Aperture(CHEVRON).placed(_pose(3, 0.3, -2.0, 5.0)),
             "frame, off centre": pw.Aperture(holed).placed(_pose(4, 1300.3, -1002.0, 1005.0)),
             "needle": pw.Aperture(needle).placed(_pose(5, 0.1, 0.2, 0.3)),
-            "thin L, off centre": pw.Aperture(thin_l).placed(_pose(6, 600.1, 0.2, -800.3)),
         },
         "convex body": {
             "cube": cube(),
@@ -185,13 +178,6 @@ def content(source: Any) -> float:
     return float(source.volume if isinstance(source, pw.Polyhedron) else source.area)
 
 
-def box_bound(source: Any, nu: np.ndarray) -> np.ndarray:
-    """h (...): the largest Im(nu).x, in turns, over the source's bounding box."""
-    points = points_of(source)
-    ends = np.stack([points.min(axis=0), points.max(axis=0)])
-    return np.asarray((np.asarray(nu).imag[..., None, :] * ends).max(axis=-2).sum(axis=-1))
-
-
 def _unit(vector: np.ndarray) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
@@ -213,16 +199,10 @@ def _direction(rng: np.random.Generator, points: np.ndarray) -> np.ndarray:
     return _unit(edge) + rng.choice(TILTS) * anywhere
 
 
-def frequencies(
-    rng: np.random.Generator, source: Any, decade: float, count: int, *, growing: bool = False
-) -> np.ndarray:
-    """(count, d) with |nu| D from 10^(decade - 1/2) to 10^decade; complex if growing."""
+def frequencies(rng: np.random.Generator, source: Any, decade: float, count: int) -> np.ndarray:
+    """(count, d) with |nu| D from 10^(decade - 1/2) to 10^decade."""
     points = points_of(source)
     diameter = max(np.linalg.norm(points - p, axis=1).max() for p in points)
 
-    def drawn(largest: float) -> np.ndarray:
-        size = 10.0 ** rng.uniform(largest - 0.5, largest, (count, 1)) / diameter
-        return size * np.array([_direction(rng, points) for _ in range(count)])
-
-    nu = drawn(decade)
-    return nu + 1j * drawn(min(decade, 1.0)) if growing else nu
+    size = 10.0 ** rng.uniform(decade - 0.5, decade, (count, 1)) / diameter
+    return size * np.array([_direction(rng, points) for _ in range(count)])

@@ -14,7 +14,7 @@ from polywigner.kernels.arrays import element_pairs, lattice_arrays
 from polywigner.kernels.arrays.array_factors import array_factor_kernel
 from polywigner.kernels.arrays.element_pairs import is_scattered
 from polywigner.kernels.functions import intervals as line
-from polywigner.kernels.functions import partly_coherent, plane, separable, simplices
+from polywigner.kernels.functions import partly_coherent, plane, separable, solids
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel
 from polywigner.source import Array
@@ -34,31 +34,19 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     )
     for name in names
 } | {
-    ("fourier", Slits): simplices.SLITS,
+    ("fourier", Slits): line.FOURIER,
     ("fourier", Aperture): plane.FOURIER,
     ("fourier", PlacedAperture): plane.FOURIER_PLACED,
-    ("fourier", Polyhedron): simplices.BODY,
-    ("fourier", "thin"): simplices.TILED,
-    ("fourier", "thin, placed"): simplices.TILED_PLACED,
+    ("fourier", Polyhedron): solids.BODY,
     ("fourier of waves", "product"): separable.FOURIER,
-    ("complex fourier", Slits): simplices.SLITS_COMPLEX,
-    ("complex fourier", Aperture): plane.FOURIER_COMPLEX,
-    ("complex fourier", PlacedAperture): plane.FOURIER_PLACED_COMPLEX,
-    ("complex fourier", Polyhedron): simplices.BODY_COMPLEX,
-    ("complex fourier", "thin"): simplices.TILED_COMPLEX,
-    ("complex fourier", "thin, placed"): simplices.TILED_PLACED_COMPLEX,
     ("autocorrelation", "lattice"): element_pairs.AUTOCORRELATION,
 }
 
-# Kinds with special kernels, in order of priority. Thin apertures lose digits in the usual kernels.
+# Kinds with special kernels, in order of priority.
 _SPECIAL: dict[str, Callable[[Any], bool]] = {
     "product": lambda source: isinstance(source, Aperture) and is_separable(source),
     "lattice": lambda source: isinstance(source, Array) and lattice_arrays.is_on_lattice(source),
     "scattered": lambda source: isinstance(source, Array) and is_scattered(source),
-    "thin": lambda source: isinstance(source, Aperture) and simplices.fan_cancels(source),
-    "thin, placed": lambda source: (
-        isinstance(source, PlacedAperture) and simplices.fan_cancels(source.aperture)
-    ),
 }
 
 _PARTLY_COHERENT: dict[Kernel, Kernel] = {
@@ -114,8 +102,8 @@ def kernel_for(transform: str, source: Any) -> Kernel:
                 f"expected a flat, coherent source for {transform}, got {source!r}; use its .source"
             )
         return kernel
-    if isinstance(source, Sites) and transform.removeprefix("complex ") == "array factor":
-        return array_factor_kernel(source.dimension, transform.startswith("complex"))
+    if isinstance(source, Sites) and transform == "array factor":
+        return array_factor_kernel(source.dimension)
     if isinstance(source, Array) and source.dimension == 3:
         _ = source.elements_in_plane  # or its error
     for kind, holds in _SPECIAL.items():
@@ -133,6 +121,6 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     elif isinstance(source, Polyhedron):
         hint = "polyhedra have a Fourier transform only"
     raise ArgumentError(
-        f"expected a source for {transform.removeprefix('complex ')} (one of {accepted}, Array), "
-        f"got {type(source).__name__}; {hint}"
+        f"expected a source for {transform} (one of {accepted}, Array), got "
+        f"{type(source).__name__}; {hint}"
     )

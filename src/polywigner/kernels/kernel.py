@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from polywigner.kernels.functions.slices import SliceSum
-from polywigner.numerics import Number, phases
+from polywigner.numerics import phases
 
 Values = tuple[Any, ...]
 
@@ -58,27 +58,7 @@ def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     return (sums[0] * frame.content,)
 
 
-def leave_parts(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """Sums of real and imaginary parts, scaled."""
-    return sums[0] * frame.content, sums[1] * frame.content
-
-
 def leave_wave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """(cosine, sine) sums turned by the phase of the centre, the first of the inner arguments."""
     real, imag = phases.rotated(ops, inner[0], *sums)
     return real * frame.content, imag * frame.content
-
-
-def leave_complex(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """(real, imaginary) sums turned by the phase of the centre and scaled by the growth.
-
-    These are the first two of the inner arguments, the growth's square root in fact. A product that
-    is too large for a float is infinite, with the sign that it has.
-    """
-    real, imag = phases.rotated(ops, inner[0], sums[0], -sums[1])
-
-    def scaled(part: Any) -> Number:
-        whole = part * frame.content * inner[1] * inner[1]
-        return ops.select(part == 0.0, 0.0, whole)  # not 0 times infinity
-
-    return scaled(real), scaled(imag)

@@ -105,11 +105,8 @@ def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
 
 Doubled = tuple[Any, Any]
 
-# pi minus its nearest float64
-_PI_REST = 1.2246467991473532e-16
 # Splits a float64 into one of 24 bits, which float32 can hold, and the rest.
 _SPLIT = 2.0**29 + 1
-_PI_SINGLE = float(np.float32(math.pi))
 
 
 def doubled(value: Fraction | float, double: bool = True) -> tuple[float, float]:
@@ -197,34 +194,6 @@ def less_carrier(ops: Any, frame: Any, turns: Any, *xi: Any) -> Number:
     if not any(frame.carrier):
         return turns
     return turns - turns_to_centre(ops, frame.carrier, *xi)
-
-
-def exp_turns(ops: Any, turns: Doubled) -> Number:
-    """exp(pi turns), good to an ulp or two also where the exponent is large."""
-    total, rest = turns
-    high, low = (math.pi, _PI_REST) if ops.double else (_PI_SINGLE, math.pi - _PI_SINGLE)
-    exponent = total * high
-    lost = ops.lost(total, high, exponent) + (total * low + rest * high)
-    return ops.exp(exponent) * (1.0 + lost)
-
-
-def growth_of(ops: Any, frame: Any, inner: tuple[Any, ...], *imag: Any) -> Number:
-    """exp(pi h), h the largest Im(nu).x over the frame's box; exp(2 pi h) bounds the wave there.
-
-    ``inner``: Im nu in the frame, ``imag``: in the source's unit. Half of the exponent, so that the
-    product with a small sum overflows only where the transform does.
-    """
-    total, rest = dot(ops, imag, frame.centre)
-    total, lost = _sum(total, level(frame, inner))
-    return exp_turns(ops, (total, rest + lost))
-
-
-def level(frame: Any, inner: tuple[Any, ...]) -> Number:
-    """The largest Im(nu).x, in turns, over the box |x_k| <= reach_k of the frame."""
-    total: Any = 0.0
-    for component, reach in zip(inner, frame.reach, strict=True):
-        total = total + abs(component) * reach
-    return total
 
 
 def rotated(ops: Any, turns: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:

@@ -406,7 +406,7 @@ def _checked(wave: Wavefront, points: Points) -> dict[str, Values]:
 def _checked_point(label: str, value: Any, dimension: int) -> Values:
     if execution.is_drjit(value):
         return execution.joined(execution.components_of(label, value, dimension))
-    return checked_points(label, value, dimension, complex_allowed=False)
+    return checked_points(label, value, dimension)
 
 
 def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
@@ -461,12 +461,7 @@ def _curved_spectrum(wave: Wavefront, nu: Any, how: Options) -> NDArray[np.compl
     execution.checked_engine(how[1])
     single = execution.checked_precision(how[0]) == "single"
     points = in_plane(nu) if dimension == 2 else nu
-    points = checked_points("nu", points, dimension, complex_allowed=True)
-    if np.iscomplexobj(points):
-        raise ArgumentError(
-            "expected real nu for a curved wave, got complex numbers; use nu.real, or the flat "
-            "source for evanescent waves"
-        )
+    points = checked_points("nu", points, dimension)
     q, axes = principal_axes(wave.curvature)
     flat = points.reshape(-1, dimension)
     values = chirp_transform(wave.source, q, axes, wave.centre, flat).reshape(points.shape[:-1])

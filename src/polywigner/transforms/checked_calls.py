@@ -19,7 +19,6 @@ from polywigner.source import Array
 PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 Values = NDArray[Any] | Drjit
-_COMPLEX = ("fourier", "array factor")  # of real and complex nu
 
 # Frequencies at a time for sums that use several arrays of this length: some 60 MiB.
 _BLOCK = 1 << 19
@@ -75,11 +74,8 @@ def checked_call(
     kernel = kernel_of(name, source, precision, engine)
     d, components = kernel.dimension, []
     for label, value in points.items():
-        array = checked_points(label, value, d, name in _COMPLEX, keep_single=True)
+        array = checked_points(label, value, d, keep_single=True)
         components += [array[..., k] for k in range(d)]
-    if components[0].dtype.kind == "c":
-        kernel = kernels.kernel_for(f"complex {name}", source)
-        components = [part for c in components for part in (c.real, c.imag)]
     return kernel, components
 
 
@@ -90,16 +86,14 @@ def array_on_grid(
     engine: str,
     point_by_point: Callable[[NDArray[np.float64]], NDArray[np.complexfloating[Any]]],
 ) -> NDArray[np.complexfloating[Any]] | None:
-    """Return F of an array of apertures without poses on a grid of real nu; None for other nu.
+    """Return F of an array of apertures without poses on a grid of nu; None for other nu.
 
     ``point_by_point``: nu (..., 2) -> F, for points where the formula for grids loses digits.
     """
     if execution.is_drjit(nu) or array.dimension != 2:
         return None
     execution.checked_precision(precision)
-    points = checked_points("nu", in_plane(nu), 2, complex_allowed=True, keep_single=True)
-    if np.iscomplexobj(points):
-        return None
+    points = checked_points("nu", in_plane(nu), 2, keep_single=True)
 
     def parts(components: Sequence[NDArray[np.float64]]) -> Sequence[NDArray[np.floating[Any]]]:
         values = point_by_point(np.stack(components, axis=-1))
@@ -149,9 +143,9 @@ def in_blocks(evaluate: Callable[[Any], Values], nu: Any) -> Values:
 
 
 def checked_points(
-    name: str, value: Any, dimension: int, complex_allowed: bool, keep_single: bool = False
+    name: str, value: Any, dimension: int, keep_single: bool = False
 ) -> NDArray[Any]:
-    """Return an array (..., dimension) of float64 or complex128. Raises ArgumentError.
+    """Return an array (..., dimension) of float64. Raises ArgumentError.
 
     ``keep_single`` returns float32 unchanged; a copy in double precision may not fit into memory.
     """
@@ -177,9 +171,7 @@ def checked_points(
             f"expected {name} of shape {shape}, components last, got shape {array.shape}"
         )
     if array.dtype.kind == "c":
-        if not complex_allowed:
-            raise ArgumentError(f"expected {name} to be real, got complex numbers; use {name}.real")
-        return array.astype(np.complex128, copy=False)
+        raise ArgumentError(f"expected {name} to be real, got complex numbers; use {name}.real")
     if keep_single and array.dtype == np.float32:
         return array
     return array.astype(np.float64, copy=False)

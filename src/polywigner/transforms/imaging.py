@@ -424,7 +424,7 @@ def _checked_amplitude(name: str, value: complex) -> complex:
 
 
 def _lags(name: str, values: Any) -> Floats:
-    lags: Floats = checked_points(name, values, 2, complex_allowed=False)
+    lags: Floats = checked_points(name, values, 2)
     if not np.isfinite(lags).all():
         raise ArgumentError(f"expected finite {name} (..., 2) in m, got inf or nan")
     return lags

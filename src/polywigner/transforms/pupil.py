@@ -91,7 +91,7 @@ def otf(
     slope = -2.0 * waves / radius**2
     if execution.is_drjit(xi):
         raise ArgumentError("expected xi as a NumPy array, got a Dr.Jit array; use xi.numpy()")
-    lags = checked_points("xi", xi, kernel.dimension, complex_allowed=False)
+    lags = checked_points("xi", xi, kernel.dimension)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
     if slope == 0.0:  # in focus it is an area, without sines
         return (lag_marginal(source, lags, **how) + 0j) / checked_energy(source)
@@ -163,7 +163,7 @@ def mtf(
     fractions = shares_of(weights, lengths.size)
     warn_of_lens(source, float(lengths.max()), distance)
     dimension = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(source))).dimension
-    cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
+    cycles = checked_points("frequency", frequency, dimension)
     sides = checked_row(pixel, "expected pixel in m")
     if sides.size not in (1, dimension) or not (np.isfinite(sides) & (sides >= 0)).all():
         raise ArgumentError(

@@ -42,11 +42,10 @@ def fourier(
 ) -> Values:
     """Fourier transform (SFT) of a source, F(nu) = integral of u(x) exp(-2 pi i nu.x) over it.
 
-    The transform is a closed form at any nu, zero included (docs/theory.md, (F2), (F3), (F5), (S1),
-    (C1), (I1)). Its error is 1e-13 of the content (2e-6 in single precision) for any size and
-    direction of nu. For complex nu the error is relative to the content times the largest wave in
-    the source's box, and values that a float cannot hold are infinite. Bodies with thin walls and
-    lattices of more than 100 cycles lose digits (docs/accuracy.md).
+    The transform is a closed form at any nu, zero included (docs/theory.md, (F2), (F3), (S1), (C1),
+    (I1)). Its error is 1e-13 of the content (2e-6 in single precision) for any size and
+    direction of nu. Bodies and outlines with thin walls, and lattices of more than 100 cycles, lose
+    digits (docs/accuracy.md).
 
     The paper's eq. (FVT) has the exp(+) kernel and is singular at nu = 0; its factor (nu/|nu|).n
     for collections is an obliquity and not part of the transform. The cost is linear in the edges,
@@ -60,11 +59,11 @@ def fourier(
     source : Aperture, Slits, PlacedAperture, Polyhedron, Array or Wavefront
         Uniform (u = 1) or with an illumination; or the result of :func:`differentiable`.
     nu : array_like (..., d)
-        Spatial frequencies in 1/m, real or complex (evanescent or absorbed waves). d = 1 for Slits,
-        3 for polyhedra and placed apertures, 2 for an Aperture. An Aperture also accepts d = 3 and
-        ignores the last component, because without a pose it lies in the plane z = 0.
+        Spatial frequencies in 1/m. d = 1 for Slits, 3 for polyhedra and placed apertures, 2 for an
+        Aperture. An Aperture also accepts d = 3 and ignores the last component, because without a
+        pose it lies in the plane z = 0.
     obliquity : {None, "paper"}
-        "paper" multiplies the transform of every plane element by (conj(nu)/|nu|).n, n its normal.
+        "paper" multiplies the transform of every plane element by (nu/|nu|).n, n its normal.
         It requires nu as a NumPy array of three components and gives NaN at nu = 0.
     precision : {None, "double", "single"}
         None (default) is double for NumPy input, and the precision of Dr.Jit input.
@@ -107,7 +106,7 @@ def fourier(
         call = partial(_on_components, source, how)
         numbers = source.numbers if isinstance(source, Differentiable) else {}
         return execution.on_components(call, {"nu": nu}, numbers, precision, engine)
-    with np.errstate(invalid="ignore", over="ignore"):  # waves of complex nu may overflow
+    with np.errstate(invalid="ignore", over="ignore"):
         return _fourier(source, nu, how)
 
 
@@ -133,7 +132,7 @@ def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
         return _towards_normal(source, nu) * fourier(source, nu, **{**how, "obliquity": None})
     if isinstance(source, Aperture):
         nu = in_plane(nu)
-        if is_separable(source) and (execution.is_drjit(nu) or not np.iscomplexobj(nu)):
+        if is_separable(source):
             return compute("fourier of waves", source, {"nu": nu}, precision, engine)
     if _field_of(source) is not None:
         return in_blocks(lambda some: _sum_of_waves(source, some, how), nu)
@@ -175,11 +174,10 @@ def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np
     """Return nu - kappa and its rounding error, which matters to sources far from the origin."""
     if execution.is_drjit(nu):
         return execution.shifted(nu, -kappa), None
-    array = checked_points("nu", nu, len(kappa), complex_allowed=True)
+    array = checked_points("nu", nu, len(kappa))
     difference = array - kappa
-    real = array.real
-    virtual = difference.real - real
-    lost = (real - (difference.real - virtual)) - (kappa + virtual)
+    virtual = difference - array
+    lost = (array - (difference - virtual)) - (kappa + virtual)
     return difference, np.where(np.isfinite(lost), lost, 0.0)
 
 
@@ -246,7 +244,7 @@ def array_factor(
     weights : array_like (n,) or None
         Complex weights; None: all 1.
     nu : array_like (..., d)
-        Spatial frequencies in 1/m, real or complex.
+        Spatial frequencies in 1/m.
     precision, engine : str, optional
         See :func:`fourier`.
 
@@ -286,8 +284,8 @@ def array_factor(
         return in_blocks(factor, nu)
 
 
-def _towards_normal(source: Source, nu: Any) -> NDArray[np.complexfloating[Any]]:
-    """Return (conj(nu)/|nu|).n (...), the paper's factor of F; NaN at nu = 0."""
+def _towards_normal(source: Source, nu: Any) -> NDArray[np.float64]:
+    """Return (nu/|nu|).n (...), the paper's factor of F; NaN at nu = 0."""
     if not isinstance(source, Aperture | PlacedAperture):
         raise ArgumentError(
             f"expected plane elements for an obliquity, got {type(source).__name__}, which has no "
@@ -298,7 +296,6 @@ def _towards_normal(source: Source, nu: Any) -> NDArray[np.complexfloating[Any]]
         raise ArgumentError(
             "expected nu as a NumPy array for an obliquity, got a Dr.Jit array; use nu.numpy()"
         )
-    array = checked_points("nu", nu, 3, complex_allowed=True)
+    array = checked_points("nu", nu, 3)
     with np.errstate(invalid="ignore", divide="ignore"):
-        length = np.sqrt(np.square(np.abs(array)).sum(axis=-1))
-        return np.asarray((array.conj() @ normal) / length)
+        return np.asarray((array @ normal) / np.linalg.norm(array, axis=-1))

@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.kernels.arrays.repeated import HeldTable
-from polywigner.kernels.kernel import Kernel, Values, leave_parts, leave_wave
+from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.numerics import Number, phases
-from polywigner.numerics.complex_pairs import Pair, plane_wave
+from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns, sin_turns
 from polywigner.source.lattices import Profile, Sites, column_and_row, separated
 
@@ -394,35 +394,7 @@ def _sum_over_sites(ops: Any, rows: tuple[Row, ...], *nu: Any) -> Pair:
     return Pair(*ops.sum_over(rows, term, 2, like=nu[0]))
 
 
-def _enter_complex(ops: Any, frame: _Frame, *parts: Any) -> Values:
-    """(real, imaginary) part of the phase of the centre; nu."""
-    real, imag = parts[0::2], parts[1::2]
-    turns = phases.turns_to_centre(ops, frame.centre, *real)
-    growth, rest = phases.dot(ops, imag, frame.centre)
-    return (turns, growth + rest, *real, *imag)
-
-
-def _complex_sum(ops: Any, tables: _Tables, turns: Any, growth: Any, *nu: Any) -> Values:
-    count = len(nu) // 2
-    waves = [Pair(real, imag) for real, imag in zip(nu[:count], nu[count:], strict=True)]
-
-    def term(*row: Any) -> tuple[Any, Any]:
-        *both, real, imag = row
-        phase = Pair(0.0, 0.0)
-        for component, high, low in zip(waves, both[0::2], both[1::2], strict=True):
-            phase = phase + component.scaled(high + low)
-        wave = plane_wave(ops, phase) * Pair(real, imag)
-        return wave.real, wave.imag
-
-    total = Pair(*ops.sum_over(tables.rows[0], term, 2, like=nu[0]))
-    total = total * plane_wave(ops, Pair(turns, growth))
-    return total.real, total.imag
-
-
 @lru_cache(maxsize=8)
-def array_factor_kernel(dimension: int, is_complex: bool) -> Kernel:
-    """The kernel of array factors of sites on a line, in the plane or in space."""
-    if is_complex:
-        steps = _table_of_sites, _enter_complex, _complex_sum, leave_parts
-        return Kernel("array factor, complex nu", dimension, *steps)
+def array_factor_kernel(dimension: int) -> Kernel:
+    """Return the kernel of array factors of sites on a line, in the plane or in space."""
     return Kernel("array factor", dimension, _tables, _enter, _sum, leave_wave)

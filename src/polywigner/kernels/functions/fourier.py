@@ -19,8 +19,7 @@ import numpy.typing as npt
 
 from polywigner.kernels.outline.frame import Frame, Matrix, frame_of, times
 from polywigner.numerics import Number, phases
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
+from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.grid_arithmetic import accurate_cross
 from polywigner.numerics.phases import cos_sin_turns, sinc, sinc_less_one
 
@@ -62,7 +61,6 @@ class LinearFrame:
     centre: tuple[Any, ...]
     rows: Matrix
     content: float
-    reach: tuple[float, ...]
 
     def frequency(self, ops: Any, *nu: Any) -> Values:
         return times(ops, self.rows, *nu)
@@ -81,27 +79,6 @@ def fan_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
         return cosine * row[-1], sine * row[-1]
 
     total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=_is_short(nu))
-    return total
-
-
-def complex_fan_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Values:
-    """F(nu) exp(-2 pi level) for complex nu in the frame: analytic in nu, no conjugate anywhere.
-
-    All real parts of nu, then all imaginary ones. The level belongs to the largest wave in the
-    frame's box, so that no term overflows.
-    """
-    real, imag = nu[: len(nu) // 2], nu[len(nu) // 2 :]
-    level = phases.level(tables.frame, imag)
-
-    def term(*row: Any) -> Values:
-        corners = (
-            Pair(_dot(ops, real, corner), _dot(ops, imag, corner))
-            for corner in _corners(row, len(real))
-        )
-        wave = simplex_complex_wave(ops, *corners, level=level).scaled(row[-1])
-        return wave.real, wave.imag
-
-    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=_is_short(real))
     return total
 
 

@@ -96,7 +96,8 @@ class SlitTables:
     """The intervals in their frame; sums run over ``edges``."""
 
     frame: SlitFrame
-    edges: tuple[Interval, ...]
+    edges: tuple[tuple[Any, ...], ...]
+    """An `Interval` each; for F, begin and length as pairs of floats."""
 
 
 @dataclass(frozen=True)
@@ -197,16 +198,14 @@ def _overlap(
     return ops.maximum(length, 0.0), ops.select(other >= half, aside, -aside)
 
 
-def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled | None = None) -> Values:
-    """The slices' transform, with the fields, or their length: (real, imaginary) part."""
+def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
+    """Return the transform of the slices, with their fields: (real, imaginary) part."""
 
     def term(
         gap: Any, rest: Any, half: Any, other: Any, mean: Any, low: Any, real: Any, imag: Any,
         *wave: Any,
     ) -> Values:  # fmt: skip
         length, aside = _overlap(ops, shift, gap, rest, half, other)
-        if nu is None:
-            return length * real, length * imag
         detuned, mutual, width = nu, Pair(real, imag), tables.coherence_width
         if wave:
             detuning, rate = wave
@@ -320,6 +319,34 @@ def _both_ends(ops: Any, tables: SlitTables, turns: Any, *ends: Any) -> Values:
     return tuple(part for field in fields for part in (field.real, field.imag))
 
 
+@lru_cache(maxsize=256)
+def _segment_tables(source: Slits, double: bool) -> SlitTables:
+    """Return the begin and the length of each slit, as pairs of floats."""
+    tables = _slit_tables(source)
+    rows = ((*doubled(a, double), *doubled(b - a, double)) for a, b, _ in tables.edges)
+    return SlitTables(tables.frame, tuple(rows))
+
+
+def _enter_fourier(ops: Any, frame: SlitFrame, nu: Any) -> Values:
+    """Return the phase of the centre, and nu in the frame as two floats."""
+    turns = phases.turns_to_centre(ops, frame.centre, nu)
+    return (turns, *phases.halves(ops, (*frame.frequency(ops, nu), 0.0)))
+
+
+def _fourier(ops: Any, tables: SlitTables, turns: Any, *nu: Any) -> Values:
+    """Return the (cosine, sine) parts of F = cosine - i sine. Source: (S1)."""
+
+    def term(begin: Any, begin_rest: Any, length: Any, length_rest: Any) -> Values:
+        total, rest = phases.dot(ops, (nu,), ((length, length_rest),))
+        wave = phases.mean_plane_wave(ops, 0.0, total + rest)
+        phase = phases.reduced(ops, phases.dot(ops, (nu,), ((begin, begin_rest),)))
+        real, imag = phases.rotated(ops, phase, *wave)
+        return real * length, -imag * length
+
+    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0])
+    return total
+
+
 def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
     return (*_four_times(ops, frame, x), *phases.halves(ops, (*frame.detuned(ops, nu), 0.0)))
 
@@ -347,6 +374,7 @@ def _wigner(ops: Any, tables: PairTables, x: Any, rest: Any, *nu: Any) -> Values
     return _sum(ops, tables, (x, rest), nu)[:1]
 
 
+FOURIER = Kernel("fourier of slits", 1, _segment_tables, _enter_fourier, _fourier, leave_wave)
 AUTOCORRELATION = Kernel(
     "autocorrelation of slits",
     1,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -16,7 +15,6 @@ from polywigner.kernels.functions.fourier import (
     LinearFrame,
     OutlineSum,
     OutlineTables,
-    complex_fan_sum,
     fan_sum,
     grid_tables,
     outline_tables,
@@ -25,7 +23,6 @@ from polywigner.kernels.functions.slices import AMBIGUITY_SUM, WIGNER_SUM
 from polywigner.kernels.kernel import (
     Kernel,
     Values,
-    leave_complex,
     leave_real,
     leave_wave,
 )
@@ -94,7 +91,6 @@ def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
         tuple(phases.doubled(c, double) for c in centre),
         tuple(tuple(phases.doubled(value, double) for value in row) for row in rows),
         plane.content,
-        plane.reach,
     )
 
 
@@ -107,15 +103,6 @@ def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
 def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
     """(phase of the centre, nu in the frame)."""
     return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.frequency(ops, *nu))
-
-
-def _enter_complex_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
-    """(phase of the centre, growth, Re nu, Im nu in the frame) from (re, im) per component."""
-    real, imag = nu[0::2], nu[1::2]
-    turns = phases.turns_to_centre(ops, frame.centre, *real)
-    inner = frame.frequency(ops, *imag)
-    growth = phases.growth_of(ops, frame, inner, *imag)
-    return (turns, growth, *frame.frequency(ops, *real), *inner)
 
 
 def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
@@ -190,21 +177,13 @@ AUTOCORRELATION = Kernel(
 WIGNER = Kernel("wigner", 2, tables_of, enter_place_and_frequency, WIGNER_SUM, leave_real)
 
 
-def fourier_kernels(
-    name: str,
-    dimension: int,
-    tables: Any,
-    enter: tuple[Any, Any] = (enter_frequency, _enter_complex_frequency),
-    sums: tuple[Any, Any] = (fan_sum, complex_fan_sum),
-) -> tuple[Kernel, Kernel]:
-    """The kernels for real and for complex frequencies."""
-    return (
-        Kernel(name, dimension, tables, enter[0], sums[0], leave_wave),
-        Kernel(f"{name}, complex nu", dimension, tables, enter[1], sums[1], leave_complex),
-    )
-
-
-_OF_POINTS, FOURIER_COMPLEX = fourier_kernels("fourier", 2, _outline_of)
-FOURIER = replace(_OF_POINTS, edge_sum=OutlineSum(fan_sum, _grid_tables_of))
-FOURIER_PLACED, FOURIER_PLACED_COMPLEX = fourier_kernels("fourier in space", 3, _placed_tables)
+FOURIER = Kernel(
+    "fourier",
+    2,
+    _outline_of,
+    enter_frequency,
+    OutlineSum(fan_sum, _grid_tables_of),
+    leave_wave,
+)
+FOURIER_PLACED = Kernel("fourier in space", 3, _placed_tables, enter_frequency, fan_sum, leave_wave)
 AMBIGUITY = Kernel("ambiguity", 2, tables_of, _enter_shift, AMBIGUITY_SUM, leave_wave)
