@@ -139,9 +139,6 @@ def test_forward_and_reverse_mode_are_adjoint():
     assert abs(pushed - pulled) < ROUNDING * max(1.0, abs(pulled))
 
 
-INTERVALS = np.array([[-1.0, -0.3], [0.2, 0.9], [1.1, 1.6]])
-
-
 def _gradient(source, vertices, *points, double=True):
     """Of W summed over samples: in vertices, x and nu."""
     import drjit as dr
@@ -205,17 +202,10 @@ def test_a_precision_is_kept_and_numpy_points_become_tensors():
 REFUSED: dict[str, Any] = {
     "nothing traced": lambda: pw.differentiable(pw.Aperture(CHEVRON)),
     "vertices of slits": lambda: pw.differentiable(pw.Slits([[0, 1]]), vertices=_points(CHEVRON)),
-    "other intervals": lambda: pw.differentiable(
-        pw.Slits(INTERVALS[:2]), intervals=_points(INTERVALS)
-    ),
     "NumPy vertices": lambda: pw.differentiable(vertices=CHEVRON),
     "another count": lambda: pw.differentiable(pw.shapes.square(1.0), vertices=_points(CHEVRON)),
     "weights of one": lambda: pw.differentiable(
         pw.Aperture(CHEVRON), weights=_numbers(np.ones(1) + 0j)
-    ),
-    "other amplitudes": lambda: pw.differentiable(
-        pw.Aperture(CHEVRON).with_illumination(pw.Illumination([1, 2], [[0, 0], [1, 0]])),
-        amplitudes=_numbers(np.ones(3) + 0j),
     ),
     "single points": lambda: pw.wigner(
         pw.differentiable(vertices=_points(CHEVRON)), *[_points(CHEVRON, double=False)] * 2
@@ -240,11 +230,9 @@ def test_what_is_no_differentiable_source_is_refused(make):
 
 
 @pytest.mark.parametrize("ring", NO_OUTLINE.values(), ids=NO_OUTLINE)
-def test_vertices_and_intervals_that_make_no_outline_are_refused(ring):
+def test_vertices_that_make_no_outline_are_refused(ring):
     with pytest.raises(GeometryError, match="expected"):
         pw.differentiable(vertices=_points(np.array(ring, float)))
-    with pytest.raises(GeometryError, match="expected"):
-        pw.differentiable(intervals=_points(INTERVALS[[1, 0, 2]]))
     with pytest.raises(GeometryError, match="turned over"):
         square = pw.shapes.square(1.0)
         pw.differentiable(square, vertices=_points(square.rings[0] * [1, -1]))

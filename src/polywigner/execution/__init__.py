@@ -55,5 +55,4 @@ from polywigner.execution.traced import (
     evaluate_traced,
     kernel_with_derivatives,
     site_sum,
-    with_end_slopes,
 )

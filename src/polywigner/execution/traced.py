@@ -13,14 +13,11 @@ from numpy.typing import NDArray
 from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations, TracedOperations
 from polywigner.execution.on_drjit import is_code, with_frame_as_data
-from polywigner.execution.points import Drjit, Points, components_of, sibling, split
-from polywigner.geometry import Slits
+from polywigner.execution.points import Drjit, Points, components_of, sibling
 from polywigner.kernels import Kernel
-from polywigner.kernels.outline.wave_pairs import waves_in_frame
-from polywigner.kernels.slopes import Wanted, gradient_kernel_of, slopes_in_ends
+from polywigner.kernels.gradients import gradient_kernel_of
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
-from polywigner.source import Illumination
 
 # Samples up to which edges are data: compiling them as code costs more than it saves.
 _MOST_AS_DATA = 1 << 16
@@ -38,10 +35,8 @@ class Traced:
 
     vertices: Numbers | None = None
     """x and y of all vertices."""
-    fields: Numbers | None = None
-    """Real and imaginary parts of all weights, or of the amplitudes of all waves."""
-    by_waves: bool = False
-    """Whether ``fields`` are amplitudes of waves."""
+    weights: Numbers | None = None
+    """Real and imaginary parts of the weights of all elements."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,79 +47,57 @@ class Differentiable:
     """
 
     source: Any
-    """An Aperture or an Array, or Slits with ``intervals``."""
+    """An Aperture or an Array."""
     vertices: Drjit | None = None
     """``Array2f``."""
     weights: Drjit | None = None
     """``Complex2f``."""
-    amplitudes: Drjit | None = None
-    """``Complex2f``."""
-    intervals: Drjit | None = None
-    """``Array2f``."""
 
     @property
     def numbers(self) -> dict[str, Drjit]:
         """The Dr.Jit arrays by name."""
-        names = ("vertices", "weights", "amplitudes", "intervals")
-        values = {name: getattr(self, name) for name in names}
+        values = {"vertices": self.vertices, "weights": self.weights}
         return {name: value for name, value in values.items() if value is not None}
 
     def traced(self, ops: DrjitOperations, tables: Any) -> Traced:
         """Return the numbers in the frame of tables."""
-        vertices = fields = None
+        vertices = weights = None
         if self.vertices is not None:
             x, y = tables.frame.position(ops, *self.vertices)
             vertices = ops.float_type(x), ops.float_type(y)
         if self.weights is not None:
-            fields = _scaled(self.weights, np.array(tables.factors, np.complex128))
-        elif self.amplitudes is not None:
-            frequencies = self.source.illumination.frequencies
-            waves = waves_in_frame(
-                Illumination(np.ones(len(frequencies)), frequencies), tables.frame
-            )
-            fields = _scaled(self.amplitudes, np.array([w.amplitude for w in waves], np.complex128))
-        return Traced(vertices, fields, by_waves=self.amplitudes is not None)
-
-
-def _scaled(numbers: Drjit, factors: NDArray[np.complex128]) -> Numbers:
-    """Return the parts of complex numbers times factors."""
-    kind = type(numbers)
-    real, imag = (array_of(type(numbers[0]), part) for part in (factors.real, factors.imag))
-    scaled = numbers * kind(real, imag)
-    return scaled[0], scaled[1]
+            kind, factors = type(self.weights), np.array(tables.factors, np.complex128)
+            real, imag = (array_of(ops.float_type, part) for part in (factors.real, factors.imag))
+            scaled = self.weights * kind(real, imag)
+            weights = scaled[0], scaled[1]
+        return Traced(vertices, weights)
 
 
 class _Accumulator:
-    """Sums of slopes in vertices and fields, times the changes of these."""
+    """Sums of gradients in vertices and weights, times the changes of these."""
 
     def __init__(self, ops: DrjitOperations, traced: Traced) -> None:
         import drjit as dr
 
         self.ops = ops
-        self.vertices, self.fields = (
-            _followed(pair, ops.float_type) for pair in (traced.vertices, traced.fields)
-        )
-        vertices, fields = map(dr.grad_enabled, (traced.vertices, traced.fields))
-        self.wanted = Wanted(
-            vertices=vertices,
-            weights=fields and not traced.by_waves,
-            amplitudes=fields and traced.by_waves,
-        )
-        self.has_constant_numbers = self.vertices is not None and isinstance(
+        numbers = traced.vertices, traced.weights
+        self.vertices, self.weights = (_followed(pair, ops.float_type) for pair in numbers)
+        self.needs_vertices, self.needs_weights = map(dr.grad_enabled, numbers)
+        self.has_constant_indices = self.vertices is not None and isinstance(
             self.vertices[0], tuple
         )
         self.known: dict[tuple[int, int], tuple[Any, Any]] = {}
 
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
         total = Pair(0.0, 0.0)
-        for number, slope in zip((begin, end), at, strict=True):
+        for number, gradient in zip((begin, end), at, strict=True):
             x, y = self._looked_up(self.vertices, number)
-            total = total + slope.scaled(normal[0] * x + normal[1] * y)
+            total = total + gradient.scaled(normal[0] * x + normal[1] * y)
         return total
 
-    def field(self, number: Any, slope: Pair, of_conjugate: Pair) -> Pair:
-        x, y = self._looked_up(self.fields, number)
-        return slope * Pair(x, y) + of_conjugate * Pair(x, -y)
+    def weight(self, number: Any, gradient: Pair, of_conjugate: Pair) -> Pair:
+        x, y = self._looked_up(self.weights, number)
+        return gradient * Pair(x, y) + of_conjugate * Pair(x, -y)
 
     def _looked_up(self, pair: Any, number: Any) -> tuple[Any, Any]:
         import drjit as dr
@@ -163,18 +136,18 @@ def kernel_with_derivatives(
     """Return results of a kernel with derivatives in its arguments and in ``traced`` numbers."""
     import drjit as dr
 
-    slopes = gradient_kernel_of(kernel)
-    if slopes is None or not dr.grad_enabled((tuple(components), traced.vertices, traced.fields)):
+    closed = gradient_kernel_of(kernel)
+    if closed is None or not dr.grad_enabled((tuple(components), traced.vertices, traced.weights)):
         return kernel(ops, tables, *components)
     real = ops.float_type
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
     values = kernel.edge_sum(ops, tables, *fixed)
     # Derivatives depend on the last arguments.
-    summed = map(real, fixed[-slopes.arguments :])
-    derivatives = slopes.slopes(ops, tables, _Accumulator(ops, traced), *summed)
+    summed = map(real, fixed[-closed.arguments :])
+    derivatives = closed.gradients(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]
-    parts = slopes.parts(slopes.changed(ops, tables.frame, derivatives, change))
+    parts = closed.parts(closed.changed(ops, tables.frame, derivatives, change))
     sums = tuple(
         dr.replace_grad(real(value), real(part)) for value, part in zip(values, parts, strict=True)
     )
@@ -233,31 +206,6 @@ def _in_memory(component: Drjit) -> Drjit:
     if math.isfinite(value):
         return component
     return drjit.opaque(type(component), value, drjit.width(component))
-
-
-def with_end_slopes(
-    value: Drjit, name: str, slits: Slits, intervals: Drjit, points: Points
-) -> Drjit:
-    """Return F, W or A (``name``) of slits with derivatives in the ends of the slits, (G5)."""
-    import drjit as dr
-
-    if not dr.grad_enabled(intervals):
-        return value
-    real = type(intervals[0])
-    # Phases far from the origin lose digits in single precision.
-    ops = DrjitOperations(dr.float64_array_t(real))
-    at = [ops.float_type(dr.detach(c)) for point in points.values() for c in split(point)]
-    ends = [ops.float_type(end) for end in intervals]
-    total = Pair(ops.float_type(0.0), ops.float_type(0.0))
-    for k, slopes in enumerate(slopes_in_ends(ops, name, slits, *at)):
-        for slope, end in zip(slopes, ends, strict=True):
-            total = total + slope.scaled(dr.gather(ops.float_type, end, dr.uint32_array_t(real)(k)))
-    # The value of this sum is zero; it has the missing derivatives.
-    parts = [
-        dr.replace_grad(dr.zeros(real, dr.width(part)), real(part))
-        for part in (total.real, total.imag)
-    ]
-    return value + (type(value)(*parts) if dr.is_complex_v(value) else parts[0])
 
 
 def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit:

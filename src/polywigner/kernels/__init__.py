@@ -8,7 +8,7 @@ module         content
 ``functions``  W, A and F
 ``arrays``     sums over copies and pairs of elements
 ``boundary``   exact fields along edges
-``slopes``     derivatives in closed form
+``gradients``  derivatives in closed form
 ``kernel``     the steps of a transform: enter the frame, sum over edges, leave the frame
 ``catalogue``  the kernel of each transform and kind of source
 =============  =====================================================================

@@ -180,17 +180,13 @@ def _flat(
     """Return a transform that has a kernel, at NumPy points or Dr.Jit component arrays."""
     if not execution.has_drjit(points.values()):
         return compute(name, source, points, *how, shear=shear, has_kernel=True)
-    if isinstance(source, Differentiable) and source.intervals is not None:
-        slits = source.source
-        value = _flat(name, slits, points, how, shear)
-        return execution.with_end_slopes(value, name, slits, source.intervals, points)
     is_real = TRANSFORMS[name].is_real
     if isinstance(source, Differentiable):
         # Kernels that arrays share with other outlines: their own have no derivatives.
         kernels_of_all = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
         if name not in kernels_of_all:
             raise ArgumentError(
-                f"expected an Aperture, Slits or Array for {name}, got a Differentiable; use "
+                f"expected an Aperture or Array for {name}, got a Differentiable; use "
                 "fourier, wigner or ambiguity"
             )
         kernel = kernels_of_all[name]

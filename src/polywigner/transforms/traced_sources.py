@@ -1,4 +1,4 @@
-"""Sources whose vertices, weights, amplitudes or intervals are Dr.Jit arrays, and their F."""
+"""Sources whose vertices or weights are Dr.Jit arrays, and their F."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.execution import Differentiable, Drjit, is_drjit
-from polywigner.geometry import Aperture, Slits
+from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import DrJitArray
 from polywigner.geometry.rings import signed_area
 from polywigner.geometry.wavefront import Field
 from polywigner.source import Array, Illumination
 
-PlainFourier = Callable[[Aperture | Slits, Drjit], Drjit]
+PlainFourier = Callable[[Aperture, Drjit], Drjit]
 """(source without Dr.Jit arrays, component array nu) -> F."""
 
 
@@ -32,12 +32,10 @@ def check_no_drjit(**arguments: object) -> None:
 
 
 def differentiable(
-    source: Aperture | Array | Slits | None = None,
+    source: Aperture | Array | None = None,
     *,
     vertices: DrJitArray | None = None,
     weights: DrJitArray | None = None,
-    amplitudes: DrJitArray | None = None,
-    intervals: DrJitArray | None = None,
 ) -> Differentiable:
     """Return a source with Dr.Jit arrays as some of its numbers, to differentiate by them.
 
@@ -47,19 +45,15 @@ def differentiable(
 
     Parameters
     ----------
-    source : Aperture, Array or Slits, optional
+    source : Aperture or Array, optional
         Arrays consist of apertures in the plane z = 0. None (default) stands for the aperture with
-        the ring ``vertices``, or the slits ``intervals``.
+        the ring ``vertices``.
     vertices : Array2f (2, n) or tensor (n, 2), optional
         Points in m that replace the vertices of all rings (``Aperture.rings``) of all elements, one
         ring after the other. Unlike those of an Aperture, vertices on the line between their
         neighbours are kept.
     weights : Complex2f or Float (k,), or tensor (k,) or (k, 2), optional
         Weights of the elements of an Array; a second axis has real and imaginary parts.
-    amplitudes : like ``weights``, (m,), optional
-        Amplitudes of the waves of an Aperture's illumination, in the order of its frequencies.
-    intervals : Array2f (2, m) or tensor (m, 2), optional
-        Begins and ends in m that replace those of Slits, in ascending order without contact.
 
     Returns
     -------
@@ -71,10 +65,9 @@ def differentiable(
     ArgumentError
         For arrays of the wrong kind or number.
     GeometryError
-        For vertices that form no valid outline or reverse its orientation, and for intervals that
-        do not ascend or that touch.
+        For vertices that form no valid outline or reverse its orientation.
     IlluminationError
-        As `Array` and `Illumination` raise it.
+        As `Array` raises it.
 
     Examples
     --------
@@ -88,10 +81,6 @@ def differentiable(
     >>> dr.grad(corners).numpy().shape
     (2, 4)
     """
-    if intervals is not None or isinstance(source, Slits):
-        if intervals is None or not (vertices is weights is amplitudes is None):
-            raise ArgumentError("expected Slits with intervals as a Dr.Jit array alone")
-        return _of_slits(source, execution.plane_points("intervals", intervals))
     if source is None and vertices is None:
         raise ArgumentError("expected a source or the vertices of a ring, got neither")
     is_plane = isinstance(source, Aperture | Array) and all(
@@ -101,38 +90,17 @@ def differentiable(
         raise ArgumentError(
             f"expected an Aperture, an Array of apertures, or None, got {type(source).__name__}"
         )
-    if vertices is weights is amplitudes is None:
-        raise ArgumentError("expected vertices, weights or amplitudes as Dr.Jit arrays, got none")
+    if vertices is weights is None:
+        raise ArgumentError("expected vertices or weights as Dr.Jit arrays, got neither")
     numbers: dict[str, Drjit] = {}
     if vertices is not None:
         corners = execution.plane_points("vertices", vertices)
         source, numbers["vertices"] = _with_vertices(source, corners)
-    for name, values in (("weights", weights), ("amplitudes", amplitudes)):
-        if values is not None:
-            numbers[name] = execution.complex_numbers(name, values)
-            real, imag = execution.columns_of(numbers[name]).T
-            change = _with_weights if name == "weights" else _with_amplitudes
-            source = change(source, real + 1j * imag)
+    if weights is not None:
+        numbers["weights"] = execution.complex_numbers("weights", weights)
+        real, imag = execution.columns_of(numbers["weights"]).T
+        source = _with_weights(source, real + 1j * imag)
     return Differentiable(source, **numbers)
-
-
-def _of_slits(source: Aperture | Array | Slits | None, ends: Drjit) -> Differentiable:
-    if not isinstance(source, Slits | None):
-        raise ArgumentError(f"expected Slits or None with intervals, got {type(source).__name__}")
-    values = execution.columns_of(ends)
-    if source is not None and len(values) != len(source.intervals):
-        raise ArgumentError(
-            f"expected {len(source.intervals)} intervals, as many as the source has, got "
-            f"{len(values)}"
-        )
-    slits = Slits(values)
-    if slits.intervals.shape != values.shape or (slits.intervals != values).any():
-        raise GeometryError(
-            "expected intervals in ascending order that do not touch, got "
-            f"{values.tolist()}; sort them, or take shorter steps"
-        )
-    field = None if source is None else source.illumination
-    return Differentiable(slits.with_illumination(field), intervals=ends)
 
 
 def _with_vertices(
@@ -203,28 +171,8 @@ def _with_weights(source: Aperture | Array | None, weights: NDArray[np.complex12
     return Array(source.elements, weights)
 
 
-def _with_amplitudes(
-    source: Aperture | Array | None, amplitudes: NDArray[np.complex128]
-) -> Aperture:
-    field = source.illumination if isinstance(source, Aperture) else None
-    if not isinstance(source, Aperture) or field is None:
-        raise ArgumentError("expected amplitudes for an Aperture with an illumination only")
-    if len(amplitudes) != len(field.amplitudes):
-        raise ArgumentError(
-            f"expected {len(field.amplitudes)} amplitudes, one for each wave, got {len(amplitudes)}"
-        )
-    # A wave of amplitude zero would be dropped, and with it the derivative.
-    tiny = 1e-200 * np.abs(amplitudes).max(initial=1e-100)
-    nonzero = np.where(amplitudes == 0.0, tiny, amplitudes)
-    return source.with_illumination(Illumination(nonzero, field.frequencies))
-
-
 def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
     """Return F at a component array as a sum over all waves on all elements, (C1) and (I1)."""
-    if source.intervals is not None:
-        slits = source.source
-        value = plain(slits, nu)
-        return execution.with_end_slopes(value, "fourier", slits, source.intervals, {"nu": nu})
     array = source.source
     is_array = isinstance(array, Array)
     if is_array and array.repeated is not None and source.vertices is None:
@@ -237,9 +185,11 @@ def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
         if corners is not None and is_array:
             corners = execution.entries(corners, np.arange(start, end))
         start = end
-        value = _of_waves(Differentiable(element, corners, amplitudes=source.amplitudes), nu)
-        if is_array:
-            value = _times(value, source.weights, number, complex(array.weights[number]))
+        value = _of_waves(Differentiable(element, corners), nu)
+        if source.weights is not None:
+            value = value * execution.entries(source.weights, np.array([number]))
+        elif is_array:
+            value = execution.times_complex(value, complex(array.weights[number]))
         total = total + value
     return total
 
@@ -249,15 +199,8 @@ def _of_waves(element: Differentiable, nu: Drjit) -> Drjit:
     uniform = Differentiable(element.source.with_illumination(None), element.vertices)
     total = 0.0
     waves = zip(field.amplitudes.tolist(), field.frequencies, strict=True)
-    for number, (amplitude, kappa) in enumerate(waves):
+    for amplitude, kappa in waves:
         points = {"nu": execution.shifted(nu, -kappa)}
         value = execution.evaluate_traced(kernels.FOURIER, uniform, points, complex_result=True)
-        total = total + _times(value, element.amplitudes, number, amplitude)
+        total = total + execution.times_complex(value, amplitude)
     return total
-
-
-def _times(value: Drjit, numbers: Drjit | None, index: int, constant: complex) -> Drjit:
-    """Return a value times an entry of ``numbers``, or times a constant if there are none."""
-    if numbers is None:
-        return execution.times_complex(value, constant)
-    return value * execution.entries(numbers, np.array([index]))

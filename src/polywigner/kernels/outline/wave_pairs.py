@@ -81,7 +81,7 @@ class WavePair:
         real, imag = _summed(ops, self.terms, point, imaginary=not self.is_real)
         return real, imag
 
-    def slopes(self, ops: Any, point: Sequence[Any]) -> list[tuple[Any, Any]]:
+    def gradient(self, ops: Any, point: Sequence[Any]) -> list[tuple[Any, Any]]:
         """(real, imaginary) part of the derivative of the amplitude, for each component."""
         result = []
         for k in range(len(point)):

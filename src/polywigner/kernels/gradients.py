@@ -16,11 +16,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import product
-from typing import Any
+from typing import Any, Protocol
 
-from polywigner.geometry import Slits
 from polywigner.kernels.cut.clipping import AHEAD, Clipper, Edge, View
 from polywigner.kernels.cut.winding import PairClipper
 from polywigner.kernels.functions import plane
@@ -29,41 +26,35 @@ from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.functions.slices import Views, difference_pairings, mean_pairings
 from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.outline.wave_pairs import (
-    Wave,
-    WavePair,
-    Waves,
-    difference_pairs,
-    field_of,
-    mean_pairs,
-)
+from polywigner.kernels.outline.wave_pairs import WavePair
 from polywigner.numerics import Number
-from polywigner.numerics.complex_pairs import Pair, unit_wave
+from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_over_turns, cos_sin_turns, polynomial
 
 _ZERO = Pair(0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """Kinds of shared numbers whose derivatives an accumulator requires.
+class Accumulator(Protocol):
+    """Sums of gradients in the numbers of a source, times the changes of these numbers."""
 
-    An accumulator has ``wanted``, ``has_constant_numbers`` (whether indices of vertices have to be
-    constants), and two methods: ``edge(begin, end, normal, at)`` for an edge between two numbered
-    vertices, with dV = sum_k at_k (normal . d vertex_k), to be summed over edges; and
-    ``field(number, slope, of_conjugate)`` for a weight or amplitude c, with dV = slope dc +
-    of_conjugate dc*.
-    """
+    needs_vertices: bool
+    """Whether gradients in vertices are required."""
+    needs_weights: bool
+    """Whether gradients in the weights of the elements are required."""
+    has_constant_indices: bool
+    """Whether the indices of vertices have to be Python integers."""
 
-    vertices: bool = False
-    weights: bool = False
-    """Weights of the elements."""
-    amplitudes: bool = False
-    """Amplitudes of the waves on the only element."""
+    def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
+        """Return dV = sum_k at_k (normal . d vertex_k) of an edge between two numbered vertices."""
+        ...
+
+    def weight(self, number: Any, gradient: Pair, of_conjugate: Pair) -> Pair:
+        """Return dV = gradient dw + of_conjugate dw* for the weight w of an element."""
+        ...
 
 
 @dataclass
-class Slopes:
+class Gradients:
     """Derivatives of a complex value V in the numbers of each sample."""
 
     frequency: list[Pair]
@@ -157,9 +148,9 @@ def _over_power(ops: Any, n: int, square: Any, terms: int) -> Number:
 # ---- F ---------------------------------------------------------------------------------------
 
 
-def fourier_slopes(
-    ops: Any, tables: OutlineTables, accumulator: Any, nu_x: Any, nu_y: Any
-) -> Slopes:
+def fourier_gradients(
+    ops: Any, tables: OutlineTables, accumulator: Accumulator, nu_x: Any, nu_y: Any
+) -> Gradients:
     """Derivatives of V = F(nu) in the frame."""
     axes = Axes(ops, (nu_x, nu_y))
     rows = [
@@ -173,13 +164,13 @@ def fourier_slopes(
         midpoint = axes.of(0.5 * (ax + bx), 0.5 * (ay + by))
         e0, e1, _, along, across = axes.segment(*midpoint, dp, dq)
         shared = _ZERO
-        if accumulator.wanted.vertices:
+        if accumulator.needs_vertices:
             at = e0.scaled(0.5) - e1, e0.scaled(0.5) + e1
             shared = accumulator.edge(begin, end, (ey, -ex), at)
         return _parts(along.scaled(-dp), across.scaled(-dp), shared)
 
     along, across, shared = _pairs(ops.sum_over(rows, term, 6, like=nu_x))
-    return Slopes(list(axes.gradient(along, across)), [_ZERO, _ZERO], shared)
+    return Gradients(list(axes.gradient(along, across)), [_ZERO, _ZERO], shared)
 
 
 def _parts(*pairs: Pair) -> tuple[Any, ...]:
@@ -193,41 +184,42 @@ def _pairs(numbers: Sequence[Any]) -> list[Pair]:
 # ---- W and A ---------------------------------------------------------------------------------
 
 
-def wigner_slopes(ops: Any, tables: Tables, accumulator: Any, *point: Any) -> Slopes:
+def wigner_gradients(ops: Any, tables: Tables, accumulator: Accumulator, *point: Any) -> Gradients:
     """Derivatives of W, the real part of V, at (x, y, nu_x, nu_y) in the frame."""
-    return _slopes(ops, tables, True, accumulator, point[:2], point[2:])
+    return _gradients(ops, tables, True, accumulator, point[:2], point[2:])
 
 
-def ambiguity_slopes(ops: Any, tables: Tables, accumulator: Any, *point: Any) -> Slopes:
+def ambiguity_gradients(
+    ops: Any, tables: Tables, accumulator: Accumulator, *point: Any
+) -> Gradients:
     """Derivatives of V = A at (upsilon_x, upsilon_y, xi_x, xi_y) in the frame."""
-    return _slopes(ops, tables, False, accumulator, point[2:], point[:2])
+    return _gradients(ops, tables, False, accumulator, point[2:], point[:2])
 
 
-def _slopes(
+def _gradients(
     ops: Any,
     tables: Tables,
     of_lags: bool,
-    accumulator: Any,
+    accumulator: Accumulator,
     position: tuple[Any, ...],
     frequency: tuple[Any, ...],
-) -> Slopes:
+) -> Gradients:
     """Derivatives of the transform of the lag slice (``of_lags``) or of the position slice."""
     weights = [Pair(1.0, 0.0)] * len(tables.groups)
-    if accumulator.wanted.weights:
+    if accumulator.needs_weights:
         weights, tables = _weights(ops, tables), tables.by_element
     pairings, scale = (mean_pairings, 2.0) if of_lags else (difference_pairings, 1.0)
     views = dict.fromkeys(view for *_, sides, _ in pairings(tables) for view, _ in sides)
     tx, ty = (scale * c for c in position)
-    if accumulator.has_constant_numbers or (ops.target == "compiled" and tables.fits_code):
+    if accumulator.has_constant_indices or (ops.target == "compiled" and tables.fits_code):
         clipper = Clipper(ops, tables, tx, ty)
     else:
         clipper = PairClipper(ops, tables, tx, ty, tuple(views))
-    result = Slopes([_ZERO, _ZERO], [_ZERO, _ZERO], _ZERO)
+    result = Gradients([_ZERO, _ZERO], [_ZERO, _ZERO], _ZERO)
     for group in range(len(tables.groups)):
-        areas: list[Pair] = []
         for other in range(len(tables.groups)):
             pairs = [
-                _PairSlopes(
+                _BeatGradients(
                     clipper, accumulator, scale, sides, pair, frequency, position,
                     (group, other), weights,
                 )
@@ -249,12 +241,11 @@ def _slopes(
                     shared = shared + of_shared
                 return _parts(*values, shared)
 
-            count = 2 * (_PairSlopes.values * len(pairs) + 1)
+            count = 2 * (_BeatGradients.values * len(pairs) + 1)
             sums = iter(_pairs(clipper.sum_over_edges(term, count, group, other)))
-            areas += [pair.add([next(sums) for _ in range(pair.values)], result) for pair in pairs]
+            for pair in pairs:
+                pair.add([next(sums) for _ in range(pair.values)], result)
             result.shared = result.shared + next(sums)
-        if accumulator.wanted.amplitudes:
-            _wave_slopes(ops, tables, of_lags, accumulator, position, result, areas)
     return result
 
 
@@ -266,7 +257,7 @@ def _weights(ops: Any, tables: Tables) -> list[Pair]:
     return [Pair(*(ops.lookup(part, k) for part in parts)) for k in range(len(tables.weights))]
 
 
-class _PairSlopes:
+class _BeatGradients:
     """Derivatives of the contribution of a pair of waves, weights of both elements included.
 
     V is ``scale`` times the sum over the views. For W the edges of one copy are half the boundary,
@@ -278,7 +269,7 @@ class _PairSlopes:
     def __init__(
         self,
         clipper: Clipper,
-        accumulator: Any,
+        accumulator: Accumulator,
         scale: float,
         views: Views,
         pair: WavePair,
@@ -290,7 +281,7 @@ class _PairSlopes:
         self.clipper, self.ops, self.accumulator = clipper, clipper.ops, accumulator
         self.scale, self.views, self.shift = scale, views, pair.shift
         self.axes = Axes(self.ops, pair.detuned(frequency))
-        self.rates = [Pair(*slope) for slope in pair.slopes(self.ops, position)]
+        self.rates = [Pair(*rate) for rate in pair.gradient(self.ops, position)]
         group, other = groups
         self.first, self.second = (other, group) if views[0][0] is AHEAD else (group, other)
         self.one, self.two = weights[self.first], weights[self.second]
@@ -333,28 +324,27 @@ class _PairSlopes:
                 to_end = e1.plus(ops, e0, 0.5 * middle)
                 begin, end = begin + (e0 - to_end), end + to_end
         shared = _ZERO
-        if self.accumulator.wanted.vertices:
+        if self.accumulator.needs_vertices:
             factor = self.amplitude.scaled(scale**3)
             at = begin * factor, end * factor
             shared = self.accumulator.edge(edge.begin, edge.end, (edge.ey, -edge.ex), at)
         pushes = push.scaled(scale * edge.ey), push.scaled(-scale * edge.ex)
         return [area, *pushes, along, across], shared
 
-    def add(self, sums: Sequence[Pair], result: Slopes) -> Pair:
-        """Add the sums over edges to the derivatives; return the integral over the slice."""
+    def add(self, sums: Sequence[Pair], result: Gradients) -> None:
+        """Add the sums over edges to the derivatives."""
         area, *pushes, along, across = sums
         for k, push in enumerate(pushes):
             moved = (push * self.amplitude).scaled(self.scale) + area * self.rates[k] * self.mutual
             result.position[k] = result.position[k] + moved.scaled(self.scale)
-        for k, slope in enumerate(self.axes.gradient(along, across)):
-            change = (slope * self.amplitude).scaled(self.scale)
+        for k, gradient in enumerate(self.axes.gradient(along, across)):
+            change = (gradient * self.amplitude).scaled(self.scale)
             result.frequency[k] = result.frequency[k] + change
-        if self.accumulator.wanted.weights:
+        if self.accumulator.needs_weights:
             value = area.scaled(self.scale) * self.wave
-            change = self.accumulator.field(self.first, value * self.two.conjugate(), _ZERO)
-            change = change + self.accumulator.field(self.second, _ZERO, value * self.one)
+            change = self.accumulator.weight(self.first, value * self.two.conjugate(), _ZERO)
+            change = change + self.accumulator.weight(self.second, _ZERO, value * self.one)
             result.shared = result.shared + change
-        return area.scaled(self.scale)
 
 
 def _weighted(value: Pair, real: Any, imag: Any) -> Pair:
@@ -363,55 +353,29 @@ def _weighted(value: Pair, real: Any, imag: Any) -> Pair:
     return value * Pair(real, imag)
 
 
-def _wave_slopes(
-    ops: Any,
-    tables: Tables,
-    of_lags: bool,
-    accumulator: Any,
-    position: Sequence[Any],
-    result: Slopes,
-    areas: Sequence[Pair],
-) -> None:
-    """Add the derivatives in the amplitudes of the only element's waves."""
-    waves = tables.groups[0]
-    pairs_of = partial(mean_pairs, is_same=False) if of_lags else difference_pairs
-    pairs = mean_pairs(waves, waves, True) if of_lags else difference_pairs(waves, waves)
-    for (m, one), (n, other) in product(enumerate(waves), repeat=2):
-        (pair,) = pairs_of((one,), (other,))
-        ((_, rate),) = pair.terms
-        area = areas[min(range(len(pairs)), key=lambda k: math.dist(pairs[k].shift, pair.shift))]
-        if of_lags:  # the sum over both copies' edges is real: twice the real part
-            area = Pair(area.real, 0.0)
-        value = area * Pair(*field_of(ops, (Wave(1.0, rate),), position))
-        first, second = complex(one.amplitude), complex(other.amplitude)
-        change = accumulator.field(m, value * Pair(second.real, -second.imag), _ZERO)
-        change = change + accumulator.field(n, _ZERO, value * Pair(first.real, first.imag))
-        result.shared = result.shared + change
-
-
 @dataclass(frozen=True)
-class SlopeKernel:
+class GradientKernel:
     """Derivatives of the sum over edges of a kernel."""
 
-    slopes: Callable[..., Slopes]
+    gradients: Callable[..., Gradients]
     """(ops, tables, accumulator, *arguments in the frame) -> derivatives."""
     arguments: int
-    """Number of arguments in the frame that ``slopes`` takes, counted from the last."""
+    """Number of arguments in the frame that ``gradients`` takes, counted from the last."""
     parts: Callable[[Pair], tuple[Any, ...]]
     """(V) -> the kernel's sums."""
     points: tuple[str, ...]
     """The kernel's points: ``"frequency"``, ``"position"``."""
 
-    def changed(self, ops: Any, frame: Any, slopes: Slopes, change: Sequence[Any]) -> Pair:
+    def changed(self, ops: Any, frame: Any, gradients: Gradients, change: Sequence[Any]) -> Pair:
         """Return the change of V for changes of all components of all points."""
-        total = slopes.shared
+        total = gradients.shared
         for number, name in enumerate(self.points):
             # frequencies in space have three components
             count = len(change) // len(self.points)
             components = change[count * number : count * (number + 1)]
             in_frame = (frame.frequency if name == "frequency" else frame.vector)(ops, *components)
-            for slope, part in zip(getattr(slopes, name), in_frame, strict=True):
-                total = total + slope.scaled(part)
+            for gradient, part in zip(getattr(gradients, name), in_frame, strict=True):
+                total = total + gradient.scaled(part)
         return total
 
 
@@ -424,73 +388,15 @@ def _real(value: Pair) -> tuple[Any, ...]:
     return (value.real,)
 
 
-_FOURIER = SlopeKernel(fourier_slopes, 2, _wave, ("frequency",))
+_FOURIER = GradientKernel(fourier_gradients, 2, _wave, ("frequency",))
 _KNOWN = {
-    plane.WIGNER: SlopeKernel(wigner_slopes, 4, _real, ("position", "frequency")),
-    plane.AMBIGUITY: SlopeKernel(ambiguity_slopes, 4, _wave, ("frequency", "position")),
+    plane.WIGNER: GradientKernel(wigner_gradients, 4, _real, ("position", "frequency")),
+    plane.AMBIGUITY: GradientKernel(ambiguity_gradients, 4, _wave, ("frequency", "position")),
     plane.FOURIER: _FOURIER,
     plane.FOURIER_PLACED: _FOURIER,
 }
 
 
-def gradient_kernel_of(kernel: Kernel) -> SlopeKernel | None:
+def gradient_kernel_of(kernel: Kernel) -> GradientKernel | None:
     """Return the derivatives of a kernel, or None if Dr.Jit differentiates it."""
     return _KNOWN.get(kernel)
-
-
-# ---- slits -----------------------------------------------------------------------------------
-
-
-def slopes_in_ends(ops: Any, name: str, source: Slits, *points: Any) -> list[tuple[Pair, Pair]]:
-    """Derivatives of F, W or A (``name``) in the beginning and in the end of each slit.
-
-    ``points``: nu; x and nu; upsilon and xi. ``ops`` of double precision.
-    """
-    field = _Field(ops, source)
-    slope = getattr(field, name)
-    return [
-        (slope(begin, *points).scaled(-1.0), slope(end, *points))
-        for begin, end in source.intervals.tolist()
-    ]
-
-
-class _Field:
-    """The field on slits, and derivatives of its transforms in the ends of a slit."""
-
-    def __init__(self, ops: Any, source: Slits) -> None:
-        self.ops, self.rows = ops, [tuple(row) for row in source.intervals.tolist()]
-        self.waves: Waves = (Wave(1.0, (0.0,)),)
-        if source.illumination is not None:
-            amplitudes, frequencies = (
-                source.illumination.amplitudes,
-                source.illumination.frequencies,
-            )
-            pairs = zip(amplitudes.tolist(), frequencies.tolist(), strict=True)
-            self.waves = tuple(Wave(a, tuple(f)) for a, f in pairs)
-
-    def inner(self, y: Any) -> Pair:
-        """The waves at a point, inside a slit or not."""
-        return Pair(*field_of(self.ops, self.waves, (y,)))
-
-    def at(self, y: Any) -> Pair:
-        """u, which includes the beginning of a slit and excludes its end."""
-
-        def term(begin: Any, end: Any) -> tuple[Any]:
-            return (self.ops.select((y >= begin) & (y < end), 1.0, 0.0),)
-
-        (inside,) = self.ops.sum_over(self.rows, term, 1, like=y)
-        return self.inner(y).scaled(inside)
-
-    def fourier(self, end: float, nu: Any) -> Pair:
-        return self.inner(end) * unit_wave(self.ops, -nu * end)
-
-    def wigner(self, end: float, x: Any, nu: Any) -> Pair:
-        """Twice the real part of one copy's contribution, at the lag 2(end - x)."""
-        product = self.inner(end) * self.at(2.0 * x - end).conjugate()
-        return Pair((product * unit_wave(self.ops, 2.0 * (x - end) * nu)).real * 4.0, 0.0)
-
-    def ambiguity(self, end: float, upsilon: Any, xi: Any) -> Pair:
-        field = self.inner(end)
-        ahead, behind = (unit_wave(self.ops, upsilon * (s * xi - end)) for s in (0.5, -0.5))
-        first = field * self.at(end - xi).conjugate() * ahead
-        return first + self.at(end + xi) * field.conjugate() * behind
