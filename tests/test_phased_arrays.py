@@ -51,16 +51,15 @@ def _points(array, count, seed):
 
 
 @engines
-def test_array_factors_on_a_line_in_space_and_of_complex_frequencies(engine):
+def test_array_factors_on_a_line_in_the_plane_and_in_space(engine):
     rng = np.random.default_rng(3)
     for places in (np.arange(5.0) * 0.7, rng.normal(size=(6, 3)), grid(6, 4, 0.5)):
         weights = _random(len(places))
         columns = places.reshape(len(places), -1)
         nu = rng.normal(size=(40, columns.shape[1]))
-        for frequencies in (nu, nu * (1 - 0.2j)):
-            expected = np.exp(-2j * np.pi * (frequencies @ columns.T)) @ weights
-            got = pw.array_factor(places, weights, frequencies, engine=engine)
-            assert np.abs(got - expected).max() < 1e-13 * max(1, np.abs(expected).max()) * 6
+        expected = np.exp(-2j * np.pi * (nu @ columns.T)) @ weights
+        got = pw.array_factor(places, weights, nu, engine=engine)
+        assert np.abs(got - expected).max() < 6e-13 * max(1, np.abs(expected).max())
     single = pw.array_factor(grid(6, 4, 0.5), None, nu * 100, precision="single", engine=engine)
     assert single.dtype == np.complex64
     double = pw.array_factor(grid(6, 4, 0.5), None, nu * 100, engine=engine)

@@ -2,7 +2,7 @@
 
 import io
 import sys
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,35 +12,6 @@ from polywigner.execution import progress
 
 SQUARE = pw.shapes.square(10e-3)
 BOX = [(0.0, 0.0, 0.1), (0.0, 0.0, 0.2)]
-
-
-@pytest.fixture
-def cell(monkeypatch):
-    """Return the states of the one output of a notebook's cell, with a stand-in for the kernel."""
-    states: list[dict[str, str]] = []
-
-    def display(data, *, raw, display_id):
-        assert raw and display_id and not states
-        states.append(data)
-        return SimpleNamespace(update=lambda data, raw: states.append(data))
-
-    ipython, shown = ModuleType("IPython"), ModuleType("IPython.display")
-    ipython.get_ipython = lambda: SimpleNamespace(kernel=object())
-    shown.display = display
-    monkeypatch.setitem(sys.modules, "IPython", ipython)
-    monkeypatch.setitem(sys.modules, "IPython.display", shown)
-    monkeypatch.setattr(progress, "_INTERVAL", 0.0)
-    return states
-
-
-def test_a_notebook_shows_the_number_of_finished_parts_and_erases_it(cell, capfd):
-    pw.line(SQUARE, BOX, 3, 3.2e-3, method="fraunhofer", progress=True)
-    assert [state.get("text/plain") for state in cell] == [
-        "fraunhofer: 0 of 1",
-        "fraunhofer: 1 of 1",
-        None,  # an output without data takes no space
-    ]
-    assert capfd.readouterr() == ("", "")
 
 
 class Terminal(io.StringIO):

@@ -81,7 +81,7 @@ def evaluate(
     if shear is not None and (rows is None or rows.rows == 1):
         components, shear = shear(components), None
         rows = shared_rows(kernel.edge_sum, components, shape)
-    grid = plan_for_grid(kernel, source, components, double, engine)
+    grid = plan_for_grid(kernel, source, components, engine)
     tables = kernel.tables_for(source, double)
     plan = planned(
         kernel,

@@ -22,7 +22,7 @@ _TILE = 512
 # Largest fraction of points too near the origin: each is computed by itself at 20 times the cost.
 _MOST_BELOW = 1 / 8
 # Squares overflow beyond this |nu| in the frame.
-_LARGEST = {True: 1e150, False: 1e18}
+_LARGEST = 1e150
 
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
 """(nu_x, nu_y) of some points -> real and imaginary part there."""
@@ -37,7 +37,6 @@ class GridPlan:
     y: Array
     transposed: bool
     """Whether the results are indexed [j, i]."""
-    double: bool
 
     @property
     def families(self) -> int:
@@ -49,9 +48,9 @@ class GridPlan:
         """Return whether most points are far enough from the origin, and none too far."""
         below = 1.0
         for scale, nu in zip(self.tables.scales, (self.x, self.y), strict=True):
-            if not np.abs(nu).max() * scale < _LARGEST[self.double]:
+            if not np.abs(nu).max() * scale < _LARGEST:
                 return False
-            below *= float(np.mean(np.abs(nu * scale) < self.tables.floor(self.double)))
+            below *= float(np.mean(np.abs(nu * scale) < self.tables.floor))
         return below < _MOST_BELOW
 
     def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
@@ -65,7 +64,7 @@ class GridPlan:
             for j in range(0, len(self.y), _TILE):
                 x, y = self.x[i : i + _TILE], self.y[j : j + _TILE]
                 with np.errstate(invalid="ignore", divide="ignore"):  # replaced below
-                    *parts, below = fourier_on_grid(ops, self.tables, x, y, self.double)
+                    *parts, below = fourier_on_grid(ops, self.tables, x, y)
                 if below.any():
                     at = np.nonzero(below)
                     values = point_by_point((x[at[0]], y[at[1]]))
@@ -76,7 +75,7 @@ class GridPlan:
 
 
 def plan_for_grid(
-    kernel: Kernel, source: Any, components: Sequence[Array], double: bool, engine: str
+    kernel: Kernel, source: Any, components: Sequence[Array], engine: str
 ) -> GridPlan | None:
     """Return a plan to compute F from the axes of a grid; None for other kernels and points."""
     if not isinstance(kernel.edge_sum, OutlineSum) or engine not in ("auto", "numpy"):
@@ -93,7 +92,7 @@ def plan_for_grid(
     if tables is None:
         return None
     axes = np.array(x[:, 0], np.float64), np.array(y[0], np.float64)
-    plan = GridPlan(tables, *axes, transposed, double)
+    plan = GridPlan(tables, *axes, transposed)
     return plan if plan.keeps_digits() else None
 
 
@@ -110,12 +109,10 @@ def evaluate_on_grid(
     components: Sequence[Array],
     point_by_point: PointByPoint,
     into: Sequence[Array],
-    *,
-    double: bool,
     engine: str,
 ) -> bool:
     """Write F of a whole array on a grid; return whether this is a grid and saves work."""
-    plan = plan_for_grid(kernel, source, components, double, engine)
+    plan = plan_for_grid(kernel, source, components, engine)
     if plan is None:
         return False
     size = components[-1].size

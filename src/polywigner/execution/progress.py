@@ -15,8 +15,6 @@ Advance = Callable[..., None]  # takes the number of finished parts, by default 
 
 # Time before a slow call draws a bar [s].
 _PATIENCE = 5.0
-# Time between two updates of the text in a notebook [s]: each is a message to the browser.
-_INTERVAL = 0.1
 
 # Number of bars on the screen: a slow call within the work of a bar draws none.
 _bars = 0
@@ -45,7 +43,7 @@ def progress_bar(
         return
     _bars += 1
     try:
-        with (_notebook_text if _is_notebook() else _bar)(title, total, done) as advance:
+        with _bar(title, total, done) as advance:
             yield advance
     finally:
         _bars -= 1
@@ -95,32 +93,3 @@ def _bar(title: str, total: int, done: int) -> Iterator[Advance]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=total, completed=done)
         yield lambda parts=1: bar.advance(task, parts)
-
-
-def _is_notebook() -> bool:
-    """Return whether a kernel runs the cells of a notebook; does not import IPython."""
-    get_shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)
-    return hasattr(get_shell(), "kernel")
-
-
-@contextmanager
-def _notebook_text(title: str, total: int, done: int) -> Iterator[Advance]:
-    """Show the number of finished parts below the cell: rich would need ipywidgets for its bar."""
-    from IPython.display import display
-
-    def data() -> dict[str, str]:
-        return {"text/plain": f"{title}: {done} of {total}"}
-
-    handle, last = display(data(), raw=True, display_id=True), time.monotonic()
-
-    def advance(parts: int = 1) -> None:
-        nonlocal done, last
-        done += parts
-        if time.monotonic() - last >= _INTERVAL:
-            handle.update(data(), raw=True)
-            last = time.monotonic()
-
-    try:
-        yield advance
-    finally:
-        handle.update({}, raw=True)  # an output without data takes no space

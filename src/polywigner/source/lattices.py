@@ -34,7 +34,7 @@ class Lattice:
     """b1 and b2 in m."""
     weights: NDArray[np.complex128]
     """(n1, n2); 0 for sites without an element."""
-    middle: tuple[tuple[float, float], tuple[float, float]]
+    centre: tuple[tuple[float, float], tuple[float, float]]
     """Centre of the sites, x and y, each as the sum of two floats."""
     misfit: float
     """Largest distance of a position from its site in x or y, as a fraction of the extent."""
@@ -66,8 +66,8 @@ def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) 
     origin = positions[0] + first @ basis
     b1, b2 = basis.tolist()
     shift = left.mean(axis=0)
-    middle = shift + (first + (np.array(shape) - 1) / 2) @ basis
-    (x, from_x), (y, from_y) = zip(positions[0].tolist(), middle.tolist(), strict=True)
+    centre = shift + (first + (np.array(shape) - 1) / 2) @ basis
+    (x, from_x), (y, from_y) = zip(positions[0].tolist(), centre.tolist(), strict=True)
     return Lattice(
         (float(origin[0]), float(origin[1])),
         (tuple(b1), tuple(b2)),
@@ -154,12 +154,15 @@ def separated(weights: NDArray[np.complex128]) -> tuple[Profile, Profile] | None
 
 
 def column_and_row(
-    weights: NDArray[np.complex128],
+    weights: NDArray[np.complex128], tolerance: float = _EQUAL
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]] | None:
-    """Split weights (n1, n2) into a product of (n1,) and (n2,); None if that is impossible."""
+    """Split weights (n1, n2) into a product of (n1,) and (n2,); None if that is impossible.
+
+    ``tolerance`` is relative to the largest weight.
+    """
     i, j = np.unravel_index(int(np.argmax(np.abs(weights))), weights.shape)
     row, column = weights[i, :], weights[:, j] / weights[i, j]
-    if np.abs(np.outer(column, row) - weights).max() > _EQUAL * np.abs(weights[i, j]):
+    if np.abs(np.outer(column, row) - weights).max() > tolerance * np.abs(weights[i, j]):
         return None
     return column, row
 

@@ -106,8 +106,7 @@ def array_on_grid(
         [points[..., 0], points[..., 1]],
         parts,
         into,
-        double=precision != "single",
-        engine=execution.checked_engine(engine),
+        execution.checked_engine(engine),
     )
     return value if is_grid else None
 

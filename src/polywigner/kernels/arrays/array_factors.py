@@ -30,7 +30,7 @@ from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns, sin_turns
-from polywigner.source.lattices import Profile, Sites, column_and_row, separated
+from polywigner.source.lattices import Profile, Sites, separated
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -274,8 +274,6 @@ def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
 # lattice: the phase errs by 6e3 times that at |nu| D = 1000. Multiples of a pitch, counted from
 # anywhere in the array, miss it by less; arrays far off the origin, by more.
 _MISFIT = 2.0**-52
-# Rows and columns may cross at up to this number of points for each site; others have weight 0.
-_CROSSINGS_PER_SITE = 16
 # Fewer sites are summed one by one: as fast, and compiled at once (benchmarks/array_cost.py).
 _LEAST_SITES = 16
 
@@ -293,28 +291,25 @@ class _Frame:
 @dataclass(frozen=True)
 class _Tables:
     frame: _Frame
-    rows: tuple[tuple[Row, ...], ...] = ()
-    """Tables of sites: position relative to the centre, each number as the sum of two floats, and
-    weight. Two tables, for x and y of a grid of sites, whose sums are multiplied; none for a
-    lattice."""
+    rows: tuple[Row, ...] = ()
+    """Sites: position relative to the centre, each number as the sum of two floats, and weight;
+    empty for a lattice."""
     factors: tuple[ProfileFactor, ...] = ()
     constant: complex = 1.0
     turns: tuple[float, ...] = ()
 
     @property
     def terms(self) -> int:
-        return max(1, sum(map(len, self.rows)))
+        return max(1, len(self.rows))
 
 
 @lru_cache(maxsize=64)
 def _tables(sites: Sites, double: bool) -> _Tables:
     lattice = sites.lattice if len(sites.positions) >= _LEAST_SITES else None
     profiles = None if lattice is None else separated(lattice.weights)
-    if lattice is None or profiles is None:
+    if lattice is None or profiles is None or lattice.misfit > _MISFIT:
         return _table_of_sites(sites, double)
-    if lattice.misfit > _MISFIT:
-        return _tables_of_axes(sites, double) or _table_of_sites(sites, double)
-    centre = (Fraction(high) + Fraction(low) for high, low in lattice.middle)
+    centre = (Fraction(high) + Fraction(low) for high, low in lattice.centre)
     frame = _Frame(tuple(phases.doubled(c, double) for c in centre), lattice.basis)
     constant = complex(np.prod([profile.factor for profile in profiles]))
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
@@ -324,41 +319,17 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     return _Tables(frame, (), tuple(factors), constant, tuple(turns))
 
 
-def _tables_of_axes(sites: Sites, double: bool) -> _Tables | None:
-    """Return tables for sites where rows and columns cross, if the weights are a product."""
-    x, i = np.unique(sites.positions[:, 0], return_inverse=True)
-    y, j = np.unique(sites.positions[:, 1], return_inverse=True)
-    if len(x) * len(y) > _CROSSINGS_PER_SITE * len(sites.positions):
-        return None
-    weights = np.zeros((len(x), len(y)), np.complex128)
-    np.add.at(weights, (i.ravel(), j.ravel()), sites.weights)
-    product = column_and_row(weights)
-    if product is None:
-        return None
-    return _summed(((x[:, None], product[0]), (y[:, None], product[1])), double)
-
-
 @lru_cache(maxsize=64)
 def _table_of_sites(sites: Sites, double: bool) -> _Tables:
-    return _summed(((sites.positions, sites.weights),), double)
-
-
-def _summed(axes: tuple[tuple[Floats, Complexes], ...], double: bool) -> _Tables:
-    """Return tables for positions (n, d) with their weights (n,)."""
-    centre: list[phases.Doubled] = []
-    tables = []
-    for positions, weights in axes:
-        low = positions.min(axis=0)
-        offset = low + np.ptp(positions, axis=0) / 2
-        centre += [phases.doubled(c, double) for c in offset.tolist()]
-        rows = zip((positions - offset).tolist(), weights.tolist(), strict=True)
-        tables.append(
-            tuple(
-                (*(part for c in site for part in phases.doubled(c, double)), w.real, w.imag)
-                for site, w in rows
-            )
-        )
-    return _Tables(_Frame(tuple(centre)), tuple(tables))
+    low = sites.positions.min(axis=0)
+    centre = low + np.ptp(sites.positions, axis=0) / 2
+    rows = zip((sites.positions - centre).tolist(), sites.weights.tolist(), strict=True)
+    table = [
+        (*(part for c in site for part in phases.doubled(c, double)), w.real, w.imag)
+        for site, w in rows
+    ]
+    frame = _Frame(tuple(phases.doubled(c, double) for c in centre.tolist()))
+    return _Tables(frame, tuple(table))
 
 
 def _enter(ops: Any, frame: _Frame, *nu: Any) -> Values:
@@ -371,27 +342,20 @@ def _enter(ops: Any, frame: _Frame, *nu: Any) -> Values:
 
 
 def _sum(ops: Any, tables: _Tables, turns: Any, *inner: Any) -> Values:
-    if len(tables.rows) == 1:
-        total = _sum_over_sites(ops, tables.rows[0], *inner)
-    elif tables.rows:
-        one, two = map(_sum_over_sites, (ops, ops), tables.rows, inner)
-        total = one * two
-    else:
-        one, two = (
-            factor.total(ops, along - turn)
-            for factor, along, turn in zip(tables.factors, inner, tables.turns, strict=True)
-        )
-        total = one * two * Pair(tables.constant.real, tables.constant.imag)
-    return total.real, -total.imag
-
-
-def _sum_over_sites(ops: Any, rows: tuple[Row, ...], *nu: Any) -> Pair:
     def term(*row: Any) -> Values:
         *both, real, imag = row
         site = tuple(zip(both[0::2], both[1::2], strict=True))
-        return phases.rotated(ops, phases.reduced(ops, phases.dot(ops, nu, site)), real, -imag)
+        return phases.rotated(ops, phases.reduced(ops, phases.dot(ops, inner, site)), real, -imag)
 
-    return Pair(*ops.sum_over(rows, term, 2, like=nu[0]))
+    if tables.rows:
+        real, imag = ops.sum_over(tables.rows, term, 2, like=inner[0])
+        return real, -imag
+    one, two = (
+        factor.total(ops, along - turn)
+        for factor, along, turn in zip(tables.factors, inner, tables.turns, strict=True)
+    )
+    total = one * two * Pair(tables.constant.real, tables.constant.imag)
+    return total.real, -total.imag
 
 
 @lru_cache(maxsize=8)

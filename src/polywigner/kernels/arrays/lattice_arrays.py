@@ -84,8 +84,8 @@ class _ArrayFrame:
     element: Frame
     origin: Pair2
     """The centre of the element's frame at the first site."""
-    middle: Pair2
-    """Middle of the elements' centres."""
+    centre: Pair2
+    """Mean of the centres of the elements."""
     basis: tuple[Pair2, Pair2]
     inverse: tuple[Pair2, Pair2]
     """From positions to lattice coordinates."""
@@ -207,7 +207,7 @@ def _enter_ambiguity(
     ops: Any, frame: _ArrayFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
     """Phase of the centre and carrier; first difference, xi from there, cycles, upsilon."""
-    turns = phases.turns_to_centre(ops, frame.middle, upsilon_x, upsilon_y)
+    turns = phases.turns_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
     turns = phases.less_carrier(ops, frame, turns, xi_x, xi_y)
     nearest = frame.differences.nearest(ops, frame, xi_x, xi_y)
     inner = frame.element.frequency(ops, upsilon_x, upsilon_y)

@@ -101,18 +101,14 @@ def _dot(ops: Any, nu: Values, point: Values) -> Number:
 # ---- grids of frequencies --------------------------------------------------------------------
 
 # Rounding of a midpoint's wave moves F by ulp * perimeter/(2 pi |nu|). Where that is more than this
-# fraction of the area, (F1) is not used. Both in double and in single precision.
-_LOSS = {True: 5e-15, False: 1e-6}
-_ULP = {True: 2.0**-53, False: 2.0**-24}
-_DTYPES: dict[bool, np.dtype[Any]] = {True: np.dtype(np.float64), False: np.dtype(np.float32)}
+# fraction of the area, (F1) is not used.
+_LOSS, _ULP = 5e-15, 2.0**-53
 # Rounding the vertices costs 1e-14 of the area, times perimeter * lever / (this much area): as for
 # a fan of triangles (``simplices``).
 _MOST_SLENDER = 512.0
 # Below this |q| (cycles) sinc(q) is summed as a series; above it, it is a quotient of the sines and
-# cosines of the axes, and those err by an ulp of 1. First omitted term: 0.31^12/13! = 1e-16 and
-# 0.31^8/9! = 3e-10.
-_NEAR = 0.1
-_TERMS = {True: 5, False: 3}
+# cosines of the axes, and those err by an ulp of 1. First omitted term: 0.31^12/13! = 1e-16.
+_NEAR, _TERMS = 0.1, 5
 # Values of a temporary array that stay in the cache of one core.
 _BLOCK = 1 << 14
 # BLAS shares larger matrix products among threads, which on a busy machine takes up to a hundred
@@ -194,9 +190,10 @@ class GridTables:
         x, y = (self.frame.inverse_transpose[row_of[axis]][axis] for axis in (0, 1))
         return x, y
 
-    def floor(self, double: bool) -> float:
+    @property
+    def floor(self) -> float:
         """The least |nu| in the frame at which (F1) keeps its accuracy."""
-        return self.perimeter_over_area * _ULP[double] / (2 * math.pi * _LOSS[double])
+        return self.perimeter_over_area * _ULP / (2 * math.pi * _LOSS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,8 +230,8 @@ class _FamilyTerm:
     waves of all midpoints are one matrix product, cosine and sine parts side by side.
     """
 
-    def __init__(self, ops: Any, family: Family, x: Values, y: Values, double: bool) -> None:
-        self.ops, self.terms, dtype = ops, _TERMS[double], _DTYPES[double]
+    def __init__(self, ops: Any, family: Family, x: Values, y: Values) -> None:
+        self.ops = ops
         (nu_x, turns_x), (nu_y, turns_y) = x, y
         points = family.midpoints
         cos_x, sin_x = cos_sin_turns(ops, nu_x[:, None] * points[:, 0] + turns_x[:, None])
@@ -248,17 +245,14 @@ class _FamilyTerm:
             factor_y = nu_y if along_x else family.ey * math.pi * sinc(ops, nu_y * family.ey)
             cos_x, sin_x = cos_x * factor_x[:, None], sin_x * factor_x[:, None]
             cos_y, sin_y = cos_y * factor_y[:, None], sin_y * factor_y[:, None]
-        self.left = np.concatenate([cos_x, sin_x], axis=1).astype(dtype)
-        self.right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]]).astype(dtype, order="C")
+        self.left = np.concatenate([cos_x, sin_x], axis=1)
+        self.right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]])
         # nu.e and nu x e, and sin(pi nu.e) as a product of the axes
-        self.q = (nu_x * family.ex).astype(dtype), (nu_y * family.ey).astype(dtype)
-        self.c = (nu_x * family.ey).astype(dtype), (nu_y * family.ex).astype(dtype)
+        self.q = nu_x * family.ex, nu_y * family.ey
+        self.c = nu_x * family.ey, nu_y * family.ex
         cos_x, sin_x = cos_sin_turns(ops, 0.5 * nu_x * family.ex)
         cos_y, sin_y = cos_sin_turns(ops, 0.5 * nu_y * family.ey)
-        self.sines = (
-            np.stack([sin_x, cos_x], axis=1).astype(dtype),
-            np.stack([cos_y, sin_y]).astype(dtype),
-        )
+        self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:
         """(nu_x, 2, nu_y) of some rows of the grid: cosine and sine part."""
@@ -273,7 +267,7 @@ class _FamilyTerm:
         return waves
 
     def _waves(self, left: Array) -> Array:
-        product = np.empty((len(left), self.right.shape[1]), left.dtype)
+        product = np.empty((len(left), self.right.shape[1]))
         few = _SERIAL_PRODUCT // self.right.size // _LEAST_ROWS * _LEAST_ROWS
         stacked = len(left) // few * few if few else 0
         if stacked:
@@ -289,22 +283,21 @@ class _FamilyTerm:
         """pi sinc(q) = sin(pi q)/q."""
         is_near = np.abs(q) < _NEAR
         if is_near.all():
-            return math.pi * (1.0 + sinc_less_one(self.ops, q, self.terms))
+            return math.pi * (1.0 + sinc_less_one(self.ops, q, _TERMS))
         near = np.flatnonzero(is_near)
         quotient = self.sines[0][rows] @ self.sines[1]
         quotient /= q
         small = q.ravel()[near]
-        quotient.ravel()[near] = math.pi * (1.0 + sinc_less_one(self.ops, small, self.terms))
+        quotient.ravel()[near] = math.pi * (1.0 + sinc_less_one(self.ops, small, _TERMS))
         return quotient
 
 
 def fourier_on_grid(
-    ops: Any, tables: GridTables, nu_x: Array, nu_y: Array, double: bool
+    ops: Any, tables: GridTables, nu_x: Array, nu_y: Array
 ) -> tuple[Array, Array, Array]:
     """Real and imaginary part at all (nu_x[i], nu_y[j]), and where they do not hold.
 
-    ``ops`` for float64: the axes are computed in it, and the grid in float64 (``double``) or
-    float32. Values do not hold at |nu| below :meth:`GridTables.floor`. Source: (F4).
+    ``ops`` of float64. Values do not hold at |nu| below :meth:`GridTables.floor`. Source: (F4).
     """
     x, y = (
         (nu * scale, phases.turns_to_centre(ops, (centre,), nu))
@@ -312,13 +305,13 @@ def fourier_on_grid(
     )
     if tables.frame.axes != (0, 1):
         x, y = y, x
-    shape, dtype = (len(x[0]), len(y[0])), _DTYPES[double]
-    real, imag, below = np.empty(shape, dtype), np.empty(shape, dtype), np.zeros(shape, bool)
+    shape = len(x[0]), len(y[0])
+    real, imag, below = np.empty(shape), np.empty(shape), np.zeros(shape, bool)
     step = max(1, _BLOCK // shape[1])
     blocks = [slice(start, start + step) for start in range(0, shape[0], step)]
-    sums = np.zeros((shape[0], 2, shape[1]), dtype)
+    sums = np.zeros((shape[0], 2, shape[1]))
     for batch in _batches(tables.families):
-        first, *others = _joined([_FamilyTerm(ops, family, x, y, double) for family in batch])
+        first, *others = _joined([_FamilyTerm(ops, family, x, y) for family in batch])
         for rows in blocks:
             total = first.rows(rows)
             for term in others:
@@ -326,7 +319,7 @@ def fourier_on_grid(
             sums[rows] += total
     for rows in blocks:
         square = x[0][rows, None] ** 2 + y[0] ** 2
-        below[rows] = square < tables.floor(double) ** 2
+        below[rows] = square < tables.floor**2
         square[below[rows]] = 1.0
         scale = (tables.frame.content / (2 * math.pi**2)) / square
         real[rows], imag[rows] = sums[rows, 1] * scale, sums[rows, 0] * scale

@@ -14,8 +14,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from polywigner.geometry import Aperture
+from polywigner.geometry.rings import signed_area
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.intervals import LineField
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
@@ -23,6 +25,7 @@ from polywigner.kernels.outline.frame import Frame, frame_along, power_of_two
 from polywigner.kernels.outline.wave_pairs import Wave, Waves, carrier_of, waves_in_frame
 from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
+from polywigner.source.lattices import column_and_row
 
 # An outline is a rectangle if it misses one by less than this fraction of its shorter side, or by
 # this many roundings of its largest coordinate: the rotation of a point takes five along each axis
@@ -36,7 +39,7 @@ Floats = npt.NDArray[np.float64]
 
 
 def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
-    """The corners (4, 2) of a rectangular aperture, and their rounding; None for other apertures.
+    """Return the corners (4, 2) of a rectangular aperture, and their rounding; otherwise None.
 
     Corners are counter-clockwise, a longer side first. Vertices may lie on the sides. The rounding
     is the largest distance between the corners and those of a true rectangle.
@@ -44,36 +47,17 @@ def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
     if len(aperture.rings) != 1:
         return None
     (ring,) = aperture.rings
-    rounding = _ROUNDINGS * _UNIT * float(np.abs(ring).max())
-    corners = ring[_distance_from_neighbours(ring) > max(rounding, 1e-12 * aperture.diameter)]
-    if len(corners) != 4:
-        return None
-    first, second = corners[1] - corners[0], corners[3] - corners[0]
-    long, short = sorted((float(np.hypot(*first)), float(np.hypot(*second))), reverse=True)
-    skew = abs(first @ second) / long
-    gap = float(np.hypot(*(corners[2] - corners[1] - second)))
+    local = ring - ring[0]
+    envelope = shapely.oriented_envelope(shapely.Polygon(local))
+    box = shapely.get_coordinates(envelope)[:4]
+    box = box if signed_area(box) > 0 else box[::-1]
+    corners = ring[[int(np.hypot(*(local - corner).T).argmin()) for corner in box]]
+    sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
+    rounding, short = _ROUNDINGS * _UNIT * float(np.abs(ring).max()), float(sides.min())
     allowed = max(_ROUNDING * short, min(rounding, _SHAPELESS * short))
-    if max(skew, gap, _distance_from_sides(ring, corners)) > allowed:
+    if abs(envelope.area - signed_area(local)) > allowed * sides.sum():
         return None
-    if np.hypot(*first) < np.hypot(*second):
-        corners = np.roll(corners, -1, axis=0)
-    return corners, allowed
-
-
-def _distance_from_neighbours(ring: Floats) -> Floats:
-    """Distance of each vertex from the line through its neighbours."""
-    before, after = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
-    turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    chord: Floats = np.hypot(*(before + after).T)
-    return np.abs(turn) / np.maximum(chord, np.finfo(np.float64).tiny)
-
-
-def _distance_from_sides(ring: Floats, corners: Floats) -> float:
-    """Return the largest distance of a vertex of ``ring`` from the nearest side of ``corners``."""
-    along = np.roll(corners, -1, axis=0) - corners
-    along = along / np.hypot(*along.T)[:, None]
-    apart = ring[:, None] - corners
-    return float(np.abs(apart[..., 0] * along[:, 1] - apart[..., 1] * along[:, 0]).min(1).max())
+    return (corners if sides[0] >= sides[1] else np.roll(corners, -1, axis=0)), allowed
 
 
 # Amplitudes are a product if they miss one by this fraction of the largest: it moves W by less than
@@ -85,8 +69,6 @@ _PRODUCT, _EQUAL = 4e-15, 1e-14
 _LARGEST_ROUNDING = 1e-6
 # Cost of a pair of waves, in cuts of an edge.
 _CLIPS_PER_PAIR = 0.5
-
-Complexes = npt.NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +141,7 @@ def _profiles(
         return None
     table = np.zeros((len(rates_x), len(rates_y)), np.complex128)
     table[i, j] = amplitudes
-    product = _rank_one(table, phase_rounding)
+    product = column_and_row(table, _PRODUCT + phase_rounding)
     if product is None:
         return None
     one, two = (
@@ -167,19 +149,6 @@ def _profiles(
         for column, rates in zip(product, (rates_x, rates_y), strict=True)
     )
     return one, two
-
-
-def _rank_one(table: Complexes, phase_rounding: float) -> tuple[Complexes, Complexes] | None:
-    """The column and row whose product the table is."""
-    k, m = np.unravel_index(int(np.argmax(np.abs(table))), table.shape)
-    largest = abs(table[k, m])
-    column, row = table[:, m] / table[k, m], table[k, :]
-    if np.abs(np.outer(column, row) - table).max() <= _PRODUCT * largest:
-        return column, row
-    left, sizes, right = np.linalg.svd(table, full_matrices=False)
-    column, row = left[:, 0], sizes[0] * right[0]
-    close = np.abs(np.outer(column, row) - table).max() <= (_PRODUCT + phase_rounding) * largest
-    return (column, row) if close else None
 
 
 def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:

@@ -8,10 +8,11 @@ depends on position or lag alone. Pairs with one shift are taken together, as on
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -145,14 +146,6 @@ def _summed(
     return real, imag if imaginary else 0.0
 
 
-def _plus(a: Vector, b: Vector) -> Vector:
-    return tuple(x + y for x, y in zip(a, b, strict=True))
-
-
-def _times(factor: float, a: Vector) -> Vector:
-    return tuple(factor * x for x in a)
-
-
 @lru_cache(maxsize=1024)
 def mean_pairs(first: Waves, second: Waves, is_same: bool) -> tuple[WavePair, ...]:
     """Return pairs with one mean frequency, for W: c_m c_n* exp(2 pi i (kappa_m - kappa_n).x).
@@ -160,29 +153,28 @@ def mean_pairs(first: Waves, second: Waves, is_same: bool) -> tuple[WavePair, ..
     ``is_same``: whether both are the field on the same elements. The pairs (m, n) and (n, m) are
     then conjugate and taken together.
     """
-    pairs = []
-    for m, one in enumerate(first):
-        for n, other in enumerate(second):
-            if is_same and m > n:
-                continue
-            twice = 2.0 if is_same and m < n else 1.0
-            amplitude = twice * one.amplitude * complex(other.amplitude).conjugate()
-            mean = _times(0.5, _plus(one.frequency, other.frequency))
-            rate = _plus(one.frequency, _times(-1.0, other.frequency))
-            pairs.append((mean, amplitude, rate))
+    pairs = [
+        (mean, (2.0 if is_same and m < n else 1.0) * amplitude, difference)
+        for m, n, amplitude, mean, difference in _products(first, second)
+        if not is_same or m <= n
+    ]
     return _collected(pairs, is_real=is_same)
 
 
 @lru_cache(maxsize=1024)
 def difference_pairs(first: Waves, second: Waves) -> tuple[WavePair, ...]:
-    """Pairs with one difference, for A: c_m c_n* exp(i pi (kappa_m + kappa_n).xi)."""
-    pairs = []
-    for one in first:
-        for other in second:
-            amplitude = one.amplitude * complex(other.amplitude).conjugate()
-            mean = _times(0.5, _plus(one.frequency, other.frequency))
-            pairs.append((_plus(one.frequency, _times(-1.0, other.frequency)), amplitude, mean))
+    """Return pairs with one difference, for A: c_m c_n* exp(i pi (kappa_m + kappa_n).xi)."""
+    pairs = [(diff, amplitude, mean) for _, _, amplitude, mean, diff in _products(first, second)]
     return _collected(pairs, is_real=False)
+
+
+def _products(first: Waves, second: Waves) -> Iterator[tuple[int, int, complex, Vector, Vector]]:
+    """Yield m, n, c_m c_n*, and the mean and the difference of the frequencies of all pairs."""
+    for (m, one), (n, other) in product(enumerate(first), enumerate(second)):
+        components = list(zip(one.frequency, other.frequency, strict=True))
+        mean = tuple(0.5 * (a + b) for a, b in components)
+        amplitude = one.amplitude * complex(other.amplitude).conjugate()
+        yield m, n, amplitude, mean, tuple(a - b for a, b in components)
 
 
 def _collected(
