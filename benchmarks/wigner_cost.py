@@ -74,7 +74,7 @@ def per_sample(call: Callable[..., Any], a: np.ndarray, b: np.ndarray) -> tuple[
 
 def parts(source: pw.Aperture, x: np.ndarray) -> float:
     """How many parts of edges a lag slice has on average."""
-    tables, ops = tables_of(source, True), NumpyOperations(True)
+    tables, ops = tables_of(source, True), NumpyOperations()
     place = tables.frame.position(ops, *x.T)
     return sum(len(owner) for _, _, owner, _ in WIGNER_SUM.parts(tables, place)) / len(x)
 

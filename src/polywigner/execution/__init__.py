@@ -28,22 +28,21 @@ from polywigner.execution.chunks import (
     MOST_THREADS,
     kernel_threads,
 )
-from polywigner.execution.drjit_operations import DrjitOperations, UnrolledOperations, ops_for
+from polywigner.execution.drjit_operations import DrjitOperations, ops_for
 from polywigner.execution.evaluation import Shear, evaluate, evaluate_rows, evaluate_sums, explained
 from polywigner.execution.frequency_grids import evaluate_on_grid
 from polywigner.execution.on_drjit import without_collection
 from polywigner.execution.operations import Drjit, NumpyOperations, ScalarOperations
 from polywigner.execution.points import (
     columns_of,
-    complex_numbers,
     components_of,
     entries,
     has_drjit,
     is_drjit,
     joined,
     matrix_times,
+    numbers_of,
     on_components,
-    plane_points,
     shifted,
     split,
     times_complex,

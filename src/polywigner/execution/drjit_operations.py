@@ -31,14 +31,19 @@ _MOST_STEPS_AS_CODE = 8
 
 
 class DrjitOperations(RowByRow):
-    """Dr.Jit arrays of one float type, of the LLVM or the CUDA backend."""
+    """Dr.Jit arrays of one float type, of the LLVM or the CUDA backend.
 
-    target = "compiled"
+    ``target``: "compiled", or "data" if edges are rows of tables and never code. ``most_as_code``:
+    largest number of terms that are unrolled.
+    """
 
-    def __init__(self, float_type: Any) -> None:
+    def __init__(
+        self, float_type: Any, target: str = "compiled", most_as_code: float = MOST_TERMS_AS_CODE
+    ) -> None:
         import drjit
 
         self._dr = drjit
+        self.target, self.most_as_code = target, 0 if target == "data" else most_as_code
         self.float_type = float_type
         self.key: Hashable = float_type
         self.double = drjit.itemsize_v(float_type) == 8
@@ -52,7 +57,7 @@ class DrjitOperations(RowByRow):
         Few rows are unrolled. More rows are a loop of the kernel over a table, which compiles at
         once and is nearly as fast for long terms. ``unroll=False`` always makes a loop.
         """
-        if unroll and len(rows) <= MOST_TERMS_AS_CODE:
+        if unroll and len(rows) <= self.most_as_code:
             return unrolled_sum(rows, term)
         dr, real = self._dr, self.float_type
         columns = [array_of(real, column) for column in zip(*rows, strict=True)]
@@ -188,28 +193,6 @@ class DrjitOperations(RowByRow):
 
 # Types of four values in one load.
 _PACKETS = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}
-
-
-class TracedOperations(DrjitOperations):
-    """Operations for which edges are rows of tables and never code."""
-
-    target = "data"
-
-    def sum_over(
-        self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True
-    ) -> Values:
-        return super().sum_over(rows, term, values, like, unroll=False)
-
-
-class UnrolledOperations(DrjitOperations):
-    """Operations that unroll any number of terms, for terms with separate arrays."""
-
-    def sum_over(
-        self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True
-    ) -> Values:
-        if unroll:
-            return self.sum_large_terms(rows, term, 0)
-        return super().sum_over(rows, term, values, like, unroll=False)
 
 
 def ops_for(float_type: type) -> Any:

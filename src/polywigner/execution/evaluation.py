@@ -43,7 +43,7 @@ _BLOCK = 1 << 22
 # Rows times samples at a time, whose terms are long: some MB for each number of a term.
 _ROWS = 1 << 18
 
-_HOST = NumpyOperations(double=True)
+_HOST = NumpyOperations()
 
 Array = npt.NDArray[Any]
 Shear = Callable[[Sequence[Array]], Sequence[Array]]

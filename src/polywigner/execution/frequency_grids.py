@@ -58,7 +58,7 @@ class GridPlan:
 
         ``point_by_point`` computes the few points near the origin, where (F4) loses digits.
         """
-        ops = NumpyOperations(double=True)
+        ops = NumpyOperations()
         targets = [result.T if self.transposed else result for result in results]
         for i in range(0, len(self.x), _TILE):
             for j in range(0, len(self.y), _TILE):

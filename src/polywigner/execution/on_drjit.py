@@ -258,8 +258,7 @@ class OnDrjitData:
     ) -> None:
         self.kernel, self.frame = kernel, tables.frame
         self.ops = DrjitOperations(drjit_float(engine, double))
-        self.host, self.out = NumpyOperations(True), NumpyOperations(double)
-        self.dtype = self.out.dtype
+        self.host, self.dtype = NumpyOperations(), np.float64 if double else np.float32
         self.source: _Slices | _Edges
         if isinstance(tables, Tables):
             self.source = _Slices(kernel, tables, double, samples)
@@ -297,7 +296,7 @@ class OnDrjitData:
         def fetch() -> tuple[Array, ...]:
             values = tuple(np.asarray(value.numpy()) for value in sums)
             with np.errstate(invalid="ignore", over="ignore"):
-                return self.kernel.leave(self.out, self.frame, tuple(inner), values)
+                return self.kernel.leave(self.host, self.frame, tuple(inner), values)
 
         return order, fetch
 

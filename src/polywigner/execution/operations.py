@@ -16,15 +16,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.numerics.grid_arithmetic import (
-    SPLIT_DOUBLE,
-    SPLIT_SINGLE,
-    accurate_cross,
-    product_error,
-)
+from polywigner.numerics.grid_arithmetic import accurate_cross, product_error
 
-# Samples up to which a NumPy call costs more than its arithmetic.
-_FEW_SAMPLES = 256
 # Values in a temporary array that fit the cache of one core.
 _BLOCK = 1 << 14
 # Rows in a list; most of them are then left out.
@@ -74,9 +67,12 @@ class Operations:
 
 
 class _Unfused(Operations):
-    """Operations of number types without a fused multiply-add."""
+    """Operations of number types without a fused multiply-add, in double precision."""
 
+    double = True
     round: Any
+    cross = staticmethod(accurate_cross)
+    lost = staticmethod(product_error)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
         """Return sums of terms with much code, one after the other."""
@@ -90,34 +86,16 @@ class _Unfused(Operations):
         """Return a b + c, rounded twice."""
         return a * b + c
 
-    def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Numbers:
-        """Return ax by - ay bx to about one ulp of the result."""
-        return accurate_cross(ax, ay, bx, by, SPLIT_DOUBLE if self.double else SPLIT_SINGLE)
-
-    def lost(self, a: Any, b: Any, product: Any) -> Numbers:
-        """Return the rounding error of ``product`` = a b, exactly."""
-        return product_error(a, b, product, SPLIT_DOUBLE if self.double else SPLIT_SINGLE)
-
     def snapped(self, a: Any, step: float) -> Numbers:
         """Return the nearest multiple of ``step``, a power of two."""
         return self.round(a * (1 / step)) * step
 
 
 class NumpyOperations(_Unfused):
-    """NumPy arrays of float64 (``double``) or float32.
-
-    The axis of rows comes before the axis of samples.
-    """
+    """NumPy arrays of float64; the axis of rows comes before the axis of samples."""
 
     target = "numpy"
-
-    def __init__(self, double: bool) -> None:
-        self.double = double
-        self.dtype = self.key = np.dtype(np.float64 if double else np.float32)
-        if (
-            double and type(self) is NumpyOperations
-        ):  # float64 needs no conversion, which saves a call
-            self.__dict__["select"] = np.where
+    key = "numpy"
 
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
@@ -126,45 +104,29 @@ class NumpyOperations(_Unfused):
 
         Computes as many rows at once as fit the cache, on an axis before the samples ``like``.
         """
-        # Few samples are computed in float64, so that constants in a term are not rounded first.
-        samples = int(np.size(like))
-        table = np.array(rows, np.float64 if samples <= _FEW_SAMPLES else self.dtype)
-        axes = (1,) * max(1, np.ndim(like))
-        block = max(1, _BLOCK // max(1, samples))
+        table, axes = np.array(rows, np.float64), (1,) * max(1, np.ndim(like))
+        block = max(1, _BLOCK // max(1, int(np.size(like))))
         totals: Values = (0.0,) * values
         for start in range(0, len(table), block):
             terms = term(*table[start : start + block].T.reshape(table.shape[1], -1, *axes))
-            # A running sum of many rows would lose a digit in float32.
-            totals = _added(totals, [part.sum(axis=0, dtype=np.float64) for part in terms])
-        return tuple(np.asarray(total, self.dtype) for total in totals)
+            totals = _added(totals, [part.sum(axis=0) for part in terms])
+        return tuple(np.asarray(total) for total in totals)
 
-    def select(self, condition: Any, a: Any, b: Any) -> Numbers:
-        return np.where(condition, self._typed(a), self._typed(b))
-
+    select = staticmethod(np.where)
+    select_number = staticmethod(np.where)
+    """:meth:`select` for indices of rows."""
     minimum = staticmethod(np.minimum)
     maximum = staticmethod(np.maximum)
     round = staticmethod(np.rint)
     log = staticmethod(np.log)
     atan2 = staticmethod(np.arctan2)
     sqrt = staticmethod(np.sqrt)
-
-    def exp(self, a: Any) -> Numbers:
-        return np.exp(self._typed(a))
-
-    def _typed(self, value: Any) -> Numbers:
-        # np.where promotes Python floats to float64
-        return self.dtype.type(value) if isinstance(value, (int, float)) else value
-
-    def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Numbers:
-        return super().cross(*map(self._typed, (ax, ay, bx, by)))
-
-    def lost(self, a: Any, b: Any, product: Any) -> Numbers:
-        return super().lost(self._typed(a), self._typed(b), product)
+    exp = staticmethod(np.exp)
 
     def held(self, table: Table) -> Numbers:
         """Return a table (rows, columns) of integers or floats as :meth:`gather` takes it."""
         # Column order: gathering from one column stays in the cache.
-        return table.astype(self.dtype if table.dtype.kind == "f" else np.int64, order="F")
+        return table.astype(np.float64 if table.dtype.kind == "f" else np.int64, order="F")
 
     def gather(self, table: Any, row: Any) -> Values:
         """Return the entries of one row of a table."""
@@ -173,10 +135,6 @@ class NumpyOperations(_Unfused):
     def truncated(self, value: Any) -> Numbers:
         """Return a float of at least 0 as the number of a row."""
         return np.asarray(value).astype(np.int64)
-
-    def select_number(self, condition: Any, a: Any, b: Any) -> Numbers:
-        """Return :meth:`select` for numbers of rows."""
-        return np.where(condition, a, b)
 
     def sum_over_some(
         self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
@@ -201,7 +159,7 @@ class NumpyOperations(_Unfused):
                 terms = term(row[part], *of(owner[part]))
                 for total, values_of_term in zip(totals, terms, strict=True):
                     np.add.at(total, owner[part], values_of_term)
-        return [total.reshape(shape).astype(self.dtype) for total in totals]
+        return [total.reshape(shape) for total in totals]
 
     def sum_over_rule(
         self, rule: Any, rules: Sequence[Table], term: Term, values: int, *samples: Any
@@ -211,17 +169,17 @@ class NumpyOperations(_Unfused):
         ``rule``: the number of each sample's table; -1 gives 0.
         """
         rule, *arrays = np.broadcast_arrays(rule, *samples)
-        totals = [np.zeros(rule.shape, self.dtype) for _ in range(values)]
+        totals = [np.zeros(rule.shape) for _ in range(values)]
         for number in np.unique(rule[rule >= 0]):
             chosen = ... if (rule == number).all() else rule == number
             flat = [array[chosen].ravel() for array in arrays]
-            table = rules[int(number)].astype(self.dtype)[..., None]
+            table = rules[int(number)][..., None]
             count = rule[chosen].size
             sums: Values = (np.zeros(count),) * values
             block = max(1, _BLOCK // max(1, count))
             for start in range(0, len(table), block):
                 terms = term(*np.moveaxis(table[start : start + block], 1, 0), *flat)
-                sums = _added(sums, [part.sum(axis=0, dtype=np.float64) for part in terms])
+                sums = _added(sums, [part.sum(axis=0) for part in terms])
             for total, part in zip(totals, sums, strict=True):
                 total[chosen] = part.reshape(total[chosen].shape)
         return totals
@@ -305,7 +263,6 @@ class ScalarOperations(_Unfused, RowByRow):
     """Python floats: the scalar variants of Mitsuba."""
 
     target = "scalar"
-    double = True
     key = float
 
     def sum_over(

@@ -288,49 +288,32 @@ def times_complex(value: Numbers, factor: complex) -> Numbers:
 # ---- numbers of a source -------------------------------------------------------------------------
 
 
-def plane_points(name: str, value: Drjit) -> Drjit:
-    """Return points (n,) as an ``Array2f``, from such an array or a tensor (n, 2).
+def numbers_of(name: str, value: Any, kind: str) -> Drjit:
+    """Return numbers of a source as an ``Array2f`` or a ``Complex2f`` (``kind``).
 
+    Points may also be a tensor (n, 2); complex numbers a ``Float``, or a tensor (n,) or (n, 2).
     Raises ArgumentError for anything else.
     """
-    kinds = "points: Array2f, components first, or a tensor (n, 2)"
-    return _parameter(value, f"expected {name} as Dr.Jit {kinds}", "Array2f")
-
-
-def complex_numbers(name: str, value: Drjit) -> Drjit:
-    """Return (n,) ``Complex2f``, from such an array, a ``Float``, or a tensor (n,) or (n, 2).
-
-    Raises ArgumentError for anything else.
-    """
-    kinds = "numbers: Complex2f, Float, or a tensor (n,) or (n, 2)"
-    return _parameter(value, f"expected {name} as Dr.Jit {kinds}", "Complex2f")
-
-
-def _parameter(value: Any, expected: str, name: str) -> Drjit:
-    got = type(value).__name__
+    is_complex, got = kind == "Complex2f", type(value).__name__
     if is_drjit(value):  # otherwise Dr.Jit could be imported before an LLVM library is chosen
         import drjit
 
-        is_complex = name == "Complex2f"
-        if not drjit.is_jit_v(value) or not drjit.is_float_v(value):
-            pass
-        elif drjit.itemsize_v(drjit.leaf_t(value)) < 4:
-            got += " of 16 bit"
-        elif _is_tensor(value) and not (is_complex and value.ndim == 1):
+        if _is_tensor(value):
+            if value.ndim == 2 and value.shape[1] == 2 and drjit.is_float_v(value):
+                return drjit.unravel(sibling(type(value.array), kind), value.array)
             got = f"a tensor of shape {tuple(value.shape)}"
-            if value.ndim == 2 and value.shape[1] == 2:
-                return drjit.unravel(sibling(type(value.array), name), value.array)
-        else:
-            value = value.array if _is_tensor(value) else value
-            kind = sibling(drjit.leaf_t(value), name)
+            value = value.array if is_complex and value.ndim == 1 else None
+        if drjit.is_jit_v(value) and drjit.is_float_v(value):
+            pair = sibling(drjit.leaf_t(value), kind)
             if is_complex and drjit.depth_v(value) == 1:
-                return kind(value, drjit.zeros(type(value), drjit.width(value)))
+                return pair(value, drjit.zeros(type(value), drjit.width(value)))
             if drjit.depth_v(value) == len(value) == 2 and drjit.is_complex_v(value) == is_complex:
                 # both parts have one width from here on
-                return kind(value[0], value[1]) + drjit.zeros(kind, drjit.width(value))
+                return pair(value[0], value[1]) + drjit.zeros(pair, drjit.width(value))
+    forms = "a Float, or a tensor (n,) or (n, 2)" if is_complex else "or a tensor (n, 2)"
     raise ArgumentError(
-        f"{expected}, floats of the LLVM or CUDA backend, got {got}; build sources from plain "
-        "numbers, or convert them"
+        f"expected {name} as Dr.Jit {kind}, {forms}, floats of the LLVM or CUDA backend, got "
+        f"{got}; build sources from plain numbers, or convert them"
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.execution.chunks import array_of
-from polywigner.execution.drjit_operations import DrjitOperations, TracedOperations
+from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.execution.on_drjit import is_code, with_frame_as_data
 from polywigner.execution.points import Drjit, Points, components_of, sibling
 from polywigner.kernels import Kernel
@@ -188,7 +188,7 @@ def evaluate_traced(
     # times as fast. A function that the caller freezes may not contain cached memory.
     is_code_better = is_long_code or drjit.flag(drjit.JitFlag.FreezingScope)
     if (numbers.numbers or not is_code_better) and gradient_kernel_of(kernel) is not None:
-        ops, tables = TracedOperations(ops.float_type), with_frame_as_data(ops, tables)
+        ops, tables = DrjitOperations(ops.float_type, "data"), with_frame_as_data(ops, tables)
     results = kernel_with_derivatives(kernel, ops, tables, components, traced)
     return sibling(ops.float_type, "Complex2f")(*results[:2]) if complex_result else results[0]
 

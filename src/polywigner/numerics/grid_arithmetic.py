@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-# Veltkamp's splitting constants, 2^ceil(p/2) + 1 for p = 53 and 24 bits
-SPLIT_DOUBLE, SPLIT_SINGLE = 134217729.0, 4097.0
+# Veltkamp's splitting constant, 2^ceil(p/2) + 1 for p = 53 bits.
+_SPLIT = 134217729.0
 
 # By double precision or not. In the frame, vertices lie within 1/2 of the origin and offsets 2x, xi
 # within 1: the largest combination of an offset and two vertices is below 2, 53 (24) bits of this.
@@ -35,21 +35,18 @@ def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]
 _BLOCK = 1 << 16
 
 
-def accurate_cross(ax: Any, ay: Any, bx: Any, by: Any, split: float = SPLIT_DOUBLE) -> Any:
-    """cross(a, b) of floats or arrays to about one ulp; 0 only if it is (Dekker).
-
-    ``split``: SPLIT_DOUBLE, or for float32 SPLIT_SINGLE.
-    """
+def accurate_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
+    """Return cross(a, b) of floats or arrays to about one ulp; 0 only if it is exact (Dekker)."""
     first, second = ax * by, ay * bx
-    lost = product_error(ax, by, first, split) - product_error(ay, bx, second, split)
+    lost = product_error(ax, by, first) - product_error(ay, bx, second)
     return (first - second) + lost
 
 
-def product_error(a: Any, b: Any, product: Any, split: float = SPLIT_DOUBLE) -> Any:
-    """a b minus its rounded value, exactly (Dekker)."""
-    a_high = a * split
+def product_error(a: Any, b: Any, product: Any) -> Any:
+    """Return a b minus its rounded value, exactly (Dekker)."""
+    a_high = a * _SPLIT
     a_high = a_high - (a_high - a)
-    b_high = b * split
+    b_high = b * _SPLIT
     b_high = b_high - (b_high - b)
     a_low, b_low = a - a_high, b - b_high
     return ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low

@@ -57,7 +57,7 @@ Result = TypeVar("Result", np.float64, np.complex128)
 
 Obstacle = Polyhedron | PlacedAperture
 
-_OPS = execution.NumpyOperations(double=True)
+_OPS = execution.NumpyOperations()
 
 # Error of the Fourier transform in double and in single precision, relative to the content.
 _FOURIER_ERROR = {True: 1e-13, False: 2e-6}

@@ -29,7 +29,7 @@ Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 FieldEstimate = tuple[Complex, Floats, Floats]
 """Field, estimate of its error, and allowed error, (n,) each."""
-_OPS = NumpyOperations(double=True)
+_OPS = NumpyOperations()
 
 
 # ---- outlines with waves -------------------------------------------------------------------------

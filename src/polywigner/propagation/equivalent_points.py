@@ -246,7 +246,7 @@ class RadiatingPoint(NamedTuple):
     def wave(self, points: Floats) -> Complex:
         """Return the wave of the point at points (3, n)."""
         ahead = points - self.position[:, None]
-        wave = wave_ahead(NumpyOperations(double=True), tuple(ahead), *self.weights)
+        wave = wave_ahead(NumpyOperations(), tuple(ahead), *self.weights)
         return np.asarray(wave.real + 1j * wave.imag)
 
 

@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Position = tuple[float, float, float]
 
-_OPS = execution.NumpyOperations(double=True)
+_OPS = execution.NumpyOperations()
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 # Change of the detour along a panel, in cycles, up to which the error estimate by halves is valid.
 _TURNS = 2.0

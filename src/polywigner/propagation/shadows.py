@@ -223,7 +223,7 @@ def _summed(
         columns = samples
         if surface is not None:
             hidden = surface.hides(aside, margin)
-            passed = surface.transmission(NumpyOperations(double=True), tuple(positions.T), hidden)
+            passed = surface.transmission(NumpyOperations(), tuple(positions.T), hidden)
             parts = (np.broadcast_to(part, count) for part in (passed.real, passed.imag))
             columns = np.column_stack([samples, margin, *parts])
         real, imag, off = execution.evaluate_rows(

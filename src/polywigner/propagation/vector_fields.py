@@ -68,7 +68,7 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_OPS = execution.NumpyOperations(double=True)
+_OPS = execution.NumpyOperations()
 
 SECOND = DERIVATIVE_OF[DEFAULT]
 # Phi is the second integral of a wave over its p_z. For small |p_z| it is the mean of neighbouring

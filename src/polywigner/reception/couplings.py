@@ -154,7 +154,7 @@ LinkMethod = Literal[BoundaryCondition, "fraunhofer", "wigner", CurrentModel]
 
 Complex = NDArray[np.complex128]
 
-_OPS = execution.NumpyOperations(double=True)
+_OPS = execution.NumpyOperations()
 # Smallest tolerance: some hundred rounding errors of the sums.
 _LEAST = 1e-12
 # Errors are relative to at least this fraction of the largest coupling of sources of these areas:

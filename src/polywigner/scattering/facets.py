@@ -401,7 +401,7 @@ def pieces_of(
 
 Signs = Callable[[slice, slice], Sides]
 
-_OPS = execution.NumpyOperations(double=True)
+_OPS = execution.NumpyOperations()
 _TITLE = "radar cross sections"
 # Triangles times directions of one step: some twenty arrays of this size fit into the cache.
 _AT_ONCE = 1 << 14

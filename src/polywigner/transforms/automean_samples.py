@@ -175,7 +175,7 @@ def _uniform_map(elements: Sequence[tuple[Element, float]]) -> Map:
     moduli = np.repeat([modulus for _, modulus in elements], [len(t[0]) for t in tables])
     areas, origin, *columns = (np.concatenate(parts) for parts in zip(*tables, strict=True))
     content = sum(modulus * _content(element) for element, modulus in elements)
-    ops = NumpyOperations(double=True)
+    ops = NumpyOperations()
 
     def mapped(numbers: Values) -> tuple[Values, float]:
         index, u = _choice(moduli * areas, numbers[:, 0])

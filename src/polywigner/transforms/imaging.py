@@ -314,7 +314,7 @@ def _transforms(polygons: Any, frequencies: Any) -> Complex:
     # Triangles from a corner of each ring, which may be far smaller than its distance from x = 0.
     begin, end = begin - origin, end - origin
     phases = [np.einsum("ij,ij->i", nu[of], corner) for corner in (begin, end, origin)]
-    cosine, sine = simplex_plane_wave(NumpyOperations(double=True), *phases[:2])
+    cosine, sine = simplex_plane_wave(NumpyOperations(), *phases[:2])
     cross = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
     terms = cross * (cosine - 1j * sine) * np.exp(-2j * np.pi * phases[2])
     real, imag = (np.bincount(of, values, len(nu)) for values in (terms.real, terms.imag))

@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
-_OPS = NumpyOperations(double=True)
+_OPS = NumpyOperations()
 
 # Values in a temporary array: some tens of megabytes with its intermediates.
 _BLOCK = 1 << 20

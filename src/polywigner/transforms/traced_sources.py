@@ -94,10 +94,10 @@ def differentiable(
         raise ArgumentError("expected vertices or weights as Dr.Jit arrays, got neither")
     numbers: dict[str, Drjit] = {}
     if vertices is not None:
-        corners = execution.plane_points("vertices", vertices)
+        corners = execution.numbers_of("vertices", vertices, "Array2f")
         source, numbers["vertices"] = _with_vertices(source, corners)
     if weights is not None:
-        numbers["weights"] = execution.complex_numbers("weights", weights)
+        numbers["weights"] = execution.numbers_of("weights", weights, "Complex2f")
         real, imag = execution.columns_of(numbers["weights"]).T
         source = _with_weights(source, real + 1j * imag)
     return Differentiable(source, **numbers)

@@ -466,11 +466,6 @@ def path_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -
     return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30)
 
 
-def least_detour(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Number:
-    """The shortest path from a source over a straight edge to a point, less their distance."""
-    return path_over(ops, source, point, start, end)[0]
-
-
 def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:
     """The inverse of sinh, with cosh of the result given."""
     logarithm = ops.log(abs(sinh) + cosh)

@@ -239,7 +239,7 @@ class Shadows:
                     return ops.fold(*span, (real, imag), add_change)
 
                 is_short = (
-                    edge_waves.least_detour(ops, self._centre, at, row[:3], row[3:6]) < _LONGEST
+                    edge_waves.path_over(ops, self._centre, at, row[:3], row[3:6])[0] < _LONGEST
                 )
                 return self._if(is_short, add_changes, (real, imag))
 

@@ -303,7 +303,7 @@ class ExactField:
         condition.warn_of_fit(source, wavelength)
         self._m, self._jit = m, dr.is_jit_v(m.Float)
         # a scalar variant has one sample: NumPy takes all panels and all nodes at once
-        self._ops = ops_for(m.Float) if self._jit else NumpyOperations(double=True)
+        self._ops = ops_for(m.Float) if self._jit else NumpyOperations()
         radiator = radiator_of(source)
         self._tables = boundary_tables(
             radiator, wavelength, _LONGEST, self._ops.double, condition.field

@@ -16,7 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
-from polywigner.execution import Drjit, Traced, UnrolledOperations, kernel_with_derivatives, ops_for
+from polywigner.execution import Drjit, DrjitOperations, Traced, kernel_with_derivatives, ops_for
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.convex import trapezoids
 from polywigner.kernels import FOURIER, WIGNER, kernel_for, new_outline_of, new_tables_of
@@ -343,7 +343,7 @@ class TracedSource:
 
     def intensity(self, ops: Any, *nu: Drjit) -> Drjit:
         """Return |F|^2 of the source, with derivatives in all numbers."""
-        code = UnrolledOperations(ops.float_type)
+        code = DrjitOperations(ops.float_type, most_as_code=math.inf)
         corners = iter(self._centred())
         weights = None if self.weights is None else self._gathered(self.weights)
         total = Pair(0.0, 0.0)
