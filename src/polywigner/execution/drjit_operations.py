@@ -138,7 +138,7 @@ class DrjitOperations(RowByRow):
     def _typed(self, value: Any) -> Drjit:
         return self.float_type(value) if isinstance(value, (int, float)) else value
 
-    def held(self, table: Table) -> Drjit:
+    def on_device(self, table: Table) -> Drjit:
         """Return the number of entries in a row, and the entries of all rows."""
         kind = self.float_type if table.dtype.kind == "f" else self._numbers
         return table.shape[1], array_of(kind, table)
@@ -184,8 +184,8 @@ class DrjitOperations(RowByRow):
         ends = np.cumsum([len(table) for table in rules])
         starts = ends - [len(table) for table in rules]
         ranges = np.stack([np.append(0, starts), np.append(0, ends)], axis=1)
-        first, end = self.gather(self.held(ranges), self.truncated(rule + 1.0))
-        table = self.held(np.concatenate(rules))
+        first, end = self.gather(self.on_device(ranges), self.truncated(rule + 1.0))
+        table = self.on_device(np.concatenate(rules))
         return self.sum_over_range(
             first, end, lambda row: term(*self.gather(table, row), *samples), values
         )

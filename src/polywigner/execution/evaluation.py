@@ -281,10 +281,18 @@ def evaluate_sums(
     double: bool,
     engine: str,
 ) -> Array:
-    """Return sum_j weights_j kernel(*places_j, *point, *constants) at each point, float64 (n,).
+    """Return sum_j weights_j kernel(*positions_j, *point, *constants) at each point, float64 (n,).
 
-    places (m, a), weights (m,), points (n, b); the kernel takes a + b + len(constants) components
-    and has one real output. Terms are stored block by block.
+    Parameters
+    ----------
+    positions : ndarray, shape (m, a)
+        First arguments of the kernel in each term.
+    weights : ndarray, shape (m,)
+        Weight of each term.
+    points : ndarray, shape (n, b)
+        Next arguments of the kernel, one row for each result.
+    constants : sequence of float
+        Last arguments of the kernel, which has one real output.
     """
     total = np.zeros(len(points))
     if not len(points) or not len(positions):

@@ -167,9 +167,9 @@ class OnDrjit:
         assert slices is not None
         shape = np.broadcast_shapes(*(np.shape(a) for a in inner))
         row, column = _split(ops.float_type, *shape)
-        limits = ops.held(ends[:, None].astype(np.uint32))
+        limits = ops.on_device(ends[:, None].astype(np.uint32))
         (first,), (end,) = (ops.gather(limits, row + k) for k in (0, 1))
-        rows = ops.held(table if len(table) else np.zeros((1, table.shape[1])))
+        rows = ops.on_device(table if len(table) else np.zeros((1, table.shape[1])))
         at = tuple(self._looked_up(values, shape, row, column) for values in inner)
         nu = at[slices.frequency]
         run = slices.of_listed(ops, self.tables, table.shape[1], is_real, nu)
@@ -225,7 +225,7 @@ def row_sums(
 
     kind = drjit_float(engine, True)
     ops = DrjitOperations(kind)
-    rows = ops.held(np.ascontiguousarray(table))
+    rows = ops.on_device(np.ascontiguousarray(table))
     sample = tuple(array_of(kind, column) for column in columns)
     shared = tuple(dr.opaque(kind, float(value)) for value in constants)
 
@@ -246,7 +246,7 @@ _LEAST_SAMPLES_SORTED, _LEAST_EDGES_SORTED = 1 << 15, 5
 _SIZES, _APART = 256, 8
 
 
-Hold = Callable[[Array], tuple[int, Any]]
+Send = Callable[[Array], tuple[int, Any]]
 """Table of numbers -> its width, and the numbers in the memory of an engine."""
 
 
@@ -304,7 +304,7 @@ class OnDrjitData:
         width = -(-table.size // _SIZES) * _SIZES + _APART * (number + 1)
         padded = np.zeros(width, table.dtype)
         padded[: table.size] = table.ravel()
-        return self.ops.held(padded[:, None])[1]
+        return self.ops.on_device(padded[:, None])[1]
 
 
 class _Slices:
@@ -350,9 +350,9 @@ class _Slices:
         # There are fewer than 2^16 cells; NumPy sorts 16-bit numbers in linear time.
         return np.argsort(cell.astype(np.uint16), kind="stable")
 
-    def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
+    def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
         """Return the kernel's sums from the tables of any source of this kind."""
-        pairs = {key: grid.held(hold) for key, grid in self.pairs.items()}
+        pairs = {key: grid.on_device(send) for key, grid in self.pairs.items()}
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
 
@@ -373,8 +373,8 @@ class _Edges:
     def order(self, inner: Sequence[Array]) -> Order:
         return ...
 
-    def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
-        rows, count = (hold(table) for table in self.numbers)
+    def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
+        rows, count = (send(table) for table in self.numbers)
         (end,) = ops.gather(count, ops.truncated(0.0))
         sums: Values = self.kernel.edge_sum(_OverRows(ops, rows, end), self.tables, *inner)
         return sums

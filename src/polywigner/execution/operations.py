@@ -123,7 +123,7 @@ class NumpyOperations(_Unfused):
     sqrt = staticmethod(np.sqrt)
     exp = staticmethod(np.exp)
 
-    def held(self, table: Table) -> Numbers:
+    def on_device(self, table: Table) -> Numbers:
         """Return a table (rows, columns) of integers or floats as :meth:`gather` takes it."""
         # Column order: gathering from one column stays in the cache.
         return table.astype(np.float64 if table.dtype.kind == "f" else np.int64, order="F")
@@ -289,7 +289,7 @@ class ScalarOperations(_Unfused, RowByRow):
     def round(self, a: Any) -> Numbers:
         return math.floor(a + 0.5)
 
-    def held(self, table: Table) -> Numbers:
+    def on_device(self, table: Table) -> Numbers:
         return table.tolist()
 
     def gather(self, table: Any, row: Any) -> Values:

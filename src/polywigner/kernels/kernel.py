@@ -55,10 +55,10 @@ class Kernel:
 
 def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """A real sum, scaled."""
-    return (sums[0] * frame.content,)
+    return (sums[0] * frame.measure,)
 
 
 def leave_wave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """(cosine, sine) sums turned by the phase of the centre, the first of the inner arguments."""
     real, imag = phases.rotated(ops, inner[0], *sums)
-    return real * frame.content, imag * frame.content
+    return real * frame.measure, imag * frame.measure

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.kernels.arrays.repeated import HeldTable
+from polywigner.kernels.arrays.repeated import DeviceTable
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
@@ -148,7 +148,7 @@ class _Series:
 
     packets: int
     """Number of packets of a row."""
-    tables: tuple[HeldTable | None, ...]
+    tables: tuple[DeviceTable | None, ...]
     """Real and imaginary part of p, then of q: (rows * packets of a row, terms of a packet)."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, turns: Any) -> Pair:
@@ -169,7 +169,7 @@ class _Series:
         return Pair(ops.select(exists, real + zero, zero), ops.select(exists, imag + zero, zero))
 
     def _sum(
-        self, ops: Any, basis: _Basis, table: HeldTable | None, start: Any, nil: Any, ends: Any
+        self, ops: Any, basis: _Basis, table: DeviceTable | None, start: Any, nil: Any, ends: Any
     ) -> Number:
         if table is None:
             return 0.0
@@ -233,11 +233,11 @@ def _series(
     return _Series(packets, tuple(tables))
 
 
-def _unless_zero(values: Complexes, part: str, packet: int) -> HeldTable | None:
+def _unless_zero(values: Complexes, part: str, packet: int) -> DeviceTable | None:
     parts: NDArray[np.float64] = getattr(values, part)
     if not (np.abs(parts) > 1e-17 * np.abs(values).max(initial=0.0)).any():
         return None
-    return HeldTable(np.ascontiguousarray(parts).reshape(-1, packet))
+    return DeviceTable(np.ascontiguousarray(parts).reshape(-1, packet))
 
 
 def factor_of(
@@ -285,7 +285,7 @@ class _Frame:
     centre: tuple[phases.Doubled, ...]
     basis: tuple[tuple[float, ...], ...] = ()
     """Basis of the lattice; empty if sites are summed one by one."""
-    content: float = 1.0
+    measure: float = 1.0
 
 
 @dataclass(frozen=True)

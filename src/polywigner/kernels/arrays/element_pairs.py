@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture
 from polywigner.kernels.arrays.repeated import (
+    DeviceTable,
     ElementTables,
-    HeldTable,
     RepeatedTables,
     element_ambiguity,
     element_field,
@@ -129,9 +129,9 @@ class PairLists:
     scale: tuple[float, float]
     counts: tuple[int, int]
     """Cells for samples; records have one more before them in both directions."""
-    starts: HeldTable
+    starts: DeviceTable
     """(cells + 1, 1) the first record of each cell, row by row."""
-    records: HeldTable
+    records: DeviceTable
 
     def runs(self, ops: Any, x: Any, y: Any) -> Iterator[tuple[Any, Any]]:
         """The first and the end of the two runs of records for the cell of each point."""
@@ -164,8 +164,8 @@ def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
         (float(low[0]), float(low[1])),
         (float(1 / size[0]), float(1 / size[1])),
         (int(counts[0]), int(counts[1])),
-        HeldTable(first.astype(np.int64)[:, None]),
-        HeldTable(records[order]),
+        DeviceTable(first.astype(np.int64)[:, None]),
+        DeviceTable(records[order]),
     )
 
 

@@ -95,8 +95,8 @@ class _ArrayFrame:
     differences: _Nodes
 
     @property
-    def content(self) -> float:
-        return self.element.content
+    def measure(self) -> float:
+        return self.element.measure
 
     @property
     def carrier(self) -> tuple[float, ...]:

@@ -64,14 +64,14 @@ class RepeatedTables(Generic[Element, Sites]):
 
 
 @dataclass(frozen=True, eq=False)
-class HeldTable:
-    """A table (rows, columns) that engines hold in their memory."""
+class DeviceTable:
+    """A table (rows, columns) that engines send in their memory."""
 
     values: NDArray[Any]
-    held: dict[Hashable, Any] = field(default_factory=dict)
+    copies: dict[Hashable, Any] = field(default_factory=dict)
 
     def in_memory(self, ops: Any) -> Any:
         """The table in an engine's memory."""
-        if ops.key not in self.held:
-            self.held[ops.key] = ops.held(self.values)
-        return self.held[ops.key]
+        if ops.key not in self.copies:
+            self.copies[ops.key] = ops.on_device(self.values)
+        return self.copies[ops.key]

@@ -144,11 +144,11 @@ class PairGrid:
         """The size of tables of NumPy."""
         return sum(getattr(self, part.name).nbytes for part in fields(self))
 
-    def held(self, hold: Callable[[Array], Any]) -> PairGrid:
+    def on_device(self, send: Callable[[Array], Any]) -> PairGrid:
         """The grid with its tables in an engine's memory."""
         tables = {f.name: getattr(self, f.name) for f in fields(self)}
         # engines do not read from empty arrays
-        return replace(self, **{k: hold(v if len(v) else _NONE) for k, v in tables.items()})
+        return replace(self, **{k: send(v if len(v) else _NONE) for k, v in tables.items()})
 
 
 _NONE = np.zeros((1, 4), np.uint32)

@@ -87,7 +87,8 @@ class PairClipper(Clipper):
             return self.pairs[BEHIND if view is AHEAD else view, group, other]
         grid, ops = pairs_of(self.tables, key, self.ops.double), self.ops
         if ops.key not in grid.copies:
-            grid.copies.setdefault(ops.key, grid.held(ops.held))  # the same in all threads
+            # the same copy in all threads
+            grid.copies.setdefault(ops.key, grid.on_device(ops.on_device))
         copy: PairGrid = grid.copies[ops.key]
         return copy
 

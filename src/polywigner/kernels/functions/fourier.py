@@ -60,7 +60,7 @@ class LinearFrame:
 
     centre: tuple[Any, ...]
     rows: Matrix
-    content: float
+    measure: float
 
     def frequency(self, ops: Any, *nu: Any) -> Values:
         return times(ops, self.rows, *nu)
@@ -321,7 +321,7 @@ def fourier_on_grid(
         square = x[0][rows, None] ** 2 + y[0] ** 2
         below[rows] = square < tables.floor**2
         square[below[rows]] = 1.0
-        scale = (tables.frame.content / (2 * math.pi**2)) / square
+        scale = (tables.frame.measure / (2 * math.pi**2)) / square
         real[rows], imag[rows] = sums[rows, 1] * scale, sums[rows, 0] * scale
     if tables.frame.axes != (0, 1):
         return real.T, imag.T, below.T

@@ -65,7 +65,7 @@ class SlitFrame:
     """The frequency, in the user's unit, relative to which fields are held."""
 
     @property
-    def content(self) -> float:
+    def measure(self) -> float:
         return self.scale
 
     def position(self, ops: Any, x: Any) -> tuple[Any]:

@@ -26,7 +26,7 @@ from polywigner.kernels.kernel import (
     leave_real,
     leave_wave,
 )
-from polywigner.kernels.outline.frame import enter_place_and_frequency, frame_of
+from polywigner.kernels.outline.frame import enter_position_and_frequency, frame_of
 from polywigner.kernels.outline.tables import Tables, build_tables
 from polywigner.kernels.outline.wave_pairs import field_of
 from polywigner.numerics import phases
@@ -90,7 +90,7 @@ def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
     return LinearFrame(
         tuple(phases.doubled(c, double) for c in centre),
         tuple(tuple(phases.doubled(value, double) for value in row) for row in rows),
-        plane.content,
+        plane.measure,
     )
 
 
@@ -174,7 +174,7 @@ AUTOCORRELATION = Kernel(
     at_both_ends(field),
     product_of_both,
 )
-WIGNER = Kernel("wigner", 2, tables_of, enter_place_and_frequency, WIGNER_SUM, leave_real)
+WIGNER = Kernel("wigner", 2, tables_of, enter_position_and_frequency, WIGNER_SUM, leave_real)
 
 
 FOURIER = Kernel(

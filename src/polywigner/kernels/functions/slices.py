@@ -335,7 +335,7 @@ def _sum_of_rows(
     ops, (group, other) = clipper.ops, groups
     rows = np.zeros((sum(len(pair.terms) for pair in pairs), _ROW))
     rows[:, :6] = rows_of(pairs)
-    table, is_real = ops.held(rows), pairs[0].is_real
+    table, is_real = ops.on_device(rows), pairs[0].is_real
 
     def term(edge: Edge) -> Values:
         cuts = [(side, list(clipper.intervals(edge, view, other))) for view, side in views]

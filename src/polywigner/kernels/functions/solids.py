@@ -54,8 +54,8 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
     fans = [(f[0], f[k], f[k + 1]) for f in body.faces for k in range(1, len(f) - 1)]
     corners = inner[np.array(fans, np.intp)]
     tetrahedra = np.column_stack([corners.reshape(-1, 9), _volumes(corners)]).tolist()
-    content = abs(float(determinant([[Fraction(m) for m in row] for row in rows])))
-    frame = LinearFrame(centre, rows, content)
+    measure = abs(float(determinant([[Fraction(m) for m in row] for row in rows])))
+    frame = LinearFrame(centre, rows, measure)
     return SolidTables(frame, tuple(tuple(row) for row in tetrahedra if row[-1]))
 
 

@@ -39,14 +39,14 @@ Matrix = tuple[tuple[Any, ...], ...]
 class Frame:
     """nu' = inverse_transpose nu, x' = matrix (x - centre) / norm, exactly its inverse transpose.
 
-    ``content``: area of a unit square of the frame; ``reach``: the largest |x'| and |y'| in it.
+    ``measure``: area of a unit square of the frame; ``reach``: the largest |x'| and |y'| in it.
     """
 
     centre: tuple[float, float]
     matrix: Matrix
     inverse_transpose: Matrix
     norm: float
-    content: float
+    measure: float
     reach: tuple[float, ...]
     carrier: tuple[float, ...] = (0.0, 0.0)
     """The frequency, in the user's units, relative to which fields on the source are held."""
@@ -113,7 +113,7 @@ class Frame:
         return vertices_for(self.inverse_transpose, self.centre, points)
 
 
-def enter_place_and_frequency(
+def enter_position_and_frequency(
     ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any
 ) -> tuple[Any, ...]:
     """The arguments of W in the frame."""

@@ -182,7 +182,7 @@ class Shadows:
         self._on_host = partial(shadows.diffracted, obstacles, points, every, tolerance=_HOST_ERROR)
         if self._jit:
             rows = np.array([[*point.row, 0.0] for point in points])
-            self._tables = [self._ops.held(t.astype(np.float32)) for t in (rows, *tables)]
+            self._tables = [self._ops.on_device(t.astype(np.float32)) for t in (rows, *tables)]
             counts = len(rows), len(tables.groups)
             self._counts = [m.UInt32(dr.opaque(m.UInt32, count)) for count in counts]
             self._has_edges = len(tables.edges) > 0  # a body around the source has no rim
