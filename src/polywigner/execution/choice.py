@@ -159,7 +159,7 @@ def terms_of(kernel: Kernel, tables: Any) -> int:
 
 
 def takes_data(kernel: Kernel, tables: Any) -> bool:
-    """Whether the source is data of a compiled kernel: F, and sums over pairs of edges."""
+    """Return whether the source is data of a compiled kernel: F, and sums over pairs of edges."""
     if isinstance(tables, OutlineTables):
         return kernel.name == "fourier"
     return kernel.slices is not None and isinstance(tables, Tables)

@@ -64,7 +64,7 @@ _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 
 def _widths_in(source: Wavefront) -> float:
-    """Widths of coherence in the area of a source's box, or in its length."""
+    """Return the number of coherence widths in the area (or the length) of a source's box."""
     low, high = np.reshape(source.bounds, (2, -1))
     return math.prod((1.0 + (high - low) / source.coherence_width).tolist())
 

@@ -74,12 +74,12 @@ class Axes:
         self.along = x * inverse, y * inverse
 
     def of(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """A vector along the frequency and across it, (p, q)."""
+        """Return a vector along the frequency and across it, (p, q)."""
         c, s = self.along
         return self.ops.fma(c, x, s * y), self.ops.fma(c, y, -s * x)
 
     def segment(self, p: Any, q: Any, dp: Any, dq: Any) -> tuple[Pair, ...]:
-        """Integrals along a segment with midpoint (p, q) and vector (dp, dq).
+        """Return integrals along a segment with midpoint (p, q) and vector (dp, dq).
 
         Means of 1 and of t times exp(-2 pi i nu.x) along it, for t from -1/2 to 1/2; and its terms
         of the moments M00, M10 and 2 M01 of the wave over the polygon, each over -dp: (G4).
@@ -96,7 +96,7 @@ class Axes:
         return e0, e1, area, along, across
 
     def gradient(self, along: Pair, twice_across: Pair) -> tuple[Pair, Pair]:
-        """The derivative in nu, -2 pi i M, from the moments M in these coordinates."""
+        """Return the derivative in nu, -2 pi i M, from the moments M in these coordinates."""
         (c, s), across = self.along, twice_across.scaled(0.5)
         x = (along.scaled(c) - across.scaled(s)).scaled(-2 * math.pi)
         y = (along.scaled(s) + across.scaled(c)).scaled(-2 * math.pi)
@@ -110,7 +110,7 @@ _BELOW, _DOUBLE, _SINGLE = 1.0, 9, 4
 
 
 def _segment_moments(ops: Any, half: Any) -> tuple[Any, Any, Any]:
-    """e_n = integral of t^n exp(-4 pi i half t) over -1/2 < t < 1/2, n = 0, 1, 2.
+    """Return e_n = integral of t^n exp(-4 pi i half t) over -1/2 < t < 1/2, n = 0, 1, 2.
 
     ``half``: cycles of the wave over half of the segment. Real for even n; for n = 1 the
     imaginary part. By spherical Bessel functions of x = 2 pi half: ``e0 = j0, e1 = -j1/2, e2 =
@@ -121,7 +121,7 @@ def _segment_moments(ops: Any, half: Any) -> tuple[Any, Any, Any]:
 
 
 def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
-    """j_0, j_1 and j_2 of x = 2 pi half.
+    """Return j_0, j_1 and j_2 of x = 2 pi half.
 
     For small x j_2 comes from its series, and j_1 from its neighbours, x (j_0 + j_2)/3, which loses
     nothing; else both come from the recurrence upwards.
@@ -138,7 +138,7 @@ def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
 
 
 def _over_power(ops: Any, n: int, square: Any, terms: int) -> Number:
-    """j_n(x)/x^n by its series in x^2."""
+    """Return j_n(x)/x^n by its series in x^2."""
     coefficients = [1 / math.prod(range(1, 2 * n + 2, 2))]
     for k in range(1, terms + 1):
         coefficients.append(coefficients[-1] * -0.5 / (k * (2 * n + 2 * k + 1)))
@@ -151,7 +151,7 @@ def _over_power(ops: Any, n: int, square: Any, terms: int) -> Number:
 def fourier_gradients(
     ops: Any, tables: OutlineTables, accumulator: Accumulator, nu_x: Any, nu_y: Any
 ) -> Gradients:
-    """Derivatives of V = F(nu) in the frame."""
+    """Return derivatives of V = F(nu) in the frame."""
     axes = Axes(ops, (nu_x, nu_y))
     rows = [
         (*edge[:4], float(begin), float(end))
@@ -185,14 +185,14 @@ def _pairs(numbers: Sequence[Any]) -> list[Pair]:
 
 
 def wigner_gradients(ops: Any, tables: Tables, accumulator: Accumulator, *point: Any) -> Gradients:
-    """Derivatives of W, the real part of V, at (x, y, nu_x, nu_y) in the frame."""
+    """Return derivatives of W, the real part of V, at (x, y, nu_x, nu_y) in the frame."""
     return _gradients(ops, tables, True, accumulator, point[:2], point[2:])
 
 
 def ambiguity_gradients(
     ops: Any, tables: Tables, accumulator: Accumulator, *point: Any
 ) -> Gradients:
-    """Derivatives of V = A at (upsilon_x, upsilon_y, xi_x, xi_y) in the frame."""
+    """Return derivatives of V = A at (upsilon_x, upsilon_y, xi_x, xi_y) in the frame."""
     return _gradients(ops, tables, False, accumulator, point[2:], point[:2])
 
 
@@ -204,7 +204,7 @@ def _gradients(
     position: tuple[Any, ...],
     frequency: tuple[Any, ...],
 ) -> Gradients:
-    """Derivatives of the transform of the lag slice (``of_lags``) or of the position slice."""
+    """Return the gradients of the transform of lag slices (``of_lags``) or of position slices."""
     weights = [Pair(1.0, 0.0)] * len(tables.groups)
     if accumulator.needs_weights:
         weights, tables = _weights(ops, tables), tables.by_element
@@ -290,7 +290,7 @@ class _BeatGradients:
         self.amplitude = self.wave * self.mutual
 
     def terms(self, edge: Edge, cuts: dict[View, Any]) -> tuple[list[Pair], Pair]:
-        """Area, the boundary's effect on T, and moments; the sum for the accumulator."""
+        """Return area, push of the boundary and moments, and the accumulator's sum."""
         ops, scale, clipper = self.ops, self.scale, self.clipper
         area, push, along, across, begin, end = [_ZERO] * 6
         long = scale * edge.length
@@ -380,7 +380,7 @@ class GradientKernel:
 
 
 def _wave(value: Pair) -> tuple[Any, ...]:
-    """(cosine, sine) of V = cosine - i sine."""
+    """Return (cosine, sine) of V = cosine - i sine."""
     return value.real, -value.imag
 
 

@@ -54,11 +54,14 @@ class Kernel:
 
 
 def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """A real sum, scaled."""
+    """Return a real sum, scaled."""
     return (sums[0] * frame.measure,)
 
 
 def leave_wave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """(cosine, sine) sums turned by the phase of the centre, the first of the inner arguments."""
+    """Return (cosine, sine) sums, rotated by the phase of the centre and scaled.
+
+    The phase is the first of the arguments in the frame.
+    """
     real, imag = phases.rotated(ops, inner[0], *sums)
     return real * frame.measure, imag * frame.measure

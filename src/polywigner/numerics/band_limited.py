@@ -50,7 +50,7 @@ def in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance:
 
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
-    """Values (n, k) at frequencies (n,) of the polynomial through nodes, ends included."""
+    """Return values (n, k) at frequencies (n,) of the polynomial through nodes, ends included."""
     low, high = nodes[[0, -1]]
     if low == high:
         return np.repeat(values[:1], len(frequencies), axis=0)

@@ -68,10 +68,16 @@ _FLAT = 1e-20
 
 
 def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
-    """The integral of exp(i pi (c t^2 - 2 f t)) over t from 0 to ``end``, to rounding of ``end``.
+    """Return the integral of exp(i pi (c t^2 - 2 f t)) over t from 0 to ``end``, to rounding.
 
-    ``curvature``: c, in 1/length^2, of either sign, or zero; ``frequency``: f, in 1/length. All
-    broadcast against each other.
+    Parameters
+    ----------
+    end : array_like
+        Upper limit, in units of length.
+    curvature : array_like
+        c in 1/length^2, of either sign or zero.
+    frequency : array_like
+        f in 1/length. All three broadcast against each other.
     """
     b, c, f = (np.asarray(values, np.float64) for values in (end, curvature, frequency))
     sign = np.where(c < 0, -1.0, 1.0)
@@ -88,7 +94,7 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
 
 
 def waves_of_turns(turns: Any) -> Complex:
-    """exp(2 pi i turns)."""
+    """Return exp(2 pi i turns)."""
     angle = np.asarray(2 * math.pi * (turns - np.rint(turns)))
     wave = np.empty(angle.shape, np.complex128)
     np.cos(angle, out=wave.real)
@@ -106,10 +112,10 @@ def _by_rule(b: Floats, c: Floats, f: Floats) -> Complex:
 
 
 def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
-    """For c > 0. Loses digits if the phase changes by little between 0 and b.
+    """Return the integral for c > 0; loses digits if the phase changes by little between 0 and b.
 
-    As differences of (step + rest) of :func:`fresnel_tail`: the steps represent the point f/c of
-    stationary phase, and are equal unless it is near 0 or b, or between them.
+    The value consists of differences of (step + rest) of :func:`fresnel_tail`. The steps represent
+    the point f/c of stationary phase, and are equal unless it is near 0 or b, or between them.
     """
     root = np.sqrt(math.pi * c)
     begin, side = -f * (root / c), (f > 0).astype(np.float64)
@@ -134,16 +140,16 @@ _FEW = 1 << 9
 
 
 def chirp_over_intervals(intervals: Floats, q: Floats, nu: Floats) -> Complex:
-    """The transform over intervals (m, 2), for curvatures (n,) and frequencies (n,)."""
+    """Return the transform over intervals (m, 2), for curvatures (n,) and frequencies (n,)."""
     value = chirp_integral(intervals.ravel(), q[:, None], nu[:, None])
     value = value.reshape(-1, len(intervals), 2)
     return np.asarray((value[..., 1] - value[..., 0]).sum(axis=1))
 
 
 def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Complex:
-    """The transform over outlines, for curvatures (n, 2) along x and y and frequencies (n, 2).
+    """Return the transform over outlines, for curvatures (n, 2) and frequencies (n, 2).
 
-    The first curvature is the larger; the origin lies within the outline's box.
+    The first curvature is the larger one. The origin lies within the box of the outline.
     """
     begin = np.concatenate(rings)
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - begin
@@ -155,7 +161,7 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
 
 
 def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
-    """Sum over all edges, with a number of nodes chosen for each edge and point."""
+    """Return sum over all edges, with a number of nodes chosen for each edge and point."""
     turns = _turns(begin, edge, q, nu)
     pieces = np.ceil(turns / _TURNS).clip(1.0).astype(np.intp)
     points, edges = (np.repeat(n.ravel(), pieces.ravel()) for n in np.indices(turns.shape))
@@ -178,7 +184,7 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
 
 
 def _turns(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
-    """Bound on the turns of phase along edges, of both chirps and of that along y: (n, m)."""
+    """Return a bound (n, m) on the cycles along edges, of both chirps and of the chirp along y."""
     most = np.zeros((len(nu), len(edge)))
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
@@ -201,7 +207,7 @@ def _rules_for(turns: Floats) -> NDArray[np.intp]:
 
 
 def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Each rule with the indices of its pairs; few pairs take the next larger rule."""
+    """Yield each rule with the indices of its pairs; few pairs take the next larger rule."""
     present = np.unique(rules).tolist()
     mine = np.zeros(0, np.intp)
     for rule in present:
@@ -212,7 +218,7 @@ def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
 
 
 def _at_nodes(start: Floats, extent: Floats, at: Floats, q: Floats, nu: Floats) -> Complex:
-    """The integrand on pieces of edges (k, 2) at nodes on [-1, 1]."""
+    """Return the integrand on pieces of edges (k, 2) at nodes on [-1, 1]."""
     x, y = (start[:, k, None] + (0.5 + 0.5 * at) * extent[:, k, None] for k in (0, 1))
     (q1, q2), (nu1, nu2) = (values.T[:, :, None] for values in (q, nu))
     value = chirp_integral(x, q1, nu1)

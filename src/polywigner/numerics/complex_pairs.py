@@ -24,7 +24,7 @@ class Pair:
         return Pair(self.real - other.real, self.imag - other.imag)
 
     def __mul__(self, other: Any) -> Pair:
-        """The product with a pair, or with a real number."""
+        """Return the product with a pair, or with a real number."""
         if not isinstance(other, Pair):
             return self.scaled(other)
         return Pair(
@@ -39,11 +39,11 @@ class Pair:
         return Pair(self.real * factor, self.imag * factor)
 
     def plus(self, ops: Any, other: Pair, factor: Any) -> Pair:
-        """self + other factor, rounded once where the engine can."""
+        """Return self + other factor, rounded once where the engine can."""
         return Pair(ops.fma(other.real, factor, self.real), ops.fma(other.imag, factor, self.imag))
 
     def norm(self) -> Number:
-        """Squared modulus."""
+        """Return squared modulus."""
         return self.real * self.real + self.imag * self.imag
 
 
@@ -52,14 +52,15 @@ def select(ops: Any, condition: Any, a: Pair, b: Pair) -> Pair:
 
 
 def unit_wave(ops: Any, turns: Any) -> Pair:
-    """exp(2 pi i turns) for real turns."""
+    """Return exp(2 pi i turns) for real turns."""
     return Pair(*cos_sin_turns(ops, turns))
 
 
 def decaying_sinh(ops: Any, a: Any, decay: Any) -> Number:
-    """sinh(a) exp(-a) for a >= 0, exp(-a) given: by the series of sinh where 1 - exp(-2a) cancels.
+    """Return sinh(a) exp(-a) for a >= 0, with ``decay`` = exp(-a).
 
-    First omitted term of the series: 0.5^14/15! = 5e-17 of sinh.
+    Where 1 - exp(-2a) cancels, the series of sinh is used. Its first omitted term is 0.5^14/15! =
+    5e-17 of sinh.
     """
     small = a < 0.5
     clamped = ops.select(small, a, 0.0)

@@ -25,7 +25,7 @@ Floats = npt.NDArray[np.float64]
 
 
 def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Vertices as multiples of ``step``, without repeats, and which of the given ones are kept."""
+    """Return vertices as multiples of ``step`` without repeats, and which vertices are kept."""
     points = np.round(polygon / step) * step + 0.0
     kept = (points != np.roll(points, 1, axis=0)).any(axis=1)
     return points[kept], kept
@@ -53,7 +53,7 @@ def product_error(a: Any, b: Any, product: Any) -> Any:
 
 
 def _is_convex(polygon: Floats) -> bool:
-    """Whether a ring turns left or goes straight on at every vertex, and runs round once."""
+    """Return whether a ring turns left or goes straight on at every vertex, and runs round once."""
     before = polygon - np.roll(polygon, 1, axis=0)
     after = np.roll(polygon, -1, axis=0) - polygon
     turns = accurate_cross(*before.T, *after.T)
@@ -95,10 +95,10 @@ def _on_line(a: Floats, b: Floats, c: Floats) -> bool:
 
 
 def signed_convex_pieces(pieces: Sequence[Floats]) -> list[tuple[Floats, float]]:
-    """Exactly convex pieces with weights whose sum is the same set as the rounded pieces'.
+    """Return exactly convex pieces with weights, whose sum is the union of the rounded pieces.
 
     Rounding may bend a piece or turn over a sliver. Such a piece is cut into triangles of either
-    sign; since all of them share their sides exactly, the inner sides still cancel exactly.
+    sign. All of them share their sides exactly, so the inner sides still cancel exactly.
     """
     result: list[tuple[Floats, float]] = []
     for piece in pieces:

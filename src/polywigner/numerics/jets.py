@@ -28,7 +28,7 @@ class Jet:
         self.ops, self.value, self.slopes = ops, value, slopes
 
     def through(self, value: Any, rate: Any) -> Jet:
-        """A function of this number, by its value and its derivative."""
+        """Return a function of this number, by its value and its derivative."""
         return Jet(self.ops, value, tuple(rate * slope for slope in self.slopes))
 
     def __add__(self, other: Any) -> Jet:
@@ -90,7 +90,7 @@ class JetOperations:
         self._ops, self.double = ops, ops.double
 
     def variables(self, values: Sequence[Any]) -> tuple[Jet, ...]:
-        """Numbers with their derivatives in each of them, such as the coordinates of a point."""
+        """Return jets of numbers, such as coordinates, with derivatives in each of them."""
         count = range(len(values))
         return tuple(
             Jet(self._ops, value, tuple(0.0 * value + float(m == n) for m in count))
@@ -98,7 +98,7 @@ class JetOperations:
         )
 
     def constants(self, values: Iterable[Any]) -> tuple[Jet, ...]:
-        """Numbers that do not depend on the variables."""
+        """Return numbers that do not depend on the variables."""
         return tuple(Jet(self._ops, value) for value in values)
 
     def select(self, condition: Any, a: Any, b: Any) -> Jet:
@@ -138,7 +138,7 @@ class JetOperations:
 
 
 def flattened(numbers: Iterable[Any]) -> list[Any]:
-    """The values and derivatives of jets, and other numbers, one after the other."""
+    """Return the values and derivatives of jets, and other numbers, one after the other."""
     parts: list[Any] = []
     for number in numbers:
         parts += [number.value, *number.slopes] if isinstance(number, Jet) else [number]
@@ -146,7 +146,7 @@ def flattened(numbers: Iterable[Any]) -> list[Any]:
 
 
 def rebuilt(like: Iterable[Any], parts: Iterable[Any]) -> list[Any]:
-    """Numbers such as ``like`` from their :func:`flattened` parts."""
+    """Return numbers such as ``like`` from their :func:`flattened` parts."""
     rest = iter(parts)
     return [
         Jet(number.ops, next(rest), tuple(next(rest) for _ in number.slopes))

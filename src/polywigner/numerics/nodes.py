@@ -47,12 +47,12 @@ SUMS = 7
 
 @lru_cache(maxsize=1)
 def gauss_rules() -> Rules:
-    """The rules from the smallest to the largest."""
+    """Return the rules from the smallest to the largest."""
     return tuple(gauss_legendre(n) for n in _SIZES)
 
 
 def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
-    """The rule with n nodes, (n, 4).
+    """Return the rule with n nodes, (n, 4).
 
     Nodes by Newton's method from Tricomi's approximation, which is good to 1/n^4.
     """
@@ -70,7 +70,7 @@ def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
 
 
 def _legendre(n: int, x: npt.NDArray[np.float64]) -> tuple[Any, Any]:
-    """P_n(x) and P_{n-1}(x)."""
+    """Return P_n(x) and P_{n-1}(x)."""
     before, last = np.ones_like(x), x
     for k in range(2, n + 1):
         before, last = last, ((2 * k - 1) * x * last - (k - 1) * before) / k
@@ -78,11 +78,23 @@ def _legendre(n: int, x: npt.NDArray[np.float64]) -> tuple[Any, Any]:
 
 
 def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Number of nodes for an error of exp(-digits) of the integrand's size, and the error expected.
+    """Return the number of nodes for an error of exp(-digits) of the integrand's size.
 
-    ``clear``: distance of its singularities in half-lengths of the interval, ``wave``: radians of
-    phase over half the interval. Expected are, for :func:`missed`, digits, log(M) on the ellipse
-    that this counts on, and log(c_n).
+    Parameters
+    ----------
+    digits : array
+        Minus the natural logarithm of the allowed relative error.
+    clear : array
+        Distance of the singularities from the interval, in half-lengths of the interval.
+    wave : array
+        Phase over half of the interval in radians.
+
+    Returns
+    -------
+    needed : array
+        Number of nodes, not rounded.
+    expected : tuple of array
+        Digits, log(M) on the ellipse that the number relies on, and log(c_n), for :func:`missed`.
     """
     inside = ops.minimum(clear, 1.0)
     needed = digits / (2 * _CHORD * inside) + 0.5 * _GROWTH * wave
@@ -101,14 +113,14 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
 
 
 def rule_of(ops: Any, needed: Any) -> Number:
-    """The number of the smallest rule with at least ``needed`` nodes, or of the largest rule."""
+    """Return the index of the smallest rule with ``needed`` nodes, or of the largest rule."""
     # less than the step to the next rule by rounding does no harm
     steps = (_STEPS / math.log(2)) * ops.log(ops.maximum(needed, 1.0) * (1 / _SMALLEST))
     return ops.minimum(ops.maximum(ops.round(steps + 0.4999), 0.0), len(_SIZES) - 1.0)
 
 
 def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tuple[Any, ...]:
-    """The sums to which a node adds: integral, size, and the last two Legendre coefficients."""
+    """Return the terms of a node: integral, size, and the last two Legendre coefficients."""
     size = weight * (abs(real) + abs(imag))
     return (
         real * weight, imag * weight, size,
@@ -117,9 +129,10 @@ def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tupl
 
 
 def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], turns: Any) -> Number:
-    """Error estimate of the rule behind sums of :func:`node_sums`, rounding included.
+    """Return an estimate of the error of a rule from sums of :func:`node_sums`, rounding included.
 
-    ``expected``: of :func:`nodes_needed`; ``turns``: bound on the phases added up.
+    ``expected``: as :func:`nodes_needed` returns it. ``turns``: bound on the sum of all phases, in
+    cycles.
     """
     size, a, b, c, d = sums[2:]
     digits, growth, last = expected
@@ -142,7 +155,7 @@ Rule = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 
 @lru_cache(maxsize=64)
 def normal_rule(reach: float, error: float) -> Rule:
-    """Nodes (n,) and weights (n,) for the mean over t of mean 0 and standard deviation 1."""
+    """Return nodes (n,) and weights (n,) for the mean over t of mean 0 and standard deviation 1."""
     tail = math.sqrt(2 * math.log(2 / error))
     half = math.ceil(tail * (reach + tail) / (2 * math.pi))
     nodes: Any
@@ -158,9 +171,9 @@ def normal_rule(reach: float, error: float) -> Rule:
 
 @lru_cache(maxsize=64)
 def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
-    """Nodes (n, d) and weights (n,) for t of d independent components, each with its own reach.
+    """Return nodes (n, d) and weights (n,) for t of d independent components, each with its reach.
 
-    Without the nodes of least weight, as far as these add up to a tenth of the error.
+    The nodes of least weight are left out, as long as their weights add up to a tenth of the error.
     """
     rules = [normal_rule(reach, error / (2 * len(reaches))) for reach in reaches]
     nodes = np.stack(np.meshgrid(*(n for n, _ in rules), indexing="ij"), -1)
@@ -175,7 +188,7 @@ def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
 
 @lru_cache(maxsize=64)
 def flat_rule(reach: float, error: float) -> Rule:
-    """Nodes (n,) and weights (n,) for the mean over t from -1 to 1.
+    """Return nodes (n,) and weights (n,) for the mean over t from -1 to 1.
 
     Two nodes more than the remainder requires, since the integrand also contains powers of
     frequency.
@@ -186,12 +199,12 @@ def flat_rule(reach: float, error: float) -> Rule:
 
 
 def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
-    """Numbers of Gauss-Legendre nodes on [-1, 1] for waves exp(i f(x)) with |f'| up to ``radians``.
+    """Return numbers of Gauss-Legendre nodes on [-1, 1] for exp(i f(x)) with |f'| <= ``radians``.
 
-    f is linear or quadratic, up to terms that hardly bend it. n nodes miss about the terms of the
-    Chebyshev series from 2n on. The series of exp(i w x) has Bessel functions J_k(w), and the
-    series of exp(i w x^2/2) has J_k(w/4) with T_2k. In Debye's form J_k(k/cosh a) is exp(-k (a -
-    tanh a)), so that a is a parameter of the curve of w and k.
+    f is linear or quadratic, up to terms of little curvature. The error of n nodes is about the sum
+    of the terms of the Chebyshev series from 2n on. The series of exp(i w x) has Bessel functions
+    J_k(w), and the series of exp(i w x^2/2) has J_k(w/4) with T_2k. In Debye's form J_k(k/cosh a)
+    is exp(-k (a - tanh a)), so that a is a parameter of the curve of w and k.
     """
     a = np.geomspace(20.0, 1e-2, 400)
     degrees = -math.log(error) / (a - np.tanh(a))
@@ -202,7 +215,7 @@ def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
 def _fewest(
     remainder: Callable[[int], float], error: float, below: int | None = None
 ) -> int | None:
-    """The smallest number of nodes whose remainder, a logarithm, is within the error."""
+    """Return the smallest number of nodes whose remainder, a logarithm, is within the error."""
     allowed = math.log(error)
     for n in count(1) if below is None else range(1, below):
         if remainder(n) <= allowed:

@@ -28,7 +28,7 @@ _SINE_SINGLE = (
 
 
 def polynomial(ops: Any, coefficients: Sequence[float], x: Any) -> Number:
-    """The sum of c_k x^k, by Horner's rule."""
+    """Return the sum of c_k x^k, by Horner's rule."""
     *others, before, last = coefficients
     total = ops.fma(x, last, before)
     for c in others[::-1]:
@@ -37,27 +37,27 @@ def polynomial(ops: Any, coefficients: Sequence[float], x: Any) -> Number:
 
 
 def _sine_over_reduced(ops: Any, r: Any) -> Number:
-    """sin(2 pi r)/r for |r| <= 1/2, 2 pi at r = 0."""
+    """Return sin(2 pi r)/r for |r| <= 1/2, 2 pi at r = 0."""
     coefficients = _SINE_DOUBLE if ops.double else _SINE_SINGLE
     square = r * r
     return polynomial(ops, coefficients, square) * (0.25 - square)
 
 
 def _sine_of_reduced(ops: Any, r: Any) -> Number:
-    """sin(2 pi r) for |r| <= 1/2."""
+    """Return sin(2 pi r) for |r| <= 1/2."""
     if ops.target == "numpy":
         return np.sin(2 * math.pi * r)
     return _sine_over_reduced(ops, r) * r
 
 
 def sin_turns(ops: Any, turns: Any) -> Number:
-    """sin(2 pi turns)."""
+    """Return sin(2 pi turns)."""
     r = turns - ops.round(turns)
     return np.sin(2 * math.pi * r) if ops.target == "numpy" else _sine_of_reduced(ops, r)
 
 
 def cos_sin_turns(ops: Any, turns: Any) -> tuple[Any, Any]:
-    """cos(2 pi turns) and sin(2 pi turns)."""
+    """Return cos(2 pi turns) and sin(2 pi turns)."""
     if hasattr(ops, "cos_sin_turns"):  # of numbers with slopes: each is the other's derivative
         cosine, sine = ops.cos_sin_turns(turns)
         return cosine, sine
@@ -66,14 +66,17 @@ def cos_sin_turns(ops: Any, turns: Any) -> tuple[Any, Any]:
 
 
 def cos_sin_over_turns(ops: Any, turns: Any) -> tuple[Any, Any, Any]:
-    """cos(2 pi turns), sin(2 pi turns), and for |turns| < 1/2 sin(2 pi turns)/turns, at 0 too."""
+    """Return cos(2 pi turns), sin(2 pi turns), and sin(2 pi turns)/turns.
+
+    The quotient holds for |turns| < 1/2, and also at 0.
+    """
     r = turns - ops.round(turns)
     ratio = _sine_over_reduced(ops, r)
     return _sine_of_reduced(ops, 0.25 - abs(r)), ratio * r, ratio
 
 
 def sinc(ops: Any, turns: Any) -> Any:
-    """sin(pi turns)/(pi turns), the modulus of the mean plane wave over a segment so long."""
+    """Return sin(pi turns)/(pi turns), the modulus of the mean plane wave over that many cycles."""
     half = 0.5 * turns
     reduced = half - ops.round(half)
     ratio = _sine_over_reduced(ops, reduced)
@@ -85,7 +88,7 @@ def sinc(ops: Any, turns: Any) -> Any:
 
 
 def sinc_less_one(ops: Any, turns: Any, terms: int) -> Any:
-    """sinc(turns) - 1 by its series, for small arguments: no digits are lost to the 1."""
+    """Return sinc(turns) - 1 by its series, for small arguments: no digits are lost to the 1."""
     square = (math.pi * turns) * (math.pi * turns)
     series: Any = 0.0
     for k in range(terms, 0, -1):
@@ -94,9 +97,9 @@ def sinc_less_one(ops: Any, turns: Any, terms: int) -> Any:
 
 
 def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
-    """Mean of exp(-2 pi i p) over p from ``start`` to ``end`` (turns): cosine part, sine part.
+    """Return the mean of exp(-2 pi i p) over p from ``start`` to ``end`` in cycles.
 
-    The value is ``cosine - i sine`` = exp(-pi i (start + end)) sinc(end - start).
+    Returns the parts of the value ``cosine - i sine`` = exp(-pi i (start + end)) sinc(end - start).
     """
     scale = sinc(ops, end - start)
     cosine, sine = cos_sin_turns(ops, 0.5 * (start + end))
@@ -110,14 +113,14 @@ _SPLIT = 2.0**29 + 1
 
 
 def doubled(value: Fraction | float, double: bool = True) -> tuple[float, float]:
-    """A number as (nearest float, rest), of float64 or of float32."""
+    """Return a number as (nearest float, rest), of float64 or of float32."""
     exact = Fraction(value)
     high = float(exact) if double else float(np.float32(float(exact)))
     return high, float(exact - Fraction(high))
 
 
 def dot(ops: Any, nu: tuple[Any, ...], point: tuple[Any, ...]) -> Doubled:
-    """nu.point as (sum, rest), both of them floats or ``Doubled`` by component.
+    """Return nu.point as (sum, rest), both of them floats or ``Doubled`` by component.
 
     Good to about the square of an ulp of |nu| |point|, however much cancels.
     """
@@ -144,32 +147,32 @@ def _product(ops: Any, nu: Any, coordinate: Any) -> Doubled:
 
 
 def _fitting(ops: Any, constant: float) -> tuple[float, float]:
-    """A constant as the two floats that float32 needs for it."""
+    """Return a constant as the two floats that float32 needs for it."""
     return (constant, 0.0) if ops.double else doubled(constant, False)
 
 
 def _sum(a: Any, b: Any) -> Doubled:
-    """a + b and its rounding error (Knuth)."""
+    """Return a + b and its rounding error (Knuth)."""
     total = a + b
     virtual = total - a
     return total, (a - (total - virtual)) + (b - virtual)
 
 
 def difference(a: Any, b: Any) -> Doubled:
-    """a - b as the nearest float and its rounding error, exactly (Knuth)."""
+    """Return a - b as the nearest float and its rounding error, exactly (Knuth)."""
     rounded = a - b
     virtual = rounded - a
     return rounded, (a - (rounded - virtual)) - (b + virtual)
 
 
 def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Number:
-    """a d - b c, good to the square of an ulp of the products, however much cancels."""
+    """Return a d - b c, good to the square of an ulp of the products, however much cancels."""
     lost = (a[0] * d[1] + a[1] * d[0]) - (b[0] * c[1] + b[1] * c[0])
     return ops.cross(a[0], b[0], c[0], d[0]) + lost
 
 
 def halves(ops: Any, number: Doubled) -> Doubled:
-    """A sum of two floats with a first number that float32 can hold as well (Veltkamp)."""
+    """Return a sum of two floats with a first number that float32 can hold as well (Veltkamp)."""
     total, rest = number
     if not ops.double:
         return number
@@ -179,24 +182,24 @@ def halves(ops: Any, number: Doubled) -> Doubled:
 
 
 def reduced(ops: Any, turns: Doubled) -> Any:
-    """A ``Doubled`` modulo 1."""
+    """Return a ``Doubled`` modulo 1."""
     total, rest = turns
     return (total - ops.round(total)) + rest
 
 
 def turns_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Number:
-    """nu.centre modulo 1."""
+    """Return nu.centre modulo 1."""
     return reduced(ops, dot(ops, nu, centre))
 
 
 def less_carrier(ops: Any, frame: Any, turns: Any, *xi: Any) -> Number:
-    """Turns without the frame's carrier along a lag, modulo 1."""
+    """Return cycles without the phase of the carrier of the frame along a lag, modulo 1."""
     if not any(frame.carrier):
         return turns
     return turns - turns_to_centre(ops, frame.carrier, *xi)
 
 
 def rotated(ops: Any, turns: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
-    """(cosine - i sine) exp(-2 pi i turns) as (real, imaginary) parts."""
+    """Return (cosine - i sine) exp(-2 pi i turns) as (real, imaginary) parts."""
     c, s = cos_sin_turns(ops, turns)
     return cosine * c - sine * s, -(cosine * s + sine * c)

@@ -44,17 +44,17 @@ _BLOCK = 1 << 18
 
 
 def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
-    """The other site of a pair, along a direction of ``count`` sites.
+    """Return the index of the other site of a pair, along a direction of ``count`` sites.
 
-    ``number``, 0 to 2 count - 2: the sum of both indices, or their difference plus count - 1. In
-    both cases there are count - |number - (count - 1)| pairs, and the waves of a factor are
-    exp(-2 pi i t (index - number/2)) with t = 2 nu.b or upsilon.b.
+    ``number``, 0 to 2 count - 2, is the sum of both indices (``by_mean``), or their difference plus
+    count - 1. In both cases there are count - |number - (count - 1)| pairs, and the waves of a
+    factor are exp(-2 pi i t (index - number/2)) with t = 2 nu.b or upsilon.b.
     """
     return number - index if by_mean else index - number + (count - 1)
 
 
 def _odd(ops: Any, number: Any) -> Number:
-    """1 for odd numbers, 0 for even ones."""
+    """Return 1 for odd numbers, 0 for even ones."""
     return abs(number - 2.0 * ops.round(0.5 * number))
 
 
@@ -77,17 +77,17 @@ class ProfileFactor:
 
     @cached_property
     def means(self) -> _Series:
-        """By index sum, in the order of growing i - j."""
+        """Products of amplitudes by index sum, in the order of growing i - j."""
         return self._mutual(by_mean=True)
 
     @cached_property
     def differences(self) -> _Series:
-        """By difference, in the order of growing i + j."""
+        """Products of amplitudes by index difference, in the order of growing i + j."""
         return self._mutual(by_mean=False)
 
     @cached_property
     def _all(self) -> _Series:
-        """One row: the amplitudes themselves."""
+        """The amplitudes themselves, as one row."""
         return _series(np.array([self.count]), lambda row, k: self._amplitudes[k])
 
     def _mutual(self, by_mean: bool) -> _Series:
@@ -101,7 +101,7 @@ class ProfileFactor:
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
     def at(self, ops: Any, by_mean: bool, number: Any, turns: Any) -> Pair:
-        """The factor of a number of `partner` at t = ``turns``; real for means."""
+        """Return the factor with the number of `partner` at t = ``turns``; real for means."""
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
         if self.profile.is_uniform:
@@ -110,7 +110,7 @@ class ProfileFactor:
         return series.value(ops, number, 2.0 * last, pairs, turns)
 
     def total(self, ops: Any, turns: Any) -> Pair:
-        """sum over i of a_i exp(-2 pi i turns (i - (n - 1)/2)); ``turns`` modulo 2."""
+        """Return sum over i of a_i exp(-2 pi i turns (i - (n - 1)/2)); ``turns`` modulo 2."""
         count = float(self.count) + 0.0 * turns
         if self.profile.is_uniform:
             return Pair(_dirichlet(ops, count, turns), 0.0)
@@ -119,15 +119,15 @@ class ProfileFactor:
 
 @lru_cache(maxsize=64)
 def profile_factor(profile: Profile) -> ProfileFactor:
-    """The factors of a profile, less its factor and its even phase."""
+    """Return the factors of a profile without its constant and its linear phase."""
     return ProfileFactor(profile)
 
 
 def _dirichlet(ops: Any, count: Any, turns: Any) -> Number:
-    """sum_k exp(-2 pi i turns (k - (count - 1)/2)), 0 <= k < count; 0 for count <= 0.
+    """Return sum_k exp(-2 pi i turns (k - (count - 1)/2)) over 0 <= k < count; 0 for count <= 0.
 
-    sin(pi count t)/sin(pi t) with t reduced to half a turn: N t to an ulp of itself, so that the
-    quotient errs by an ulp of N.
+    It is sin(pi count t)/sin(pi t) with t reduced to half a cycle. N t is exact to an ulp of
+    itself, so the quotient errs by an ulp of N.
     """
     floor = 1e-30 if ops.double else 1e-20
     nearest = ops.round(turns)
@@ -142,8 +142,8 @@ def _dirichlet(ops: Any, count: Any, turns: Any) -> Number:
 class _Series:
     """Sums of cosines and sines, with coefficients by row and by term, from the centre outwards.
 
-    In row r, p_k cos(2 pi t m_k) - i q_k sin(2 pi t m_k) with m_k = k or k + 1/2, p and q complex.
-    A table of zeros only is None.
+    Row r is the sum of p_k cos(2 pi t m_k) - i q_k sin(2 pi t m_k) with complex p and q. m_k is k
+    for an odd number of terms, and k + 1/2 for an even number.
     """
 
     packets: int
@@ -152,7 +152,10 @@ class _Series:
     """Real and imaginary part of p, then of q: (rows * packets of a row, terms of a packet)."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, turns: Any) -> Pair:
-        """The sum of a row at ``turns``; 0 for rows that do not exist. ``pairs``: its length."""
+        """Return the sum of a row at ``turns``, or 0 for a row that does not exist.
+
+        ``pairs``: number of pairs of sites, which is the number of terms of the row.
+        """
         exists = (row >= 0.0) & (row <= last)
         # Whole numbers: in float32, those beyond 2^24 (rows of 8200 sites) would be rounded.
         known = ops.select(exists, row, 0.0)
@@ -190,8 +193,8 @@ class _Series:
 class _Basis:
     """Clenshaw's recursion in Reinsch's form for cosines and sines of whole or half multiples.
 
-    Stable where the plain form loses n^2 ulps, at whole turns and at half ones. ``cosine`` and
-    ``sine``: the factors of the last d and of the last b but one.
+    It is stable at whole and half cycles, where the plain form loses n^2 ulps. ``cosine`` and
+    ``sine`` are the factors of the last d and of the last b but one.
     """
 
     def __init__(self, ops: Any, turns: Any, half: Any) -> None:
@@ -213,7 +216,7 @@ class _Basis:
 def _series(
     lengths: NDArray[np.intp], product: Callable[[NDArray[np.intp], NDArray[np.intp]], Complexes]
 ) -> _Series:
-    """Rows of c_k = ``product(row, k)``, 0 <= k < length, about their centres."""
+    """Return the rows c_k = ``product(row, k)``, 0 <= k < length, as sums about their centres."""
     count, terms = len(lengths), (int(lengths.max()) + 1) // 2
     packet = min(terms, _PACKET)
     packets = -(-terms // packet)
@@ -245,7 +248,8 @@ def factor_of(
 ) -> Callable[[Pair2, Pair2], Pair]:
     """Return the factors of midpoints or differences at t = ``turns`` along both directions.
 
-    As a function of steps from the first one and of numbers, along both directions.
+    The returned function takes the steps from the first contributing node and the numbers of
+    `partner`, each along both directions.
     """
     one, two = (
         _remembered(partial(profile.at, ops, by_mean, turns=along))
@@ -255,7 +259,7 @@ def factor_of(
 
 
 def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
-    """``compute`` of the second argument, once for every constant that comes first."""
+    """Cache ``compute(argument)`` by the constant step that is passed with the argument."""
     known: dict[float, Any] = {}
 
     def of(step: Any, argument: Any) -> Any:
@@ -280,7 +284,7 @@ _LEAST_SITES = 16
 
 @dataclass(frozen=True)
 class _Frame:
-    """Phases are relative to the centre of the sites."""
+    """The centre of the sites, to which phases are relative, and the basis of a lattice."""
 
     centre: tuple[phases.Doubled, ...]
     basis: tuple[tuple[float, ...], ...] = ()

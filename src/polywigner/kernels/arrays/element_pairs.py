@@ -48,7 +48,7 @@ Floats = NDArray[np.float64]
 
 
 def is_scattered(array: Array) -> bool:
-    """Whether an array is one element, repeated at enough positions."""
+    """Return whether an array is one element, repeated at enough positions."""
     copies = normal_form(array).lattice
     if copies is None or not isinstance(copies.element.outline, Aperture):
         return False
@@ -60,13 +60,14 @@ def is_scattered(array: Array) -> bool:
 
 @lru_cache(maxsize=64)
 def _tables(array: Array, double: bool, view: View | None) -> PairTables:
-    """The pairs of elements, or without a view each element as a pair with itself, for R.
+    """Return the pairs of elements; without a view (for R) each element as a pair with itself.
 
     Pairs are listed by the midpoint of their centres (``MIRRORED``, for W) or by their difference
     (``BEHIND``, for A). The first element has the first factor of the mutual field.
 
-    Columns: the position in the frame and the vector across it, each component as two floats; the
-    mutual weight; half of the box in which the pair contributes.
+    The columns of a record are: the midpoint (or difference) in the frame and the difference (or
+    midpoint), each component as two floats; the mutual weight (real, imag); and half of the width
+    and height of the box in which the pair contributes.
     """
     copies = normal_form(array).lattice
     assert copies is not None
@@ -107,7 +108,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
 
 
 def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
-    """x and y of vectors, each as a float of the kernel's precision and the rest."""
+    """Return x and y of vectors, each as a float of the kernel's precision and the rest."""
     total, rest = vector
     high = total if double else total.astype(np.float32).astype(np.float64)
     low = (total - high) + rest
@@ -119,10 +120,11 @@ def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
 
 @dataclass(frozen=True, eq=False)
 class PairLists:
-    """Pairs sorted by the cell of a grid in which the region begins where they contribute.
+    """Pairs of elements, sorted by grid cell.
 
-    A region is no larger than a cell, so that the pairs that contribute to a sample begin in its
-    cell or in one of three neighbours: two runs of records.
+    The cell of a pair contains the lower corner of the box in which the pair contributes. Boxes are
+    no larger than cells. So the boxes around a sample begin in its cell or in one of three
+    neighbours, whose records are two runs of the table.
     """
 
     low: tuple[float, float]
@@ -134,7 +136,7 @@ class PairLists:
     records: DeviceTable
 
     def runs(self, ops: Any, x: Any, y: Any) -> Iterator[tuple[Any, Any]]:
-        """The first and the end of the two runs of records for the cell of each point."""
+        """Yield the begin and the end of the two runs of records for the cell of each point."""
         starts = self.starts.in_memory(ops)
         u, v = ((p - low) * s for p, low, s in zip((x, y), self.low, self.scale, strict=True))
         rows, columns = self.counts
@@ -147,7 +149,7 @@ class PairLists:
 
 
 def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
-    """The records sorted into the cells of a grid over the region in which anything contributes."""
+    """Return records sorted by the cells of a grid over the region where any pair contributes."""
     farthest = reach.max(axis=0)
     farthest += _MARGIN * (np.abs(centres).max(axis=0) + farthest)
     low, high = centres.min(axis=0) - farthest, centres.max(axis=0) + farthest
@@ -184,20 +186,20 @@ def _less(ops: Any, value: Any, constant: float) -> phases.Doubled:
 
 
 def _position(ops: Any, frame: Frame, *point: Any) -> Values:
-    """A point relative to the centre, in the frame, as two floats a component."""
+    """Return a point relative to the centre in the frame, each component as two floats."""
     less = (_less(ops, c, m) for c, m in zip(point, frame.centre, strict=True))
     total, rest = (frame.vector(ops, *part) for part in zip(*less, strict=True))
     return _halves(ops, *zip(total, rest, strict=True))
 
 
 def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Values:
-    """A frequency less the carrier, in the frame, as two floats a component."""
+    """Return a frequency less the carrier in the frame, each component as two floats."""
     less = tuple(_less(ops, f, c) for f, c in zip(nu, carrier, strict=True))
     return _halves(ops, *(phases.dot(ops, less, row) for row in frame.inverse_transpose))
 
 
 def _halves(ops: Any, *numbers: phases.Doubled) -> Values:
-    """Each number as two floats, the first one of single precision."""
+    """Return each number as two floats, the first one of single precision."""
     return tuple(half for number in numbers for half in phases.halves(ops, number))
 
 
@@ -229,7 +231,7 @@ def _point(numbers: Sequence[Any]) -> Point:
 
 
 def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
-    """The point relative to the pair's midpoint or difference."""
+    """Return the point relative to the pair's midpoint or difference."""
     (x, x_rest), (y, y_rest) = _point(samples[:4])
     (px, px_rest), (py, py_rest) = _point(record[:4])
     return (x - px) + (x_rest - px_rest), (y - py) + (y_rest - py_rest)
@@ -238,7 +240,7 @@ def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
 def _of_element(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """The contribution of a pair of equal elements; to W only its real part."""
+    """Return the contribution of a pair of equal elements; for W only its real part counts."""
     nu, offset = _point(samples[4:]), _offset(record, samples)
     turns = phases.reduced(ops, phases.dot(ops, nu, _point(record[4:8])))
     factor = Pair(record[8], record[9]) * unit_wave(ops, turns).conjugate()
@@ -251,7 +253,7 @@ def _of_element(
 def _field_of(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """The field of an element."""
+    """Return the field of an element."""
     return Pair(*element_field(ops, element, *_offset(record, samples))) * Pair(*record[8:10])
 
 
@@ -262,15 +264,15 @@ def _sum(
     ops: Any, tables: PairTables, values: int, samples: Values,
     of_pair: Callable[..., Pair] = _of_element,
 ) -> list[Any]:  # fmt: skip
-    """Sum over all pairs, (real, imaginary) or the first alone; NaN arguments give NaN.
+    """Return the sum over all pairs, (real, imaginary) or the first alone; NaN for NaN arguments.
 
-    ``of_pair``: the contribution of a pair, by default to W or A.
+    ``of_pair``: contribution of a pair, by default to W or A.
     """
     view, lists = tables.sites
     records = lists.records.in_memory(ops)
 
     def is_near(row: Any, *samples: Any) -> Mask:
-        """Whether the boxes of both copies meet."""
+        """Return whether the boxes of both copies meet."""
         record = ops.gather(records, row)
         (x, y), (width, height) = _offset(record, samples), record[10:12]
         return (abs(x) < width) & (abs(y) < height)
@@ -297,7 +299,7 @@ def _ambiguity_sum(ops: Any, tables: PairTables, turns: Any, *samples: Any) -> V
 
 
 def _fields(ops: Any, tables: PairTables, turns: Any, *positions: Any) -> Values:
-    """u at both ends of a lag, without the carrier, from the elements around them."""
+    """Return u at both ends of a lag, without the carrier."""
     ends = positions[:4], positions[4:]
     return tuple(part for end in ends for part in _sum(ops, tables, 2, end, _field_of))
 

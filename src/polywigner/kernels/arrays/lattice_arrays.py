@@ -54,7 +54,7 @@ class _Nodes:
     contribute at t if t - h lies in the open interval (low, high)."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
-        """The first node that contributes at a vector, and the vector from there in the frame."""
+        """Return the first node that contributes at a vector, and the vector from there."""
         i, j = (
             0.0 * x + float(start)
             if high - low >= steps  # the element is much larger than the lattice
@@ -66,7 +66,7 @@ class _Nodes:
         return (i, j, *frame.element.vector(ops, *left))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Numbers of steps from the first contributing node, and their vector in the frame."""
+        """Return the steps from the first contributing node, and their vectors in the frame."""
         counts = (
             min(steps, max(1, math.ceil(high - low - _EDGE)))
             for low, high, _, steps in self.windows
@@ -149,7 +149,7 @@ def _lattice(array: Array) -> Lattice | None:
 
 
 def is_on_lattice(array: Array) -> bool:
-    """Whether an array is one element on a lattice, with weights that are a product of two rows."""
+    """Return whether an array is one element on a lattice, with a product of weights."""
     return _lattice(array) is not None
 
 
@@ -168,7 +168,7 @@ def _tables(array: Array, double: bool) -> ArrayTables:
 
 
 def _scaled(profile: Profile) -> ProfileFactor:
-    """The factor of a profile whose constant is not 1 in modulus takes it into its amplitudes."""
+    """Return the factor of a profile, whose amplitudes include the modulus of its constant."""
     size = abs(profile.factor)
     if profile.is_uniform and size == 1.0:
         return profile_factor(profile)
@@ -177,12 +177,12 @@ def _scaled(profile: Profile) -> ProfileFactor:
 
 
 def _site_turns(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
-    """nu.b modulo 1 along both directions."""
+    """Return nu.b modulo 1 along both directions."""
     return [phases.turns_to_centre(ops, b, *nu) for b in frame.basis]
 
 
 def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
-    """First midpoint in half steps, x from there in the element's frame, turns, nu."""
+    """Return the first midpoint in half steps, x from there, cycles per site, and nu."""
     nearest = frame.means.nearest(ops, frame, x - frame.origin[0], y - frame.origin[1])
     turns = _site_turns(ops, frame, nu_x, nu_y)
     along = (t - turn for t, turn in zip(turns, frame.turns, strict=True))
@@ -206,7 +206,7 @@ def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
 def _enter_ambiguity(
     ops: Any, frame: _ArrayFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
-    """Phase of the centre and carrier; first difference, xi from there, cycles, upsilon."""
+    """Return phase, first difference, xi from there, cycles per site, and upsilon."""
     turns = phases.turns_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
     turns = phases.less_carrier(ops, frame, turns, xi_x, xi_y)
     nearest = frame.differences.nearest(ops, frame, xi_x, xi_y)

@@ -21,19 +21,19 @@ ElementTables = Tables | SeparableTables
 
 
 def element_tables(aperture: Aperture, double: bool) -> ElementTables:
-    """The tables of an element, for float64 or float32 kernels."""
+    """Return the tables of an element, for float64 or float32 kernels."""
     return separable_tables(aperture, double) or tables_of(aperture, double)
 
 
 def element_wigner(ops: Any, tables: ElementTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
-    """W(x, nu) in the element's frame."""
+    """Return W(x, nu) in the element's frame."""
     if isinstance(tables, SeparableTables):
         return separable.wigner(ops, tables, x, y, nu_x, nu_y)
     return WIGNER_SUM(ops, tables, x, y, nu_x, nu_y)[0]
 
 
 def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> Pair:
-    """A(upsilon, xi) in the element's frame."""
+    """Return A(upsilon, xi) in the element's frame."""
     if isinstance(tables, SeparableTables):
         cosine, sine = separable.ambiguity(ops, tables, *arguments)
     else:
@@ -42,7 +42,7 @@ def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> Pair:
 
 
 def element_field(ops: Any, tables: ElementTables, x: Any, y: Any) -> tuple[Any, Any]:
-    """(real, imaginary) part of u at a point of the element's frame, less the carrier's phase."""
+    """Return (real, imaginary) part of u in the element's frame, less the carrier's phase."""
     if isinstance(tables, SeparableTables):
         return separable.field(ops, tables, x, y)
     return plane.field(ops, tables, x, y)
@@ -65,13 +65,13 @@ class RepeatedTables(Generic[Element, Sites]):
 
 @dataclass(frozen=True, eq=False)
 class DeviceTable:
-    """A table (rows, columns) that engines send in their memory."""
+    """A table (rows, columns) with copies in the memory of engines."""
 
     values: NDArray[Any]
     copies: dict[Hashable, Any] = field(default_factory=dict)
 
     def in_memory(self, ops: Any) -> Any:
-        """The table in an engine's memory."""
+        """Return the table in an engine's memory."""
         if ops.key not in self.copies:
             self.copies[ops.key] = ops.on_device(self.values)
         return self.copies[ops.key]

@@ -69,7 +69,7 @@ class _Travelling:
     def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
-        """Numbers that all nodes share, and the reach of singularities or their distance.
+        """Return numbers that all nodes share, and the reach of singularities or their distance.
 
         ``moment``: p x (P - Q) at the panel's beginning, by e, -n and z; () of waves along z.
 
@@ -86,7 +86,7 @@ class _Travelling:
         return data, ops.select(is_grazing, _NONE, tilt), None
 
     def closed(self, ops: Any, view: PanelView) -> Pair:
-        """The integral of b'/(N' R), (B4)."""
+        """Return the integral of b'/(N' R), (B4)."""
         beta = view.pz * view.b - view.z * view.across
         sign, begin, end, constant = _ends(ops, view)
         low = begin + (constant + view.pz * view.z)
@@ -99,7 +99,7 @@ class _Travelling:
         along: Any, b: Any, z: Any, across: Any, pz: Any,
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any, *moment: Any,
     ) -> Pair:  # fmt: skip
-        """The integrand times the radius, at t from the panel's beginning."""
+        """Return the integrand times the radius, at t from the panel's beginning."""
         tiny = 1e-300 if ops.double else 1e-37
         # N = R - p.(P - Q), without cancellation if they are parallel
         if moment:
@@ -131,7 +131,7 @@ class _Evanescent:
     def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
-        """See :class:`_Travelling`."""
+        """Return the same data as :class:`_Travelling`."""
         height = view.pz * view.z
         root = ops.exp(-math.pi * height)
         decay = root * root
@@ -146,7 +146,10 @@ class _Evanescent:
         return data, None, ops.select(is_grazing, _NONE * (1.0 + height), height)
 
     def closed(self, ops: Any, view: PanelView) -> Pair:
-        """The integral of b'/(N' R), (B4): a difference of logarithms along two vertical lines."""
+        """Return the integral of b'/(N' R), (B4).
+
+        It is a difference of logarithms along two vertical lines.
+        """
         sign, begin, end, constant = _ends(ops, view)
         lift = view.pz * view.b
         real, imag = 0.0, 0.0
@@ -163,7 +166,10 @@ class _Evanescent:
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any,
         decay: Any, decayed: Any, growth: Any,
     ) -> Pair:  # fmt: skip
-        """The integrand times the radius: N' is the conjugate of N, b' minus the conjugate of a."""
+        """Return the integrand times the radius.
+
+        N' is the conjugate of N, and b' is minus the conjugate of a.
+        """
         path = radius + (s * along + b * across)
         height = q * z
         norm = path * path + height * height
@@ -188,7 +194,10 @@ TRAVELLING, EVANESCENT = _Travelling(), _Evanescent()
 def wave_difference(
     ops: Any, edge: Pair, free: Pair, path: Any, factor: Any = None, lost: Any = None
 ) -> Pair:
-    """E - e, where e = E exp(-2 pi i path) factor, without cancellation; ``lost``: 1 - factor."""
+    """Return E - e without cancellation, where e = E exp(-2 pi i path) factor.
+
+    ``lost``: 1 - factor.
+    """
     close = abs(path) < _CLOSE
     c, d = cos_sin_turns(ops, 0.5 * ops.select(close, path, 0.0))
     if factor is None:
@@ -199,7 +208,7 @@ def wave_difference(
 
 
 def _ends(ops: Any, view: PanelView) -> tuple[Any, Any, Any, Any]:
-    """The sign of ``along``, (1 + |along|) (R +- s) at both ends, and the term of (B4) without q.
+    """Return the sign of ``along``, (1 + |along|) (R +- s) at both ends, and the b term of (B4).
 
     The sign stands in front of s, so that the factor is not 0.
     """
@@ -218,14 +227,22 @@ def spherical_edge(
     ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], edge_point: tuple[Any, ...],
     along: tuple[Any, ...], mirrored: float,
 ) -> tuple[Any, Any, Any]:  # fmt: skip
-    """(real, imaginary) integrand of U/U_incident, times 2 pi, and the detour. Lengths in waves.
+    """Return (real, imaginary) integrand of U/U_incident times 2 pi, and the detour in wavelengths.
 
-    A point source S behind an opening, seen from P. The angle about the axis from S to P and the
-    boundary wave diverge together where the edge meets the axis, the boundary of the shadow: their
+    A point source S behind an opening is seen from P. The angle about the axis from S to P and the
+    boundary wave diverge together where the edge meets the axis, the boundary of the shadow. Their
     sum stays smooth there. Source: (B9).
 
-    ``edge_point``: on an edge of direction ``along`` (x, y) in the plane z = 0, between the point
-    and the source; ``mirrored``: the factor of the field at the point's mirror image.
+    Parameters
+    ----------
+    source, point : tuple of arrays
+        Coordinates (x, y, z) of S and P in wavelengths.
+    edge_point : tuple of arrays
+        Coordinates (x, y) on an edge in the plane z = 0, between the point and the source.
+    along : tuple of arrays
+        Direction (x, y) of the edge.
+    mirrored : float
+        Factor of the field at the mirror image of the point.
     """
     path = _Path(ops, source, point, (*edge_point, 0.0), (*along, 0.0))
     real, imag = path.smooth(ops)
@@ -241,7 +258,7 @@ def spherical_edge(
 
 
 def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Number:
-    """The angle by which a straight edge turns about the axis from a source to a point."""
+    """Return the angle by which a straight edge turns about the axis from a source to a point."""
     axis = difference(point, source)
     inverse = 1.0 / ops.sqrt(dot(axis, axis))
     axis = tuple(a * inverse for a in axis)
@@ -251,7 +268,7 @@ def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point)
 
 
 def _across(axis: Point, vector: Point) -> Point:
-    """The part of a vector perpendicular to a unit vector."""
+    """Return the part of a vector perpendicular to a unit vector."""
     along = dot(axis, vector)
     return tuple(v - along * a for v, a in zip(vector, axis, strict=True))
 
@@ -319,7 +336,7 @@ class _EdgePaths:
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def angle(self, ops: Any, limit: float) -> Number:
-        """Angle about the axis that the edge subtends, in the plane of roots up to a limit."""
+        """Return the angle that the edge subtends about the axis, for roots up to a limit."""
         low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
         # near the boundary of the shadow the root of the detour is a product, without cancellation
         steep = ops.sqrt(2.0 / (self.both * self.total * ops.maximum(self.closing, 1.0)))
@@ -337,17 +354,27 @@ def edge_wave(
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
     blocked: Any = None,
 ) -> tuple[Any, Any]:  # fmt: skip
-    """(real, imaginary) boundary wave of a straight edge over the free one, times 2 pi. (SB3).
+    """Return the (real, imaginary) boundary wave of a straight edge over the free wave, times 2 pi.
 
-    The integral of a point source's wave along a directed edge of a silhouette, in waves. With v
-    the root of the detour beyond the least it is one of exp(2 pi i v^2) times a smooth even
-    function, whose poles at the shadow's boundary are taken out in closed form. Beyond
-    ``rule.turns`` the path of integration turns into the complex plane, where the wave decays.
+    It is the integral of the wave of a point source along a directed edge of a silhouette. With v
+    the root of the detour beyond the least detour, it is an integral of exp(2 pi i v^2) times a
+    smooth even function. The poles of that function at the boundary of the shadow are taken out in
+    closed form. Beyond ``rule.turns`` the path of integration turns into the complex plane, where
+    the wave decays. Source: (SB3).
 
-    ``aside``: a position next to the point, which decides on which side of the shadow boundary the
-    point is. ``when``: (condition, compute, arguments) -> computed numbers; zeros if the condition
-    is false. ``blocked``: 1 where another surface is in front of the boundary of the shadow, 0
-    where none is, or between. There the step of the wave at this boundary is left out (SB5).
+    Parameters
+    ----------
+    rule : EdgeRule
+        Nodes along the edge and beyond.
+    source, point, start, end : tuple of arrays
+        Coordinates of the point source, the observer and both ends of the edge, in wavelengths.
+    aside : tuple of arrays, optional
+        Position next to the point that decides on which side of the shadow boundary the point is.
+    when : callable, optional
+        (condition, compute, arguments) -> computed numbers, and zeros if the condition is false.
+    blocked : array, optional
+        1 if another surface is in front of the boundary of the shadow, 0 if there is none, or
+        between. The step of the wave at this boundary is left out where it is 1, (SB5).
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
@@ -369,7 +396,7 @@ def edge_wave(
     tiny = 1e-300 if ops.double else 1e-37
 
     def near_foot(low: Any, high: Any) -> tuple[Any, Any]:
-        """The sum of the wave less its pole."""
+        """Return the sum of the wave less its pole."""
         scale = ops.sqrt(ops.minimum(foot, 4.0 * rule.turns))
         first, last = (
             inverse_sinh(ops, v, ops.sqrt(v * v + 1.0)) for v in (low / scale, high / scale)
@@ -389,7 +416,7 @@ def edge_wave(
         return size * real, size * imag
 
     def beyond(v: Any) -> tuple[Any, Any]:
-        """The sum from v on, where the wave decays if v turns into the complex plane."""
+        """Return the sum from v on, where the wave decays if v turns into the complex plane."""
         q = v * v
         total = Pair(0.0, 0.0)
         for y, weight in rule.tails:
@@ -404,7 +431,7 @@ def edge_wave(
         return -wave.imag, wave.real
 
     def outside(start: Any, end: Any) -> tuple[Any, Any]:
-        """Sums beyond the limit, as far as the ends of the edge."""
+        """Return sums beyond the limit, as far as the ends of the edge."""
         rim = beyond(0.0 * start + limit)
         real, imag = 0.0, 0.0
         for sign, v in ((-1.0, start), (1.0, end)):
@@ -431,7 +458,7 @@ def edge_wave_and_rate(
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
     blocked: Any = None,
 ) -> tuple[Pair, Pair]:  # fmt: skip
-    """The boundary wave of :func:`edge_wave`, and its derivative in the z of the source."""
+    """Return the boundary wave of :func:`edge_wave`, and its derivative in the z of the source."""
     jets = JetOperations(ops)
     (height,) = jets.variables(source[2:])
     point, start, end = (jets.constants(some) for some in (point, start, end))
@@ -443,7 +470,7 @@ def edge_wave_and_rate(
 
 
 def path_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -> tuple[Any, Any]:
-    """Detour of the shortest path over a straight edge, and cosine of the angle it bends by."""
+    """Return the detour of the shortest path over a straight edge, and the cosine of its bend."""
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
     inverse = 1.0 / length
@@ -467,13 +494,13 @@ def path_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -
 
 
 def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:
-    """The inverse of sinh, with cosh of the result given."""
+    """Return the inverse of sinh, with cosh of the result given."""
     logarithm = ops.log(abs(sinh) + cosh)
     return ops.select(sinh < 0.0, -logarithm, logarithm)
 
 
 def _root(ops: Any, z: Pair) -> Pair:
-    """Root of a number right of the imaginary axis."""
+    """Return the square root of a number to the right of the imaginary axis."""
     real = ops.sqrt(0.5 * (ops.sqrt(z.real * z.real + z.imag * z.imag) + z.real))
     return Pair(real, 0.5 * z.imag / real)
 
@@ -501,7 +528,7 @@ class _Path:
         self.turn = dot(self.ahead, r) * self.axis
 
     def smooth(self, ops: Any) -> tuple[Any, Any]:
-        """The angle less the boundary wave; on the axis both diverge."""
+        """Return the angle less the boundary wave; on the axis both diverge."""
         c, s = cos_sin_turns(ops, self.detour)
         c2, s2 = cos_sin_turns(ops, 0.5 * self.detour)
         slope = 4.0 * math.pi / (self.inner * self.both) * sinc(ops, self.detour)

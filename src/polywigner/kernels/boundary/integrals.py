@@ -45,7 +45,7 @@ _FARTHEST = 1e30
 def point_in_wavelengths(
     ops: Any, centre: tuple[float, float], wavelength: float, x: Any, y: Any, z: Any
 ) -> tuple[Doubled, Doubled, Doubled]:
-    """(x, y, z) less the centre, over the wavelength. ``ops``: of float64."""
+    """Return (x, y, z) less the centre, over the wavelength. ``ops``: of float64."""
     scale = phases.doubled(1 / Fraction(wavelength))
     # most sources are centred at the origin
     aside = (
@@ -57,7 +57,7 @@ def point_in_wavelengths(
 
 
 def distance_of(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
-    """sqrt(x^2 + y^2 + z^2) by one step of Newton's method from its nearest float."""
+    """Return sqrt(x^2 + y^2 + z^2) by one step of Newton's method from its nearest float."""
     highs = tuple(high for high, _ in point)
     root = ops.sqrt(sum(high * high for high in highs))
     total, rest = phases.dot(ops, (*highs, -root), (*highs, root))
@@ -68,7 +68,7 @@ def distance_of(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
 
 
 def paraxial_distance(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
-    """z + (x^2 + y^2)/(2 z), Fresnel's distance."""
+    """Return z + (x^2 + y^2)/(2 z), Fresnel's distance."""
     (x, x_low), (y, y_low), (z, z_low) = point
     rise = (x * x + y * y) / (2.0 * z)
     total, rest = phases.dot(ops, (x, y, -rise), (x, y, 2.0 * z))
@@ -112,9 +112,10 @@ class BoundaryTables:
 
 
 def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -> Values:
-    """Coordinates and distance from the centre in two floats each; turns of that; accuracy.
+    """Return the coordinates and the distance from the centre, its cycles modulo 1, and the digits.
 
-    ``digits``: minus the natural logarithm of the error allowed.
+    Each coordinate and the distance are two floats. ``digits``: minus the natural logarithm of the
+    allowed error.
     """
     point = point_in_wavelengths(ops, frame.centre, frame.wavelength, x, y, z)
     distance = (paraxial_distance if frame.paraxial else distance_of)(ops, point)
@@ -124,19 +125,19 @@ def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -
 
 
 def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
-    """The field with the phase of the distance from the centre, and its error."""
+    """Return the field with the phase of the distance from the centre, and its error."""
     real, imag, error = sums
     cosine, sine = cos_sin_turns(ops, inner[8])
     return real * cosine - imag * sine, real * sine + imag * cosine, error
 
 
 def leave_phase(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
-    """The field without the phase of the distance from the centre, and its error."""
+    """Return the field without the phase of the distance from the centre, and its error."""
     return sums
 
 
 def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """(real part, imaginary part, error) of the field but for the phase of the distance."""
+    """Return (real part, imaginary part, error) of the field but for the phase of the distance."""
     totals: Values = ()
     for wave, flag in ((TRAVELLING, 0.0), (EVANESCENT, 1.0)):
         rows = [row[:-1] for row in tables.edges if row[-1] == flag]
@@ -156,7 +157,7 @@ def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
 def _panel(
     ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> Values:
-    """One panel's part of the field of one wave, and its error."""
+    """Return the contribution of one panel to the field of one wave, and its error."""
     x, y, ex, ey, length, *cosines, start, _, _ = row
     px, _, py, _, pz, _ = cosines
     # in float32 these sums are the first parts again
@@ -189,7 +190,7 @@ def _panel(
 
 
 def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
-    """p x (P - Q) at a panel's beginning, by e, -n and z.
+    """Return p x (P - Q) at a panel's beginning, by e, -n and z.
 
     Far along p its terms are large, and their differences are not.
     """
@@ -213,7 +214,7 @@ def sums_over_panel(
     ops: Any, rules: Rules, view: PanelView, bounds: tuple[Any, Any, Any],
     node: Callable[..., Values], values: int, *data: Any,
 ) -> tuple[Values, Values]:  # fmt: skip
-    """Sums of ``node`` over a rule in the length along a panel, or close to it in the angle.
+    """Return sums of ``node`` over a rule in the length along a panel, or close to it in the angle.
 
     ``bounds``: sine and depth, by which singularities are known, and digits. ``node`` takes (t, s,
     radius, d(t)/radius over the rule's own step, weights, *data). Also the errors expected.
@@ -228,7 +229,7 @@ def sums_over_panel(
     def far_node(
         at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, foot2: Any, *data: Any
     ) -> Values:
-        """A node in the length t along the panel."""
+        """Return a node in the length t along the panel."""
         t = half * (1.0 + at)
         s = first + t
         radius = ops.sqrt(s * s + foot2)
@@ -238,7 +239,7 @@ def sums_over_panel(
         at: Any, w: Any, v1: Any, v2: Any,
         middle: Any, span: Any, away: Any, first: Any, *data: Any,
     ) -> Values:  # fmt: skip
-        """A node in v, s = away sinh v, where radius = away cosh v and dt/radius = dv."""
+        """Return a node in v, s = away sinh v, where radius = away cosh v and dt/radius = dv."""
         grown = ops.exp(middle + span * at)
         shrunk = 1.0 / grown
         s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
@@ -289,17 +290,18 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
 
 
 def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
-    """Turns whose rounding counts: of a source's size, and the distance's rest beyond two floats.
+    """Return the cycles whose rounding contributes to the error.
 
-    The latter is common to all panels, and so is lost on fields far outside of a shadow's pattern,
-    but for the share ``slope`` that lies along the plane.
+    These are the size of the source, and the part of the distance beyond two floats. The latter is
+    common to all panels. It is therefore lost in fields far outside the pattern of a shadow, except
+    for the fraction ``slope`` that lies along the plane.
     """
     ulp = 2.0**-52 if ops.double else 2.0**-23
     return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
 
 
 def _weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
-    """A panel's integral times the wave's amplitude, and its error."""
+    """Return a panel's integral times the wave's amplitude, and its error."""
     r, i = row[-2:]
     return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
 
@@ -309,16 +311,16 @@ def _square_along(row: Values, inner: Values) -> tuple[Any, Any]:
 
 
 def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
-    """radius^2 - distance^2 at a panel's beginning for a point over (x, y), and its slope there.
+    """Return radius^2 - distance^2 at the begin of a panel for a point over (x, y), and its slope.
 
-    At t along the panel it is constant + t (slope + t).
+    At t along the panel the difference is constant + t (slope + t).
     """
     constant = begin_x * (begin_x - 2.0 * x) + begin_y * (begin_y - 2.0 * y)
     return constant, 2.0 * (ex * (begin_x - x) + ey * (begin_y - y))
 
 
 def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
-    """The point relative to the panel's beginning, each component in two floats."""
+    """Return the point relative to the panel's beginning, each component in two floats."""
     offset = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
         rounded, lost = phases.difference(high, origin)
@@ -327,7 +329,7 @@ def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
 
 
 def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
-    """The unobstructed wave at the point, relative to the phase of the distance.
+    """Return the unobstructed wave at the point, relative to the phase of the distance.
 
     ``cosines``: pairs of floats; without the last pair, as if the point were in the plane.
     """
@@ -342,7 +344,7 @@ def edge_wave(
     ops: Any, t: Any, radius: Any,
     constant: Any, slope: Any, distance: Any, along: Any, start: Any,
 ) -> Pair:  # fmt: skip
-    """The wave at t along the panel, its phase relative to the distance's."""
+    """Return the wave at t along the panel, its phase relative to the distance's."""
     turns = (constant + t * (slope + t)) / (radius + distance) + along * t + start
     return unit_wave(ops, turns)
 
@@ -352,7 +354,7 @@ _NO_SINGULARITY = 100.0
 
 
 def fresnel_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """(real part, imaginary part, error) of the field but for the phase of the distance."""
+    """Return (real part, imaginary part, error) of the field but for the phase of the distance."""
     oblique = any(row[5] or row[7] for row in tables.edges)
 
     def term(*row: Any) -> Values:

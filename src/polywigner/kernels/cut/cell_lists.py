@@ -66,7 +66,7 @@ class _Cells:
 
     @classmethod
     def of(cls, reach: Array, across: int) -> _Cells:
-        """Cells for |T| within ``reach`` (2,), at least ``across`` along the longer side."""
+        """Return cells for |T| within ``reach`` (2,), at least ``across`` along the longer side."""
         size = 2.0 ** math.floor(math.log2(2.0 * float(reach.max()) / across))
         nx, ny = (2 * (math.floor(float(r) / size) + 1) for r in reach)
         return cls(size, nx, ny)
@@ -86,9 +86,9 @@ class _Cells:
 
 @lru_cache(maxsize=256)
 def cells_across(first: Outline, second: Outline, samples: int) -> int:
-    """Return the number of cells along the longer side for a number of samples.
+    """Return the number of cells along the longer side of the plane of offsets.
 
-    Finer cells take longer to list, and more memory.
+    Finer cells have shorter lists, but take longer to build and more memory.
     """
     size, outlines = float(_reach(first, second).max()), (first, second)
     perimeters = [float(np.hypot(*(o.edges[:, 2:4] - o.vertices).T).sum()) for o in outlines]
@@ -108,7 +108,7 @@ def cells_across(first: Outline, second: Outline, samples: int) -> int:
 def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     """Return the pairs of edges of the first outline and of copies {T - p} of the second, by cells.
 
-    For W the second outline is the first one; for A it is the first one rotated by half a turn, so
+    For W the second outline is the first one. For A it is the first one rotated by half a turn, so
     that its copy is shifted.
     """
     cells = _Cells.of(_reach(first, second), across)
@@ -140,13 +140,13 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
 
 
 def _reach(first: Outline, second: Outline) -> Array:
-    """The largest |T_x| and |T_y| at which copies meet."""
+    """Return the largest |T_x| and |T_y| at which copies meet."""
     sizes = (np.abs(outline.vertices).max(axis=0) for outline in (first, second))
     return np.asarray(np.maximum(sum(sizes), 1e-300))
 
 
 def _leads(outline: Outline, far: float) -> Array:
-    """(2 rings, 8) lines to the first vertex of each ring, from the left and from the right.
+    """Return (2 rings, 8) lines to the first vertex of each ring, from the left and from the right.
 
     The left one begins outside of the other copy where T_x >= 0, the right one where T_x < 0.
     """
@@ -160,7 +160,7 @@ def _leads(outline: Outline, far: float) -> Array:
 def _rows_of_cells(
     outline: Outline, cells: _Cells, edges: Array, others: Array
 ) -> Iterator[tuple[tuple[Array, ...], ...]]:
-    """(cell, row, level) of the edges inside the other copy, and of the other rows, by blocks.
+    """Yield the edges inside the other copy and the other rows, as (cell, row, level), by blocks.
 
     Levels are valid at the centre of a cell. The level of the start of an edge changes within the
     cell only if both that edge and the one before it have pairs there.
@@ -211,7 +211,7 @@ def _rows_of_cells(
 def _other_rows(
     pairs: tuple[Array, Array, Array], starts: Array, changes: Array, level: Array, null: int
 ) -> tuple[Array, Array, Array]:
-    """(cell, row, level) of all pairs, along the rings, and of edges whose start changes level."""
+    """Return (cell, row, level) of pairs along the rings and of edges with changing levels."""
     at, i, j = pairs
     count = changes.shape[1]
     # if the level of a ring's first vertex changes, the crossings on the line to the ring set it
@@ -241,9 +241,9 @@ def _other_rows(
 
 
 def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
-    """The numbers of levels, equal ones up to rounding as one, and the table of all levels.
+    """Return the index of each level in a table, and that table.
 
-    ``unit``: the largest modulus of a weight.
+    Levels that are equal up to rounding are one entry. ``unit``: largest modulus of a weight.
     """
     unit = float(unit) or 1.0
     scaled = np.rint(np.append(0.0, level) * (_LEVELS / unit))
@@ -254,14 +254,14 @@ def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
 
 
 def _table(edge: Array, other: Array | int, how: Array | int) -> Array:
-    """Rows of the lists, without the numbers of levels."""
+    """Return rows of the lists, without the indices of levels."""
     rows = np.zeros((len(edge), 4), np.uint32)
     rows[:, 0], rows[:, 1], rows[:, 2] = edge, other, how
     return rows
 
 
 def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
-    """Starts and vectors of some edges, whose differences on the grid are exact."""
+    """Return starts and vectors of some edges; differences on the grid are exact."""
     ax, ay, bx, by = (column.take(number) for column in edges.T[:4])
     return ax, ay, bx - ax, by - ay
 
@@ -269,7 +269,7 @@ def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
 def _meeting(
     cells: _Cells, edges: Array, others: Array, count: int
 ) -> Iterator[tuple[Array, Array, Array]]:
-    """(cell, edge, other edge) wherever the parallelogram of two edges meets a cell; by blocks.
+    """Yield (cell, edge, other edge) for cells that meet the parallelogram of two edges, by blocks.
 
     Edges from ``count`` on are lines from the left and the right, each for its half of the cells.
     """
@@ -300,7 +300,7 @@ def _meeting(
 
 
 def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, cell: Array) -> Array:
-    """Whether cells meet the parallelograms of pairs whose bounding boxes they meet."""
+    """Return whether cells meet the parallelograms of pairs whose bounding boxes they meet."""
     e, f, centre = b - a, d - c, 0.5 * (a + b + c + d).reshape(-1, 2)
     half = 0.5 * cells.size
     x, y = np.subtract(cells.centre(cell), centre.take(pair, axis=0).T)
@@ -315,7 +315,7 @@ def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, ce
 
 
 def _touches(cells: _Cells, edge: Any, other: Any, x: Array, y: Array) -> Array:
-    """Whether cells meet the segment of offsets at which the first edge starts on the other one."""
+    """Return whether cells meet the offsets for which the first edge starts on the other edge."""
     (ax, ay, _, _), (cx, cy, fx, fy) = edge, other
     half = 0.5 * cells.size
     px, py = x - (ax + cx + 0.5 * fx), y - (ay + cy + 0.5 * fy)

@@ -53,7 +53,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Edge:
-    """A boundary edge from a to a + e, the polygon to its left."""
+    """A boundary edge from a to a + e, with the polygon to its left."""
 
     ax: Any
     ay: Any
@@ -147,7 +147,7 @@ def _sides(polygon: Floats) -> list[list[float]]:
 
 
 def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
-    """Index of the line of a side, the same for both directions, and 1 or -1."""
+    """Return index of the line of a side, the same for both directions, and 1 or -1."""
     ax, ay, ex, ey = side
     if ey > 0 or (ey == 0 and ex > 0):
         return lines.setdefault(Line(ex, ey, ax, ay), len(lines)), 1
@@ -173,7 +173,7 @@ AHEAD = View(offset=+1, point=+1)
 
 
 class Clipper:
-    """Cut of edges for one vector T = 2x or xi; edges and views share their terms.
+    """Cuts of edges for one vector T = 2x or xi; edges and views share their terms.
 
     Edges are constants, so that parallel edges are recognised while tracing.
     """
@@ -189,7 +189,7 @@ class Clipper:
     def sum_over_edges(
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0, other: int = 0
     ) -> tuple[Any, ...]:
-        """The sums of the ``values`` values of ``term(edge)`` over the edges of a group.
+        """Return the sums of the ``values`` values of ``term(edge)`` over the edges of a group.
 
         A group contains the elements with one field. They are cut by the elements of ``other``.
         """
@@ -209,7 +209,7 @@ class Clipper:
         return value
 
     def level(self, line: Line) -> Number:
-        """cross(direction, T), with one product only for a direction along an axis."""
+        """Return cross(direction, T), with one product only for a direction along an axis."""
         key = (line.dx, line.dy)
         if key not in self._levels:
             x, y = self.tx * -line.dy, self.ty
@@ -222,11 +222,10 @@ class Clipper:
     def intervals(
         self, edge: Edge, view: View, group: int = 0
     ) -> Iterator[tuple[Any, Any, Any, Any]]:
-        """(t0 + t1, t1 - t0, real, imag) of the edge inside each piece of a group.
+        """Yield (t0 + t1, t1 - t0, real, imag) of the edge inside each piece of a group.
 
-        t1 - t0 = 0 if the edge lies outside. real + i imag is the weight in
-        u(x + xi/2) u*(x - xi/2); edges of the copy AHEAD bound the second factor, all others the
-        first.
+        t1 - t0 is 0 if the edge lies outside. real + i imag is the weight in u(x + xi/2) u*(x -
+        xi/2). Edges of the copy AHEAD bound the second factor, all other edges the first factor.
         """
         cuts: dict[int, Any] = {}
         for piece in (piece for piece in self.pieces if piece.group == group):
@@ -263,7 +262,7 @@ class Clipper:
         return low + high, length
 
     def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Number:
-        """t where the edge meets the line of the other copy."""
+        """Return t where the edge meets the line of the other copy."""
         scale = -view.point / slope
         size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
         if slope**2 < _NEARLY_PARALLEL**2 * size:
@@ -273,7 +272,7 @@ class Clipper:
         return self.ops.fma(self.level(line), view.offset * scale, start * scale)
 
     def _exact_distance(self, edge: Edge, line: Line, view: View) -> Number:
-        """Distance of the edge's start left of the line, from exact differences, to one ulp."""
+        """Return the distance of the edge's start to the left of the line, to one ulp."""
         s, sign = view.offset, view.point
         dx = s * self.tx + (sign * edge.ax - line.px)
         dy = s * self.ty + (sign * edge.ay - line.py)

@@ -38,7 +38,7 @@ Array = npt.NDArray[Any]
 class Outline:
     """The elements of a source that have one field: rings of vertices on a grid, in its frame.
 
-    On the grid sums and differences of an offset and two vertices are exact, so that the side of an
+    On the grid, sums and differences of an offset and two vertices are exact. So the side of an
     edge on which a vertex lies is decided as in exact arithmetic (docs/theory/edges.md, (K2)).
     """
 
@@ -72,7 +72,7 @@ class Outline:
 
 @lru_cache(maxsize=128)
 def outline_of(tables: Tables, group: int, double: bool) -> Outline:
-    """The elements with one of the fields of a source, for float64 or float32 kernels."""
+    """Return the elements with one of the fields of a source, for float64 or float32 kernels."""
     mine = tables.names[:, 3] == group
     names = np.zeros((int(mine.sum()), 4), np.uint32)
     names[:, :3] = tables.names[mine, :3]
@@ -91,7 +91,7 @@ def outline_of(tables: Tables, group: int, double: bool) -> Outline:
 
 @dataclass(frozen=True, eq=False)
 class PairGrid:
-    """Lists by cells, as tables of NumPy or of an engine."""
+    """Lists of edges and pairs of edges by cells, as tables of NumPy or of an engine."""
 
     numbers: Any
     """(1, 8) lower and upper corner of the cells, cells in a unit, in a row, in all; the step."""
@@ -145,7 +145,7 @@ class PairGrid:
         return sum(getattr(self, part.name).nbytes for part in fields(self))
 
     def on_device(self, send: Callable[[Array], Any]) -> PairGrid:
-        """The grid with its tables in an engine's memory."""
+        """Return the grid with its tables in an engine's memory."""
         tables = {f.name: getattr(self, f.name) for f in fields(self)}
         # engines do not read from empty arrays
         return replace(self, **{k: send(v if len(v) else _NONE) for k, v in tables.items()})
@@ -156,7 +156,7 @@ _NONE = np.zeros((1, 4), np.uint32)
 
 @dataclass(frozen=True, eq=False)
 class HostGrid:
-    """The lists of a :class:`PairGrid` with points as complex numbers."""
+    """The lists of a :class:`PairGrid` for NumPy, with points as complex numbers."""
 
     low: complex
     """The lower corner of the cells."""
@@ -188,7 +188,7 @@ _SLANTED = 1 / 16
 
 
 def cells_at(grid: HostGrid, t: Array) -> Array:
-    """The indices of the cells of offsets ``t`` (n,), including cells of the border."""
+    """Return the indices of the cells of offsets ``t`` (n,), including cells of the border."""
     (rows, across), position = grid.shape, (t - grid.low) * grid.per_unit
     column = np.fmin(np.fmax(np.floor(position.real), -1.0), across)
     row = np.fmin(np.fmax(np.floor(position.imag), -1.0), rows)
@@ -196,7 +196,7 @@ def cells_at(grid: HostGrid, t: Array) -> Array:
 
 
 def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
-    """The rows (k, 4) of the cells of offsets ``t`` (n,), and the number of each one's offset."""
+    """Return the rows (k, 4) of the cells of offsets ``t`` (n,), and the offset index of each."""
     spans = grid.cells.take(cells_at(grid, t), axis=0)
     begin, counts = spans[:, 0], spans[:, 2] - spans[:, 0]
     owner = np.arange(len(t)).repeat(counts)
@@ -207,13 +207,27 @@ def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
 def cut_edges(
     grid: HostGrid, row: Array, owner: Array, t: Array, side: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Last parts of edges, from a crossing to the end, for the slices of offsets ``t``.
+    """Return the last parts of edges, from a crossing to the end, for the slices of offsets ``t``.
 
-    ``t`` (n,): complex, on the grid.
+    Parameters
+    ----------
+    row, owner : ndarray
+        Rows of the lists and the index of the offset of each, as `rows_at` returns them.
+    t : ndarray, shape (n,)
+        Complex offsets on the grid.
+    side : float
+        1 or -1, the sign of the displacement of T that decides ties.
 
-    ``row``, ``owner``: as of :func:`rows_at`. Returns the number of the offset of each part, in
-    ascending order; its edge, rows of ``grid.first``; its share of the edge's length; and the
-    weight of the edge times the conjugate of the level there. Signs of cross products are exact.
+    Returns
+    -------
+    tuple of ndarray, each of shape (k,)
+        Index of the offset of each part, in ascending order; its edge, rows of ``grid.first``; its
+        fraction of the length of the edge; and the weight of the edge times the conjugate of the
+        level there.
+
+    Notes
+    -----
+    The signs of cross products are exact.
     """
     number, other, how, level_of = row.T
     edge, against = grid.first.take(number, axis=0), grid.second.take(other, axis=0)
@@ -254,7 +268,7 @@ def cut_edges(
 
 
 def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
-    """The weights of edges times the conjugate of levels."""
+    """Return the weights of edges times the conjugate of levels."""
     if grid.is_uniform:
         return level
     weights = edge[:, 3] if level.dtype.kind == "c" else edge[:, 3].real
@@ -272,11 +286,13 @@ def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> 
 def crossing(
     ops: Any, edge: Any, other: Any, tx: Any, ty: Any, side: float = 1.0
 ) -> tuple[Any, Any, Any, Any]:
-    """Whether an edge crosses one of the other copy, whether to its left, and its levels.
+    """Return whether an edge crosses an edge of the other copy, and the levels of its ends.
 
-    Edges are given by their starts and vectors.
-    Levels are the distances of its ends to the left of the other edge's line, which it crosses at
-    ``start / (start - end)``. Cross products of ``ops`` are exact in sign.
+    Edges are given by their starts and vectors. The results are: whether the edges meet; whether
+    the first edge enters the left side of the other edge; and the levels of the start and the end
+    of the first edge. Levels are distances to the left of the line of the other edge, times its
+    length. The first edge crosses that line at ``start / (start - end)``. Cross products of ``ops``
+    have exact signs.
 
     ``side``: 1 or -1, the sign of the displacement of T that decides ties.
     """
@@ -291,10 +307,10 @@ def crossing(
 
 
 def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Number:
-    """The level cross(e, T - p) above which p counts as left of e: 0, or just below.
+    """Return the level cross(e, T - p) above which p counts as left of e: 0, or just below.
 
-    Ties are decided as if T were displaced by side (eps, -eps^2). No level on the grid is as near
-    to 0.
+    Ties are decided as if T were displaced by side (eps, -eps^2). No other level on the grid is as
+    close to 0.
     """
     limits = (-NO_LEVEL, 0.0) if side > 0.0 else (0.0, -NO_LEVEL)
     return ops.select((ey < 0.0) | ((ey == 0.0) & (ex < 0.0)), *limits)

@@ -30,7 +30,7 @@ _MOST_BYTES = 1 << 27
 
 
 def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairGrid:
-    """Return the lists of pairs of edges for a number of samples; the latest lists are cached."""
+    """Return the lists of pairs of edges for a number of samples; recent lists are cached."""
     view, group, other = key
     first, second = (outline_of(tables, number, double) for number in (group, other))
     second = second if view is MIRRORED else second.turned
@@ -51,7 +51,7 @@ _cached: deque[tuple[dict[Any, Any], Hashable, int]] = deque()
 
 
 def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
-    """The index of the cell of an offset on the grid; outside of all cells, of an empty one."""
+    """Return the index of the cell of an offset on the grid, or of an empty cell outside."""
     x0, y0, x1, y1, per_unit, across, empty, _ = ops.gather(pair.numbers, ops.truncated(0.0))
     inside = (tx >= x0) & (tx < x1) & (ty >= y0) & (ty < y1)
     column, row = (
@@ -62,7 +62,7 @@ def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
 
 
 class PairClipper(Clipper):
-    """Cuts the edges that are on the lists of a sample's cell."""
+    """Cuts of the edges on the lists of the cell of each sample."""
 
     def __init__(
         self,
@@ -74,7 +74,10 @@ class PairClipper(Clipper):
         arguments: tuple[Any, ...] = (),
         pairs: Mapping[Pass, PairGrid] | None = None,
     ) -> None:
-        """``pairs``: lists in the engine's memory, instead of the lists of the tables."""
+        """Set up the cuts of one vector T.
+
+        ``pairs``: lists in the memory of the engine, instead of the lists of the tables.
+        """
         self.ops, self.tables = ops, tables
         self.views, self.arguments, self.pairs = views, arguments, pairs
         *_, step = ops.gather(self._grid((views[0], 0, 0)).numbers, ops.truncated(0.0))
@@ -110,7 +113,7 @@ class PairClipper(Clipper):
     def _sums(
         self, view: View, grid: PairGrid, term: Callable[[Edge], Level], values: int
     ) -> Iterator[Level]:
-        """Sums over the edges of one copy: those inside the other copy, and the other rows."""
+        """Yield the sum over the edges inside the other copy, and the sum over the other rows."""
         ops, tables, count = self.ops, self.tables, 2 if self.tables.phased else 1
         tx, ty = view.side * self.tx, view.side * self.ty
 
@@ -118,7 +121,7 @@ class PairClipper(Clipper):
             return tuple(ops.gather(grid.levels, number)[:count])
 
         def last_part(number: Any, edge: Any, fraction: Any, level: Level) -> Level:
-            """The term of the last part of an edge, a fraction of its length, at a level."""
+            """Return the term of the last part of an edge, a fraction of its length, at a level."""
             ax, ay, ex, ey, _, real, imag, _ = edge or ops.gather(grid.first, number)
             begin, end, _, _ = ops.gather(grid.names, number)
             weight, phase = tables.mutual(real, imag, *level, *(0.0,) * (2 - count))

@@ -21,10 +21,11 @@ from polywigner.numerics.phases import sin_turns, sinc_less_one
 
 
 def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
-    """sinc(l) sin(2 pi m) and sinc(l) cos(2 pi m) - 1, for half of l and m in turns.
+    """Return sinc(l) sin(2 pi m) and sinc(l) cos(2 pi m) - 1, for ``half`` = l/2 and m in cycles.
 
-    The second without cancellation where both are near 1. Series of sinc - 1 below a quarter
-    turn: first omitted term 0.62^9/19! = 1e-19, in float32 0.62^6/13! = 9e-12.
+    The second number does not cancel if both factors are near 1. The series of sinc - 1 is used
+    below a quarter of a cycle; its first omitted term is 0.62^9/19! = 1e-19, in float32 0.62^6/13!
+    = 9e-12.
     """
     small = abs(half) < 0.125
     series = sinc_less_one(ops, ops.select(small, 2.0 * half, 0.0), 8 if ops.double else 5)
@@ -40,9 +41,9 @@ def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
 def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
     """Return a frequency, or a slightly larger one if its square would underflow.
 
-    Changes a transform by the floor times the diameter, far below rounding. Terms are of the order
-    of the square; what rounding loses of their sum, 6e-8 of it and less, must not underflow either:
-    at 1e-16, compiled kernels took it for 0 and errors were eight times as large.
+    The change of a transform is the floor times the diameter, far below rounding. Terms are of the
+    order of the square of the frequency. The rounding of their sum, at most 6e-8 of it, must not
+    underflow either: with a floor of 1e-16, compiled float32 kernels had eight times the error.
     """
     return _off_zero(ops, x, y, 1e-140 if ops.double else 1e-13)
 
@@ -56,7 +57,7 @@ Values = tuple[Any, ...]
 
 
 def times(factor: Any, value: Any) -> Number:
-    """factor value, without the multiplication where the factor is a constant 1 or -1."""
+    """Return factor value; no multiplication if the factor is a constant 1 or -1."""
     if isinstance(factor, float) and abs(factor) == 1.0:
         return value if factor > 0 else -value
     return factor * value
@@ -80,25 +81,25 @@ class EdgeTerms:
     """Whether terms of parts share nothing along an edge: there is only :meth:`of_part`."""
 
     def taken(self, owner: Any) -> EdgeTerms:
-        """The terms of NumPy at the frequencies (k,) of some numbers."""
+        """Return the terms for NumPy at the frequencies with some indices (k,)."""
         terms, (nu_x, nu_y) = object.__new__(type(self)), self.nu
         terms.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
         return terms
 
     def at_columns(self, rows: Any, columns: slice) -> EdgeTerms:
-        """The terms of NumPy at some of the frequencies (n, m); ``rows``: None for all."""
+        """Return the terms for NumPy at some of the frequencies (n, m); ``rows``: None for all."""
         terms = copy(self)
         terms.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
         return terms
 
     def along(self, ux: Any, uy: Any) -> Values:
-        """Numbers that depend on the vector u of an edge; nu.u first."""
+        """Return numbers that depend on the vector u of an edge; the first is nu.u."""
         raise NotImplementedError
 
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
-        """The sums of an edge with one more part of it; None before the first.
+        """Return the sums of an edge with one more part of it; None before the first.
 
         ``half``, ``midpoint``: nu.d/2 and nu.m in cycles; ``extent``: the part's length in units of
         the edge's; ``weight``: (real, imaginary) product of the weights of both elements, times the
@@ -107,11 +108,11 @@ class EdgeTerms:
         raise NotImplementedError
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
-        """An edge's sums, from those over its parts; d = extent length u."""
+        """Return the sums of an edge from the sums over its parts; d = extent length u."""
         raise NotImplementedError
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
-        """The term of a part: its centre, its vector and its weight."""
+        """Return the term of a part from its centre, its vector and its weight."""
         nu_x, nu_y = self.nu
         along = self.along(dx, dy)
         midpoint = self.ops.fma(nu_x, x, nu_y * y)
@@ -119,12 +120,12 @@ class EdgeTerms:
         return self.of_edge(along, 1.0, sums)
 
     def total(self, sums: Values) -> Values:
-        """W or A, from the sums over all edges."""
+        """Return W or A from the sums over all edges."""
         raise NotImplementedError
 
 
 class EvenTerms(EdgeTerms):
-    """(W1): W for real weights, which is even in the frequency; ``nu`` is moved off 0."""
+    """Terms of W for real weights, (W1), which are even in the frequency."""
 
     values = 1
 
@@ -132,7 +133,7 @@ class EvenTerms(EdgeTerms):
         self.ops, self.nu = ops, nu
 
     def along(self, ux: Any, uy: Any) -> Values:
-        """nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
+        """Return nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
         ops, (nu_x, nu_y) = self.ops, self.nu
         # Its square is a normal number: lanes that wait for others in a loop have q = 0, and
         # processors take a hundred times as long for subnormal ones.
@@ -157,17 +158,20 @@ class EvenTerms(EdgeTerms):
 
 
 class WaveTerms(EdgeTerms):
-    """(W2), (A1): W and A for all weights; with several waves on the source, one pair of them.
+    """Terms of W and A for all weights, (W2) and (A1), of one pair of waves.
 
     Sums are sine and cosine parts.
     """
 
     def __init__(self, ops: Any, nu: Values, values: int, factor: float = 1.0) -> None:
-        """``nu`` off 0; ``values``: 1 for sine parts alone; a total is ``factor`` sums / |nu|^2."""
+        """Store a frequency that is not 0.
+
+        ``values``: 1 for sine parts alone, else 2. A total is ``factor`` sums / |nu|^2.
+        """
         self.ops, self.nu, self.values, self.factor = ops, nu, values, factor
 
     def along(self, ux: Any, uy: Any) -> Values:
-        """nu.u and cross(nu, u)."""
+        """Return nu.u and cross(nu, u)."""
         nu_x, nu_y = self.nu
         return self.ops.fma(nu_x, ux, nu_y * uy), self.ops.fma(nu_x, uy, nu_y * -ux)
 
@@ -193,9 +197,9 @@ class WaveTerms(EdgeTerms):
 
 
 def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> EdgeTerms:
-    """Terms of W at a frequency.
+    """Return the terms of W at a frequency.
 
-    ``is_even``: for real weights; ``is_real``: the real part is all that is wanted.
+    ``is_even``: whether weights are real. ``is_real``: whether only the real part is required.
     """
     if is_even:
         # so little that W, even in nu, changes by less than rounding
@@ -204,12 +208,12 @@ def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> 
 
 
 def ambiguity_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> EdgeTerms:
-    """Terms of A at a frequency shift."""
+    """Return the terms of A at a frequency shift."""
     return WaveTerms(ops, moved_off_zero(ops, *nu), 2, 0.5 / math.pi)
 
 
 def _with(ops: Any, sums: Values | None, share: Any, *waves: Any) -> Values:
-    """Sums, or None, with a share of some waves."""
+    """Return sums (or None) with a fraction of some waves added."""
     if sums is None:
         return tuple(times(share, wave) for wave in waves)
     return tuple(ops.fma(share, wave, total) for wave, total in zip(waves, sums, strict=True))

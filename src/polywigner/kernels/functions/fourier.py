@@ -29,7 +29,7 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class OutlineTables:
-    """A boundary in a frame; nothing is cut here, so neither lines nor convex pieces are needed."""
+    """A boundary in a frame, without data for cuts."""
 
     frame: Any
     edges: tuple[tuple[float, ...], ...]
@@ -67,10 +67,10 @@ class LinearFrame:
 
 
 def fan_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
-    """F(nu) in the frame, as (cosine part, sine part) with F = cosine - i sine. Source: (F2), (F3).
+    """Return the (cosine, sine) parts of F(nu) = cosine - i sine in the frame. Source: (F2), (F3).
 
     Each row of the tables is a simplex with one corner at the origin: its other corners, and their
-    determinant, its signed content times 2 or 6.
+    determinant, which is 2 or 6 times its signed measure.
     """
 
     def term(*row: Any) -> Values:
@@ -83,7 +83,7 @@ def fan_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
 
 
 def _is_short(nu: Values) -> bool:
-    """Whether terms may be unrolled: a cube would compile in 3 s and run at half the speed."""
+    """Return whether terms may be unrolled; a cube would compile in 3 s and run half as fast."""
     return len(nu) < 3
 
 
@@ -123,7 +123,7 @@ _EQUAL = 2.0**-51
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Edges with one vector (ex, ey) up to sign; a component within rounding of 0 is 0."""
+    """Edges with one vector (ex, ey) up to sign; rounded zeros of a component are 0."""
 
     ex: float
     ey: float
@@ -157,7 +157,7 @@ def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) ->
 
 
 def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
-    """Numbers of the vectors that agree with the first of their cluster in both components."""
+    """Return indices of vectors, grouped by equal components up to rounding."""
     clusters: list[list[int]] = []
     near: list[list[int]] = []  # clusters that the next vector in order of x may still belong to
     for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
@@ -184,7 +184,7 @@ class GridTables:
 
     @property
     def scales(self) -> tuple[float, float]:
-        """Factors from the user's nu_x and nu_y to the frame's, in either order."""
+        """Factors from the user's nu_x and nu_y to the frequencies of the frame."""
         assert self.frame.axes is not None
         row_of = {axis: k for k, axis in enumerate(self.frame.axes)}
         x, y = (self.frame.inverse_transpose[row_of[axis]][axis] for axis in (0, 1))
@@ -198,7 +198,7 @@ class GridTables:
 
 @dataclass(frozen=True, eq=False)
 class OutlineSum:
-    """A kernel's sum over all edges of an outline, with constants for grids of its arguments."""
+    """The sum of a kernel over all edges of an outline, with constants for grids."""
 
     summed: Callable[..., Values]
     on_grid: Callable[[Any], GridTables | None]
@@ -211,7 +211,7 @@ class OutlineSum:
 def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables | None:
     """Return the tables for grids of an outline, with the field on each edge's element.
 
-    None in a rotated frame, in which a grid is no grid, and for outlines that are too slender.
+    None in a rotated frame, where a grid of frequencies is no grid, and for slender outlines.
     """
     if tables.frame.axes is None:
         return None
@@ -255,7 +255,7 @@ class _FamilyTerm:
         self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:
-        """(nu_x, 2, nu_y) of some rows of the grid: cosine and sine part."""
+        """Return (nu_x, 2, nu_y) of some rows of the grid: cosine and sine part."""
         if self.is_straight:
             return self._waves(self.left[rows])
         q = self.q[0][rows, None] + self.q[1]
@@ -280,7 +280,7 @@ class _FamilyTerm:
         return product.reshape(len(product), 2, -1)
 
     def _sinc(self, q: Array, rows: slice) -> Array:
-        """pi sinc(q) = sin(pi q)/q."""
+        """Return pi sinc(q) = sin(pi q)/q."""
         is_near = np.abs(q) < _NEAR
         if is_near.all():
             return math.pi * (1.0 + sinc_less_one(self.ops, q, _TERMS))
@@ -295,9 +295,10 @@ class _FamilyTerm:
 def fourier_on_grid(
     ops: Any, tables: GridTables, nu_x: Array, nu_y: Array
 ) -> tuple[Array, Array, Array]:
-    """Real and imaginary part at all (nu_x[i], nu_y[j]), and where they do not hold.
+    """Return real and imaginary part at all (nu_x[i], nu_y[j]), and where these are inaccurate.
 
-    ``ops`` of float64. Values do not hold at |nu| below :meth:`GridTables.floor`. Source: (F4).
+    ``ops``: operations in float64. Values are inaccurate at |nu| below `GridTables.floor`. Source:
+    (F4).
     """
     x, y = (
         (nu * scale, phases.turns_to_centre(ops, (centre,), nu))
@@ -338,7 +339,7 @@ def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
 
 
 def _batches(families: Sequence[Family]) -> Iterator[list[Family]]:
-    """Batches of families whose waves fit into memory."""
+    """Yield batches of families whose waves fit into memory."""
     batch: list[Family] = []
     for family in families:
         if sum(len(f.weights) for f in (*batch, family)) > _MOST_EDGES and batch:

@@ -49,15 +49,18 @@ _TURN = 2 * math.pi
 def wave_over_edge(
     ops: Any, start: Any, end: Any, distance: Any, along: Any, across: Any
 ) -> Values:
-    """Return an edge's contribution to the integral of a Gaussian wave, (real, imag).
+    """Return the (real, imaginary) contribution of an edge to the integral of a Gaussian wave.
 
     Source: (I5).
 
     Parameters
     ----------
-    start, end : positions of the edge's ends along its unit vector, in coherence widths. distance :
-    cross(xi, unit vector) of its points, in the same unit. along, across : nu.(unit vector) and
-    cross(nu, unit vector), in cycles per width.
+    start, end : array
+        Positions of the ends of the edge along its unit vector, in coherence widths.
+    distance : array
+        cross(xi, unit vector) of the points of the edge, in coherence widths.
+    along, across : array
+        nu.(unit vector) and cross(nu, unit vector), in cycles per coherence width.
     """
     rate, lever = _TURN * along, _TURN * across
     square = distance * distance
@@ -76,7 +79,7 @@ def wave_over_edge(
 
 
 def wave_over_interval(ops: Any, start: Any, end: Any, nu: Any) -> Values:
-    """The integral of exp(-xi^2/2 - 2 pi i nu xi) over an interval, a complex number."""
+    """Return the complex integral of exp(-xi^2/2 - 2 pi i nu xi) over an interval."""
     rate = _TURN * nu
     arc = _Arc(ops, start, end, ops.maximum(0.0 * abs(start), _SPREAD), rate)
     everywhere = rate == rate
@@ -88,7 +91,7 @@ def wave_over_interval(ops: Any, start: Any, end: Any, nu: Any) -> Values:
 
 @lru_cache(maxsize=4)
 def _arc_rules(sizes: tuple[int, ...]) -> Rules:
-    """Node, weight, 1 - node^2, and its slope times the weight."""
+    """Return tables of node, weight, 1 - node^2, and the slope of the latter times the weight."""
     rules = []
     for size in sizes:
         t, weight = np.polynomial.legendre.leggauss(size)
@@ -98,13 +101,13 @@ def _arc_rules(sizes: tuple[int, ...]) -> Rules:
 
 @lru_cache(maxsize=2)
 def _descent_rules(size: int) -> Rules:
-    """Node, and weight without exp(-node)."""
+    """Return a table of node, and weight without exp(-node)."""
     t, weight = np.polynomial.laguerre.laggauss(size)
     return (np.stack([t, weight * np.exp(t)], axis=-1),)
 
 
 class _Arc:
-    """The arc from one end of an edge to the other, and the descents where the wave is steep."""
+    """The arc from one end of an edge to the other, and the descents for a steep wave."""
 
     def __init__(self, ops: Any, start: Any, end: Any, size: Any, rate: Any) -> None:
         self.ops, self.ends = ops, (start, end)
@@ -120,7 +123,7 @@ class _Arc:
         self.samples = (size, 0.5 * (first + last), half, lift)
 
     def rule(self, is_wanted: Any) -> Number:
-        """The number of the rule, -1 for none."""
+        """Return the index of the rule, or -1 for no rule."""
         ops, number = self.ops, 0.0
         for length in _LENGTHS:
             number = number + ops.select(self.length > length, 1.0, 0.0)
@@ -130,10 +133,10 @@ class _Arc:
     def integral(
         self, rule: Any, is_near: Any, sizes: Any, value: Callable[..., Values], wave: Values
     ) -> Values:
-        """The integral of ``value(ops, p, r, *wave)`` over s = p + i r, a complex number.
+        """Return the complex integral of ``value(ops, p, r, *wave)`` over s = p + i r.
 
-        By one of the rules of ``sizes``; by descents where a steep wave ``is_near``. The wave's
-        first number is beta_s.
+        One of the rules of ``sizes`` is used, or descents if a steep wave ``is_near``. The first
+        number of ``wave`` is beta_s.
         """
         ops = self.ops
 
@@ -157,7 +160,7 @@ class _Arc:
 
 
 def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
-    """A node s = p + i r, and ds there."""
+    """Return a node s = p + i r, and ds there."""
     t, weight, rise, slope = row
     size, centre, half, lift = samples
     x = ops.fma(half, t, centre)
@@ -167,14 +170,14 @@ def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
 
 
 def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
-    """A node s + t/(s + i beta_s), and ds there."""
+    """Return a node s + t/(s + i beta_s), and ds there."""
     scale = 1.0 / ops.fma(s, s, rate * rate)
     x, y = s * scale, -rate * scale
     return ops.fma(t, x, s), t * y, weight * x, weight * y
 
 
 def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
-    """f = (exp(-beta^2/2) - g)/Z, for exp(-beta^2/2) ``still`` and beta^2/2 ``energy``."""
+    """Return f = (exp(-beta^2/2) - g)/Z, for exp(-beta^2/2) ``still`` and beta^2/2 ``energy``."""
     rate, square, energy, still, along, across = wave
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r) + square))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
@@ -189,7 +192,7 @@ def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
 
 
 def _gaussian(ops: Any, p: Any, r: Any, rate: Any, nu: Any) -> Values:
-    """g on a line through the origin."""
+    """Return g on a line through the origin."""
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r)))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
     cosine, sine = cos_sin_turns(ops, ops.fma(nu, p, p * r * (1 / _TURN)))
@@ -201,7 +204,7 @@ def _times(a: Any, b: Any) -> Values:
 
 
 def _one_less_exp(ops: Any, x: Any) -> Number:
-    """1 - exp(-x) for small x, to the rounding of x."""
+    """Return 1 - exp(-x) for small x, to the rounding of x."""
     small = ops.select(abs(x) < _SMALL, x, 0.0)
     series: Any = 0.0
     for k in range(_TERMS[ops.double], 0, -1):

@@ -49,7 +49,7 @@ Interval = tuple[Fraction, Fraction, Waves]
 
 
 def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
-    """u without the carrier; the beginning of the interval belongs to it, the end does not."""
+    """Return u without the carrier in an interval that includes its begin and excludes its end."""
     inside = ops.select((x >= begin) & (x < end), 1.0, 0.0)
     # NaN x gives NaN: its comparisons are false, as outside
     return Pair(*field_of(ops, waves, (x,))).scaled(inside) + Pair(x - x, x - x)
@@ -73,7 +73,7 @@ class SlitFrame:
         return (total + rest,)
 
     def exact_position(self, x: Any) -> Doubled:
-        """x' as the sum of two floats."""
+        """Return x' as the sum of two floats."""
         total, rest = phases.difference(x, self.centre[0])
         return total * (1 / self.scale), rest * (1 / self.scale)
 
@@ -84,7 +84,7 @@ class SlitFrame:
         return (nu * self.scale,)
 
     def detuned(self, ops: Any, nu: Any) -> tuple[Any]:
-        """A spatial frequency relative to the carrier, in the frame."""
+        """Return a spatial frequency relative to the carrier, in the frame."""
         return self.frequency(ops, nu - self.carrier[0] if self.carrier[0] else nu)
 
     def exact_frequency(self, nu: float) -> tuple[float]:
@@ -93,7 +93,7 @@ class SlitFrame:
 
 @dataclass(frozen=True)
 class SlitTables:
-    """The intervals in their frame; sums run over ``edges``."""
+    """Intervals in their frame; sums run over ``edges``."""
 
     frame: SlitFrame
     edges: tuple[tuple[Any, ...], ...]
@@ -102,12 +102,12 @@ class SlitTables:
 
 @dataclass(frozen=True)
 class PairTables:
-    """Pairs of intervals; sums run over ``edges``, numbers only.
+    """Pairs of intervals, as rows of numbers.
 
-    The centres' distance at x = 0 or xi = 0, as two floats; the half-lengths; the mean of the
-    centres, which does not move, as two floats; and the mutual field, real and imaginary part. If
-    fields have waves, each pair of waves has a row, with a shift to subtract from the frequency,
-    and the cycles of the mutual field along 4x or xi.
+    A row contains: the distance of the centres at x = 0 or xi = 0, as two floats; both half-
+    lengths; the mean of the centres, which does not move, as two floats; and the mutual field
+    (real, imag). If fields have waves, each pair of waves has a row, with two more numbers: a shift
+    to subtract from the frequency, and the cycles of the mutual field along 4x or xi.
     """
 
     frame: SlitFrame
@@ -143,7 +143,7 @@ def _slit_tables(source: Slits | Array) -> SlitTables:
 
 @lru_cache(maxsize=256)
 def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
-    """Pairs of slits and their shares in the lag slice at x: 2(I_k - x) & 2(x - I_l).
+    """Return pairs of slits for the lag slice at x, 2(I_k - x) & 2(x - I_l).
 
     The pair (l, k) gives the mirror image with the conjugate field, and is counted with (k, l).
     """
@@ -152,7 +152,7 @@ def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
 
 @lru_cache(maxsize=256)
 def position_pairs(source: Slits | Array, double: bool) -> PairTables:
-    """Pairs of slits and their shares in the position slice: (I_k - xi/2) & (I_l + xi/2)."""
+    """Return pairs of slits for the position slice, (I_k - xi/2) & (I_l + xi/2)."""
     return _pair_tables(source, double, of_lags=False)
 
 
@@ -183,11 +183,12 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
 def _overlap(
     ops: Any, shift: Doubled, gap: Any, rest: Any, half: Any, other: Any
 ) -> tuple[Any, Any]:
-    """Return the overlap's length, and the offset of its centre from the mean of both centres.
+    """Return the length of the overlap of two intervals, and the offset of its centre.
 
-    The intervals have half-lengths ``half`` and ``other``; their centres are
-    ``gap`` + ``rest`` - ``shift`` apart. While the shorter interval lies inside the other, the
-    overlap's centre is that of the shorter one. Otherwise the offset is constant.
+    The intervals have half-lengths ``half`` and ``other``. Their centres are ``gap`` + ``rest`` -
+    ``shift`` apart. The offset is relative to the mean of both centres. If the shorter interval
+    lies inside the other one, the centre is that of the shorter one; otherwise the offset is
+    constant.
     """
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (rest - shift[1]))
@@ -245,7 +246,7 @@ class LineField:
         return len(self.waves) * (len(self.waves) + 1) // 2
 
     def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Number:
-        """W, which is real, for a coherence width in the frame."""
+        """Return W, which is real, for a coherence width in the frame."""
         pairs = mean_pairs(self.waves, self.waves, True)
         return _over_pairs(ops, pairs, x, nu, _length(ops, self.half - abs(x), 4.0), width).real
 
@@ -264,12 +265,12 @@ class LineField:
         return Pair(real, imag).scaled(length)
 
     def field(self, ops: Any, x: Any) -> Pair:
-        """u, which includes the lower end and excludes the upper one."""
+        """Return u in an interval that includes its lower end and excludes its upper end."""
         return _field_between(ops, -self.half, self.half, self.waves, x)
 
 
 def _length(ops: Any, left: Any, scale: float) -> Number:
-    """Remaining length of an interval, at least 0; NaN for NaN positions."""
+    """Return the length of an interval, at least 0; NaN for NaN positions."""
     return scale * ops.maximum(left, 0.0) + (left - left)
 
 
@@ -277,7 +278,7 @@ def _over_pairs(
     ops: Any, pairs: Sequence[WavePair], position: Any, frequency: Any, length: Any,
     width: float = math.inf,
 ) -> Pair:  # fmt: skip
-    """The sum over pairs of waves, each with the length times its sinc, or an interval of (I6)."""
+    """Return the sum over pairs of waves, each with the length times its sinc, or with (I6)."""
     largest = max(abs(rate) for pair in pairs for _, (rate,) in pair.terms)
     tolerance = _EQUAL * max(1.0, largest)
     waves: dict[int, Pair] = {}
@@ -303,7 +304,10 @@ def _over_pairs(
 
 
 def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
-    """4x in the frame as two floats: by how much the copies of two slits, doubled, approach."""
+    """Return 4x in the frame as two floats.
+
+    The doubled copies of two slits approach each other by 4x.
+    """
     total, rest = frame.exact_position(x)
     return phases.halves(ops, (4.0 * total, 4.0 * rest))
 
@@ -352,7 +356,7 @@ def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
 
 
 def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Values:
-    """(phase of the centre and of the carrier, upsilon and xi as two floats each)."""
+    """Return the phase of centre and carrier, and upsilon and xi as two floats each."""
     turns = phases.turns_to_centre(ops, frame.centre, upsilon)
     turns = phases.less_carrier(ops, frame, turns, xi)
     shift = phases.halves(ops, (*frame.frequency(ops, upsilon), 0.0))
@@ -364,13 +368,13 @@ def _lag(ops: Any, frame: SlitFrame, xi: Any) -> Values:
 
 
 def _ambiguity(ops: Any, tables: PairTables, turns: Any, *inner: Any) -> Values:
-    """(cosine part, sine part), A = cosine - i sine."""
+    """Return (cosine part, sine part), A = cosine - i sine."""
     real, imag = _sum(ops, tables, inner[2:], inner[:2])
     return real, -imag
 
 
 def _wigner(ops: Any, tables: PairTables, x: Any, rest: Any, *nu: Any) -> Values:
-    """W: the transform of the lag slice, real because the slice is Hermitian."""
+    """Return W, which is real because the lag slice is Hermitian."""
     return _sum(ops, tables, (x, rest), nu)[:1]
 
 

@@ -27,7 +27,7 @@ from polywigner.numerics.complex_pairs import Pair
 
 
 def coherence_of(frame: Frame, width: float) -> Matrix:
-    """The matrix from lags in the frame to lags in widths of coherence, of a width in m."""
+    """Return the matrix from lags in the frame to lags in coherence widths (``width`` in m)."""
     (xx, xy), (yx, yy) = frame.inverse_transpose
     return ((xx / width, yx / width), (xy / width, yy / width))
 
@@ -66,7 +66,7 @@ def term_of_lags(
 
 
 class _LagTerms(EdgeTerms):
-    """(I5): terms of parts, weighed by the degree of coherence."""
+    """Terms of parts, weighted by the degree of coherence, (I5)."""
 
     values, by_part = 2, True
 

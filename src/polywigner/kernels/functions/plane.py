@@ -37,12 +37,12 @@ from polywigner.source.normal_form import normal_form
 
 @lru_cache(maxsize=256)
 def tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """The kernel tables of an aperture or array, for float64 or float32 kernels; built once."""
+    """Return the cached tables of an aperture or array, for float64 or float32 kernels."""
     return new_tables_of(source, double)
 
 
 def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """Build the tables of :func:`tables_of` without the cache, with this order of vertices.
+    """Build the tables of :func:`tables_of` without the cache, with the vertices of this source.
 
     Equal sources may begin their rings at other vertices.
     """
@@ -55,7 +55,7 @@ def _outline_of(aperture: Aperture, double: bool) -> OutlineTables:
 
 
 def new_outline_of(aperture: Aperture) -> OutlineTables:
-    """The kernel tables of its Fourier transform, with vertices numbered as they are in it."""
+    """Return the tables of the Fourier transform, with vertices in the order of the aperture."""
     return outline_tables(aperture.rings)
 
 
@@ -79,7 +79,7 @@ def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
 
 
 def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
-    """The frame of the plane in a pose (4, 4), whose floats are taken as exact."""
+    """Return the frame of the plane in a pose (4, 4), whose floats count as exact."""
     exact = [[Fraction(value) for value in row] for row in pose.tolist()]
     in_plane = [Fraction(c) for c in plane.centre]
     centre = [row[0] * in_plane[0] + row[1] * in_plane[1] + row[3] for row in exact[:3]]
@@ -101,12 +101,12 @@ def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
 
 
 def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
-    """(phase of the centre, nu in the frame)."""
+    """Return (phase of the centre, nu in the frame)."""
     return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.frequency(ops, *nu))
 
 
 def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
-    """(phase of the centre and of the carrier, upsilon and xi in the frame)."""
+    """Return (phase of the centre and of the carrier, upsilon and xi in the frame)."""
     upsilon, xi = arguments[: len(arguments) // 2], arguments[len(arguments) // 2 :]
     turns, *inner = enter_frequency(ops, frame, *upsilon)
     turns = phases.less_carrier(ops, frame, turns, *xi)
@@ -114,7 +114,7 @@ def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 
 def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
-    """(phase of the carrier, x + xi/2 and x - xi/2 in the frame)."""
+    """Return (phase of the carrier, x + xi/2 and x - xi/2 in the frame)."""
     count = len(arguments) // 2
     x, xi = arguments[:count], arguments[count:]
     turns = phases.less_carrier(ops, frame, 0.0 * xi[0], *xi)
@@ -124,7 +124,7 @@ def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 
 def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """Real and imaginary part of u(x + xi/2) conj(u(x - xi/2)), from both fields."""
+    """Return real and imaginary part of u(x + xi/2) conj(u(x - xi/2))."""
     product = Pair(*sums[:2]) * Pair(*sums[2:]).conjugate()
     if not any(frame.carrier):
         return product.real, product.imag
@@ -132,13 +132,12 @@ def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values
 
 
 def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
-    """(real, imaginary) part of u at a point of the frame, less the carrier's phase.
+    """Return the (real, imaginary) part of u at a point of the frame, without the carrier.
 
-    The weights of the elements around the point, times their waves.
-
-    Every edge that crosses the horizontal line through the point to its right counts, up with its
-    element's weight and down with the negative. Lower ends belong to an edge and upper ends do not,
-    so each point of an edge shared by two polygons belongs to exactly one of them.
+    u is the sum of the weights of the elements around the point, times their waves. Edges that
+    cross the horizontal line to the right of the point count with the weight of their element if
+    they rise, and with its negative if they fall. Lower ends belong to an edge and upper ends do
+    not. So each point of an edge between two polygons belongs to exactly one of them.
     """
 
     def term(ax: Any, ay: Any, bx: Any, by: Any, real: Any, imag: Any) -> tuple[Any, Any]:
@@ -159,7 +158,7 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def at_both_ends(field: Any) -> Callable[..., Values]:
-    """The sum of an autocorrelation's kernel: a field, (ops, tables, x, y), at both ends of xi."""
+    """Return the edge sum of an autocorrelation: ``field(ops, tables, x, y)`` at both ends."""
     return lambda ops, tables, turns, *ends: (
         *field(ops, tables, *ends[:2]),
         *field(ops, tables, *ends[2:]),

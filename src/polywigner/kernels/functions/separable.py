@@ -88,13 +88,13 @@ class SeparableTables:
 
 
 def is_separable(aperture: Aperture) -> bool:
-    """Whether an aperture is a rectangle with a field of several waves that is a product."""
+    """Return whether an aperture is a rectangle with a product of fields along its sides."""
     return separable_tables(aperture, True) is not None
 
 
 @lru_cache(maxsize=256)
 def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None:
-    """The tables of a field that is a product on a rectangle; None of any other."""
+    """Return the tables of a field that is a product on a rectangle, or None."""
     illumination = aperture.illumination
     if illumination is None or len(illumination.amplitudes) < 2:
         return None
@@ -130,7 +130,7 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
 def _profiles(
     waves: Waves, frequency_rounding: tuple[float, float], phase_rounding: float
 ) -> tuple[Waves, Waves] | None:
-    """Waves along either axis whose products are the given ones."""
+    """Return waves along either axis whose products are the given waves, or None."""
     frequencies = np.array([wave.frequency for wave in waves])
     amplitudes = np.array([wave.amplitude for wave in waves])
     (rates_x, i), (rates_y, j) = (
@@ -152,7 +152,7 @@ def _profiles(
 
 
 def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
-    """Different numbers in order, equal up to rounding as one; and the index of each."""
+    """Return distinct numbers in order, equal up to rounding counted once, and indices."""
     order = np.argsort(values)
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
     number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)
@@ -162,12 +162,12 @@ def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.i
 
 
 def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
-    """(phase of the centre, nu in the frame less the carrier)."""
+    """Return (phase of the centre, nu in the frame less the carrier)."""
     return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
 
 def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
-    """W(x, nu) in the frame. Source: (I4)."""
+    """Return W(x, nu) in the frame. Source: (I4)."""
     one, two = tables.fields
     width_x, width_y = tables.coherence_widths
     return one.wigner(ops, x, nu_x, width_x) * two.wigner(ops, y, nu_y, width_y)
@@ -176,21 +176,21 @@ def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: A
 def ambiguity(
     ops: Any, tables: SeparableTables, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> tuple[Any, Any]:
-    """A(upsilon, xi) in the frame as (cosine part, sine part), A = cosine - i sine."""
+    """Return A(upsilon, xi) in the frame as (cosine part, sine part), A = cosine - i sine."""
     one, two = tables.fields
     return _parts(one.ambiguity(ops, upsilon_x, xi_x) * two.ambiguity(ops, upsilon_y, xi_y))
 
 
 def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
-    """F(nu) in the frame as (cosine part, sine part)."""
+    """Return F(nu) in the frame as (cosine part, sine part)."""
     one, two = tables.fields
     return _parts(one.fourier(ops, nu_x) * two.fourier(ops, nu_y))
 
 
 def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
-    """(real, imaginary) part of u at a point of the frame, less the carrier's phase.
+    """Return the (real, imaginary) part of u at a point of the frame, without the carrier.
 
-    Lower ends of either axis belong to the rectangle, upper ones do not.
+    Lower ends of either axis belong to the rectangle, upper ends do not.
     """
     one, two = tables.fields
     value = one.field(ops, x) * two.field(ops, y)

@@ -57,7 +57,7 @@ _ROW = 8
 
 @dataclass(frozen=True, eq=False)
 class SliceSum:
-    """A kernel's sum over edges that are cut."""
+    """The sum of a kernel over edges that are cut."""
 
     views: tuple[View, ...]
     """In which views edges are cut: one for W, two for A."""
@@ -94,12 +94,12 @@ class SliceSum:
     def by_pairs(
         self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
     ) -> Values:
-        """Sums by lists of pairs in an engine's memory, by default the tables' own."""
+        """Return the sums with lists of pairs in an engine's memory (default: of the tables)."""
         tx, ty = (self.scale * c for c in inner[self.position])
         return self._summed(PairClipper(ops, tables, tx, ty, self.views, inner, pairs), inner)
 
     def passes(self, tables: Tables) -> list[Pass]:
-        """All lists that the sums read."""
+        """Return the keys of all lists that the sums read."""
         fields = range(len(tables.groups))
         views = {view.point: view for view in reversed(self.views)}.values()
         return [(view, own, other) for view in views for own in fields for other in fields]
@@ -132,9 +132,9 @@ class SliceSum:
     def _sums_of_pairings(
         self, clipper: Clipper, sum_of: Callable[[WavePair, bool], TermSum], position: Values
     ) -> Iterator[Sequence[Any]]:
-        """The sums over pairs of waves; one pass over the edges for all pairs of two groups.
+        """Yield the sums over pairs of waves, in one pass over the edges for each two groups.
 
-        Many pairs of waves are rows of a table: compiled code loops over it for each part of an
+        Many pairs of waves are rows of a table. Compiled code loops over it for each part of an
         edge.
         """
         tables, ops, count = clipper.tables, clipper.ops, self.values
@@ -169,7 +169,7 @@ class SliceSum:
     # ---- NumPy
 
     def _in_blocks(self, ops: Any, tables: Tables, inner: Values) -> Values:
-        """Sums for arguments that broadcast, some samples at a time."""
+        """Return the sums for arguments that broadcast, computed in blocks of samples."""
         arguments = (*inner[self.position], *inner[self.frequency])
         shape = np.broadcast_shapes(*map(np.shape, inner)) or (1,)
         flat = [np.broadcast_to(a, shape).reshape(-1) for a in arguments]
@@ -184,7 +184,7 @@ class SliceSum:
     def shared_sums(
         self, ops: Any, tables: Tables, position: Sequence[Array], nu: Sequence[Array]
     ) -> Values:
-        """Sums (n, m) at points (n,), each cut once for frequencies (1, m) or (n, m)."""
+        """Return sums (n, m) at points (n,), each cut once for all its frequencies."""
         columns = np.broadcast_shapes(*(n.shape for n in nu))[1]
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
         if nu[0].shape != nu[1].shape:
@@ -231,10 +231,10 @@ class SliceSum:
     def parts(
         self, tables: Tables, position: Sequence[Array]
     ) -> Iterator[tuple[Sequence[WavePair], bool, Array, tuple[Any, ...]]]:
-        """Pairs of waves, whether their terms are even, and last parts of edges (theory, (K1)).
+        """Yield pairs of waves, whether their terms are even, and last parts of edges, (K1).
 
-        A part is the index of its point (k,); and its centre and its vector (x, y, dx, dy) in the
-        slice, and its weight (real, imag). In double precision.
+        Parts are given by the index of their point (k,), and by centre and vector in the slice
+        (x, y, dx, dy) and weight (real, imag), in double precision.
         """
         t = np.empty(len(position[0]), np.complex128)
         t.real, t.imag = position
@@ -264,10 +264,11 @@ class SliceSum:
                 yield pairs, is_even, grid, view.side, side
 
     def listed(self, ops: Any, tables: Tables, *position: Array) -> tuple[Array, Array, bool]:
-        """The first part of each point (n + 1,), rows of parts, whether weights are real.
+        """Return the index of the first part of each point (n + 1,), the parts, and a flag.
 
-        Rows are (x, y, dx, dy), and where weights are others than 1 and -1 or a frequency is
-        shifted (real, imag, shift) as well; a part of weight -1 is stored reversed (terms are odd).
+        The flag states whether weights are real. A part is a row (x, y, dx, dy) if all weights are
+        1 or -1 and no frequency is shifted. A part of weight -1 is then stored reversed, because
+        terms are odd. Otherwise the row continues with (real, imag, shift_x, shift_y).
         """
         owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(position[0])
         for pairs, _, owner, (*geometry, real, imag) in self.parts(tables, position):
@@ -289,7 +290,7 @@ class SliceSum:
     def of_listed(
         self, ops: Any, tables: Tables, columns: int, is_real: bool, nu: Values
     ) -> PartSum:
-        """The sum over rows of ``listed`` at frequencies."""
+        """Return the sum over rows of ``listed`` at frequencies."""
 
         def terms(shifted: Values) -> EdgeTerms:
             return self.terms(ops, tables, shifted, is_real, self.values == 1)
@@ -300,7 +301,7 @@ class SliceSum:
 def _row_sums(
     terms: EdgeTerms, owner: Array, part: Sequence[Any], count: int, shape: tuple[int, ...]
 ) -> list[Array]:
-    """Sums (count, columns) of terms of parts at frequencies of a shape (1 or count, columns)."""
+    """Return sums (count, columns) of parts at frequencies of shape (1 or count, columns)."""
     rows, columns = shape
     results = [np.zeros((count, columns)) for _ in range(terms.values)]
     begins, step = np.flatnonzero(np.diff(owner, prepend=-1)), max(1, _SUMMED // (len(owner) or 1))
@@ -314,7 +315,7 @@ def _row_sums(
 
 
 def _with_amplitude(total: Values, amplitude: tuple[Any, Any]) -> Values:
-    """A sum, real or complex, times the amplitude of its pair of waves."""
+    """Return a sum, real or complex, times the amplitude of its pair of waves."""
     real, imag = amplitude
     if isinstance(imag, float) and imag == 0.0:
         return tuple(times(real, value) for value in total)
@@ -331,7 +332,7 @@ def _sum_of_rows(
     position: Values,
     count: int,
 ) -> Values:
-    """Return the results of the pairs of waves of two groups by a loop over them."""
+    """Return the results of all pairs of waves of two groups by a loop over these pairs."""
     ops, (group, other) = clipper.ops, groups
     rows = np.zeros((sum(len(pair.terms) for pair in pairs), _ROW))
     rows[:, :6] = rows_of(pairs)
@@ -361,7 +362,7 @@ class TermSum:
             self.moved = {side: times(scale * side, turns) for side in (-0.5, 0.5)}
 
     def terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
-        """The sums over the cuts of an edge, on each side."""
+        """Return the sums over the cuts of an edge on all sides."""
         ops, function, scale = self.ops, self.function, self.scale
         if function.by_part:
             return self._part_terms(edge, sides)
@@ -400,13 +401,13 @@ class TermSum:
         return total
 
     def value(self, sums: Sequence[Any], position: Values) -> Values:
-        """The contribution of the pair to the result."""
+        """Return the contribution of the pair to the result."""
         amplitude = self.pair.amplitude(self.ops, position)
         return _with_amplitude(self.function.total(tuple(sums)), amplitude)
 
 
 class PartSum:
-    """A sum over listed parts at given frequencies: a part's term, the result."""
+    """The sum over listed parts of edges at given frequencies."""
 
     def __init__(
         self, terms: Any, nu: Values, is_plain: bool, is_real: bool, as_waves: Any
@@ -416,7 +417,7 @@ class PartSum:
         self.values = self.terms.values
 
     def term(self, *row: Any) -> Values:
-        """Contribution of a part (x, y, dx, dy), or of all columns of a row."""
+        """Return the contribution of a part, given by the columns of its row."""
         if self.is_plain:
             values: Values = self.terms.of_part(*row, 1.0, 0.0)
             return values
@@ -427,7 +428,7 @@ class PartSum:
         return total
 
     def total(self, sums: Values) -> Values:
-        """The kernel's sums from the sums of all terms."""
+        """Return the kernel's sums from the sums of all terms."""
         values: Values = self._as_waves(self.terms.total(sums) if self.is_plain else sums)
         return values
 
@@ -439,7 +440,7 @@ _BOTH: Views = ((BEHIND, -0.5), (AHEAD, +0.5))
 
 
 def mean_pairings(tables: Tables) -> list[Pairing]:
-    """Pairs of waves for W."""
+    """Return pairs of waves for W."""
     groups = list(enumerate(tables.groups))
     return [
         (k, n, _MIRROR, mean_pairs(own, other, k == n)) for k, own in groups for n, other in groups
@@ -447,7 +448,10 @@ def mean_pairings(tables: Tables) -> list[Pairing]:
 
 
 def difference_pairings(tables: Tables) -> list[Pairing]:
-    """Pairs of waves for A: the edges' field is the first factor BEHIND, the second AHEAD."""
+    """Return pairs of waves for A.
+
+    The field of the edges is the first factor for the view BEHIND, and the second for AHEAD.
+    """
     pairings: list[Pairing] = []
     for k, own in enumerate(tables.groups):
         for n, other in enumerate(tables.groups):

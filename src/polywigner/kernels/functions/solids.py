@@ -31,9 +31,9 @@ from polywigner.kernels.outline.frame import (
 
 @dataclass(frozen=True)
 class SolidTables:
-    """The body in its frame; sums run over ``edges``.
+    """Tetrahedra of a body in its frame; sums run over ``edges``.
 
-    Each is a tetrahedron: ax, ay, az, bx, ..., cz, and det(a, b, c), six times its signed volume.
+    Each row is ax, ay, az, bx, ..., cz, and det(a, b, c), which is six times the signed volume.
     """
 
     frame: LinearFrame
@@ -47,7 +47,7 @@ class SolidTables:
 
 @lru_cache(maxsize=64)
 def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
-    """The tables of a polyhedron; the same for either precision."""
+    """Return the tables of a polyhedron; the same for either precision."""
     centre, rows = _axes(body)
     inner = vertices_for(rows, centre, body.vertices)
     # signed fans: opposite faces of thin bodies are split alike, so that their errors cancel
@@ -60,10 +60,11 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
 
 
 def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
-    """The centre of the body's box, and its axes as rows times the power of two of its extents.
+    """Return the centre of the body's box, and its axes times the power of two of its extents.
 
-    World axes and one scale for all, unless the body is a needle or a plate. The box is that along
-    these axes: the centre of another one would lie far outside a plate, in units of its thickness.
+    A body has the axes of the world and one scale for all axes, unless it is a needle or a plate.
+    The box is the one along these axes: the centre of another box would lie far outside a plate,
+    in units of its thickness.
     """
     mean = body.vertices.mean(axis=0)
     # without full_matrices=False, NumPy makes a matrix of vertices times vertices.
@@ -84,7 +85,7 @@ def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
 
 
 def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """det(a, b, c) of each row of corners (n, 3, 3), correctly rounded."""
+    """Return det(a, b, c) of each row of corners (n, 3, 3), correctly rounded."""
     integers, exponent = whole_numbers(corners)
     exact: Any = determinant(list(np.moveaxis(integers, 0, 2)))
     scale = 1 << abs(3 * exponent)

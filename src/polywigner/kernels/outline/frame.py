@@ -52,7 +52,7 @@ class Frame:
     """The frequency, in the user's units, relative to which fields on the source are held."""
 
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
-        """A point of the aperture plane in the frame."""
+        """Return a point of the aperture plane in the frame."""
         cx, cy = self.centre
         if self.is_diagonal:
             return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
@@ -73,7 +73,7 @@ class Frame:
         return self.inverse_transpose
 
     def vector(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
-        """A difference of points in the frame."""
+        """Return a difference of points in the frame."""
         if self.is_diagonal:
             return x * self.matrix[0][0], y * self.matrix[1][1]
         return self._cross_products(ops, x, y)
@@ -87,18 +87,18 @@ class Frame:
         return None
 
     def frequency(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
-        """A spatial frequency in the frame."""
+        """Return a spatial frequency in the frame."""
         if self.is_diagonal:
             return x * self.inverse_transpose[0][0], y * self.inverse_transpose[1][1]
         return times(ops, self.inverse_transpose, x, y)
 
     def detuned(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
-        """A spatial frequency relative to the carrier, in the frame."""
+        """Return a spatial frequency relative to the carrier, in the frame."""
         cx, cy = self.carrier
         return self.frequency(ops, x - cx if cx else x, y - cy if cy else y)
 
     def exact_frequency(self, *nu: float) -> tuple[float, ...]:
-        """A constant frequency in the frame, correctly rounded."""
+        """Return a constant frequency in the frame, correctly rounded."""
         rows = [[Fraction(m) for m in row] for row in self.inverse_transpose]
         exact = [Fraction(n) for n in nu]
         return tuple(float(sum(m * n for m, n in zip(row, exact, strict=True))) for row in rows)
@@ -109,24 +109,24 @@ class Frame:
         return ops.cross(xx, -xy, y, x) * scale, ops.cross(yx, -yy, y, x) * scale
 
     def vertices(self, points: Array) -> Array:
-        """Points (n, 2) in the frame, correctly rounded."""
+        """Return points (n, 2) in the frame, correctly rounded."""
         return vertices_for(self.inverse_transpose, self.centre, points)
 
 
 def enter_position_and_frequency(
     ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any
 ) -> tuple[Any, ...]:
-    """The arguments of W in the frame."""
+    """Return the arguments of W in the frame."""
     return (*frame.position(ops, x, y), *frame.detuned(ops, nu_x, nu_y))
 
 
 def times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
-    """matrix nu, each component to about an ulp of itself: across a needle almost all cancels."""
+    """Return matrix nu, each component to about an ulp; across a needle almost all cancels."""
     return tuple(total + rest for total, rest in times_doubled(ops, matrix, *nu))
 
 
 def times_doubled(ops: Any, matrix: Matrix, *nu: Any) -> tuple[phases.Doubled, ...]:
-    """matrix nu, each component as the sum of two floats; a diagonal holds powers of two."""
+    """Return matrix nu, each component as the sum of two floats; a diagonal holds powers of two."""
     if _diagonal(matrix):
         diagonal = (row[k] for k, row in enumerate(matrix))
         return tuple((n * factor, 0.0) for n, factor in zip(nu, diagonal, strict=True))
@@ -134,7 +134,7 @@ def times_doubled(ops: Any, matrix: Matrix, *nu: Any) -> tuple[phases.Doubled, .
 
 
 def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Array:
-    """The x' with (matrix nu).x' = nu.(x - centre) for all nu; (n, d), correctly rounded."""
+    """Return the x' with (matrix nu).x' = nu.(x - centre) for all nu; (n, d), correctly rounded."""
     if _diagonal(matrix):
         return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
     points, exponent = whole_numbers(np.vstack([np.asarray(centre, np.float64), points]))
@@ -149,7 +149,7 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Arra
 
 
 def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
-    """The determinant times the inverse transpose; for 2 x 2 and 3 x 3."""
+    """Return the determinant times the inverse transpose; for 2 x 2 and 3 x 3."""
     n = len(matrix)
 
     def cofactor(i: int, j: int) -> int:
@@ -160,7 +160,7 @@ def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
 
 
 def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
-    """By its first row; exact for exact numbers."""
+    """Return the determinant by expansion along the first row; exact for exact numbers."""
     if len(matrix) == 1:
         return matrix[0][0]
     minors = ([[*row[:k], *row[k + 1 :]] for row in matrix[1:]] for k in range(len(matrix)))
@@ -171,7 +171,7 @@ def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
 
 
 def reach_of(vertices: Array) -> tuple[float, ...]:
-    """The largest |coordinate| of vertices (n, d) in their frame."""
+    """Return the largest |coordinate| of vertices (n, d) in their frame."""
     return tuple(np.abs(vertices).max(axis=0).tolist())
 
 
@@ -181,7 +181,7 @@ def _diagonal(matrix: Matrix) -> bool:
 
 
 def frame_of(points: Array) -> Frame:
-    """The frame of a set of points (n, 2) that span a region of non-zero area."""
+    """Return the frame of a set of points (n, 2) that span a region of non-zero area."""
     low, high = points.min(axis=0), points.max(axis=0)
     centre = low + (high - low) / 2
     corners = shapely.get_coordinates(shapely.oriented_envelope(shapely.MultiPoint(points)))
@@ -199,7 +199,7 @@ def frame_of(points: Array) -> Frame:
 def frame_along(
     points: Array, centre: Array, direction: tuple[float, float], sizes: tuple[float, float]
 ) -> Frame:
-    """The frame whose first axis has a direction, with units (powers of two) along both axes."""
+    """Return the frame with a direction of its first axis and powers of two as units."""
     (c, s), (length, width) = direction, sizes
     norm = c * c + s * s
     matrix = ((c / length, s / length), (-s / width, c / width))
@@ -210,5 +210,5 @@ def frame_along(
 
 
 def power_of_two(size: float) -> float:
-    """The power of two that brings ``size`` to [1/2, 1): a scale by it is exact."""
+    """Return the power of two that brings ``size`` to [1/2, 1): a scale by it is exact."""
     return math.ldexp(1.0, math.frexp(size)[1])

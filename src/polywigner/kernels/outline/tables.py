@@ -104,7 +104,7 @@ class Tables:
         )
 
     def mutual(self, real: Any, imag: Any, level: Any, level_imag: Any) -> tuple[Any, Any]:
-        """The weight of an element times the conjugate of another weight: (real, imag)."""
+        """Return the weight of an element times the conjugate of another weight: (real, imag)."""
         if self.uniform:
             return level, 0.0
         if not self.phased:
@@ -149,5 +149,5 @@ def build_tables(source: Source, *, double: bool) -> Tables:
 
 
 def is_plain(tables: Tables) -> bool:
-    """Whether the source is uniform, coherent and without waves."""
+    """Return whether the source is uniform, coherent and without waves."""
     return tables.groups == (UNIFORM,) and tables.uniform and tables.coherence is None

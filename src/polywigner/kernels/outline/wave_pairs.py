@@ -40,14 +40,14 @@ UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
 
 
 def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
-    """The centre of all frequencies, relative to which a steered source is computed."""
+    """Return the centre of all frequencies, relative to which a steered source is computed."""
     still = np.zeros((1, dimension))
     frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
     return tuple((frequencies.min(axis=0) / 2 + frequencies.max(axis=0) / 2).tolist())
 
 
 def waves_in_frame(illumination: Any, frame: Any) -> Waves:
-    """The waves of an illumination, or of the uniform field (None), in a frame with its carrier."""
+    """Return the waves of an illumination (None: uniform) in a frame, less its carrier."""
     if illumination is None:
         pairs = [(1.0, [0.0] * len(frame.centre))]
     else:
@@ -62,7 +62,7 @@ def waves_in_frame(illumination: Any, frame: Any) -> Waves:
 
 
 def field_of(ops: Any, waves: Waves, point: Sequence[Any]) -> tuple[Any, Any]:
-    """(real, imaginary) part of the field at a point of the frame, less the carrier."""
+    """Return (real, imaginary) part of the field at a point of the frame, less the carrier."""
     return _summed(ops, tuple((w.amplitude, w.frequency) for w in waves), point)
 
 
@@ -78,12 +78,12 @@ class WavePair:
     """Whether the conjugates of all pairs are among them: only the real part is wanted."""
 
     def amplitude(self, ops: Any, point: Sequence[Any]) -> tuple[Any, Any]:
-        """(real, imaginary) part at a position or lag of the frame."""
+        """Return (real, imaginary) part at a position or lag of the frame."""
         real, imag = _summed(ops, self.terms, point, imaginary=not self.is_real)
         return real, imag
 
     def gradient(self, ops: Any, point: Sequence[Any]) -> list[tuple[Any, Any]]:
-        """(real, imaginary) part of the derivative of the amplitude, for each component."""
+        """Return (real, imaginary) part of the derivative of the amplitude, for each component."""
         result = []
         for k in range(len(point)):
             turned = tuple((2j * math.pi * f[k] * a, f) for a, f in self.terms if f[k])
@@ -92,7 +92,7 @@ class WavePair:
         return result
 
     def detuned(self, frequency: Sequence[Any]) -> tuple[Any, ...]:
-        """The frequency less the shift."""
+        """Return the frequency less the shift."""
         pairs = zip(frequency, self.shift, strict=True)
         return tuple(f if _is_zero(s) else f - s for f, s in pairs)
 
@@ -108,7 +108,7 @@ class WavePair:
 
 
 def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
-    """Every two waves by themselves, as rows of an engine's table for `pair_of_row`."""
+    """Return all pairs of two waves as rows of an engine's table, for `pair_of_row`."""
     return [
         (complex(amplitude).real, complex(amplitude).imag, *wave_pair.shift, *rate)
         for wave_pair in wave_pairs
@@ -117,7 +117,7 @@ def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
 
 
 def pair_of_row(is_real: bool, real: Any, imag: Any, *vectors: Any) -> WavePair:
-    """The pair of a row whose numbers are an engine's."""
+    """Return the pair of a row whose numbers are an engine's."""
     return WavePair(vectors[:2], ((Pair(real, imag), vectors[2:]),), is_real)
 
 
@@ -131,7 +131,7 @@ def _summed(
     point: Sequence[Any],
     imaginary: bool = True,
 ) -> tuple[Any, Any]:
-    """sum a exp(2 pi i f.point); constants where nothing varies."""
+    """Return sum a exp(2 pi i f.point); constants where nothing varies."""
     real: Any = 0.0
     imag: Any = 0.0
     for amplitude, frequency in terms:
