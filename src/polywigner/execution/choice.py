@@ -87,7 +87,8 @@ def resolved(engine: str, samples: int, terms: int = 1) -> str:
 
     Raises
     ------
-    EngineError if the requested engine is not available, with the remedy.
+    EngineError
+        If the requested engine is not available, with the remedy.
     """
     return _engine_for(engine, samples * terms >= _LEAST_TERMS)
 
@@ -105,12 +106,23 @@ def planned(
 
     Parameters
     ----------
-    shape : (positions, frequencies) if each position meets every frequency; else None.
-    families : families of parallel edges if the frequencies of F are a grid.
+    kernel : Kernel
+        Kernel of the transform.
+    tables : Tables or similar
+        Tables of the source.
+    samples : int
+        Number of samples.
+    engine : str
+        Requested engine.
+    shape : tuple of int, optional
+        (positions, frequencies) if each position meets every frequency.
+    families : int, optional
+        Number of families of parallel edges if the frequencies of F are a grid.
 
     Raises
     ------
-    EngineError if the requested engine is not available, with the remedy.
+    EngineError
+        If the requested engine is not available, with the remedy.
     """
     per_sample, as_data = terms_of(kernel, tables), takes_data(kernel, tables)
     terms = samples * per_sample

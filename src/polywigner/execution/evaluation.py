@@ -62,9 +62,22 @@ def evaluate(
 ) -> tuple[Array, ...]:
     """Return the results of a kernel for float64 or float32 components that broadcast.
 
-    Arguments enter the frame in float64 whatever the precision of the sums. ``into``: arrays of the
-    broadcast shape for the results, such as both parts of a complex array. ``shear`` maps the
-    components to those of the kernel; listed slices apply it block by block.
+    Arguments enter the frame in float64, whatever the precision of the sums.
+
+    Parameters
+    ----------
+    components : sequence of ndarray
+        Components of the points.
+    double : bool
+        Whether sums are computed in float64.
+    engine : str
+        Requested engine.
+    outputs : int
+        Number of results.
+    into : sequence of ndarray, optional
+        Arrays of the broadcast shape for the results, such as both parts of a complex array.
+    shear : callable, optional
+        Maps the components to the components of the kernel; listed slices apply it block by block.
     """
     shape = np.broadcast_shapes(*[c.shape for c in components])
     dtype = np.float64 if double else np.float32
@@ -124,9 +137,9 @@ _is_explained: ContextVar[bool] = ContextVar("_is_explained", default=False)
 
 
 def explained(call: Callable[[], object]) -> Plan | None:
-    """Return the plan of the first kernel that ``call()`` evaluates; nothing is computed.
+    """Return the plan of the first kernel that ``call()`` evaluates, without computing anything.
 
-    None if it evaluates no kernel on NumPy arrays.
+    None if the call evaluates no kernel on NumPy arrays.
     """
     token = _is_explained.set(True)
     try:
@@ -166,7 +179,7 @@ def _in_chunks(
 
 @dataclass(frozen=True, eq=False)
 class SharedRows:
-    """Components of shape (rows, 1) or (1, columns), with the slices' positions along rows."""
+    """Components of shape (rows, 1) or (1, columns), with the positions of slices along rows."""
 
     components: tuple[Array, ...]
     rows: int
@@ -234,7 +247,7 @@ def _shared(
     results: Sequence[Array],
     shear: Shear | None,
 ) -> Launched:
-    """Yield chunks of results whose slices are cut once for each row, in double precision."""
+    """Yield chunks of results; slices are cut once for each row, in double precision."""
     slices, exact = kernel.edge_sum, kernel.tables_for(source, True)
     assert isinstance(slices, SliceSum)
     compiled = None
@@ -323,8 +336,22 @@ def evaluate_rows(
 ) -> tuple[Array, ...]:
     """Return sums of term(ops, row, sample, constants) over a table, in double precision.
 
-    table (m, a), samples (n, b), constants (c,); ``outputs`` arrays (n,). On Dr.Jit the rows and
-    the constants are data of one loop, so other values compile nothing.
+    On Dr.Jit the rows and the constants are data of one loop, so other values compile nothing.
+
+    Parameters
+    ----------
+    term : callable
+        Returns ``outputs`` numbers.
+    table : ndarray, shape (m, a)
+        Rows to sum over.
+    samples : ndarray, shape (n, b)
+        Rows for which there are results.
+    constants : ndarray, shape (c,)
+        Numbers that all terms share.
+
+    Returns
+    -------
+    tuple of ndarray, each of shape (n,)
     """
     actual = resolved(engine, len(samples), len(table))
     if actual != "numpy":

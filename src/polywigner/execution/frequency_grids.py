@@ -54,7 +54,7 @@ class GridPlan:
         return below < _MOST_BELOW
 
     def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
-        """Write real and imaginary part to two arrays.
+        """Write the real and the imaginary part to two arrays.
 
         ``point_by_point`` computes the few points near the origin, where (F4) loses digits.
         """
@@ -111,7 +111,7 @@ def evaluate_on_grid(
     into: Sequence[Array],
     engine: str,
 ) -> bool:
-    """Write F of a whole array on a grid; return whether this is a grid and saves work."""
+    """Write F of an array on a grid; return whether the points are a grid and this saves work."""
     plan = plan_for_grid(kernel, source, components, engine)
     if plan is None:
         return False

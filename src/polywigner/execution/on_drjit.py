@@ -117,14 +117,14 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
 
 
 def is_code(kernel: Kernel, tables: Any) -> bool:
-    """Return whether the numbers of a source are constants in a kernel's code, not memory."""
+    """Return whether the numbers of a source are constants in the code of a kernel."""
     if isinstance(tables, Tables) and kernel.slices is not None:
         return tables.fits_code
     return isinstance(tables, Tables | OutlineTables) and len(tables.edges) <= MOST_TERMS_AS_CODE
 
 
 def is_recording(kind: Any) -> bool:
-    """Return whether Dr.Jit records the computation, or the type is not of the LLVM backend."""
+    """Return whether Dr.Jit records the computation, or the backend is not LLVM."""
     import drjit
 
     scopes = (drjit.JitFlag.SymbolicScope, drjit.JitFlag.FreezingScope)
@@ -162,7 +162,10 @@ class OnDrjit:
         return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
     def of_parts(self, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool) -> Fetch:
-        """Return results for rows and columns in the frame; row k has parts ``ends[k:k + 2]``."""
+        """Return results for rows and columns in the frame.
+
+        The parts of row k are the rows ``ends[k]`` to ``ends[k + 1]`` of ``table``.
+        """
         ops, slices = self.ops, self.kernel.slices
         assert slices is not None
         shape = np.broadcast_shapes(*(np.shape(a) for a in inner))
@@ -194,7 +197,7 @@ class OnDrjit:
 
 
 def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
-    """Start computing results; the returned function waits for them."""
+    """Start the computation of results; return a function that waits for them."""
     import drjit
 
     drjit.eval(results)
@@ -220,7 +223,7 @@ def row_sums(
     outputs: int,
     engine: str,
 ) -> tuple[npt.NDArray[np.float64], ...]:
-    """Return sums of a term over the rows of a table, see :func:`evaluate_rows`, in one loop."""
+    """Return the sums of :func:`evaluate_rows` by one loop over the rows of the table."""
     import drjit as dr
 
     kind = drjit_float(engine, True)
@@ -310,8 +313,8 @@ class OnDrjitData:
 class _Slices:
     """Outlines that are cut, as lists of the pairs of edges that can meet.
 
-    ``numbers``: tables of the source. ``owners``: other objects on which a kernel depends.
-    ``is_recorded``: whether the kernel needs no other memory.
+    ``numbers``: tables of the source. ``owners``: other objects on which the recording of a kernel
+    depends. ``is_recorded``: whether a kernel may be recorded, because it needs no other memory.
     """
 
     def __init__(self, kernel: Kernel, tables: Tables, double: bool, samples: int) -> None:
@@ -410,7 +413,7 @@ class _DataFrame(Frame):
 
 
 def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
-    """Return tables with the centre of their frame in memory, as their lists are."""
+    """Return tables with the centre of their frame in memory instead of code."""
     pairs = [phases.doubled(c, ops.double) for c in tables.frame.centre]
     numbers = iter(_looked_up(ops, [number for pair in pairs for number in pair]))
     values = {field.name: getattr(tables.frame, field.name) for field in fields(Frame)}

@@ -75,7 +75,7 @@ class _Unfused(Operations):
     lost = staticmethod(product_error)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Return sums of terms with much code, one after the other."""
+        """Return the sums of terms with much code, one term after the other."""
         return unrolled_sum(rows, term)
 
     def repeated(self, count: int, state: Values, step: Term, _: Any) -> Values:
@@ -102,7 +102,7 @@ class NumpyOperations(_Unfused):
     ) -> Values:
         """Return the sums of the ``values`` values of ``term(*row)`` over rows.
 
-        Computes as many rows at once as fit the cache, on an axis before the samples ``like``.
+        As many rows as fit the cache are computed at once, on an axis before the samples ``like``.
         """
         table, axes = np.array(rows, np.float64), (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, int(np.size(like))))
@@ -133,7 +133,7 @@ class NumpyOperations(_Unfused):
         return tuple(table[:, k].take(row) for k in range(table.shape[1]))
 
     def truncated(self, value: Any) -> Numbers:
-        """Return a float of at least 0 as the number of a row."""
+        """Return a float of at least 0 as the index of a row."""
         return np.asarray(value).astype(np.int64)
 
     def sum_over_some(
@@ -166,7 +166,7 @@ class NumpyOperations(_Unfused):
     ) -> list[Any]:
         """Return the sums of ``term(*row, *samples)`` over the rows of one of several tables.
 
-        ``rule``: the number of each sample's table; -1 gives 0.
+        ``rule``: index of the table of each sample; -1 gives 0.
         """
         rule, *arrays = np.broadcast_arrays(rule, *samples)
         totals = [np.zeros(rule.shape) for _ in range(values)]
@@ -186,7 +186,7 @@ class NumpyOperations(_Unfused):
 
 
 def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield the sample and the number of each row in ranges of rows, in blocks."""
+    """Yield the index of the sample and of the row for all ranges of rows, in blocks."""
     ends = counts.cumsum()
     starts = ends - counts
     for begin in range(0, int(ends[-1]) if len(ends) else 0, _LISTED):
@@ -260,7 +260,7 @@ class RowByRow(Operations):
 
 
 class ScalarOperations(_Unfused, RowByRow):
-    """Python floats: the scalar variants of Mitsuba."""
+    """Python floats, for the scalar variants of Mitsuba."""
 
     target = "scalar"
     key = float

@@ -105,16 +105,28 @@ def on_components(
     precision: str | None,
     engine: str,
 ) -> Drjit:
-    """Return ``function(points)`` for points as component arrays, as the callers' kind of array.
+    """Return ``function(points)`` for component arrays, as the kind of array of the caller.
 
-    ``parameters`` are the Dr.Jit arrays in the source, by name. Points that are not Dr.Jit arrays
-    are converted: to component arrays like the others, or to tensors if the source alone has Dr.Jit
-    arrays.
+    Points that are not Dr.Jit arrays are converted: to component arrays like the other points, or
+    to tensors if only the source has Dr.Jit arrays.
+
+    Parameters
+    ----------
+    function : callable
+        Takes component arrays by name.
+    points : mapping
+        Points by the names of the arguments.
+    parameters : mapping
+        The Dr.Jit arrays of the source, by name.
+    precision, engine : str
+        Options of the call, which the arrays must agree with.
 
     Raises
     ------
-    ArgumentError if types, backends, precisions or numbers of points disagree.
-    EngineError if the arrays are LLVM's and no usable LLVM library is loaded.
+    ArgumentError
+        If types, backends, precisions or numbers of points disagree.
+    EngineError
+        If the arrays are of the LLVM backend and no usable LLVM library is loaded.
     """
     import drjit
 
@@ -148,7 +160,7 @@ def on_components(
 
 
 def _component_array(name: str, value: Any, float_type: type) -> Drjit:
-    """Return a component array of Dr.Jit's, or NumPy points (d,) or (n, d), as an ``Array{d}f``."""
+    """Return a Dr.Jit component array, or NumPy points (d,) or (n, d), as an ``Array{d}f``."""
     import drjit
 
     if not is_drjit(value):
@@ -208,7 +220,7 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
 
 
 def _host_points(name: str, value: Any) -> NDArray[np.float64]:
-    """Return points that are no Dr.Jit array. Raises ArgumentError for other than real numbers."""
+    """Return points that are no Dr.Jit array. Raises ArgumentError if they are not real."""
     try:
         return real_numbers(value)
     except ValueError as error:
@@ -242,7 +254,7 @@ def split(point: Any) -> list[Any]:
 
 
 def joined(components: Sequence[Any]) -> Numbers:
-    """Return points of these components, the inverse of :func:`split`."""
+    """Return points with these components, the inverse of :func:`split`."""
     if not is_drjit(components[0]):
         return np.stack(np.broadcast_arrays(*components), axis=-1)
     if len(components) == 1:
@@ -257,7 +269,7 @@ def shifted(point: Drjit, shift: NDArray[np.float64]) -> Drjit:
 
 
 def matrix_times(matrix: NDArray[np.float64], components: Sequence[Any]) -> list[Any]:
-    """Return the components of a matrix times a vector; zeros of the matrix are left out."""
+    """Return the components of a matrix times a vector; zeros of the matrix are skipped."""
     return [
         sum((c * m for c, m in zip(components, row, strict=True) if m), 0.0)
         for row in matrix.tolist()
@@ -273,7 +285,7 @@ def unit_wave(turns: Numbers) -> Numbers:
 
 
 def times_complex(value: Numbers, factor: complex) -> Numbers:
-    """Return a complex result, NumPy's or a ``Complex2f``, times a number."""
+    """Return a complex result (NumPy or ``Complex2f``) times a number."""
     if is_drjit(value):
         return value * type(value)(factor.real, factor.imag)
     if factor.imag:

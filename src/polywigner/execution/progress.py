@@ -34,8 +34,18 @@ def progress_bar(
 ) -> Iterator[Advance]:
     """Draw a bar of ``total`` parts on stderr, and erase it at the end of the block.
 
-    Gives a function to call after each part, or with the number of finished parts. ``done`` parts
-    are finished at the start. ``show``: None draws the bar if stderr is a terminal.
+    Yields a function to call after each part, or with the number of finished parts.
+
+    Parameters
+    ----------
+    title : str
+        Text before the bar.
+    total : int
+        Number of parts.
+    done : int, default 0
+        Number of parts that are finished at the start.
+    show : bool, optional
+        None draws the bar if stderr is a terminal.
     """
     global _bars
     if not (_is_terminal() if show is None else checked_flag(show, "progress")):

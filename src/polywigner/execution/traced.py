@@ -28,7 +28,7 @@ Numbers = tuple[Any, Any]
 
 @dataclass(frozen=True)
 class Traced:
-    """Numbers of a source in its frame that are Dr.Jit arrays; None: they are constants.
+    """Numbers of a source in its frame that are Dr.Jit arrays; None for constants.
 
     While a kernel is traced each number is a separate array, and the pairs consist of tuples.
     """
@@ -43,7 +43,7 @@ class Traced:
 class Differentiable:
     """A source with the present values of its numbers, and the Dr.Jit arrays that contain them.
 
-    Made by :func:`polywigner.differentiable`.
+    :func:`polywigner.differentiable` returns it.
     """
 
     source: Any
@@ -133,7 +133,7 @@ def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
 def kernel_with_derivatives(
     kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], traced: Traced
 ) -> tuple[Any, ...]:
-    """Return results of a kernel with derivatives in its arguments and in ``traced`` numbers."""
+    """Return the results of a kernel with derivatives in its arguments and in ``traced``."""
     import drjit as dr
 
     closed = gradient_kernel_of(kernel)
@@ -194,7 +194,7 @@ def evaluate_traced(
 
 
 def _in_memory(component: Drjit) -> Drjit:
-    """Return a component, a constant that is not finite as an array in memory.
+    """Return a component; a constant that is not finite becomes an array in memory.
 
     Dr.Jit folds constants into the code and drops NaN.
     """

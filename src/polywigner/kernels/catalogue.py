@@ -70,7 +70,7 @@ def _widths_in(source: Wavefront) -> float:
 
 
 def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
-    """Return the kernel of W in partly coherent light; None if W is a mean over tilts.
+    """Return the kernel of W in partly coherent light, or None if W is a mean over tilts.
 
     W of arrays whose elements share one outline is a mean over tilts, unless there are too many
     tilts or few elements. The kernel ignores curvature, which is applied to the frequencies.
@@ -88,12 +88,16 @@ def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
 def kernel_for(transform: str, source: Any) -> Kernel:
     """Return the kernel of a transform of a source.
 
-    An array has the kernels of its elements, slits or apertures of one plane; its Fourier transform
-    is the sum over them and has no kernel.
+    An array has the kernels of its elements, which are slits or apertures in one plane. Its Fourier
+    transform is a sum over the elements and has no kernel.
 
-    Raises ArgumentError for other objects, and for phase-space functions of polyhedra (six
-    dimensions) and of placed apertures, whose plane differs from the plane of x. Raises
-    GeometryError for phase-space functions of arrays outside the plane z = 0.
+    Raises
+    ------
+    ArgumentError
+        For other objects, and for phase-space functions of polyhedra (six dimensions) and of placed
+        apertures, whose plane differs from the plane of x.
+    GeometryError
+        For phase-space functions of arrays outside the plane z = 0.
     """
     if isinstance(source, Wavefront):
         kernel = partly_coherent_kernel(source) if transform == "wigner" else None

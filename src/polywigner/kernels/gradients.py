@@ -64,7 +64,7 @@ class Gradients:
 
 
 class Axes:
-    """Coordinates along a frequency and across it."""
+    """Coordinates along a frequency and across the frequency."""
 
     def __init__(self, ops: Any, nu: tuple[Any, Any]) -> None:
         self.ops = ops
@@ -74,15 +74,16 @@ class Axes:
         self.along = x * inverse, y * inverse
 
     def of(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """Return a vector along the frequency and across it, (p, q)."""
+        """Return the components (p, q) of a vector along and across the frequency."""
         c, s = self.along
         return self.ops.fma(c, x, s * y), self.ops.fma(c, y, -s * x)
 
     def segment(self, p: Any, q: Any, dp: Any, dq: Any) -> tuple[Pair, ...]:
         """Return integrals along a segment with midpoint (p, q) and vector (dp, dq).
 
-        Means of 1 and of t times exp(-2 pi i nu.x) along it, for t from -1/2 to 1/2; and its terms
-        of the moments M00, M10 and 2 M01 of the wave over the polygon, each over -dp: (G4).
+        The first two are the means of exp(-2 pi i nu.x) and of t exp(-2 pi i nu.x) for t from -1/2
+        to 1/2. The others are the terms of the moments M00, M10 and 2 M01 of the wave over the
+        polygon, each over -dp, (G4).
         """
         ops = self.ops
         cosine, sine = cos_sin_turns(ops, self.norm * p)
@@ -110,11 +111,11 @@ _BELOW, _DOUBLE, _SINGLE = 1.0, 9, 4
 
 
 def _segment_moments(ops: Any, half: Any) -> tuple[Any, Any, Any]:
-    """Return e_n = integral of t^n exp(-4 pi i half t) over -1/2 < t < 1/2, n = 0, 1, 2.
+    """Return e_n = integral of t^n exp(-4 pi i half t) over -1/2 < t < 1/2 for n = 0, 1, 2.
 
-    ``half``: cycles of the wave over half of the segment. Real for even n; for n = 1 the
-    imaginary part. By spherical Bessel functions of x = 2 pi half: ``e0 = j0, e1 = -j1/2, e2 =
-    (j0 - 2 j2)/12``. Absolute errors of a few ulps of 2^-n/(n + 1).
+    ``half``: cycles of the wave over half of the segment. e_0 and e_2 are real; e_1 is the
+    imaginary part. With spherical Bessel functions of x = 2 pi half they are e_0 = j_0, e_1 =
+    -j_1/2 and e_2 = (j_0 - 2 j_2)/12. Absolute errors are a few ulps of 2^-n/(n + 1).
     """
     j0, j1, j2 = _bessel(ops, half)
     return j0, -0.5 * j1, ops.fma(j2, -1 / 6, j0 * (1 / 12))
@@ -123,8 +124,8 @@ def _segment_moments(ops: Any, half: Any) -> tuple[Any, Any, Any]:
 def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     """Return j_0, j_1 and j_2 of x = 2 pi half.
 
-    For small x j_2 comes from its series, and j_1 from its neighbours, x (j_0 + j_2)/3, which loses
-    nothing; else both come from the recurrence upwards.
+    For small x j_2 comes from its series, and j_1 = x (j_0 + j_2)/3 from its neighbours, which
+    loses no digits. Otherwise both come from the upward recurrence.
     """
     x = 2 * math.pi * half
     small = abs(x) < _BELOW
@@ -250,7 +251,7 @@ def _gradients(
 
 
 def _weights(ops: Any, tables: Tables) -> list[Pair]:
-    """Return the weights of the elements, as data where edges are."""
+    """Return the weights of the elements, as data if edges are data."""
     parts = [[part(w) for w in tables.weights] for part in (lambda w: w.real, lambda w: w.imag)]
     if ops.target != "data":
         return list(map(Pair, *parts))
@@ -258,10 +259,10 @@ def _weights(ops: Any, tables: Tables) -> list[Pair]:
 
 
 class _BeatGradients:
-    """Derivatives of the contribution of a pair of waves, weights of both elements included.
+    """Derivatives of the contribution V of a pair of waves, with the weights of both elements.
 
-    V is ``scale`` times the sum over the views. For W the edges of one copy are half the boundary,
-    and the edges of the other copy contribute the conjugate.
+    V is ``scale`` times the sum over the views. For W the edges of one copy are half of the
+    boundary, and the edges of the other copy contribute the conjugate.
     """
 
     values = 5
@@ -290,7 +291,7 @@ class _BeatGradients:
         self.amplitude = self.wave * self.mutual
 
     def terms(self, edge: Edge, cuts: dict[View, Any]) -> tuple[list[Pair], Pair]:
-        """Return area, push of the boundary and moments, and the accumulator's sum."""
+        """Return area, push of the boundary and moments of an edge, and the accumulator's sum."""
         ops, scale, clipper = self.ops, self.scale, self.clipper
         area, push, along, across, begin, end = [_ZERO] * 6
         long = scale * edge.length

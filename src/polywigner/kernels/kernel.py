@@ -33,7 +33,7 @@ class Kernel:
     """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
 
     def tables_for(self, source: Any, double: bool) -> Any:
-        """Return the tables for a source; they are cached in the source if it has a cache."""
+        """Return the tables of a source, from its cache if it has one."""
         known = getattr(source, "__dict__", {}).get("_tables")
         if known is None:
             return self.tables(source, double)
@@ -44,7 +44,7 @@ class Kernel:
 
     @property
     def slices(self) -> SliceSum | None:
-        """Its sum over edges if they are cut."""
+        """The sum over edges if edges are cut, else None."""
         return self.edge_sum if isinstance(self.edge_sum, SliceSum) else None
 
     def __call__(self, ops: Any, tables: Any, *arguments: Any) -> Values:
@@ -54,7 +54,7 @@ class Kernel:
 
 
 def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """Return a real sum, scaled."""
+    """Return a real sum, scaled to the units of the user."""
     return (sums[0] * frame.measure,)
 
 

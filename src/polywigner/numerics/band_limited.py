@@ -23,10 +23,23 @@ _RULES = (5, 9, 17, 33, 65)
 
 
 def in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
-    """Compute smooth values (n, k) at frequencies (n,), by a polynomial if that takes fewer calls.
+    """Compute smooth values at frequencies, by a polynomial if that takes fewer calls.
 
     The number of Chebyshev nodes is doubled until the polynomial predicts the values at the next
     nodes to ``tolerance`` of the largest value.
+
+    Parameters
+    ----------
+    compute : callable
+        frequency -> complex ndarray, shape (k,).
+    frequencies : ndarray, shape (n,)
+        Frequencies in any unit.
+    tolerance : float
+        Allowed error, relative to the largest value of each component.
+
+    Returns
+    -------
+    complex ndarray, shape (n, k)
     """
     low, high = float(frequencies.min()), float(frequencies.max())
     steps = _RULES[-1] - 1
@@ -50,7 +63,7 @@ def in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance:
 
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
-    """Return values (n, k) at frequencies (n,) of the polynomial through nodes, ends included."""
+    """Return values (n, k) at frequencies (n,) of the polynomial through all nodes."""
     low, high = nodes[[0, -1]]
     if low == high:
         return np.repeat(values[:1], len(frequencies), axis=0)
@@ -69,12 +82,23 @@ _MOST = 256
 
 
 def largest(points: Floats, values: Floats, step: Floats, width: Floats) -> tuple[Floats, Floats]:
-    """Return the samples that may be next to the largest peak, the best first.
+    """Return the samples that may be next to the largest peak, the largest first.
 
     Parameters
     ----------
-    points, values : (n, 2) and (n,).
-    step, width : (2,) distances between samples, and the widths D; their products are at most 1/2.
+    points : ndarray, shape (n, 2)
+        Positions of the samples.
+    values : ndarray, shape (n,)
+        Values of the samples.
+    step : ndarray, shape (2,)
+        Distance between samples along each axis.
+    width : ndarray, shape (2,)
+        Width D of the source along each axis; ``step * width`` is at most 1/2.
+
+    Returns
+    -------
+    points, values : ndarray
+        Up to 256 samples.
     """
     fraction = float(np.cos(math.pi * width * step / 2).prod()) ** 2
     best = np.argsort(-values, kind="stable")[:_MOST]
@@ -85,13 +109,16 @@ def largest(points: Floats, values: Floats, step: Floats, width: Floats) -> tupl
 def climbed(
     evaluate: Callable[[Floats], tuple[Floats, Any]], points: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the points (n, 2) of the largest peak, or of several equal ones, and its value (n,).
+    """Return the positions (n, 2) and the values (n,) of the largest peak, or of several equal ones.
 
     Parameters
     ----------
-    evaluate : (points (n, m, 2)) -> the points moved into the function's domain, its values (n, m).
-    points : (n, 2) samples, as :func:`largest` returns them.
-    step, width : as for :func:`largest`.
+    evaluate : callable
+        (points (n, m, 2)) -> the points moved into the domain of the function, and values (n, m).
+    points : ndarray, shape (n, 2)
+        Samples, as :func:`largest` returns them.
+    step, width : ndarray, shape (2,)
+        As for :func:`largest`.
     """
     around = np.arange(-_WINDOW, _WINDOW + 1) / _WINDOW
     window = np.stack(np.meshgrid(around, around), axis=-1).reshape(-1, 2)

@@ -42,8 +42,9 @@ _FARTHEST = 60.0
 def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return two parts of T(t) = (1/sqrt pi) exp(-i pi/4) int_t^inf exp(i s^2) ds.
 
-    T(t) = step + exp(i t^2) rest: (step less ``side``, rest), ``side`` 1 where T is near 1. Each
-    part is accurate relative to itself, and so are differences of T at points far from its bend.
+    T(t) is step + exp(i t^2) rest, and the parts are step - ``side`` and rest. ``side`` is 1 where
+    T is near 1, else 0. Each part is accurate relative to itself, and so are differences of T at
+    points far from its bend.
     """
     exponent = 2 * _A * _TURN * np.clip(t, -_FARTHEST, _FARTHEST)
     # 1/(exp(z) + 1), less 1 if ``side`` is 1: -1/(exp(-z) + 1)
@@ -94,7 +95,7 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
 
 
 def waves_of_turns(turns: Any) -> Complex:
-    """Return exp(2 pi i turns)."""
+    """Return exp(2 pi i turns) for phases in cycles."""
     angle = np.asarray(2 * math.pi * (turns - np.rint(turns)))
     wave = np.empty(angle.shape, np.complex128)
     np.cos(angle, out=wave.real)

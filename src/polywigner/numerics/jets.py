@@ -19,9 +19,9 @@ Slopes = tuple[Any, ...]
 
 
 class Jet:
-    """A number and its derivatives in some variables, of arrays of any engine; () of a constant.
+    """A number and its derivatives in some variables, for arrays of any engine; () for a constant.
 
-    All arrays of a formula are jets, for Dr.Jit's arrays know no others.
+    All arrays of a formula must be jets, because Dr.Jit arrays do not accept other operands.
     """
 
     def __init__(self, ops: Any, value: Any, slopes: Slopes = ()) -> None:

@@ -44,7 +44,10 @@ _NONE = 100.0
 
 @dataclass(frozen=True)
 class PanelView:
-    """A panel as a point sees it: s from first to last, all else the same along it."""
+    """A panel in the axes of a point, in which its position s runs from ``first`` to ``last``.
+
+    The other numbers are the same for all positions along the panel.
+    """
 
     first: Any
     last: Any
@@ -61,7 +64,7 @@ class PanelView:
 
 
 class _Travelling:
-    """p_z > 0, or 0."""
+    """Waves with a real direction cosine p_z > 0, or p_z = 0."""
 
     directions = 3
     """Components of the direction in which the free wave turns."""
@@ -69,12 +72,12 @@ class _Travelling:
     def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
-        """Return numbers that all nodes share, and the reach of singularities or their distance.
+        """Return numbers that all nodes share, and bounds on the distance of singularities.
 
-        ``moment``: p x (P - Q) at the panel's beginning, by e, -n and z; () of waves along z.
-
-        Returns ((e, e', whether it grazes the point), sine of the angle to the mirrored ray,
-        distance from it), both bounds from below.
+        ``moment``: components of p x (P - Q) along e, -n and z at the begin of the panel; () for
+        waves along z. The results are: the waves e and e', whether the wave grazes the point, and
+        the moment; the sine of the angle to the mirrored ray; and the distance from that ray. Both
+        bounds are lower bounds, and one of them is None.
         """
         z, pz = view.z, view.pz
         tilt = ops.minimum(pz + z / ops.maximum(view.radius_first, view.radius_last), 1.0)
@@ -99,7 +102,7 @@ class _Travelling:
         along: Any, b: Any, z: Any, across: Any, pz: Any,
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any, *moment: Any,
     ) -> Pair:  # fmt: skip
-        """Return the integrand times the radius, at t from the panel's beginning."""
+        """Return the integrand times the radius, at t from the begin of the panel."""
         tiny = 1e-300 if ops.double else 1e-37
         # N = R - p.(P - Q), without cancellation if they are parallel
         if moment:
@@ -124,7 +127,7 @@ class _Travelling:
 
 
 class _Evanescent:
-    """p_z = i q, q > 0."""
+    """Waves with an imaginary direction cosine, p_z = i q with q > 0."""
 
     directions = 2
 
@@ -286,7 +289,7 @@ class EdgeRule:
 
     @classmethod
     def of(cls, turns: float, nodes: int, tails: int) -> EdgeRule:
-        """Return the rule with given numbers of nodes."""
+        """Return the rule with given numbers of nodes along the edge and beyond."""
         along = np.stack(np.polynomial.legendre.leggauss(nodes), axis=-1)
         beyond = np.stack(np.polynomial.laguerre.laggauss(tails), axis=-1) / (2.0 * math.pi)
         return cls(turns, *(tuple((t, w) for t, w in rule.tolist()) for rule in (along, beyond)))
@@ -297,7 +300,7 @@ def _always(_: Any, compute: Callable[..., tuple[Any, Any]], *arguments: Any) ->
 
 
 class _EdgePaths:
-    """Paths from a source over a straight edge to a point; ``along``: unit vector of the edge."""
+    """Paths from a source over a straight edge (unit vector ``along``) to a point."""
 
     def __init__(
         self, ops: Any, source: Point, point: Point, start: Point, along: Point, length: Any
@@ -396,7 +399,7 @@ def edge_wave(
     tiny = 1e-300 if ops.double else 1e-37
 
     def near_foot(low: Any, high: Any) -> tuple[Any, Any]:
-        """Return the sum of the wave less its pole."""
+        """Return the integral of the wave without its pole."""
         scale = ops.sqrt(ops.minimum(foot, 4.0 * rule.turns))
         first, last = (
             inverse_sinh(ops, v, ops.sqrt(v * v + 1.0)) for v in (low / scale, high / scale)
@@ -416,7 +419,7 @@ def edge_wave(
         return size * real, size * imag
 
     def beyond(v: Any) -> tuple[Any, Any]:
-        """Return the sum from v on, where the wave decays if v turns into the complex plane."""
+        """Return the integral from v on, along a path on which the wave decays."""
         q = v * v
         total = Pair(0.0, 0.0)
         for y, weight in rule.tails:
@@ -431,7 +434,7 @@ def edge_wave(
         return -wave.imag, wave.real
 
     def outside(start: Any, end: Any) -> tuple[Any, Any]:
-        """Return sums beyond the limit, as far as the ends of the edge."""
+        """Return the integrals beyond the limit, up to the ends of the edge."""
         rim = beyond(0.0 * start + limit)
         real, imag = 0.0, 0.0
         for sign, v in ((-1.0, start), (1.0, end)):
@@ -528,7 +531,7 @@ class _Path:
         self.turn = dot(self.ahead, r) * self.axis
 
     def smooth(self, ops: Any) -> tuple[Any, Any]:
-        """Return the angle less the boundary wave; on the axis both diverge."""
+        """Return the angle minus the boundary wave; on the axis both diverge."""
         c, s = cos_sin_turns(ops, self.detour)
         c2, s2 = cos_sin_turns(ops, 0.5 * self.detour)
         slope = 4.0 * math.pi / (self.inner * self.both) * sinc(ops, self.detour)

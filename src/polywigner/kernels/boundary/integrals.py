@@ -45,7 +45,7 @@ _FARTHEST = 1e30
 def point_in_wavelengths(
     ops: Any, centre: tuple[float, float], wavelength: float, x: Any, y: Any, z: Any
 ) -> tuple[Doubled, Doubled, Doubled]:
-    """Return (x, y, z) less the centre, over the wavelength. ``ops``: of float64."""
+    """Return (x, y, z) minus the centre in wavelengths; ``ops`` of float64."""
     scale = phases.doubled(1 / Fraction(wavelength))
     # most sources are centred at the origin
     aside = (
@@ -57,7 +57,7 @@ def point_in_wavelengths(
 
 
 def distance_of(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
-    """Return sqrt(x^2 + y^2 + z^2) by one step of Newton's method from its nearest float."""
+    """Return sqrt(x^2 + y^2 + z^2) as two floats, by one step of Newton's method."""
     highs = tuple(high for high, _ in point)
     root = ops.sqrt(sum(high * high for high in highs))
     total, rest = phases.dot(ops, (*highs, -root), (*highs, root))
@@ -68,7 +68,7 @@ def distance_of(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
 
 
 def paraxial_distance(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
-    """Return z + (x^2 + y^2)/(2 z), Fresnel's distance."""
+    """Return Fresnel's distance z + (x^2 + y^2)/(2 z) as two floats."""
     (x, x_low), (y, y_low), (z, z_low) = point
     rise = (x * x + y * y) / (2.0 * z)
     total, rest = phases.dot(ops, (x, y, -rise), (x, y, 2.0 * z))
@@ -90,7 +90,7 @@ _STRIP = 1.4
 
 @dataclass(frozen=True)
 class BoundaryFrame:
-    """Lengths in wavelengths, relative to the centre of the source."""
+    """Frame of lengths in wavelengths, relative to the centre of the source."""
 
     centre: tuple[float, float]
     wavelength: float
@@ -102,7 +102,7 @@ class BoundaryFrame:
 
 @dataclass(frozen=True)
 class BoundaryTables:
-    """Panels times waves, and the rules to integrate along them."""
+    """Panels times waves, and the rules for integrals along panels."""
 
     frame: BoundaryFrame
     edges: tuple[Row, ...]
@@ -137,7 +137,10 @@ def leave_phase(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> 
 
 
 def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return (real part, imaginary part, error) of the field but for the phase of the distance."""
+    """Return the (real, imaginary) field and its error.
+
+    The phase of the distance from the centre is left out.
+    """
     totals: Values = ()
     for wave, flag in ((TRAVELLING, 0.0), (EVANESCENT, 1.0)):
         rows = [row[:-1] for row in tables.edges if row[-1] == flag]
@@ -190,9 +193,9 @@ def _panel(
 
 
 def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
-    """Return p x (P - Q) at a panel's beginning, by e, -n and z.
+    """Return the components of p x (P - Q) along e, -n and z at the begin of a panel.
 
-    Far along p its terms are large, and their differences are not.
+    Far along p the terms are large, and their differences are not.
     """
     px, py, pz = zip(cosines[::2], cosines[1::2], strict=True)
     x, y, z = offset
@@ -204,7 +207,7 @@ def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
 def panel_view(
     ops: Any, first: Any, length: Any, b: Any, z: Any, cosines: tuple[Any, Any, Any]
 ) -> PanelView:
-    """Return the view of a panel that begins at (first, b), for a wave in the panel's axes."""
+    """Return the view of a panel that begins at (first, b), with direction cosines of a wave."""
     last, foot2 = first + length, b * b + z * z
     ends = (ops.sqrt(first * first + foot2), ops.sqrt(last * last + foot2))
     return PanelView(first, last, length, *ends, b, z, *cosines)
@@ -214,10 +217,19 @@ def sums_over_panel(
     ops: Any, rules: Rules, view: PanelView, bounds: tuple[Any, Any, Any],
     node: Callable[..., Values], values: int, *data: Any,
 ) -> tuple[Values, Values]:  # fmt: skip
-    """Return sums of ``node`` over a rule in the length along a panel, or close to it in the angle.
+    """Return the sums of ``node`` over a panel, and the expected errors.
 
-    ``bounds``: sine and depth, by which singularities are known, and digits. ``node`` takes (t, s,
-    radius, d(t)/radius over the rule's own step, weights, *data). Also the errors expected.
+    The variable of integration is the length along the panel, or the angle for points close to the
+    panel.
+
+    Parameters
+    ----------
+    bounds : tuple
+        Sine and depth, which bound the distance of singularities, and digits of accuracy.
+    node : callable
+        (t, s, radius, step over the radius, weights, *data) -> values at a node.
+    values : int
+        Number of values of ``node``.
     """
     sine, depth, digits = bounds
     far, clear, swing, half = _lengthwise(ops, view, sine, depth)
@@ -239,7 +251,7 @@ def sums_over_panel(
         at: Any, w: Any, v1: Any, v2: Any,
         middle: Any, span: Any, away: Any, first: Any, *data: Any,
     ) -> Values:  # fmt: skip
-        """Return a node in v, s = away sinh v, where radius = away cosh v and dt/radius = dv."""
+        """Return a node in v, where s = away sinh v, radius = away cosh v and dt/radius = dv."""
         grown = ops.exp(middle + span * at)
         shrunk = 1.0 / grown
         s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
@@ -256,8 +268,8 @@ def sums_over_panel(
 def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
     """Return the data of a rule in the length along a panel.
 
-    A tuple (whether the rule is sufficient, distance of singularities, phase over half of the
-    panel in cycles, half the length), and the distance in half-lengths.
+    These are: whether the rule is sufficient; the distance of singularities in half-lengths; the
+    phase over half of the panel in cycles; and half of the length.
     """
     half = 0.5 * view.length
     outside = ops.maximum(ops.maximum(view.first, -view.last), 0.0)
@@ -273,8 +285,8 @@ def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, 
 def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
     """Return the data of a rule in v, where s = sqrt(b^2 + z^2) sinh v.
 
-    A tuple (distance of singularities, phase over half of the interval of v in cycles, centre of
-    the interval, half its length), and the distance in half-lengths.
+    These are: the distance of singularities in half-lengths of the interval of v; the phase over
+    half of the interval in cycles; the centre of the interval; and half of its length.
     """
     away = ops.sqrt(view.b * view.b + view.z * view.z)
     low = inverse_sinh(ops, view.first / away, view.radius_first / away)
@@ -301,7 +313,7 @@ def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
 
 
 def _weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
-    """Return a panel's integral times the wave's amplitude, and its error."""
+    """Return the integral of a panel times the amplitude of the wave, and its error."""
     r, i = row[-2:]
     return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
 
@@ -320,7 +332,7 @@ def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -
 
 
 def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
-    """Return the point relative to the panel's beginning, each component in two floats."""
+    """Return the point relative to the begin of the panel, each component as two floats."""
     offset = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
         rounded, lost = phases.difference(high, origin)
@@ -331,7 +343,8 @@ def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
 def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
     """Return the unobstructed wave at the point, relative to the phase of the distance.
 
-    ``cosines``: pairs of floats; without the last pair, as if the point were in the plane.
+    ``cosines``: direction cosines as pairs of floats. Without the last pair the wave is that at the
+    point's foot in the plane.
     """
     floats = (*cosines, -1.0, 0.0)
     direction = tuple(zip(floats[::2], floats[1::2], strict=True))
@@ -344,7 +357,7 @@ def edge_wave(
     ops: Any, t: Any, radius: Any,
     constant: Any, slope: Any, distance: Any, along: Any, start: Any,
 ) -> Pair:  # fmt: skip
-    """Return the wave at t along the panel, its phase relative to the distance's."""
+    """Return the wave at t along the panel, relative to the phase of the distance."""
     turns = (constant + t * (slope + t)) / (radius + distance) + along * t + start
     return unit_wave(ops, turns)
 
@@ -354,7 +367,10 @@ _NO_SINGULARITY = 100.0
 
 
 def fresnel_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return (real part, imaginary part, error) of the field but for the phase of the distance."""
+    """Return the (real, imaginary) paraxial field and its error.
+
+    The phase of the distance from the centre is left out.
+    """
     oblique = any(row[5] or row[7] for row in tables.edges)
 
     def term(*row: Any) -> Values:
@@ -425,7 +441,7 @@ _GROWN = 3.6
 
 @dataclass(frozen=True)
 class _Strips:
-    """The rules; and one term, which the arguments tell all of."""
+    """The rules, and one empty row: the arguments contain all data of a panel."""
 
     frame: None
     edges: tuple[tuple[()], ...]

@@ -37,9 +37,10 @@ Matrix = tuple[tuple[Any, ...], ...]
 
 @dataclass(frozen=True)
 class Frame:
-    """nu' = inverse_transpose nu, x' = matrix (x - centre) / norm, exactly its inverse transpose.
+    """Coordinates x' = matrix (x - centre) / norm, and frequencies nu' = inverse_transpose nu.
 
-    ``measure``: area of a unit square of the frame; ``reach``: the largest |x'| and |y'| in it.
+    The second matrix is exactly the inverse transpose of the first. ``measure``: area of a unit
+    square of the frame. ``reach``: largest |x'| and |y'| of the source.
     """
 
     centre: tuple[float, float]
@@ -80,7 +81,7 @@ class Frame:
 
     @property
     def axes(self) -> tuple[int, int] | None:
-        """Numbers of the user's axes along the frame's own; None if the frame is turned."""
+        """Indices of the user's axes along the axes of the frame; None if the frame is rotated."""
         for axes in ((0, 1), (1, 0)):
             if self.inverse_transpose[0][axes[1]] == 0.0 == self.inverse_transpose[1][axes[0]]:
                 return axes
@@ -126,7 +127,7 @@ def times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
 
 
 def times_doubled(ops: Any, matrix: Matrix, *nu: Any) -> tuple[phases.Doubled, ...]:
-    """Return matrix nu, each component as the sum of two floats; a diagonal holds powers of two."""
+    """Return matrix nu, each component as the sum of two floats."""
     if _diagonal(matrix):
         diagonal = (row[k] for k, row in enumerate(matrix))
         return tuple((n * factor, 0.0) for n, factor in zip(nu, diagonal, strict=True))
@@ -134,7 +135,7 @@ def times_doubled(ops: Any, matrix: Matrix, *nu: Any) -> tuple[phases.Doubled, .
 
 
 def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Array:
-    """Return the x' with (matrix nu).x' = nu.(x - centre) for all nu; (n, d), correctly rounded."""
+    """Return the x' (n, d), correctly rounded, with (matrix nu).x' = nu.(x - centre) for all nu."""
     if _diagonal(matrix):
         return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
     points, exponent = whole_numbers(np.vstack([np.asarray(centre, np.float64), points]))
@@ -210,5 +211,5 @@ def frame_along(
 
 
 def power_of_two(size: float) -> float:
-    """Return the power of two that brings ``size`` to [1/2, 1): a scale by it is exact."""
+    """Return the power of two that scales ``size`` to [1/2, 1), exactly."""
     return math.ldexp(1.0, math.frexp(size)[1])

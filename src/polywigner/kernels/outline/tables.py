@@ -66,9 +66,9 @@ class Tables:
 
     @cached_property
     def clips(self) -> int:
-        """Number of pairs of edges: the cost of one slice.
+        """Number of pairs of edges, which is the cost of one slice.
 
-        A further wave counts as 24 edges: it is integrated over each part of an edge.
+        A further wave counts as 24 edges, because it is integrated over each part of an edge.
         """
         return len(self.edges) * (len(self.edges) + _EDGES_PER_WAVE * (self.waves_per_cut - 1))
 
@@ -115,7 +115,7 @@ class Tables:
 def build_tables(source: Source, *, double: bool) -> Tables:
     """Return the tables of the elements of a coherent source, in its plane.
 
-    ``double``: for float64 kernels; else for float32 ones.
+    ``double``: whether the kernels compute in float64 rather than float32.
     """
     elements, groups = source.in_plane.elements, source.in_plane.groups
     frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))

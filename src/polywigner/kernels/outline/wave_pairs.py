@@ -29,7 +29,7 @@ Vector = tuple[Any, ...]
 
 @dataclass(frozen=True)
 class Wave:
-    """A plane wave in the frame: phases relative to its centre, frequencies to the carrier."""
+    """A plane wave in the frame, relative to its centre and to the carrier."""
 
     amplitude: complex
     frequency: Vector
@@ -40,7 +40,7 @@ UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
 
 
 def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
-    """Return the centre of all frequencies, relative to which a steered source is computed."""
+    """Return the centre of all frequencies, to which those of steered sources are relative."""
     still = np.zeros((1, dimension))
     frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
     return tuple((frequencies.min(axis=0) / 2 + frequencies.max(axis=0) / 2).tolist())
@@ -62,13 +62,13 @@ def waves_in_frame(illumination: Any, frame: Any) -> Waves:
 
 
 def field_of(ops: Any, waves: Waves, point: Sequence[Any]) -> tuple[Any, Any]:
-    """Return (real, imaginary) part of the field at a point of the frame, less the carrier."""
+    """Return the (real, imaginary) part of the field at a point of the frame, less the carrier."""
     return _summed(ops, tuple((w.amplitude, w.frequency) for w in waves), point)
 
 
 @dataclass(frozen=True)
 class WavePair:
-    """Pairs of waves that see the uniform source at one frequency."""
+    """Pairs of waves that share a frequency of the uniform source."""
 
     shift: Vector
     """The shift to subtract from the frequency."""
@@ -78,12 +78,12 @@ class WavePair:
     """Whether the conjugates of all pairs are among them: only the real part is wanted."""
 
     def amplitude(self, ops: Any, point: Sequence[Any]) -> tuple[Any, Any]:
-        """Return (real, imaginary) part at a position or lag of the frame."""
+        """Return the (real, imaginary) amplitude at a position or lag of the frame."""
         real, imag = _summed(ops, self.terms, point, imaginary=not self.is_real)
         return real, imag
 
     def gradient(self, ops: Any, point: Sequence[Any]) -> list[tuple[Any, Any]]:
-        """Return (real, imaginary) part of the derivative of the amplitude, for each component."""
+        """Return the (real, imaginary) derivative of the amplitude in each component."""
         result = []
         for k in range(len(point)):
             turned = tuple((2j * math.pi * f[k] * a, f) for a, f in self.terms if f[k])
@@ -117,7 +117,7 @@ def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
 
 
 def pair_of_row(is_real: bool, real: Any, imag: Any, *vectors: Any) -> WavePair:
-    """Return the pair of a row whose numbers are an engine's."""
+    """Return the pair of a row of an engine."""
     return WavePair(vectors[:2], ((Pair(real, imag), vectors[2:]),), is_real)
 
 
@@ -131,7 +131,7 @@ def _summed(
     point: Sequence[Any],
     imaginary: bool = True,
 ) -> tuple[Any, Any]:
-    """Return sum a exp(2 pi i f.point); constants where nothing varies."""
+    """Return sum a exp(2 pi i f.point), and plain numbers if all frequencies are 0."""
     real: Any = 0.0
     imag: Any = 0.0
     for amplitude, frequency in terms:
