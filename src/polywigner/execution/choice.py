@@ -28,18 +28,18 @@ DATA = "edges as data"
 CODE = "edges as code"
 SUM = "sum of terms"
 
-# Thresholds, from benchmarks/default_regret.py.
-# Samples from which on compiled code with sources as data is faster, once the kernel is compiled.
+# The thresholds are measured by benchmarks/default_regret.py.
+# Number of samples from which on compiled code with sources as data is faster than NumPy.
 _LEAST_SAMPLES = 1000
-# Terms (samples times edges, waves and copies) from which on a kernel for each source is worth its
-# compilation.
+# Number of terms (samples times edges, waves and copies) from which on compiling a kernel for the
+# source pays.
 _LEAST_TERMS = 1 << 18
-# Samples from which on edges as code pay for being compiled.
+# Number of samples from which on compiling edges as code pays.
 _LEAST_SAMPLES_AS_CODE = 1 << 18
-# Frequencies at a position from which on compiled code sums listed slices. Cutting up to four edges
-# is as fast as reading a list.
+# Number of frequencies per position from which on compiled code sums listed slices. Cutting up to
+# four edges is as fast as reading a list.
 _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
-# Terms for each family of parallel edges from which on F on a grid is computed from its axes.
+# Number of terms per family of parallel edges from which on F on a grid uses the axes of the grid.
 _TERMS_PER_FAMILY = 1 << 10
 
 
@@ -126,7 +126,7 @@ def planned(
     """
     per_sample, as_data = terms_of(kernel, tables), takes_data(kernel, tables)
     terms = samples * per_sample
-    # NumPy takes ten times as long for W and A of arrays, so a kernel for each pays early.
+    # NumPy takes ten times as long for W and A of arrays, so compiling a kernel pays early.
     by_samples = as_data or isinstance(tables, RepeatedTables)
     is_large = samples >= _LEAST_SAMPLES if by_samples else terms >= _LEAST_TERMS
     actual = _engine_for(engine, is_large)

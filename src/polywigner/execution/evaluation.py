@@ -36,11 +36,11 @@ from polywigner.kernels.functions.slices import SliceSum
 _CHUNK = 3 << 12
 # Samples in a block with shared slices. Compiled code reads only rows and columns from memory.
 _SHARED_BLOCK, _LARGE_BLOCK = 1 << 18, 1 << 20
-# Columns from which on sharing a slice pays.
+# Number of columns from which on sharing a slice pays.
 _LEAST_COLUMNS = 64
 # Pairs of a row and a point whose terms are stored at a time: 32 MiB in float64.
 _BLOCK = 1 << 22
-# Rows times samples at a time, whose terms are long: some MB for each number of a term.
+# Rows times samples at a time; temporary arrays take some MB for each number of a term.
 _ROWS = 1 << 18
 
 _HOST = NumpyOperations()
@@ -155,7 +155,7 @@ def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
     """Return the results of a kernel by NumPy, flat and in double precision."""
-    with np.errstate(invalid="ignore", over="ignore"):  # infinite and NaN inputs give NaN
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN for infinite and NaN arguments
         if shear is not None:
             components = shear(components)
         shape = np.broadcast_shapes(*[c.shape for c in components])
@@ -257,7 +257,7 @@ def _shared(
     targets = rows.targets(results)
     for block, arguments in rows.blocks(_LARGE_BLOCK if is_large else _SHARED_BLOCK):
         count = len(range(*block[0].indices(rows.rows)))
-        with np.errstate(invalid="ignore", over="ignore"):  # positions far from the source
+        with np.errstate(invalid="ignore", over="ignore"):  # positions may be far from the source
             sheared = arguments if shear is None else shear(arguments)
             inner = kernel.enter(_HOST, exact.frame, *sheared)
             position = [np.broadcast_to(p, (count, 1))[:, 0] for p in inner[slices.position]]

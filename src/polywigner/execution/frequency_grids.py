@@ -15,11 +15,11 @@ from polywigner.kernels import GridTables, Kernel, OutlineSum, fourier_on_grid
 
 Array = npt.NDArray[Any]
 
-# Shorter sides do not pay for the tables of the axes.
+# Sides for which the tables of the axes pay.
 _LEAST_SIDE = 8
-# Longer sides are tiled: the tables of a tile's axes fit into memory.
+# Longer sides are tiled, so that the tables of the axes of a tile fit into memory.
 _TILE = 512
-# Largest fraction of points too near the origin: each is computed by itself at 20 times the cost.
+# Largest fraction of points too close to the origin: each of them costs 20 times as much.
 _MOST_BELOW = 1 / 8
 # Squares overflow beyond this |nu| in the frame.
 _LARGEST = 1e150
@@ -63,7 +63,9 @@ class GridPlan:
         for i in range(0, len(self.x), _TILE):
             for j in range(0, len(self.y), _TILE):
                 x, y = self.x[i : i + _TILE], self.y[j : j + _TILE]
-                with np.errstate(invalid="ignore", divide="ignore"):  # replaced below
+                with np.errstate(
+                    invalid="ignore", divide="ignore"
+                ):  # points near the origin are replaced
                     *parts, below = fourier_on_grid(ops, self.tables, x, y)
                 if below.any():
                     at = np.nonzero(below)

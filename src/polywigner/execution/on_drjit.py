@@ -31,7 +31,7 @@ from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Tables, is_plain
 from polywigner.numerics import phases
 
-# Recorded functions that are cached, and recordings of each: arguments that are one number need
+# Number of cached recorded functions, and of recordings of each: arguments of one number need
 # another recording than arrays.
 _MOST, _MOST_RECORDINGS = 64, 8
 # Samples in a chunk: launching is cheap compared with computing, and arguments take some 10 MB.
@@ -109,7 +109,9 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
     key = (*map(id, owners), *kind)
     with _lock:
         if key not in _known:
-            _known[key] = _Frozen(function, owners)  # a reference keeps the ids valid
+            _known[key] = _Frozen(
+                function, owners
+            )  # the function keeps references, so that ids stay valid
             while len(_known) > _MOST:
                 _known.popitem(last=False)
         _known.move_to_end(key)
@@ -179,7 +181,7 @@ class OnDrjit:
         sums = ops.plain_sum(
             first, end, lambda number: run.term(*ops.gather(rows, number)), run.values
         )
-        # Infinite and NaN arguments give NaN.
+        # NaN for infinite and NaN arguments.
         lost = sum(a - a for a in (*at[slices.position], *nu))
         total = run.total(tuple(value + lost for value in sums))
         return _fetching(self.kernel.leave(ops, self.tables.frame, at, total), shape)
@@ -328,7 +330,7 @@ class _Slices:
             getattr(grid, part.name) for grid in self.pairs.values() for part in fields(grid)
         ]
         self.owners = (kernel,) if is_plain(tables) else (kernel, tables)
-        # Nodes of rules and tables of waves would be further memory.
+        # Recordings must not contain other memory, such as nodes of rules and tables of waves.
         self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:

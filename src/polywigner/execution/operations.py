@@ -20,7 +20,7 @@ from polywigner.numerics.grid_arithmetic import accurate_cross, product_error
 
 # Values in a temporary array that fit the cache of one core.
 _BLOCK = 1 << 14
-# Rows in a list; most of them are then left out.
+# Number of rows in a list, most of which are then left out.
 _LISTED = 1 << 17
 
 Numbers: TypeAlias = Any

@@ -307,7 +307,7 @@ def numbers_of(name: str, value: Any, kind: str) -> Drjit:
     Raises ArgumentError for anything else.
     """
     is_complex, got = kind == "Complex2f", type(value).__name__
-    if is_drjit(value):  # otherwise Dr.Jit could be imported before an LLVM library is chosen
+    if is_drjit(value):  # only then may Dr.Jit be imported: an LLVM library has been chosen
         import drjit
 
         if _is_tensor(value):

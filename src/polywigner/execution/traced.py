@@ -19,7 +19,7 @@ from polywigner.kernels.gradients import gradient_kernel_of
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 
-# Samples up to which edges are data: compiling them as code costs more than it saves.
+# Number of samples up to which edges are data, because compiling code costs more than it saves.
 _MOST_AS_DATA = 1 << 16
 
 Numbers = tuple[Any, Any]
@@ -109,9 +109,9 @@ class _Accumulator:
         index = dr.uint32_array_t(kind)(int(number)) if is_constant else self.ops.truncated(number)
         if not is_constant or dr.flag(
             dr.JitFlag.SymbolicScope
-        ):  # arrays of a loop do not exist after it
+        ):  # arrays of a loop do not exist outside
             return tuple(dr.gather(kind, values, index) for values in pair)
-        # Once for all edges; otherwise each edge would accumulate gradients in memory.
+        # Gathered once for all edges; otherwise each edge would accumulate gradients in memory.
         key = id(pair), int(number)
         if key not in self.known:
             self.known[key] = tuple(dr.gather(kind, values, index) for values in pair)
@@ -143,7 +143,7 @@ def kernel_with_derivatives(
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
     values = kernel.edge_sum(ops, tables, *fixed)
-    # Derivatives depend on the last arguments.
+    # Only the last arguments have derivatives.
     summed = map(real, fixed[-closed.arguments :])
     derivatives = closed.gradients(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]

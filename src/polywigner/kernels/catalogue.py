@@ -22,7 +22,7 @@ from polywigner.source.lattices import Sites
 
 _TRANSFORMS = ("autocorrelation", "wigner", "ambiguity")
 
-# By transform and kind of source, a type or a name of `_SPECIAL`.
+# Kernels by transform and kind of source, which is a type or a name of `_SPECIAL`.
 _KERNELS: dict[tuple[str, Any], Kernel] = {
     (name, kind): getattr(home, name.replace(" ", "_").upper())
     for kind, home, names in (
@@ -58,8 +58,8 @@ _PARTLY_COHERENT: dict[Kernel, Kernel] = {
 
 MOST_WIDTHS = 1 << 15
 """Widths of coherence in the area of a source; a mean has some four tilts for each."""
-# Most elements of an array for which every pair has a slice: in general, and if the alternative is
-# a mean over too many tilts.
+# Largest number of elements of an array for which every pair has a slice: in general, and if the
+# alternative is a mean over too many tilts.
 _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 
@@ -109,7 +109,7 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     if isinstance(source, Sites) and transform == "array factor":
         return array_factor_kernel(source.dimension)
     if isinstance(source, Array) and source.dimension == 3:
-        _ = source.elements_in_plane  # or its error
+        _ = source.elements_in_plane  # raises an error if elements have several planes
     for kind, holds in _SPECIAL.items():
         if (transform, kind) in _KERNELS and holds(source):
             return _KERNELS[transform, kind]

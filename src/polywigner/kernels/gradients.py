@@ -104,9 +104,8 @@ class Axes:
         return Pair(-x.imag, x.real), Pair(-y.imag, y.real)
 
 
-# x below which Bessel functions come from series, since the recurrence upwards loses 3/x^3 ulps;
-# and the number of terms in double and single precision. The omitted term of j_2 for x = 1 is 1e-17
-# and 2e-9.
+# Below this x Bessel functions come from series, since the upward recurrence loses 3/x^3 ulps. With
+# _DOUBLE and _SINGLE terms the first omitted term of j_2 at x = 1 is 1e-17 and 2e-9.
 _BELOW, _DOUBLE, _SINGLE = 1.0, 9, 4
 
 
@@ -305,7 +304,7 @@ class _BeatGradients:
                 ops.fma(clipper.ty, side, scale * edge.ay),
             )
             for middle, extent, real, imag in cuts[view]:
-                # an empty part may lie far away, where powers overflow
+                # an empty part may be far away, where powers overflow
                 middle = ops.select(extent == 0.0, 1.0, middle)
                 half, length = (0.5 * long) * middle, long * extent
                 e0, e1, *moments = self.axes.segment(

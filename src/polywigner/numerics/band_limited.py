@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Numbers of Chebyshev nodes; each set contains the one before.
+# Numbers of Chebyshev nodes; each set contains the previous set.
 _RULES = (5, 9, 17, 33, 65)
 
 
@@ -72,9 +72,9 @@ def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Comple
     return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)
 
 
-# Samples of a window on either side of its centre, which is also the factor by which the window
-# shrinks, and the number of times that it shrinks. The last position is known to 4^-8 of a sample;
-# a peak is quadratic there, so that its height is known to about its square, 1e-9.
+# _WINDOW: samples of a window on either side of its centre, and the factor by which the window
+# shrinks _ROUNDS times. The last position is accurate to 4^-8 of a sample. A peak is quadratic
+# there, so its relative height is accurate to about the square of that, 1e-9.
 _WINDOW, _ROUNDS = 4, 8
 _EQUAL = 1e-9
 # Limit of the samples that are refined: peaks and their neighbours.
@@ -109,7 +109,7 @@ def largest(points: Floats, values: Floats, step: Floats, width: Floats) -> tupl
 def climbed(
     evaluate: Callable[[Floats], tuple[Floats, Any]], points: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the positions (n, 2) and the values (n,) of the largest peak, or of several equal ones.
+    """Return the positions (n, 2) and values (n,) of the largest peak, or of several equal ones.
 
     Parameters
     ----------

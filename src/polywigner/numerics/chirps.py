@@ -64,7 +64,7 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
 # Over a smaller fraction of a cycle, a Gauss rule with 8 nodes is exact to rounding; over a larger
 # one, differences of Fresnel integrals lose at most a digit.
 _RULE, _FEW_TURNS = legendre.leggauss(8), 1 / 16
-# A curvature of fewer half cycles counts as none.
+# Half cycles below which a curvature counts as 0.
 _FLAT = 1e-20
 
 
@@ -128,11 +128,11 @@ def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
     return np.asarray(value * (np.exp(0.25j * math.pi) / np.sqrt(c)))
 
 
-# Limit of the cycles along an edge; nodes for more take gigabytes for one point.
+# Largest number of cycles along an edge; nodes for more cycles take gigabytes per point.
 _MOST_TURNS = 1e5
 # Cycles of phase on a piece of an edge, well within the range of the largest rule.
 _TURNS = 200.0
-# Every fourth rule is used; there are eight rules to a factor of two.
+# Only every fourth rule is used, two rules per factor of two.
 _STRIDE = 4
 # Nodes in one block, which stay in the cache of a core, and pairs of a point and an edge.
 _BLOCK, _PAIRS = 1 << 13, 1 << 16
@@ -179,7 +179,9 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
         for some in (mine[k : k + step] for k in range(0, len(mine), step)):
             own = points[some]
             values_at_nodes = _at_nodes(start[some], extent[some], at, q[own], nu[own])
-            total = np.einsum("kn,n->k", values_at_nodes, weights)  # threads of BLAS cost more
+            total = np.einsum(
+                "kn,n->k", values_at_nodes, weights
+            )  # threads of BLAS would cost more
             np.add.at(values, own, total * (0.5 * extent[some, 1]))
     return values
 
@@ -190,7 +192,7 @@ def _turns(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
         most = np.maximum(most, np.maximum(abs(first + second), abs(second)))
-    most = np.where(np.isfinite(most), most, 0.0)  # whose values are not numbers either
+    most = np.where(np.isfinite(most), most, 0.0)  # their values are NaN as well
     if (most > _MOST_TURNS).any():
         raise ArgumentError(
             f"expected a curved wave of up to {_MOST_TURNS:.0e} turns of phase along an edge, got "

@@ -17,8 +17,9 @@ import numpy.typing as npt
 # Veltkamp's splitting constant, 2^ceil(p/2) + 1 for p = 53 bits.
 _SPLIT = 134217729.0
 
-# By double precision or not. In the frame, vertices lie within 1/2 of the origin and offsets 2x, xi
-# within 1: the largest combination of an offset and two vertices is below 2, 53 (24) bits of this.
+# Spacing of the grid in double and in single precision. In the frame, vertices are within 1/2 of
+# the origin and offsets (2x or xi) within 1. So the largest combination of an offset and two
+# vertices is below 2, which has 53 (24) bits above the spacing.
 GRID = {True: 2.0**-52, False: 2.0**-23}
 
 Floats = npt.NDArray[np.float64]
@@ -31,7 +32,7 @@ def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]
     return points[kept], kept
 
 
-# Pairs of a side and a vertex at a time: their temporaries stay in the cache of one core.
+# Pairs of a side and a vertex at a time, so that temporary arrays stay in the cache of a core.
 _BLOCK = 1 << 16
 
 
@@ -60,7 +61,9 @@ def _is_convex(polygon: Floats) -> bool:
     ahead = (before * after).sum(axis=1)
     if (turns < 0).any() or ((turns == 0) & (ahead <= 0)).any():
         return False
-    return bool(np.arctan2(turns, ahead).sum() < 3 * np.pi)  # 2 pi, or more rounds
+    return bool(
+        np.arctan2(turns, ahead).sum() < 3 * np.pi
+    )  # a sum of 2 pi for one round, more for several rounds
 
 
 def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
@@ -70,7 +73,7 @@ def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
     are moved.
     """
     ends = np.roll(piece, -1, axis=0)
-    # far wider than rounding; the candidates are tested exactly
+    # much wider than rounding, since the candidates are tested exactly
     size = 1e-12 * float(np.abs(vertices).max())
     step, candidates = max(1, _BLOCK // len(vertices)), []
     for start in range(0, len(piece), step):

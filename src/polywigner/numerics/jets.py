@@ -12,7 +12,7 @@ from typing import Any
 from polywigner.numerics import Mask, Number
 from polywigner.numerics.phases import cos_sin_turns
 
-# Below this, roots and squares have no derivative.
+# Floor of divisors, below which the derivatives of roots are not resolved.
 _LEAST = 1e-150
 
 Slopes = tuple[Any, ...]

@@ -58,7 +58,7 @@ def sin_turns(ops: Any, turns: Any) -> Number:
 
 def cos_sin_turns(ops: Any, turns: Any) -> tuple[Any, Any]:
     """Return cos(2 pi turns) and sin(2 pi turns)."""
-    if hasattr(ops, "cos_sin_turns"):  # of numbers with slopes: each is the other's derivative
+    if hasattr(ops, "cos_sin_turns"):  # jets: each function is the derivative of the other
         cosine, sine = ops.cos_sin_turns(turns)
         return cosine, sine
     r = turns - ops.round(turns)
@@ -80,8 +80,8 @@ def sinc(ops: Any, turns: Any) -> Any:
     half = 0.5 * turns
     reduced = half - ops.round(half)
     ratio = _sine_over_reduced(ops, reduced)
-    # Nothing is divided by a small number, for the sake of derivatives: the derivatives of a
-    # quotient would cancel, and err by an ulp over the turns.
+    # No division by a small number, because the derivatives of the quotient would cancel and err by
+    # an ulp over the cycles.
     near = abs(half) < 0.5
     quotient = ratio * reduced / ops.select(near, 1.0, half)
     return ops.select(near, ratio, quotient) * (0.5 / math.pi)
@@ -108,7 +108,7 @@ def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
 
 Doubled = tuple[Any, Any]
 
-# Splits a float64 into one of 24 bits, which float32 can hold, and the rest.
+# Splits a float64 into a number of 24 bits, which float32 can hold, and the rest.
 _SPLIT = 2.0**29 + 1
 
 

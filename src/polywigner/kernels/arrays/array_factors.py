@@ -37,9 +37,9 @@ Complexes = NDArray[np.complex128]
 Pair2 = tuple[Any, Any]
 Row = tuple[float, ...]
 
-# Coefficients that one load reads.
+# Number of coefficients that one load reads.
 _PACKET = 4
-# Terms of a temporary array: a few tens of megabytes with its intermediates.
+# Number of terms in a temporary array, which takes some tens of megabytes with its intermediates.
 _BLOCK = 1 << 18
 
 
@@ -157,10 +157,10 @@ class _Series:
         ``pairs``: number of pairs of sites, which is the number of terms of the row.
         """
         exists = (row >= 0.0) & (row <= last)
-        # Whole numbers: in float32, those beyond 2^24 (rows of 8200 sites) would be rounded.
+        # Indices are integers: float32 would round indices beyond 2^24 (rows of 8,200 sites).
         known = ops.select(exists, row, 0.0)
         start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * turns
-        is_even = _odd(ops, ops.select(exists, pairs, 1.0)) < 0.5  # middles between two terms
+        is_even = _odd(ops, ops.select(exists, pairs, 1.0)) < 0.5  # centre between two terms
         basis = _Basis(ops, turns, is_even)
         ends = (basis.cosine, basis.cosine, basis.sine, basis.sine)
         p_real, p_imag, q_real, q_imag = (
@@ -230,7 +230,7 @@ def _series(
         ahead = np.where(exists, product(rows, np.where(exists, up, 0)), 0.0)
         behind = np.where(exists, product(rows, np.where(exists, down, 0)), 0.0)
         p[rows, k], q[rows, k] = ahead + behind, ahead - behind
-        odd = rows[n % 2 == 1]  # whose middle is one term
+        odd = rows[n % 2 == 1]  # the centre is one term
         p[odd, 0] /= 2
     tables = (_unless_zero(t, part, packet) for t in (p, q) for part in ("real", "imag"))
     return _Series(packets, tuple(tables))
@@ -274,11 +274,12 @@ def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
 
 # ---- sites -----------------------------------------------------------------------------------
 
-# Positions that miss a lattice by more than this fraction of its extent D are not computed as a
-# lattice: the phase errs by 6e3 times that at |nu| D = 1000. Multiples of a pitch, counted from
-# anywhere in the array, miss it by less; arrays far off the origin, by more.
+# Positions that deviate from a lattice by more than this fraction of its extent D are summed one by
+# one: on the lattice the phase would err by 6e3 times the fraction at |nu| D = 1000. Multiples of a
+# pitch deviate by less. Arrays far from the origin deviate by more, because positions are rounded.
 _MISFIT = 2.0**-52
-# Fewer sites are summed one by one: as fast, and compiled at once (benchmarks/array_cost.py).
+# Fewer sites are summed one by one, which is as fast and compiles sooner
+# (benchmarks/array_cost.py).
 _LEAST_SITES = 16
 
 
@@ -317,7 +318,7 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     frame = _Frame(tuple(phases.doubled(c, double) for c in centre), lattice.basis)
     constant = complex(np.prod([profile.factor for profile in profiles]))
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
-        # phases are 0 at the centre
+        # phases are relative to the centre
         constant *= complex(np.exp(1j * np.pi * profile.turns * (count - 1)))
     factors, turns = map(profile_factor, profiles), (profile.turns for profile in profiles)
     return _Tables(frame, (), tuple(factors), constant, tuple(turns))
@@ -340,7 +341,7 @@ def _enter(ops: Any, frame: _Frame, *nu: Any) -> Values:
     turns = phases.turns_to_centre(ops, frame.centre, *nu)
     if not frame.basis:
         return (turns, *nu)
-    # sites are half steps from the centre: nu.b counts modulo 2
+    # sites are half steps from the centre, so nu.b is reduced modulo 2
     half = [0.5 * component for component in nu]
     return (turns, *(2.0 * phases.turns_to_centre(ops, b, *half) for b in frame.basis))
 

@@ -36,10 +36,10 @@ from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
-# Fewer elements are cut by each other in one frame (benchmarks/array_cost.py).
+# Arrays of fewer elements are computed as one source, which is faster (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 6
-# Rounding to 24 bits moves a point by less than this fraction of its distance from the centre:
-# lists of pairs reach that much further.
+# Rounding to 24 bits moves a point by less than this fraction of its distance from the centre, so
+# the boxes of pairs are larger by this fraction.
 _MARGIN = 2.0**-21
 # Limits of the number of cells: more cells do not shorten the lists.
 _MOST_CELLS, _CELLS_PER_PAIR = 1 << 20, 64
@@ -76,7 +76,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     shift = low + np.ptp(positions, axis=0) / 2
     x, y = (shift + local.centre).tolist()
     frame = replace(local, centre=(x, y))
-    # fields are relative to the element's carrier, which is counted with all of x or xi
+    # fields are relative to the carrier, whose phase depends on the whole position or lag
     turns = positions @ np.array(local.carrier)
     weights = copies.weights * np.exp(-2j * np.pi * (turns - np.rint(turns)))
     high, rest = (
@@ -88,7 +88,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         centre, across = (high, rest), (0.0 * high, 0.0 * high)
     else:
         first, second = (index.ravel() for index in np.indices((len(weights),) * 2))
-        if view is MIRRORED:  # each pair once: the other order is conjugate
+        if view is MIRRORED:  # each pair once: the reversed pair is the conjugate
             first, second = first[first <= second], second[first <= second]
         weights = weights[first] * weights[second].conj()
         if view is MIRRORED:
@@ -153,7 +153,7 @@ def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
     farthest = reach.max(axis=0)
     farthest += _MARGIN * (np.abs(centres).max(axis=0) + farthest)
     low, high = centres.min(axis=0) - farthest, centres.max(axis=0) + farthest
-    size = 2 * farthest * (1 + 1e-9)  # rounding must not make a region span three cells
+    size = 2 * farthest * (1 + 1e-9)  # so that rounding cannot make a box span three cells
     most = min(_MOST_CELLS, _CELLS_PER_PAIR * len(records))
     while np.prod(np.floor((high - low) / size) + 2) > most:
         size = size * 1.25

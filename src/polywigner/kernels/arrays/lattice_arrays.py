@@ -35,9 +35,9 @@ from polywigner.source.normal_form import normal_form
 
 # Fewer elements are summed pair by pair (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4
-# A point within this of the edge of a region contributes less than rounding.
+# A point this close to the boundary of a region contributes less than rounding.
 _EDGE = 4e-15
-# Margin around an element's region, in its size: more than single precision rounds.
+# Margin around an element's region, in its size, larger than rounding in single precision.
 _MARGIN = 1e-4
 
 Pair2 = tuple[float, float]
@@ -115,7 +115,7 @@ class _ArrayFrame:
 def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, turns: Pair2) -> _ArrayFrame:
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
     inverse = np.linalg.inv(basis.T)
-    # W of the element lies in its hull, A within its size
+    # W is nonzero within the hull of the element, A within lags of its size
     outline = (np.concatenate(element.rings) - centre) @ inverse.T
     low, high = outline.min(axis=0), outline.max(axis=0)
     origin, count = np.array(lattice.origin) + centre, np.array(lattice.weights.shape) - 1
@@ -211,7 +211,7 @@ def _enter_ambiguity(
     turns = phases.less_carrier(ops, frame, turns, xi_x, xi_y)
     nearest = frame.differences.nearest(ops, frame, xi_x, xi_y)
     inner = frame.element.frequency(ops, upsilon_x, upsilon_y)
-    # midpoints are half steps: upsilon.b is wanted modulo 2
+    # midpoints are half steps, so upsilon.b is reduced modulo 2
     along = (2.0 * t for t in _site_turns(ops, frame, 0.5 * upsilon_x, 0.5 * upsilon_y))
     return (turns, *nearest, *along, *inner)
 

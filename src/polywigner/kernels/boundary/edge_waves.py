@@ -32,13 +32,14 @@ Values = tuple[Any, ...]
 Point = tuple[Any, ...]
 """Coordinates, of numbers or arrays."""
 
-# Where two waves differ by less, in turns, their difference is taken as a product.
+# Phase difference of two waves in cycles below which their difference is computed as a product.
 _CLOSE = 0.5
-# A travelling wave grazes points lower than a wavelength at an angle below this; ...
+# A travelling wave grazes points lower than _LOW wavelengths, at an angle with a sine below
+# _GRAZING.
 _LOW, _GRAZING = 1.0, 0.3
-# ... an evanescent one points at which it has lost less than a factor of exp(pi).
+# An evanescent wave grazes points at which it has decayed by less than a factor of exp(pi).
 _LOST = 0.5
-# Distance that stands for no singularity, in half-lengths: beyond the largest ellipse of the rules.
+# Distance in half-lengths if there is no singularity, beyond the largest ellipse of the rules.
 _NONE = 100.0
 
 
@@ -250,7 +251,7 @@ def spherical_edge(
     path = _Path(ops, source, point, (*edge_point, 0.0), (*along, 0.0))
     real, imag = path.smooth(ops)
     if mirrored:
-        # the boundary wave alone: no wave past the axis on the source's side of the plane
+        # only the boundary wave: there is no direct wave on the source's side of the plane
         ahead, (x, y, z) = path.ahead, path.to_point
         turn = (ahead[0] * x + ahead[1] * y - ahead[2] * z) * path.axis
         beyond = path.outer + 2.0 * path.from_source[2] * z
@@ -265,7 +266,7 @@ def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point)
     axis = difference(point, source)
     inverse = 1.0 / ops.sqrt(dot(axis, axis))
     axis = tuple(a * inverse for a in axis)
-    # across the axis, from the point: differences of long vectors would lose the digits
+    # vectors across the axis from the point, because differences of long vectors lose digits
     first, last = (_across(axis, difference(end_point, point)) for end_point in (start, end))
     return ops.atan2(dot(axis, cross(first, last)), dot(first, last))
 
@@ -320,7 +321,7 @@ class _EdgePaths:
         self.both = both = h_first * h_last
         self.shortest = shortest = ops.sqrt(gap * gap + height * height)
         self.distance = ops.sqrt(dot(axis, axis))
-        # the shortest path over the line plus the distance, and minus the distance
+        # sum and difference of the shortest path over the line and the distance
         self.total = shortest + self.distance
         self.detour = both * dot(near, near) / self.total
         # 1 - cos of the angle at the edge between source and point; cos is -1 at the shadow
@@ -335,7 +336,7 @@ class _EdgePaths:
             size = ops.sqrt(both * both + lean * lean) + both
             return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
 
-        # roots of the detours over both ends beyond the least; negative before its foot
+        # roots of the detours over both ends beyond the least detour; negative before the foot
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def angle(self, ops: Any, limit: float) -> Number:
@@ -386,7 +387,7 @@ def edge_wave(
     detour, total_path = paths.detour, paths.total
     distance, turn = paths.distance, paths.turn
     slant = 0.5 / paths.shortest
-    # below, the position along the edge is v, with the detour detour + v^2
+    # from here on, positions along the edge are given by v, with the detour ``detour + v^2``
     foot = 4.0 * paths.both * slant
 
     def density(q: Any) -> Number:

@@ -37,8 +37,8 @@ from polywigner.numerics.nodes import (
 )
 from polywigner.numerics.phases import Doubled, cos_sin_turns
 
-# Farther off, in wavelengths, a sum of two floats has no turns either, and the errors of products
-# are too large for floats.
+# Distance in wavelengths beyond which a sum of two floats contains no phase, and rounding errors of
+# products overflow.
 _FARTHEST = 1e30
 
 
@@ -163,7 +163,7 @@ def _panel(
     """Return the contribution of one panel to the field of one wave, and its error."""
     x, y, ex, ey, length, *cosines, start, _, _ = row
     px, _, py, _, pz, _ = cosines
-    # in float32 these sums are the first parts again
+    # in float32 the sums equal their first terms
     z, distance = inner[4] + inner[5], inner[6] + inner[7]
     offset = _offset_of(inner, x, y)
     dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
@@ -297,7 +297,7 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
         abs(view.last + view.along * view.radius_last),
     )
     clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
-    # far away the interval rounds to nothing, and the rule in the length is taken
+    # far away the interval rounds to 0, and the rule in the length is used
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, middle, span
 
 
@@ -362,7 +362,7 @@ def edge_wave(
     return unit_wave(ops, turns)
 
 
-# Beyond the largest of the ellipses that rules are chosen by.
+# Distance in half-lengths if there is no singularity, beyond the largest ellipse of the rules.
 _NO_SINGULARITY = 100.0
 
 
@@ -387,7 +387,7 @@ def _fresnel_panel(
     z, digits = inner[4] + inner[5], inner[9]
     offset = _offset_of(inner, x, y)
     px, py, one = (cosines[0], cosines[1]), (cosines[2], cosines[3]), (1.0, 0.0)
-    # from the point at which the wave to the point crosses the plane
+    # relative to the position where the wave that reaches the point crosses the plane
     if oblique:
         dx = phases.cross(ops, px, offset[0], one, offset[2])
         dy = phases.cross(ops, py, offset[1], one, offset[2])

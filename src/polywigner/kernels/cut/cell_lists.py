@@ -30,14 +30,16 @@ from polywigner.numerics.grid_arithmetic import accurate_cross
 
 # Start and vector of an edge that meets no other and is parallel to none.
 _NO_EDGE = (877.0, 512.375, 1.0, 0.28125)
-# Pairs, and cells times edges, in one pass: the temporary arrays stay in a cache.
+# Number of pairs, and of cells times edges, in one pass, so that temporary arrays stay in a cache.
 _BLOCK = 1 << 15
 _DENSE = 1 << 18
-# Cells count as larger by this margin, far beyond rounding, in units of the frame.
+# Cells are enlarged by this margin in units of the frame, far beyond rounding.
 _MARGIN = 1e-12
-# Levels are sums of weights: smaller ones are rounding errors of 0, and ones this close are equal.
+# Levels are sums of weights. Smaller levels than _NO_WEIGHT are rounding errors of 0, and levels
+# are merged if they agree to 1/_LEVELS, relative to the largest weight.
 _NO_WEIGHT, _LEVELS = 1e-15, 2.0**50
-# Finer cells have fewer pairs: 64 across leave a 30-gon some 4 in each (benchmarks/call_rates.py).
+# Largest number of cells across, and of rows in all. With 64 cells across, a cell of a 30-gon has
+# some 4 pairs (benchmarks/call_rates.py).
 _ACROSS, _MOST_ROWS = 64, 1 << 21
 
 
@@ -49,7 +51,7 @@ class _Exact:
     @staticmethod
     def cross(ax: Array, ay: Array, bx: Array, by: Array) -> Array:
         rough = np.asarray(ax * by - ay * bx)
-        near = np.abs(rough) < ROUNDED  # for vectors shorter than 8
+        near = np.abs(rough) < ROUNDED  # sufficient for vectors shorter than 8
         if near.any():
             rough[near] = accurate_cross(*(v[near] for v in (ax, ay, bx, by)))
         return rough
@@ -115,7 +117,7 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     far = max(float(np.abs(o.vertices[:, 0]).max()) for o in (first, second)) + first.step
     leads = _leads(first, far)
     edges, others = np.concatenate([first.edges, leads]), second.edges
-    # of each block of cells, the edges inside and the other rows
+    # for each block of cells: the edges inside, and the other rows
     blocks = list(_rows_of_cells(first, cells, edges, others))
     cell, table, level = (
         np.concatenate([part[k] for block in blocks for part in block]) for k in range(3)
@@ -214,7 +216,7 @@ def _other_rows(
     """Return (cell, row, level) of pairs along the rings and of edges with changing levels."""
     at, i, j = pairs
     count = changes.shape[1]
-    # if the level of a ring's first vertex changes, the crossings on the line to the ring set it
+    # if the level of the first vertex of a ring changes in a cell, crossings of the lead set it
     led = changes[:, starts]
     led_cell, led_ring = led.nonzero()
     is_lead = i >= count

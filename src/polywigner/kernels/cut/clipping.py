@@ -43,8 +43,8 @@ from polywigner.numerics.grid_arithmetic import (
     with_vertices_on_sides,
 )
 
-# Sine of the angle below which an edge and a line are nearly parallel: at this angle rounding moves
-# their intersection by 1/0.03 ulps.
+# Sine of the angle below which an edge and a line count as nearly parallel. At this angle rounding
+# moves their intersection by 1/0.03 ulps.
 _NEARLY_PARALLEL = 0.03
 
 Floats = npt.NDArray[np.float64]
@@ -126,7 +126,7 @@ def constants_of(tables: Tables) -> Constants:
             for k, (ax, ay, ex, ey) in enumerate(_sides(points)):
                 length = math.copysign(math.hypot(ex, ey), ey if ey else ex)
                 unit = (ex / length, ey / length)
-                # directions equal up to rounding share one float pair, so that nu.u is shared
+                # directions that are equal up to rounding share one pair of floats, and thus nu.u
                 ux, uy = directions.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
                 ends = names[k], names[(k + 1) % len(names)]
                 edges.append(
@@ -242,7 +242,7 @@ class Clipper:
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
             line = self.lines[number]
-            # not rounded first, since the two may be nearly parallel
+            # an accurate product, since the two may be nearly parallel
             slope = float(accurate_cross(line.dx, line.dy, edge.ex, edge.ey))
             if slope == 0.0:
                 distance = self._exact_distance(edge, line, view)

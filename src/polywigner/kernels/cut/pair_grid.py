@@ -22,13 +22,14 @@ from polywigner.kernels.outline.tables import Tables
 from polywigner.numerics import Number
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
-# How a row counts: as a crossing; as one before which the winding number is set; as a whole edge;
-# as both (an edge inside the other copy); as a crossing with the line that leads to a ring from
-# outside. The first bit is the bit of START, the second bit is the bit of WHOLE.
+# Kinds of rows: a crossing; a crossing before which the winding number is set (START); a whole edge
+# (WHOLE); an edge inside the other copy (INSIDE, START and WHOLE); and a crossing with the line
+# that leads to a ring from outside (LEAD). START is the first bit and WHOLE the second bit.
 CROSSING, START, WHOLE, INSIDE, LEAD = range(5)
-# More than rounding does to a cross product of vectors of the frame.
+# Bound on the rounding error of a cross product of vectors of the frame.
 ROUNDED = 1e-13
-# Below all levels on the grid (2^-106, in single precision 2^-48), and no subnormal number.
+# Smaller than all nonzero levels on the grid (2^-106, in single precision 2^-48), but not
+# subnormal.
 NO_LEVEL = 1e-35
 
 Array = npt.NDArray[Any]
@@ -78,7 +79,7 @@ def outline_of(tables: Tables, group: int, double: bool) -> Outline:
     names[:, :3] = tables.names[mine, :3]
     starts = np.flatnonzero(np.append(True, names[1:, 0] != names[:-1, 1])[: len(names)])
     vertices, weights = tables.edges[mine, :2], tables.edges[mine, 4:]
-    # offsets of up to twice the reach, less two vertices, have to be whole numbers of steps
+    # offsets up to twice the reach, less two vertices, must be exact multiples of the step
     reach = power_of_two(4.0 * max(abs(vertices).max(initial=0.0), 0.25))
     step = math.ldexp(reach, -53 if double else -24)
     edges = np.zeros((len(vertices), 8))
@@ -183,7 +184,7 @@ def _as_complex(edges: Array) -> Array:
     return np.stack(columns, axis=-1)
 
 
-# Edges at a smaller angle (its sine) cross where the quotient of rounded levels is too inaccurate.
+# Sine of the angle of two edges below which the quotient of rounded levels is too inaccurate.
 _SLANTED = 1 / 16
 
 
@@ -237,7 +238,7 @@ def cut_edges(
     levels[0], levels[2] = (e.conj() * p).imag, (f.conj() * p).imag
     np.subtract(levels[0], turn, out=levels[1])
     np.add(levels[2], turn, out=levels[3])
-    near: Array = abs(levels) < ROUNDED  # of vectors shorter than 8
+    near: Array = abs(levels) < ROUNDED  # sufficient for vectors shorter than 8
     if near.any():
         _make_exact(levels, np.flatnonzero(near.any(axis=0)), e, f, p)
     limit, other_limit = edge[:, 2].real, against[:, 2].real
@@ -250,7 +251,7 @@ def cut_edges(
         _make_exact(levels, slanted.nonzero()[0], e, f, p)
     jump: Array = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
     before = jump.cumsum() - jump
-    if not grid.is_uniform:  # of any weights, sums over many samples would round
+    if not grid.is_uniform:  # sums over many samples would round in double precision
         jump = jump * (against[:, 3] if grid.levels.dtype.kind == "c" else against[:, 3].real)
         exact = np.clongdouble if jump.dtype.kind == "c" else np.longdouble
         before = np.cumsum(jump, dtype=exact) - jump

@@ -23,9 +23,9 @@ Pass = tuple[View, int, int]
 Interval = tuple[Any, Any, Any, Any]
 Level = tuple[Any, ...]
 
-# Number of samples if it is unknown.
+# Number of samples that is assumed if it is unknown.
 _MANY = 1 << 20
-# Limit of the lists in memory, for all sources; engines have copies of the same size.
+# Largest size of the cached lists of all sources; engines have copies of the same size.
 _MOST_BYTES = 1 << 27
 
 
@@ -98,7 +98,7 @@ class PairClipper(Clipper):
     def sum_over_edges(
         self, term: Callable[[Edge], Level], values: int, group: int = 0, other: int = 0
     ) -> Level:
-        # infinite and NaN arguments give NaN
+        # NaN for infinite and NaN arguments
         totals = [sum(value - value for value in (self.tx, self.ty, *self.arguments))] * values
         for view in self.views:
             for part in self._sums(view, self._grid((view, group, other)), term, values):
@@ -127,7 +127,7 @@ class PairClipper(Clipper):
             weight, phase = tables.mutual(real, imag, *level, *(0.0,) * (2 - count))
             phase = -phase if view is AHEAD else phase
             self._current = view, (2.0 - fraction, fraction, weight, phase)
-            # e = length u with length 1: what the kernels compute from u and length is the same
+            # u = e with length 1, which is equivalent for the terms
             return term(Edge(ax, ay, ex, ey, ex, ey, 1.0, real, imag, begin=begin, end=end))
 
         def of_inside(row: Any) -> Level:

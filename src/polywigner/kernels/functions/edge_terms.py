@@ -135,8 +135,8 @@ class EvenTerms(EdgeTerms):
     def along(self, ux: Any, uy: Any) -> Values:
         """Return nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
         ops, (nu_x, nu_y) = self.ops, self.nu
-        # Its square is a normal number: lanes that wait for others in a loop have q = 0, and
-        # processors take a hundred times as long for subnormal ones.
+        # A floor whose square is a normal number: lanes that wait in a loop have q = 0, and
+        # processors take a hundred times as long for subnormal numbers.
         floor = 1e-30 if ops.double else 1e-18
         along = ops.fma(nu_x, ux, nu_y * uy)
         along = ops.select(abs(along) < floor, floor, along)
@@ -202,7 +202,7 @@ def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> 
     ``is_even``: whether weights are real. ``is_real``: whether only the real part is required.
     """
     if is_even:
-        # so little that W, even in nu, changes by less than rounding
+        # a change of nu by this little changes W, which is even in nu, by less than rounding
         return EvenTerms(ops, _off_zero(ops, nu[0], nu[1], 1e-9 if ops.double else 1e-6))
     return WaveTerms(ops, moved_off_zero(ops, *nu), 1 if is_real else 2, 1 / math.pi)
 

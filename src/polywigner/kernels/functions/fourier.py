@@ -100,24 +100,25 @@ def _dot(ops: Any, nu: Values, point: Values) -> Number:
 
 # ---- grids of frequencies --------------------------------------------------------------------
 
-# Rounding of a midpoint's wave moves F by ulp * perimeter/(2 pi |nu|). Where that is more than this
-# fraction of the area, (F1) is not used.
+# Rounding of the wave of a midpoint changes F by _ULP * perimeter/(2 pi |nu|). If that is more than
+# _LOSS times the area, (F1) is not used.
 _LOSS, _ULP = 5e-15, 2.0**-53
-# Rounding the vertices costs 1e-14 of the area, times perimeter * lever / (this much area): as for
-# a fan of triangles (``simplices``).
+# Rounding of the vertices costs 1e-14 of the area if perimeter * lever is this multiple of the
+# area.
 _MOST_SLENDER = 512.0
-# Below this |q| (cycles) sinc(q) is summed as a series; above it, it is a quotient of the sines and
-# cosines of the axes, and those err by an ulp of 1. First omitted term: 0.31^12/13! = 1e-16.
+# Below this |q| (cycles) sinc(q) is a series of _TERMS terms; the first omitted term is 0.31^12/13!
+# = 1e-16. Above it, sinc(q) is a quotient of the sines and cosines of the axes, which err by an
+# ulp.
 _NEAR, _TERMS = 0.1, 5
-# Values of a temporary array that stay in the cache of one core.
+# Number of values of a temporary array that fit into the cache of a core.
 _BLOCK = 1 << 14
-# BLAS shares larger matrix products among threads, which on a busy machine takes up to a hundred
+# BLAS divides larger matrix products among threads, which on a busy machine takes up to a hundred
 # times as long. A stack of smaller products, of at least four rows, costs a tenth more.
 _SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
-# Edges whose waves are in memory at a time: some 40 MB for 512 x 512 points.
+# Number of edges whose waves are in memory at a time: some 40 MB for 512 x 512 points.
 _MOST_EDGES = 1024
-# Edge vectors this close, in the frame, count as equal: congruent elements have them after
-# rounding. Their mean replaces them, which moves the transform no more than that rounding did.
+# Difference in the frame below which edge vectors count as equal, as those of congruent elements
+# after rounding. Their mean replaces them, which changes F by no more than that rounding did.
 _EQUAL = 2.0**-51
 
 
@@ -159,7 +160,7 @@ def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) ->
 def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
     """Return indices of vectors, grouped by equal components up to rounding."""
     clusters: list[list[int]] = []
-    near: list[list[int]] = []  # clusters that the next vector in order of x may still belong to
+    near: list[list[int]] = []  # clusters to which the next vector in order of x may belong
     for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
         near = [c for c in near if vectors[k, 0] - vectors[c[0], 0] <= _EQUAL]
         for cluster in near:

@@ -22,7 +22,7 @@ from polywigner.numerics.phases import cos_sin_turns
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
 
-# Least c, and the ratio of the arc's height to its length.
+# Smallest c, and the ratio of the height of an arc to its length.
 _SPREAD, _LIFT = 10.0, 0.6
 # Nodes of arcs, by their length c |x_end - x_start|, times beta_s/8 if that exceeds 1. Errors for
 # random edges and intervals are below 1e-12 and 1e-7 of the squared length, or of the length, in
@@ -30,18 +30,19 @@ _SPREAD, _LIFT = 10.0, 0.6
 _LENGTHS = (0.3, 1.0, 2.5, 4.0, 6.0, 8.0)
 _OF_EDGES = {True: (10, 14, 18, 22, 26, 30, 36), False: (8, 10, 12, 14, 16, 18, 22)}
 _OF_INTERVALS = {True: (10, 14, 20, 24, 28, 32, 44), False: (8, 10, 12, 16, 18, 20, 28)}
-# beta_s, and its phase along the edge, from which on waves are integrated by descents.
+# Waves with beta_s above _STEEP, and a phase along the edge above _LONG, are integrated by
+# descents.
 _STEEP, _LONG = 8.0, 10.0
 _OF_DESCENTS = {True: 10, False: 6}
-# |g| and exp(-beta^2/2) are less than 4e-17 beyond this |xi| or beta. Edges that lie farther off,
-# where f is as smooth as 1/Z, take the nodes of the fourth length at most.
+# Beyond _FAR, in |xi| or beta, |g| and exp(-beta^2/2) are below 4e-17. Edges beyond it, where f is
+# as smooth as 1/Z, use the nodes of the fourth length at most (_SMOOTH).
 _FAR, _SMOOTH = 8.7, 3.0
 # |Re Z| below which exp(-beta^2/2) - |g| is a series, with these numbers of terms in double and
 # single precision: the first omitted ones are 0.1^9/10! = 3e-16 and 0.1^5/6! = 1e-8.
 _SMALL, _TERMS = 0.1, {True: 9, False: 5}
-# exp of smaller numbers may be subnormal, with which processors are slow.
+# Exponents below this give subnormal numbers, which slow processors down.
 _LEAST_EXPONENT = {True: -300.0, False: -80.0}
-# Its square is a normal number.
+# A small number whose square is a normal number.
 _TINY = {True: 1e-150, False: 1e-18}
 _TURN = 2 * math.pi
 

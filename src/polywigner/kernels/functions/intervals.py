@@ -51,7 +51,7 @@ Interval = tuple[Fraction, Fraction, Waves]
 def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
     """Return u without the carrier in an interval that includes its begin and excludes its end."""
     inside = ops.select((x >= begin) & (x < end), 1.0, 0.0)
-    # NaN x gives NaN: its comparisons are false, as outside
+    # NaN for NaN x: comparisons with NaN are false, as they are outside
     return Pair(*field_of(ops, waves, (x,))).scaled(inside) + Pair(x - x, x - x)
 
 
@@ -168,7 +168,7 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
         gap, mean, scale = (2 * total, apart, 2) if of_lags else (apart, total / 2, 1)
         halves = float(scale * (end - begin) / 2), float(scale * (end2 - begin2) / 2)
         row = (*doubled(gap, double), *halves, *doubled(mean, double))
-        # of lags, waves (v, w) and (w, v) of one slit are conjugate as well
+        # for lags, the waves (v, w) and (w, v) of one slit are conjugate as well
         for v, w in paired(waves) if k == m else product(waves, waves2):
             twice = 2.0 if of_lags and not (k == m and v is w) else 1.0
             mutual = v.amplitude * complex(w.amplitude).conjugate() * twice

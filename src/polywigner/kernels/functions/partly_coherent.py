@@ -79,7 +79,7 @@ class _LagTerms(EdgeTerms):
         return term.real, term.imag
 
     def total(self, sums: Values) -> Values:
-        # the other copy's edges are the mirror images, with the conjugate terms
+        # edges of the other copy are the mirror images, with conjugate terms
         return 2.0 * sums[0], 2.0 * sums[1]
 
 

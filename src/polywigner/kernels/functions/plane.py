@@ -152,7 +152,7 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
         rows = tables.edges[tables.names[:, 3] == group].tolist()
         weight = Pair(*ops.sum_over(rows, term, 2, like=x))
         total = total + (weight * Pair(*field_of(ops, waves, (x, y))))
-    # NaN gives NaN: all comparisons with it are false, as outside
+    # NaN for NaN arguments: comparisons with NaN are false, as they are outside
     undefined = (x - x) + (y - y)
     return total.real + undefined, total.imag + undefined
 

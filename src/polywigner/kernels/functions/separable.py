@@ -27,10 +27,10 @@ from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.source.lattices import column_and_row
 
-# An outline is a rectangle if it misses one by less than this fraction of its shorter side, or by
-# this many roundings of its largest coordinate: the rotation of a point takes five along each axis
-# (two products, two sums and the shift). The limit never exceeds the third fraction of the shorter
-# side, since strips of a few ulps have no shape.
+# An outline is a rectangle if it deviates from one by less than _ROUNDING times its shorter side,
+# or by _ROUNDINGS roundings of its largest coordinate: the rotation of a point takes five along
+# each axis (two products, two sums and the shift). The limit never exceeds _SHAPELESS times the
+# shorter side, because strips of a few ulps have no shape.
 _ROUNDING, _ROUNDINGS, _SHAPELESS = 1e-14, 8, 1e-6
 
 _UNIT = np.finfo(np.float64).eps / 2
@@ -60,12 +60,12 @@ def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
     return (corners if sides[0] >= sides[1] else np.roll(corners, -1, axis=0)), allowed
 
 
-# Amplitudes are a product if they miss one by this fraction of the largest: it moves W by less than
-# 1e-13 of the energy. Frequencies along an axis are equal if they agree to the second limit, in
-# cycles per side or relative to the largest.
+# Amplitudes are a product if they deviate from one by _PRODUCT times the largest amplitude, which
+# changes W by less than 1e-13 of the energy. Frequencies along an axis are equal if they agree to
+# _EQUAL, in cycles per side or relative to the largest frequency.
 _PRODUCT, _EQUAL = 4e-15, 1e-14
-# Both limits grow with rounding: frequencies were rotated (see above), and amplitudes contain the
-# phases at the origin. Waves that differ by more than this, in cycles per side, are never equal.
+# Both limits grow with rounding, since frequencies may be rotated and amplitudes contain the phases
+# at the origin. Waves that differ by more than this, in cycles per side, are never equal.
 _LARGEST_ROUNDING = 1e-6
 # Cost of a pair of waves, in cuts of an edge.
 _CLIPS_PER_PAIR = 0.5

@@ -45,13 +45,13 @@ Views = tuple[tuple[View, float], ...]
 Pairing = tuple[int, int, Views, Sequence[WavePair]]
 """Group of edges, group of the other copy, views of the edges there, and pairs of waves."""
 
-# NumPy: samples and edges at a time, and parts and frequencies: temporary arrays of some 2 MB.
+# Samples times edges, and parts times frequencies, that NumPy computes at a time: some 2 MB.
 _CUT, _SUMMED = 1 << 14, 1 << 14
-# Lists of pairs of edges for as many samples as NumPy is called with.
+# Number of samples for which the lists of pairs of NumPy are built.
 _SAMPLES = 1 << 9
-# More pairs of waves are rows of a table: each compiles in some 20 ms.
+# More pairs of waves are rows of a table, because each pair as code compiles in 20 ms.
 MOST_PAIRS_AS_CODE = 16
-# Columns of a row, a multiple of four: amplitude, shift and rate.
+# Number of columns of a row (amplitude, shift and rate), padded to a multiple of four.
 _ROW = 8
 
 
@@ -189,7 +189,7 @@ class SliceSum:
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
         if nu[0].shape != nu[1].shape:
             nu = np.broadcast_arrays(*nu)
-        # many frequencies take fewer points in each pass
+        # fewer points per pass if there are many frequencies
         step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
         results = [np.zeros((len(position[0]), columns)) for _ in range(self.values)]
         for k in range(0, len(position[0]), step):
@@ -251,7 +251,7 @@ class SliceSum:
             centre = self.scale * (edge[:, 0] + edge[:, 1]) - 0.5 * vector
             centre += (self.scale * side) * offset.take(owner)
             imag: Any = 0.0
-            if weight.dtype.kind == "c":  # of the copy ahead, the conjugate
+            if weight.dtype.kind == "c":  # the conjugate for the copy AHEAD
                 weight, imag = weight.real, -weight.imag if side > 0.0 else weight.imag
             part = centre.real, centre.imag, vector.real, vector.imag, weight, imag
             yield pairs, is_even, owner, part
@@ -422,7 +422,7 @@ class PartSum:
             values: Values = self.terms.of_part(*row, 1.0, 0.0)
             return values
         (nu_x, nu_y), (shift_x, shift_y) = self.nu, row[6:]
-        # a part with a shifted frequency
+        # the part has its own shift of the frequency
         terms = self._at((nu_x - shift_x, nu_y - shift_y))
         total: Values = terms.total(terms.of_part(*row[:5], 0.0 if self.is_real else row[5]))
         return total

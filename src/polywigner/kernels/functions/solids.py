@@ -50,7 +50,7 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
     """Return the tables of a polyhedron; the same for either precision."""
     centre, rows = _axes(body)
     inner = vertices_for(rows, centre, body.vertices)
-    # signed fans: opposite faces of thin bodies are split alike, so that their errors cancel
+    # fans split opposite faces of thin bodies alike, so that rounding errors cancel
     fans = [(f[0], f[k], f[k + 1]) for f in body.faces for k in range(1, len(f) - 1)]
     corners = inner[np.array(fans, np.intp)]
     tetrahedra = np.column_stack([corners.reshape(-1, 9), _volumes(corners)]).tolist()
@@ -69,7 +69,7 @@ def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
     mean = body.vertices.mean(axis=0)
     # without full_matrices=False, NumPy makes a matrix of vertices times vertices.
     _, _, principal = np.linalg.svd(body.vertices - mean, full_matrices=False)
-    # right-handed, so that volumes keep their sign
+    # a right-handed system, so that volumes keep their sign
     principal = principal * np.sign(np.linalg.det(principal))
     axes = min(np.eye(3), principal, key=lambda rows: np.ptp(body.vertices @ rows.T, axis=0).prod())
     along = body.vertices @ axes.T

@@ -26,9 +26,9 @@ import shapely
 from polywigner.geometry.rings import whole_numbers
 from polywigner.numerics import phases
 
-# A box longer than this is stretched; below it the loss of digits (the aspect, in ulps of the
-# width) is smaller than the rounding errors of the kernels, and axis-parallel edges stay
-# axis-parallel.
+# Boxes of a larger aspect ratio are stretched. For smaller ones the loss of digits (the aspect
+# ratio, in ulps of the width) is below the rounding errors of the kernels, and edges along the axes
+# stay along the axes.
 NEEDLE_ASPECT = 8.0
 
 Array = npt.NDArray[np.float64]
@@ -57,7 +57,8 @@ class Frame:
         cx, cy = self.centre
         if self.is_diagonal:
             return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
-        # Across a needle almost everything cancels: the rounding errors of the differences count.
+        # Across a needle almost everything cancels, so the rounding errors of the differences
+        # matter.
         (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
         fine = self._cross_products(ops, lost_x, lost_y)
         coarse = self._cross_products(ops, dx, dy)

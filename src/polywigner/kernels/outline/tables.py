@@ -20,7 +20,7 @@ from polywigner.kernels.outline.wave_pairs import (
 )
 from polywigner.source.normal_form import Source
 
-# Cost of a further wave on an edge, in edges by which it is cut.
+# Cost of a further wave on an edge, in cuts by another edge.
 _EDGES_PER_WAVE = 24
 # Edges as code are two to four times as fast as edges as data, and compile in 1 ms for each pair of
 # edges and wave (benchmarks/wigner_cost.py).
@@ -29,7 +29,7 @@ _MOST_EDGES_AS_CODE = 16
 Floats = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)  # by identity: to compare all numbers takes long
+@dataclass(frozen=True, eq=False)  # compared by identity, which is fast
 class Tables:
     """The elements of a coherent source, in one frame."""
 

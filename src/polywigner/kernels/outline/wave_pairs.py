@@ -20,8 +20,7 @@ import numpy as np
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 
-# Frequencies this close, in cycles per size of the frame and relative to the largest, are equal:
-# sums of the same terms in another order.
+# Relative difference below which frequencies are equal: the same sums in another order of terms.
 _EQUAL = 1e-14
 
 Vector = tuple[Any, ...]
@@ -122,7 +121,7 @@ def pair_of_row(is_real: bool, real: Any, imag: Any, *vectors: Any) -> WavePair:
 
 
 def _is_zero(number: Any) -> bool:
-    return isinstance(number, float) and number == 0.0  # an engine's number may be any
+    return isinstance(number, float) and number == 0.0  # arrays of an engine may contain any number
 
 
 def _summed(
