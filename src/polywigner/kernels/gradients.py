@@ -303,10 +303,10 @@ class _BeatGradients:
                 ops.fma(clipper.tx, side, scale * edge.ax),
                 ops.fma(clipper.ty, side, scale * edge.ay),
             )
-            for middle, extent, real, imag in cuts[view]:
+            for ends_sum, extent, real, imag in cuts[view]:
                 # an empty part may be far away, where powers overflow
-                middle = ops.select(extent == 0.0, 1.0, middle)
-                half, length = (0.5 * long) * middle, long * extent
+                ends_sum = ops.select(extent == 0.0, 1.0, ends_sum)
+                half, length = (0.5 * long) * ends_sum, long * extent
                 e0, e1, *moments = self.axes.segment(
                     ops.fma(half, along_unit, start[0]),
                     ops.fma(half, across_unit, start[1]),
@@ -321,7 +321,7 @@ class _BeatGradients:
                 e0 = _weighted(e0, real, imag).scaled(extent)
                 e1 = _weighted(e1, real, imag).scaled(extent * extent)
                 push = push + e0.scaled(side)
-                to_end = e1.plus(ops, e0, 0.5 * middle)
+                to_end = e1.plus(ops, e0, 0.5 * ends_sum)
                 begin, end = begin + (e0 - to_end), end + to_end
         shared = _ZERO
         if self.accumulator.needs_vertices:

@@ -177,12 +177,12 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
         at, weights = gauss_rules()[rule].T[:2]
         step = max(1, _BLOCK // len(at))
         for some in (mine[k : k + step] for k in range(0, len(mine), step)):
-            own = points[some]
-            values_at_nodes = _at_nodes(start[some], extent[some], at, q[own], nu[own])
+            owners = points[some]
+            values_at_nodes = _at_nodes(start[some], extent[some], at, q[owners], nu[owners])
             total = np.einsum(
                 "kn,n->k", values_at_nodes, weights
             )  # threads of BLAS would cost more
-            np.add.at(values, own, total * (0.5 * extent[some, 1]))
+            np.add.at(values, owners, total * (0.5 * extent[some, 1]))
     return values
 
 

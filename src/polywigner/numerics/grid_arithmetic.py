@@ -28,8 +28,8 @@ Floats = npt.NDArray[np.float64]
 def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
     """Return vertices as multiples of ``step`` without repeats, and which vertices are kept."""
     points = np.round(polygon / step) * step + 0.0
-    kept = (points != np.roll(points, 1, axis=0)).any(axis=1)
-    return points[kept], kept
+    distinct = (points != np.roll(points, 1, axis=0)).any(axis=1)
+    return points[distinct], distinct
 
 
 # Pairs of a side and a vertex at a time, so that temporary arrays stay in the cache of a core.

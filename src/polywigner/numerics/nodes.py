@@ -148,8 +148,8 @@ def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], turns: An
     # coefficients that are small by accident do not reduce the error below the planned one
     least = ops.minimum(ops.sqrt(ratio), ops.exp(-digits))
     # the error is at most the size itself
-    share = ops.minimum(_SAFETY * ops.maximum(estimate, least), 2.0)
-    return mean * (share + ulp * (4.0 + 2.0 * turns))
+    fraction = ops.minimum(_SAFETY * ops.maximum(estimate, least), 2.0)
+    return mean * (fraction + ulp * (4.0 + 2.0 * turns))
 
 
 Rule = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
@@ -181,12 +181,12 @@ def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
     rules = [normal_rule(reach, error / (2 * len(reaches))) for reach in reaches]
     nodes = np.stack(np.meshgrid(*(n for n, _ in rules), indexing="ij"), -1)
     weights = np.ones(1)
-    for _, own in rules:
-        weights = np.multiply.outer(weights, own)
+    for _, axis_weights in rules:
+        weights = np.multiply.outer(weights, axis_weights)
     flat = weights.ravel()
     order = np.argsort(flat)
-    kept = np.sort(order[np.cumsum(flat[order]) > error / 10])
-    return _frozen(nodes.reshape(-1, len(reaches))[kept], flat[kept])
+    remaining = np.sort(order[np.cumsum(flat[order]) > error / 10])
+    return _frozen(nodes.reshape(-1, len(reaches))[remaining], flat[remaining])
 
 
 @lru_cache(maxsize=64)

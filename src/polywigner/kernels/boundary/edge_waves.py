@@ -405,17 +405,17 @@ def edge_wave(
         first, last = (
             inverse_sinh(ops, v, ops.sqrt(v * v + 1.0)) for v in (low / scale, high / scale)
         )
-        middle, half = 0.5 * (first + last), 0.5 * (last - first)
+        midpoint, half = 0.5 * (first + last), 0.5 * (last - first)
         real, imag = 0.0, 0.0
         for at, weight in rule.nodes:
-            grown = ops.exp(middle + half * at)
+            grown = ops.exp(midpoint + half * at)
             shrunk = 1.0 / grown
             v = 0.5 * scale * (grown - shrunk)
             q = v * v
             c, s = cos_sin_turns(ops, detour + q)
-            share = weight * (grown + shrunk) / ops.maximum(detour + q, tiny)
+            factor = weight * (grown + shrunk) / ops.maximum(detour + q, tiny)
             value = density(q)
-            real, imag = real + share * (c * value - pole), imag + share * s * value
+            real, imag = real + factor * (c * value - pole), imag + factor * s * value
         size = 2.0 * turn * distance * scale * half
         return size * real, size * imag
 

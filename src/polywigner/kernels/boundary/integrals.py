@@ -233,7 +233,7 @@ def sums_over_panel(
     """
     sine, depth, digits = bounds
     far, clear, swing, half = _lengthwise(ops, view, sine, depth)
-    near_clear, near_swing, middle, span = _anglewise(ops, view, sine, depth)
+    near_clear, near_swing, midpoint, span = _anglewise(ops, view, sine, depth)
     clear, swing = ops.select(far, clear, near_clear), ops.select(far, swing, near_swing)
     needed, expected = nodes_needed(ops, digits, clear, 2 * math.pi * swing)
     rule, foot2 = rule_of(ops, needed), view.b * view.b + view.z * view.z
@@ -249,10 +249,10 @@ def sums_over_panel(
 
     def near_node(
         at: Any, w: Any, v1: Any, v2: Any,
-        middle: Any, span: Any, away: Any, first: Any, *data: Any,
+        midpoint: Any, span: Any, away: Any, first: Any, *data: Any,
     ) -> Values:  # fmt: skip
         """Return a node in v, where s = away sinh v, radius = away cosh v and dt/radius = dv."""
-        grown = ops.exp(middle + span * at)
+        grown = ops.exp(midpoint + span * at)
         shrunk = 1.0 / grown
         s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
         return node(s - first, s, radius, span, (w, v1, v2), *data)
@@ -260,7 +260,7 @@ def sums_over_panel(
     far_rule, near_rule = ops.select(far, rule, -1.0), ops.select(far, -1.0, rule)
     far_data = (half, view.first, foot2, *data)
     far_sums = ops.sum_over_rule(far_rule, rules, far_node, values, *far_data)
-    near_data = (middle, span, ops.sqrt(foot2), view.first, *data)
+    near_data = (midpoint, span, ops.sqrt(foot2), view.first, *data)
     near_sums = ops.sum_over_rule(near_rule, rules, near_node, values, *near_data)
     return tuple(a + b for a, b in zip(far_sums, near_sums, strict=True)), expected
 
@@ -291,14 +291,14 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
     away = ops.sqrt(view.b * view.b + view.z * view.z)
     low = inverse_sinh(ops, view.first / away, view.radius_first / away)
     high = inverse_sinh(ops, view.last / away, view.radius_last / away)
-    middle, span = 0.5 * (low + high), 0.5 * (high - low)
+    midpoint, span = 0.5 * (low + high), 0.5 * (high - low)
     swing = ops.maximum(
         abs(view.first + view.along * view.radius_first),
         abs(view.last + view.along * view.radius_last),
     )
     clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
     # far away the interval rounds to 0, and the rule in the length is used
-    return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, middle, span
+    return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, midpoint, span
 
 
 def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:

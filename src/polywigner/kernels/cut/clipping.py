@@ -230,8 +230,8 @@ class Clipper:
         cuts: dict[int, Any] = {}
         for piece in (piece for piece in self.pieces if piece.group == group):
             real, imag = self.tables.mutual(edge.real, edge.imag, piece.real, piece.imag)
-            middle, extent = self._interval(edge, view, piece, cuts)
-            yield middle, extent, real, -imag if view is AHEAD else imag
+            ends_sum, extent = self._interval(edge, view, piece, cuts)
+            yield ends_sum, extent, real, -imag if view is AHEAD else imag
 
     def _interval(
         self, edge: Edge, view: View, piece: Piece, cuts: dict[int, Any]

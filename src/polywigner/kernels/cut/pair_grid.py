@@ -261,11 +261,11 @@ def cut_edges(
     weight = np.where(how & WHOLE, level, np.where(how == LEAD, 0.0, jump))
     weight = weight.astype(jump.dtype, copy=False)
     (parts,) = weight.nonzero()
-    levels, share = levels[2:, parts], np.empty(len(parts))
-    share.fill(1.0)
-    np.divide(levels[1], levels[1] - levels[0], out=share, where=meets[parts])
+    levels, fraction = levels[2:, parts], np.empty(len(parts))
+    fraction.fill(1.0)
+    np.divide(levels[1], levels[1] - levels[0], out=fraction, where=meets[parts])
     edge = edge[parts]
-    return owner[parts], edge, share, _mutual(grid, edge, weight[parts])
+    return owner[parts], edge, fraction, _mutual(grid, edge, weight[parts])
 
 
 def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:

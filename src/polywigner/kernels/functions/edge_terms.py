@@ -183,8 +183,8 @@ class WaveTerms(EdgeTerms):
         waves = _with(ops, sums, times(real, extent), sine, cosine)
         if isinstance(imag, float) and imag == 0.0:
             return waves
-        share = times(extent, imag)
-        return ops.fma(-share, cosine, waves[0]), ops.fma(share, sine, waves[1])
+        factor = times(extent, imag)
+        return ops.fma(-factor, cosine, waves[0]), ops.fma(factor, sine, waves[1])
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
         across = times(length, along[1])
@@ -212,8 +212,8 @@ def ambiguity_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) 
     return WaveTerms(ops, moved_off_zero(ops, *nu), 2, 0.5 / math.pi)
 
 
-def _with(ops: Any, sums: Values | None, share: Any, *waves: Any) -> Values:
+def _with(ops: Any, sums: Values | None, factor: Any, *waves: Any) -> Values:
     """Return sums (or None) with a fraction of some waves added."""
     if sums is None:
-        return tuple(times(share, wave) for wave in waves)
-    return tuple(ops.fma(share, wave, total) for wave, total in zip(waves, sums, strict=True))
+        return tuple(times(factor, wave) for wave in waves)
+    return tuple(ops.fma(factor, wave, total) for wave, total in zip(waves, sums, strict=True))

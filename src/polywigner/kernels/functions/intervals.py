@@ -259,9 +259,9 @@ class LineField:
         real: Any = 0.0
         imag: Any = 0.0
         for wave in self.waves:
-            share = sinc(ops, length * (nu - wave.frequency[0]))
-            real = ops.fma(share, wave.amplitude.real, real)
-            imag = ops.fma(share, wave.amplitude.imag, imag)
+            transform = sinc(ops, length * (nu - wave.frequency[0]))
+            real = ops.fma(transform, wave.amplitude.real, real)
+            imag = ops.fma(transform, wave.amplitude.imag, imag)
         return Pair(real, imag).scaled(length)
 
     def field(self, ops: Any, x: Any) -> Pair:
@@ -295,11 +295,11 @@ def _over_pairs(
         nu = frequency - pair.shift[0]
         if width < math.inf:
             half = length * (0.5 / width)
-            share = wave_over_interval(ops, -half, half, nu * width)[0] * width
+            transform = wave_over_interval(ops, -half, half, nu * width)[0] * width
         else:
-            share = sinc(ops, length * nu) * length
+            transform = sinc(ops, length * nu) * length
         parts = (wave(rate) * Pair(a.real, a.imag) for a, (rate,) in pair.terms)
-        total = total + reduce(Pair.__add__, parts).scaled(share)
+        total = total + reduce(Pair.__add__, parts).scaled(transform)
     return total
 
 

@@ -40,7 +40,7 @@ def _tables_of(source: Wavefront, double: bool) -> Tables:
 
 
 def term_of_lags(
-    ops: Any, light: Matrix, nu: Sequence[Any], middle: Values, vector: Values
+    ops: Any, light: Matrix, nu: Sequence[Any], midpoint: Values, vector: Values
 ) -> Values:
     """Return the contribution of a part of an edge to W, (real, imag).
 
@@ -48,7 +48,7 @@ def term_of_lags(
     """
     (xx, xy), (yx, yy) = light
     size = determinant(light)
-    (x, y), (dx, dy) = middle, vector
+    (x, y), (dx, dy) = midpoint, vector
     ux, uy = ops.fma(xx, dx, xy * dy), ops.fma(yx, dx, yy * dy)
     square = ops.fma(ux, ux, uy * uy)
     is_part = square > 0.0

@@ -102,7 +102,7 @@ class SliceSum:
         """Return the keys of all lists that the sums read."""
         fields = range(len(tables.groups))
         views = {view.point: view for view in reversed(self.views)}.values()
-        return [(view, own, other) for view in views for own in fields for other in fields]
+        return [(view, field, other) for view in views for field in fields for other in fields]
 
     def after(self, count: int) -> SliceSum:
         """Return the sum for arguments that follow ``count`` others."""
@@ -194,8 +194,8 @@ class SliceSum:
         results = [np.zeros((len(position[0]), columns)) for _ in range(self.values)]
         for k in range(0, len(position[0]), step):
             rows = slice(k, k + step)
-            own = nu if len(nu[0]) == 1 else [n[rows] for n in nu]
-            totals = self._sums(ops, tables, [p[rows] for p in position], own)
+            nu_of_rows = nu if len(nu[0]) == 1 else [n[rows] for n in nu]
+            totals = self._sums(ops, tables, [p[rows] for p in position], nu_of_rows)
             for result, total in zip(results, totals, strict=True):
                 result[rows] = total
         return self._as_waves(results)
@@ -246,8 +246,8 @@ class SliceSum:
             offset = (np.rint(numbers) * grid.step).view(np.complex128)
             t_of_copy = sign * offset
             row, owner = rows_at(grid, t_of_copy)
-            owner, edge, share, weight = cut_edges(grid, row, owner, t_of_copy, sign)
-            vector = (self.scale * share) * edge[:, 1]
+            owner, edge, fraction, weight = cut_edges(grid, row, owner, t_of_copy, sign)
+            vector = (self.scale * fraction) * edge[:, 1]
             centre = self.scale * (edge[:, 0] + edge[:, 1]) - 0.5 * vector
             centre += (self.scale * side) * offset.take(owner)
             imag: Any = 0.0
@@ -378,8 +378,8 @@ class TermSum:
         for side, cuts in sides:
             start = ops.fma(nu_y, scale * edge.ay, self.moved[side])
             start = ops.fma(nu_x, scale * edge.ax, start)
-            for middle, extent, *weight in cuts:
-                turns = ops.fma(middle, per_edge, start)
+            for ends_sum, extent, *weight in cuts:
+                turns = ops.fma(ends_sum, per_edge, start)
                 sums = function.added(sums, extent * per_edge, turns, extent, weight)
         if sums is None:
             return (0.0,) * self.values
@@ -390,13 +390,15 @@ class TermSum:
         total: Values = (0.0,) * self.values
         for side, cuts in sides:
             tx, ty = (2.0 * side * t for t in (clipper.tx, clipper.ty))
-            for middle, extent, *weight in cuts:
+            for ends_sum, extent, *weight in cuts:
                 remains = extent > 0.0
-                t = 0.5 * scale * ops.select(remains, middle, 0.0)
-                share = scale * ops.select(remains, extent, 0.0)
+                t = 0.5 * scale * ops.select(remains, ends_sum, 0.0)
+                fraction = scale * ops.select(remains, extent, 0.0)
                 x = ops.fma(t, edge.ex, scale * edge.ax + (0.5 * scale) * tx)
                 y = ops.fma(t, edge.ey, scale * edge.ay + (0.5 * scale) * ty)
-                values = self.function.of_part(x, y, share * edge.ex, share * edge.ey, *weight)
+                values = self.function.of_part(
+                    x, y, fraction * edge.ex, fraction * edge.ey, *weight
+                )
                 total = tuple(a + b for a, b in zip(total, values, strict=True))
         return total
 
@@ -443,7 +445,9 @@ def mean_pairings(tables: Tables) -> list[Pairing]:
     """Return pairs of waves for W."""
     groups = list(enumerate(tables.groups))
     return [
-        (k, n, _MIRROR, mean_pairs(own, other, k == n)) for k, own in groups for n, other in groups
+        (k, n, _MIRROR, mean_pairs(field, other, k == n))
+        for k, field in groups
+        for n, other in groups
     ]
 
 
@@ -453,13 +457,13 @@ def difference_pairings(tables: Tables) -> list[Pairing]:
     The field of the edges is the first factor for the view BEHIND, and the second for AHEAD.
     """
     pairings: list[Pairing] = []
-    for k, own in enumerate(tables.groups):
+    for k, field in enumerate(tables.groups):
         for n, other in enumerate(tables.groups):
             if k == n:
-                pairings.append((k, n, _BOTH, difference_pairs(own, own)))
+                pairings.append((k, n, _BOTH, difference_pairs(field, field)))
                 continue
-            pairings.append((k, n, _BOTH[:1], difference_pairs(own, other)))
-            pairings.append((k, n, _BOTH[1:], difference_pairs(other, own)))
+            pairings.append((k, n, _BOTH[:1], difference_pairs(field, other)))
+            pairings.append((k, n, _BOTH[1:], difference_pairs(other, field)))
     return pairings
 
 

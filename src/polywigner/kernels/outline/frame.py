@@ -206,9 +206,9 @@ def frame_along(
     norm = c * c + s * s
     matrix = ((c / length, s / length), (-s / width, c / width))
     inverse_transpose = ((c * length, s * length), (-s * width, c * width))
-    middle = (float(centre[0]), float(centre[1]))
-    reach = reach_of(vertices_for(inverse_transpose, middle, points))
-    return Frame(middle, matrix, inverse_transpose, norm, length * width * norm, reach)
+    origin = (float(centre[0]), float(centre[1]))
+    reach = reach_of(vertices_for(inverse_transpose, origin, points))
+    return Frame(origin, matrix, inverse_transpose, norm, length * width * norm, reach)
 
 
 def power_of_two(size: float) -> float:
