@@ -65,27 +65,6 @@ def test_frequencies_of_all_sizes_and_directions(kind, precision, engine):
         assert error < _allowed(kind, precision), name
 
 
-def test_a_far_source_has_the_phase_of_its_exact_place():
-    """|nu| x is a million turns: a phase that were rounded would be lost to 1e-10."""
-    chevron = SOURCES["off centre"]["chevron"]
-    nu = np.array([[311.1, -278.3]])
-    naive = np.exp(-2j * np.pi * nu @ chevron.centre)
-    centred = pw.Aperture([ring - chevron.centre for ring in chevron.rings])
-    (exact,) = simplices.rounded(chevron, nu[:1])
-    assert abs(pw.fourier(chevron, nu)[0] - exact) < 1e-17 * chevron.area
-    assert abs((naive * pw.fourier(centred, nu))[0] - exact) > 1e-16 * chevron.area
-
-
-def test_float32_is_given_the_phases_of_float64():
-    """Frequencies enter the frame, and far places their phase, before they are rounded."""
-    source = SOURCES["off centre"]["chevron"]
-    nu = np.array([0.4, -0.3]) + np.array([[0.0, 0.0], [1e-7, 0.0]])  # equal in float32
-    single = pw.fourier(source, nu, precision="single", engine="numpy")
-    double = pw.fourier(source, nu, engine="numpy")
-    assert abs(double[1] - double[0]) > 1e-4 * source.area
-    assert np.abs(single - double).max() < ERROR["single"] * source.area
-
-
 def test_a_thin_wall_costs_as_many_digits_as_its_surface_exceeds_its_volume():
     """The limit that docs/accuracy.md states: 2e-16 D surface/volume."""
     rng = np.random.default_rng(2)

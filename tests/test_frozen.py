@@ -65,14 +65,6 @@ def test_every_transform_repeats_itself():
             assert largest(calls[2] - expected) < ROUNDING * max(source.area, 1.0)
 
 
-def test_earlier_results_stay_as_they_are():
-    arrays = [in_engine(*points(100, seed)) for seed in (1, 2)]
-    first = pw.wigner(CHEVRON, *arrays[0])
-    before = np.array(first)
-    pw.wigner(CHEVRON, *arrays[1])
-    assert largest(np.array(first) - before) == EXACT
-
-
 def test_threads_may_call_the_same_kernels_at_once():
     """Dr.Jit ends the process where two threads record one function at the same time."""
     sources = [pw.shapes.triangle(1.0, 0.7 + k / 100) for k in range(10)]
