@@ -1,7 +1,7 @@
 """Kernels compiled by Dr.Jit, on NumPy arrays: with an outline as code, or with outlines as data.
 
-A kernel with an outline as code takes 0.1 s to compile and some hundred kilobytes of memory until
-the process ends. The kernel with outlines as data is a third to half as fast, for any outline.
+A kernel with an outline as code compiles in 0.1 s and takes some hundred kilobytes until the
+process ends. The kernel with outlines as data serves any outline and is a third to half as fast.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
 A kernel is straight-line code in ``+ - * /``, comparisons, ``abs`` and the methods here. The same
 lines run on NumPy arrays, on Python floats (Mitsuba's scalar variants), and, traced, on Dr.Jit
-arrays of any backend (module `drjit_operations`). Kernels with cells look up the edges that matter
-at a sample's position in tables. The methods on tables sum over ranges of rows that differ from
-sample to sample.
+arrays of any backend (module `drjit_operations`). Kernels with cells look up the edges for the
+position of a sample in tables. The methods on tables sum over ranges of rows that differ between
+samples.
 """
 
 from __future__ import annotations

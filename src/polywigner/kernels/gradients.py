@@ -1,14 +1,14 @@
-"""Derivatives of F, W and A in frequency, position or lag, vertices, and fields, in closed form.
+"""Gradients of F, W and A in frequency, position or lag, vertices and weights, in closed form.
 
 All three transforms are integrals of a plane wave over a polygon: the outline itself, or a slice
 whose sides are parts of the outline's edges. If its boundary moves, such an integral changes by the
-wave's values along it. So the derivatives in vertices, positions and lags are sums over the cut
-edges, like the functions themselves: docs/gradients.md, (G1) to (G4). The points at which edges are
-cut do not matter to first order. Derivatives in frequency are first moments of the slice, (G4);
-nothing is divided by a frequency.
+values of the wave along the boundary. So the derivatives in vertices, positions and lags are sums
+over the cut edges, like the functions themselves (docs/gradients.md, (G1) to (G4)). The positions
+of the cuts do not matter to first order. Derivatives in frequency are first moments of the slice,
+(G4), without a division by the frequency.
 
 Where corners of a slice meet edges, only one-sided derivatives exist. The result is the derivative
-on the side to which ties are decided (docs/theory.md, "Where edges coincide").
+on the side that the tie rule selects (docs/theory.md, "Where edges coincide").
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Kernel: a transform as three steps: enter the frame, sum over edges, leave the frame.
+"""A transform in three steps: enter the frame, sum over edges, leave the frame.
 
 The steps are separate so that an engine may run the first in float64 and the second in float32.
 """

@@ -4,7 +4,7 @@
 module                   content
 =======================  =======================================================================
 ``grid_arithmetic``      exact arithmetic on vertices rounded to a grid
-``phases``               sine and cosine of cycles; phases from error-free products; growth
+``phases``               sine and cosine of cycles; phases from error-free products
 ``complex_pairs``        complex arithmetic on pairs of real arrays
 ``divided_differences``  means of a wave over segments, triangles and tetrahedra
 ``band_limited``         interpolation in a band of frequencies; peaks between samples

@@ -1,8 +1,8 @@
 """Band-limited functions: interpolation in a band, and peaks between samples.
 
-|F|^2 of a source within a width D varies on scales of 1/D and more. At a distance d along an axis
-from a peak it is at least cos^2(pi d D) of the peak. So the sample next to the largest peak has at
-least that fraction of it, and windows around all such samples contain the peak.
+|F|^2 of a source of width D varies on scales of 1/D and more. At a distance d from a peak along an
+axis it is at least cos^2(pi d D) times the peak. So the sample next to the largest peak has at
+least that fraction of the peak, and windows around all such samples contain the peak.
 """
 
 from __future__ import annotations

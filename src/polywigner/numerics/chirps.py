@@ -1,16 +1,16 @@
 """Integrals of chirps, exp(i pi (c t^2 - 2 f t)), along lines, and over intervals and polygons.
 
-Along a line they are Fresnel integrals that keep their digits. Transforms of curved waves over
-polygons, int exp(i pi x.Qx - 2 pi i nu.x) dx, are integrals along edges: in the axes of Q, with q1
-the larger curvature, Green's theorem gives
+Along a line they are Fresnel integrals, computed without cancellation. Transforms of curved waves
+over polygons, int exp(i pi x.Qx - 2 pi i nu.x) dx, are integrals along edges. In the axes of Q,
+with q1 the larger curvature, Green's theorem gives
 
     int int exp(i pi (q1 x^2 + q2 y^2) - 2 pi i nu.x) dx dy
         = closed int G(x) exp(i pi q2 y^2 - 2 pi i nu_y y) dy,
 
-where G, the integral of exp(i pi q1 t^2 - 2 pi i nu_x t) from 0 to x, is a difference of Fresnel
-integrals. Curvatures may be anything, zero included: spherical, cylindrical, saddle-shaped and flat
-waves are one formula. The integrand is entire, and Gauss's rules converge as soon as they resolve
-its turns. Source: (Q5) of docs/curved.md, (O6).
+where G(x), the integral of exp(i pi q1 t^2 - 2 pi i nu_x t) from 0 to x, is a difference of Fresnel
+integrals. The formula holds for spherical, cylindrical, saddle-shaped and flat waves. The integrand
+is entire, so Gauss rules converge as soon as they resolve its cycles. Source: (Q5) of
+docs/curved.md, (O6).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Exact arithmetic on vertices rounded to a grid.
 
-The grid is so coarse that sums and differences of a few coordinates are exact in the kernel's
-float type, and fine enough to move a vertex by half an ulp of the diameter. On the grid, cross
-products are exact here, and one ulp accurate in the kernels (``ops.cross``).
+The grid is so coarse that sums and differences of a few coordinates are exact in the float type of
+the kernel. It is so fine that a vertex moves by at most half an ulp of the diameter. Cross products
+of vectors on the grid are accurate to an ulp, with exact signs.
 """
 
 from __future__ import annotations

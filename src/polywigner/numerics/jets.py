@@ -1,6 +1,6 @@
 """Numbers that carry their derivatives through formulas written over ``ops``.
 
-Jets nest: values that are jets themselves, of an inner JetOperations, carry second derivatives.
+Jets nest: jets whose values are jets of an inner JetOperations have second derivatives.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Gauss-Legendre rules of many sizes, node counts for integrands, and error estimates.
 
-An integrand on [-1, 1] that is analytic inside the ellipse with foci -1 and 1 and half-axes cosh u
-and sinh u, and bounded there by M, has Legendre coefficients c_n of about M exp(-n u), and n Gauss
-nodes miss its integral by about M exp(-2 n u). A wave of w radians over half the interval grows to
-M = exp(w sinh u) on that ellipse. So the required number of nodes is known beforehand. Afterwards
-the error is estimated as c_n^2/M from the same values: larger coefficients than expected mean a
-larger error. Source: (B5).
+Let an integrand on [-1, 1] be analytic inside the ellipse with foci -1 and 1 and half-axes cosh u
+and sinh u, and bounded there by M. Its Legendre coefficients c_n are about M exp(-n u), and the
+error of n Gauss nodes is about M exp(-2 n u). A wave of w radians over half the interval has M =
+exp(w sinh u) on that ellipse. So the required number of nodes is known beforehand. Afterwards the
+error is estimated as c_n^2/M from the same values: larger coefficients than expected mean a larger
+error. Source: (B5).
 """
 
 from __future__ import annotations

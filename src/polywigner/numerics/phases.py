@@ -1,8 +1,7 @@
-"""Phases nu.p in turns, from error-free products, and sine and cosine of turns by polynomial.
+"""Phases nu.p in cycles from error-free products, and sine and cosine of cycles by polynomials.
 
-No phase loses digits because it is large.
-
-A number may be a ``Doubled``, the unrounded sum of two floats; so may a spatial frequency.
+Large phases keep all digits. Numbers, spatial frequencies included, may be ``Doubled``: unrounded
+sums of two floats.
 """
 
 from __future__ import annotations

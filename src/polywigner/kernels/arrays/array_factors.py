@@ -2,12 +2,13 @@
 
 The Fourier transform of an array is its element's transform times the sum of
 w_k exp(-2 pi i nu.p_k) over the sites p_k (docs/theory.md, (L3)). On a lattice whose weights are a
-product of two profiles it is the product of two sums, one along each direction; otherwise sites are
-rows of a table.
+product of two profiles the factor is the product of two sums, one along each direction. Otherwise
+sites are rows of a table.
 
-W of equal elements on a lattice is a sum over midpoints of pairs of sites: W of the element there,
-times the discrete Wigner function of the weights (L1). A is the same with differences for midpoints
-(L2). For weights that are a product, so are these factors. Along one direction each is
+W of equal elements on a lattice is a sum over midpoints of pairs of sites: W of the element at the
+midpoint, times the discrete Wigner function of the weights (L1). A is such a sum over differences
+of sites (L2). If the weights are a product, these factors are products as well. Along one direction
+each factor is
 
     sum_k c_k exp(-2 pi i t (k - (N - 1)/2)),    0 <= k < N,
 

@@ -1,10 +1,10 @@
 """W, A and R of arrays of equal elements at any positions: sums over pairs of elements.
 
 The pair (k, l) contributes to W(x, nu) near the midpoint of its centres, and to A(upsilon, xi) near
-their difference (docs/theory.md, (L1), (L2)): W or A of the element at the offset from there, times
-a phase, computed in cycles without rounding. Cells of about the size of an element list the pairs
-that contribute at a sample, so that its cost grows linearly with the number of elements if their
-density stays. The table of pairs contains midpoints and differences to twice the digits.
+their difference (docs/theory.md, (L1), (L2)). The contribution is W or A of the element at the
+offset from that position, times a phase that is computed without rounding. Cells of about the size
+of an element list the pairs that contribute at a sample, so at constant density the cost of a
+sample grows linearly with the number of elements. Midpoints and differences have twice the digits.
 """
 
 from __future__ import annotations

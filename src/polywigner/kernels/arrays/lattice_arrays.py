@@ -1,9 +1,9 @@
-"""Phased arrays on a lattice: the element's functions near x or xi, times array factors.
+"""W and A of phased arrays on a lattice: those of the element, times array factors.
 
-For copies of one element at the sites p_k of a lattice, a pair of sites contributes W of the
-element at x less the midpoint of the sites to W(x, nu), and A of the element at xi less their
-difference to A(upsilon, xi) (docs/theory.md, (L1), (L2)). Only the few midpoints (or differences)
-within an element's size of x (or xi) count, however many elements there are.
+A pair of sites contributes W of the element to W(x, nu), at x minus the midpoint of the sites. It
+contributes A of the element to A(upsilon, xi), at xi minus the difference of the sites
+(docs/theory.md, (L1), (L2)). Only the few midpoints (or differences) within an element's size of x
+(or xi) contribute, however many elements there are.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One element repeated many times, on a lattice or off it: its functions, and tables of copies."""
+"""W, A and the field of an element of which an array consists, and tables of its copies."""
 
 from __future__ import annotations
 

@@ -1,17 +1,19 @@
-"""The share of a wave at an edge in the field at a point, travelling or evanescent. Source: (B3).
+"""Contributions of edges to the field at a point, for travelling and evanescent waves, (B3).
 
-With N and N' the paths R - p.(P - Q) and R - p'.(P - Q), p' the mirrored direction, E the wave at
-the edge, e and e' the waves at the point along p and p', the integrand times R/2 is
+N and N' are the paths R - p.(P - Q) and R - p'.(P - Q), where p' is the mirrored direction. E is
+the wave at the edge, and e and e' are the waves at the point along p and p'. The integrand times
+R/2 is
 
     a (E - e)/2N + b' [(1/2 - share) E - e/2]/N'
 
-Both E - e and N vanish on the ray that the wave would take: they are divided without cancellation.
-So do E - e' and N', on the ray of the mirrored wave, which runs behind the plane, or in it for
-waves that graze it. A point close to the plane sees that ray: it *grazes* the wave, and gets
+Both E - e and N vanish on the ray of the wave through the point, so they are divided without
+cancellation. E - e' and N' vanish on the ray of the mirrored wave, which runs behind the plane, or
+in the plane for grazing waves. For a point close to the plane and that ray, the wave *grazes* the
+point. The integrand is then
 
     a (E - e)/2N + (1/2 - share) b' (E - e')/N' + b'/N' [(1/2 - share) e' - e/2]
 
-of which the last term is integrated in closed form (B4).
+and its last term is integrated in closed form (B4).
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Fields of plane waves behind an aperture as integrals along its edges, and along panels.
+"""Fields of plane waves behind an aperture, as integrals along panels of its edges.
 
-Lengths are in wavelengths, phases in turns. Edges are cut into panels, straight pieces. A panel and
-a point have their own axes: e along the panel, n to its left, and the origin at the point's foot in
-the plane. There the point lies at the height z, and a point of the panel is (s, b), with constant
-b, and the wave has direction cosines (along, across, p_z). Source: (B1) to (B5).
+Lengths are in wavelengths and phases in cycles. Edges are cut into panels, which are straight
+pieces. Each panel and point define axes: e along the panel, n to its left, and the origin at the
+foot of the point in the plane. In these axes the point is at the height z, positions on the panel
+are (s, b) with constant b, and the wave has direction cosines (along, across, p_z). Source: (B1) to
+(B5).
 """
 
 from __future__ import annotations

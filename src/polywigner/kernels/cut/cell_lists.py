@@ -1,4 +1,4 @@
-"""Cells of the offset between two copies of an outline, and the lists of edges and pairs of each.
+"""Cells of the offset between two copies of an outline, with lists of edges and pairs of edges.
 
 Each cell lists the edges that lie inside the other copy, and the pairs whose parallelograms meet
 the cell, in order along the rings: docs/theory/edges.md, (K1).

@@ -1,10 +1,10 @@
 """Edges as constants of compiled code, and their parts that lie inside the other copy.
 
 A slice is the intersection of two copies of the outline. Its boundary consists of the edges of
-either copy, cut to the parts inside the other copy. Here that is decided line by line against the
-convex pieces of the other copy. Vertices are on a grid. Cuts of nearly parallel edges, and edges
-that coincide, are therefore as in exact arithmetic (docs/theory/edges.md). All other lines meet at
-a well-conditioned point.
+either copy, cut to the parts inside the other copy. This module clips edges by the sides of the
+convex pieces of the other copy. Vertices are on a grid, so cuts of nearly parallel and of
+coincident edges are as in exact arithmetic (docs/theory/edges.md). All other lines meet at a well-
+conditioned point.
 
 An edge point is p = a + t e, 0 <= t <= 1, in the coordinates of G itself; it lies inside the other
 copy if another point p' lies in G:

@@ -1,9 +1,9 @@
 """Lists of pairs of edges of two copies of an outline that can meet, and cuts by these lists.
 
 An edge from a to a + e of the first outline and one from c to c + f of the second, in the copy
-{T - p}, meet where the offset T lies in the parallelogram a + c + s e + t f. The plane of offsets
-is divided into square cells, whose lists ``cell_lists`` builds. NumPy cuts edges by them here; a
-compiled loop takes them as data (``winding``): docs/theory/edges.md, (K1).
+{T - p}, meet if the offset T lies in the parallelogram a + c + s e + t f. The plane of offsets is
+divided into square cells, whose lists ``cell_lists`` builds. This module cuts edges with NumPy;
+``winding`` cuts them in a compiled loop, with the lists as data (docs/theory/edges.md, (K1)).
 """
 
 from __future__ import annotations

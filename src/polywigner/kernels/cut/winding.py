@@ -1,9 +1,9 @@
 """Sums over the boundary of a slice in compiled code, with edges as data.
 
-The weight of an edge is the winding number of its start in the other copy, updated along its ring;
-each crossing with an edge of the other copy adds 1 or -1 from there to the edge's end
-(docs/theory/edges.md, (K1)). In a collection the winding number of each element is multiplied by
-its weight. Outlines are passed as data, so one compiled kernel handles any outline.
+The weight of an edge is the winding number of the other copy at its start, which is updated along
+the ring. Each crossing with an edge of the other copy adds 1 or -1 from the crossing to the end of
+the edge (docs/theory/edges.md, (K1)). In a collection the winding number of each element is
+multiplied by its weight. Outlines are passed as data, so one compiled kernel handles any outline.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The formulas: W, A, F and areas as sums over edges, slits and bodies.
+"""Formulas of W, A and F as sums over edges, slits and tetrahedra.
 
 ===================  ==========================================================================
 module               content
@@ -8,7 +8,7 @@ module               content
 ``gauss_schell``     Gaussian waves over polygons and intervals, edge by edge
 ``partly_coherent``  W of partly coherent light, as kernels
 ``fourier``          Fourier transform, at points and on grids of frequencies
-``simplices``        Fourier transform of slits, thin shapes and polyhedra, by simplices
+``solids``           Fourier transform of polyhedra
 ``intervals``        the transforms of slits, and a few waves on one of them
 ``separable``        fields f(x) g(y) on a rectangle, and their transforms as kernels
 ``plane``            the field and the transforms of apertures, in their plane and in any pose

@@ -1,9 +1,9 @@
 """Terms of W and A: contributions of parts of edges.
 
-A part is a vector d with its midpoint m, as a lag or as a position; its term depends only on nu.d
-and nu.m, in cycles, and cross(nu, d). `EvenTerms` is (W1) of docs/theory.md, for real weights: it
-contains only sines, which do not cancel as nu goes to 0. `WaveTerms` is (W2) and (A1), for all
-weights: cosines sum to zero at nu = 0, so that cos - 1 stands for cos.
+A part is a vector d with its midpoint m, which are lags or positions. Its term depends only on nu.d
+and nu.m, in cycles, and on cross(nu, d). `EvenTerms` is (W1) of docs/theory.md for real weights. It
+contains only sines, which do not cancel as nu goes to 0. `WaveTerms` is (W2) and (A1) for all
+weights. Its cosines sum to zero at nu = 0, so cos - 1 replaces cos.
 
 The code that cuts edges creates the terms of a frequency, calls `along` once per direction of
 edges, adds parts with `added`, multiplies by the common factors of an edge with `of_edge`, and ends

@@ -2,9 +2,8 @@
 
 One triangle contributes ``cross(p, p') exp[0, a, b]``, the second divided difference of the
 exponential at ``0``, ``a = -2 pi i nu.p`` and ``b = -2 pi i nu.p'``. Unlike the edge sum of the
-paper's eq. (FVT) it has no division by nu, stays accurate for slivers, and a boundary that closes
-only up to rounding costs no more than rounding (docs/theory.md, (F2)). Bodies are sums of
-tetrahedra by the same formula.
+paper's eq. (FVT), this sum has no division by nu and is accurate for slivers. Boundaries may close
+only up to rounding (docs/theory.md, (F2)). The same formula with tetrahedra gives F of bodies.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """The transforms in one dimension: sums over intervals in closed form.
 
-The lag slice of two intervals and the position slice of two shifted ones are intervals again, so
-every transform is a sum of plane waves' means over intervals (docs/theory.md, (S1) to (S3)).
+The lag slice and the position slice of two intervals are intervals again. So every transform is a
+sum of means of plane waves over intervals (docs/theory.md, (S1) to (S3)).
 
-For a pair with half-lengths h and h', only the distance between the centres depends on x or xi. It
-is computed without rounding, so slits may be arbitrarily narrow compared with their distance: the
-length of the overlap is exact to an ulp of itself.
+For each pair of slits, only the distance of the centres depends on x or xi. It is computed without
+rounding, so that the length of the overlap is accurate to an ulp however narrow the slits are
+compared with their distance.
 """
 
 from __future__ import annotations

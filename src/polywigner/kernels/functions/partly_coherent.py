@@ -1,8 +1,8 @@
-"""W of partly coherent light as kernels: slices cut as for coherent light, weighed by the lag.
+"""Kernels of W in partly coherent light, which weight the lag slice by the degree of coherence.
 
-The degree of coherence exp(-xi^2/(2 width^2)) stands under the integral over the lag slice, so that
-edges are cut, and waves paired, as in `wigner`; only the term of a part of an edge differs:
-docs/theory.md, (I5).
+The degree of coherence exp(-xi^2/(2 width^2)) is a factor of the integrand. Edges are therefore
+cut, and waves paired, as for coherent light. Only the term of a part of an edge differs
+(docs/theory.md, (I5)).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Fields that are a product u(x, y) = f(x) g(y) on a rectangle, along the axes of its sides.
+"""Fields u(x, y) = f(x) g(y) on a rectangle, with x and y along its sides.
 
-All transforms are then products of two transforms in one dimension, each a sum over the pairs of a
-few waves (docs/theory.md, (I4)). A Taylor taper along both axes has 49 waves with 1225 pairs, but 7
-with 28 along either axis. Products are recognised from the waves of a field.
+All transforms are products of two transforms in one dimension, each of which is a sum over pairs of
+a few waves (docs/theory.md, (I4)). A Taylor taper along both axes has 49 waves with 1,225 pairs,
+but only 7 waves with 28 pairs along each axis. Products are recognised from the waves of a field.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """W and A as sums over the edges of slices (Stokes' theorem).
 
-The sums are (W1), (W2) and (A1) of docs/theory.md, over the cut edges of one copy for W, whose
-mirror images are the others, and of both copies for A. Fields of several waves, and elements with
-different fields, give sums over pairs of waves: for each pair the sum over a uniform source at a
-shifted frequency, times an amplitude that depends on position or lag alone, (I2), (I3). Each edge
-is cut once for all pairs.
+The sums are (W1), (W2) and (A1) of docs/theory.md. They run over the cut edges of one copy for W,
+since the edges of the other copy are mirror images, and of both copies for A. Fields of several
+waves, and elements with different fields, give sums over pairs of waves. Each pair contributes the
+sum of a uniform source at a shifted frequency, times an amplitude that depends only on position or
+lag, (I2), (I3). Each edge is cut once for all pairs.
 
-NumPy lists last parts of edges, from a crossing to the end, with weights that add up to the weights
-of the slice on each edge. Compiled code loops over edges and their cuts.
+On NumPy, edges are divided into last parts, which run from a crossing to the end of an edge. Their
+weights add up to the weight of the slice on each edge. Compiled code loops over edges and cuts.
 """
 
 from __future__ import annotations

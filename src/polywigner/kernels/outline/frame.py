@@ -1,13 +1,13 @@
 """The normalised frame in which every kernel works.
 
-Coordinates are centred on the source and mapped so that it fills a box of about unit size:
-thresholds on |nu| times diameter become absolute ones, and float32 spends its digits on the
-source. Needles and plates are turned to their own axes and stretched there as well; the transforms
-are covariant under affine maps, so a needle of aspect 1e-6 is as harmless as a square.
+Coordinates are centred on the source and scaled so that the source fills a box of about unit size.
+Thresholds on |nu| times diameter become absolute, and float32 uses its digits for the source.
+Needles and plates are also rotated to their axes and stretched. The transforms are covariant under
+affine maps, so a needle of aspect ratio 1e-6 is as accurate as a square.
 
-The map of frequencies is exact: its matrix consists of floats, rounded from the axes, and vertices
-are mapped by its exact inverse. Otherwise the rounding of an axis by an ulp would rotate the
-needle, and move its ends by many ulps of its width.
+The map of frequencies is exact: its matrix consists of floats, and vertices are mapped by its exact
+inverse. Otherwise the rounding of an axis by an ulp would rotate the needle, and move its ends by
+many ulps of its width.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Sums of plane waves on a source, and contributions of their pairs to W and A.
 
 For a field sum_m c_m exp(2 pi i kappa_m.x) on the source (docs/theory.md, (I2), (I3)), W and A are
-sums over pairs of waves: W or A of the uniform source at a shifted frequency, times a factor that
-depends on position or lag alone. Pairs with one shift are taken together, as one `WavePair`.
+sums over pairs of waves. Each term is W or A of the uniform source at a shifted frequency, times a
+factor that depends only on position or lag. Pairs with the same shift form one `WavePair`.
 """
 
 from __future__ import annotations
