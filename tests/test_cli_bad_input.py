@@ -141,8 +141,7 @@ BAD: dict[str, str] = {
         --precision half => precision | half
         --db-floor 3 => --db-floor | -1
         --taper gauss => taper | gauss
-        --format zip => --format | zip | nc | zarr | vti
-        --format vti => --format | --plane
+        --format zip => --format | zip | nc | zarr
         --wavelength "3 mm" => both
         --obstacle absent.stl => absent.stl
         --obstacle empty.csv => --obstacle
@@ -183,7 +182,7 @@ BAD: dict[str, str] = {
         {SMALL} --surfaces low => --surfaces | low
         {SMALL} --surfaces "-6, -50" => floor | -50
         {SMALL} --projection sum => projection | maximum
-        {SMALL} --format hdf4 => --format | vti
+        {SMALL} --format hdf4 => --format | zarr
         {SMALL} --method fdtd => method | fdtd
     """,
     "rcs square.wkt": """
@@ -191,7 +190,7 @@ BAD: dict[str, str] = {
         --frequency "3 GHz" --step "0 deg" => --step
         --frequency "3 GHz" --step "0.01 deg" => or more
         --frequency "3 GHz" --step "31 deg" => up to 30 deg
-        --frequency "3 GHz" --format vti => --format
+        --frequency "3 GHz" --format zip => --format
         --frequency "3 GHz" --step "30 deg" --polarisation rr => polarisation
         --frequency "3 GHz" --bounces 4 => bounces
         --frequency "3 GHz" --open-mesh => --open-mesh with a mesh

@@ -1,4 +1,4 @@
-"""Datasets on disk: zarr stores written chunk by chunk, NetCDF files, and VTK image data.
+"""Datasets on disk: zarr stores written chunk by chunk, and NetCDF files.
 
 zarr's local store renames finished chunk files, so a chunk is complete or missing, and a second run
 computes the missing chunks only. The attributes and coordinates of a store are the settings of its
@@ -12,12 +12,11 @@ import math
 import os
 import sys
 import warnings
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeAlias
-from xml.sax.saxutils import quoteattr
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -35,7 +34,7 @@ from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import checked_count, checked_path
 from polywigner.interruption import atomic_path
 from polywigner.source.source_files import SOURCE_COORDINATE, source_json
-from polywigner.transforms.xarray_arguments import labelled_array
+from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:
     import dask.array
@@ -47,6 +46,10 @@ Index = tuple[int, ...]
 """One integer for each dimension: a position, or a number of samples."""
 Block = Callable[[Index, Index], NDArray[Any]]
 """(index of the first sample, shape) -> values (shape)."""
+Variable: TypeAlias = tuple[Block, DTypeLike, dict[str, Any]]
+"""Block that computes the values of a variable, their type, and attributes."""
+Chunks: TypeAlias = int | str | Sequence[int | str | Sequence[int] | None] | Mapping[int, Any]
+"""Sizes of chunks as dask accepts them."""
 Scheduler: TypeAlias = "str | Cluster | None"
 """Address of a dask.distributed scheduler, or a cluster object such as ``LocalCluster``."""
 Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
@@ -54,11 +57,8 @@ Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
 
 # Seconds to wait for a scheduler, and for its first worker.
 _PATIENCE = 10.0
-# Samples in memory while a VTK file is written.
-_SLAB = 1 << 24
-# Largest deviation of a step from the mean step of an axis of VTK image data, relative.
-_EVEN = 1e-6
-_VTK_TYPES = {"float32": "Float32", "float64": "Float64"}
+# Largest number of samples in memory: 16 GiB of float32.
+_MOST_IN_MEMORY = 1 << 32
 
 
 def required(name: str) -> ModuleType:
@@ -91,6 +91,81 @@ def source_coords(source: Any) -> dict[str, xarray.Variable]:
     # object dtype: zarr cannot store NumPy's fixed-length strings
     values = np.array(source_json(source), dtype=object)
     return {SOURCE_COORDINATE: labelled_array(values, (), {"long_name": "source file in JSON"})}
+
+
+# ---- results on grids ---------------------------------------------------------------------------
+
+
+class StoreOptions(TypedDict, total=False):
+    """Options of results that are lazy, or written to a store."""
+
+    chunks: Chunks | None
+    scheduler: Scheduler
+    threads: int | None
+    progress: bool | None
+
+
+def check_options(options: Mapping[str, Any], kinds: type, out: object) -> None:
+    """Raise ArgumentError for unknown options, and for options that require a store."""
+    names = kinds.__annotations__
+    for name in options:
+        if name not in names:
+            raise ArgumentError(f"expected options among {', '.join(names)}, got {name!r}")
+        if out is None and name in ("scheduler", "threads") and options[name] is not None:
+            raise ArgumentError(f"expected out with {name}, got none; name a store to write to")
+
+
+def results_on_grid(
+    variables: Mapping[str, Variable],
+    axes: Mapping[str, xarray.Variable],
+    coords: Mapping[str, Any],
+    attrs: Mapping[str, Any],
+    options: Mapping[str, Any],
+    *,
+    block_size: int,
+    chunk_size: int,
+    compiled: bool,
+) -> xarray.Dataset:
+    """Return variables over ``axes``: computed now, lazy with ``chunks``, or in the store ``out``.
+
+    Values in memory are computed in blocks of up to ``block_size`` samples, by default chunks of
+    stores have up to ``chunk_size`` samples. ``compiled``: see :func:`lazy_array`.
+    """
+    shape = tuple(axis.size for axis in axes.values())
+    out, chunks, progress = (options.get(name) for name in ("out", "chunks", "progress"))
+    if out is not None and (chunks is None or chunks == "auto"):
+        chunks = chunks_within(shape, chunk_size)
+    if chunks is None and math.prod(shape) > _MOST_IN_MEMORY:
+        raise ArgumentError(
+            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
+            "use chunks, or write them to disk with out"
+        )
+    how: Any = {"compiled": compiled, "threads": options.get("threads")}
+    data = {}
+    for name, (block, dtype, about) in variables.items():
+        if chunks is None:
+            values: Any = _in_memory(name, block, shape, dtype, block_size, progress)
+        else:
+            values = lazy_array(block, shape, chunks, dtype, **how)
+        data[name] = tuple(axes), values, about
+    result = labelled_arrays(data, {**axes, **coords}, attrs)
+    if out is None:
+        return result
+    return write_store(out, result, scheduler=options.get("scheduler"), progress=progress, **how)
+
+
+def _in_memory(
+    name: str, block: Block, shape: Index, dtype: Any, block_size: int, progress: bool | None
+) -> NDArray[Any]:
+    values, size = np.empty(shape, dtype), chunks_within(shape, block_size)
+    counts = [-(-n // c) for n, c in zip(shape, size, strict=True)]
+    with progress_bar(name, math.prod(counts), show=progress) as advance:
+        for index in np.ndindex(*counts):
+            origin = tuple(i * c for i, c in zip(index, size, strict=True))
+            part = tuple(slice(o, o + c) for o, c in zip(origin, size, strict=True))
+            values[part] = block(origin, values[part].shape)
+            advance()
+    return values
 
 
 def lazy_array(
@@ -347,47 +422,6 @@ def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
         raise _not_written(Path(path), error) from error
 
 
-def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
-    """Write a dataset of up to three evenly spaced axes to VTK image data (XML, raw binary).
-
-    ParaView, VisIt, 3D Slicer and PyVista read the file. Axes named x, y and z are the axes of the
-    image, so planes keep their positions. Other axes become x, y and z in the order of the dataset.
-    A complex variable A becomes A_real and A_imag. Needs the extra ``datasets``.
-
-    Parameters
-    ----------
-    dataset, path : as of :func:`write_netcdf`.
-
-    Raises
-    ------
-    ArgumentError if ``dataset`` is not a dataset, has more axes or unevenly spaced axes, or if the
-    file cannot be written; StoreError if there is no zarr store at the path.
-
-    >>> import polywigner as pw
-    >>> import pathlib, tempfile
-    >>> square, box = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.05), (0.02, 0.02, 0.1)]
-    >>> field = pw.volume(square, box, (3, 3, 2), 3.2e-3, method="fresnel")
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "field.vti"
-    >>> pw.write_vti(field, path)
-    >>> path.stat().st_size > 0
-    True
-    """
-    # The package vtk has 600 MB, and its writer requires the image in memory.
-    parts = _real_parts(_opened(dataset))
-    header = _vti_header(parts)
-    with in_place(checked_path(path)) as scratch, scratch.open("wb") as file:
-        file.write(header.encode())
-        for array in parts.data_vars.values():
-            file.write(array.nbytes.to_bytes(8, "little"))
-            axis = array.dims[-1]
-            thickness = max(1, _SLAB * array.sizes[axis] // max(1, array.size))
-            for start in range(0, array.sizes[axis], thickness):
-                slab = array.isel({axis: slice(start, start + thickness)}).values
-                # in VTK, x varies fastest
-                file.write(np.ascontiguousarray(slab.T, slab.dtype.newbyteorder("<")).data)
-        file.write(b"\n</AppendedData>\n</VTKFile>\n")
-
-
 @contextmanager
 def in_place(path: Path) -> Iterator[Path]:
     """Yield the path of a scratch file, which replaces the file at the end of the block.
@@ -442,51 +476,3 @@ def _real_parts(dataset: xarray.Dataset) -> xarray.Dataset:
             for name, value in item.attrs.items()
         }
     return dataset
-
-
-def _vti_header(dataset: xarray.Dataset) -> str:
-    """Return the file up to its values; a missing axis has one sample."""
-    shapes = {name: array.dims for name, array in dataset.data_vars.items()}
-    dims = next(iter(shapes.values()), ())
-    if not 1 <= len(dims) <= 3 or any(other != dims for other in shapes.values()):
-        raise ArgumentError(
-            f"expected variables over the same one to three axes, got {shapes}; select a part by "
-            "dataset.isel, or write NetCDF"
-        )
-    in_space = tuple(sorted(dims)) == dims and set(dims) <= set("xyz")
-    axes = [_vti_axis(dataset, name) for name in ("xyz" if in_space else (*dims, None, None)[:3])]
-    origin, spacing = (" ".join(repr(axis[k]) for axis in axes) for k in (0, 1))
-    extent = " ".join(f"0 {count - 1}" for _, _, count in axes)
-    arrays, offset = [], 0
-    for name, array in dataset.data_vars.items():
-        if array.dtype.name not in _VTK_TYPES:
-            raise ArgumentError(f"expected {name} as floats, got {array.dtype}")
-        arrays.append(
-            f'<DataArray type="{_VTK_TYPES[array.dtype.name]}" Name={quoteattr(str(name))} '
-            f'format="appended" offset="{offset}"/>\n'
-        )
-        offset += 8 + array.nbytes
-    return (
-        '<?xml version="1.0"?>\n'
-        '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f'<ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}">\n'
-        f'<Piece Extent="{extent}">\n<PointData>\n{"".join(arrays)}</PointData>\n</Piece>\n'
-        '</ImageData>\n<AppendedData encoding="raw">\n_'
-    )
-
-
-def _vti_axis(dataset: xarray.Dataset, name: Hashable | None) -> tuple[float, float, int]:
-    """Return the first value, the step and the number of samples of an axis."""
-    is_scalar = name in dataset.coords and dataset[name].ndim == 0
-    if name not in dataset.dims and not is_scalar:
-        return 0.0, 1.0, 1
-    points = np.atleast_1d(np.asarray(dataset[name], np.float64))
-    if len(points) == 1:
-        return float(points[0]), 1.0, 1
-    step = (points[-1] - points[0]) / (len(points) - 1)
-    if not step > 0 or np.abs(np.diff(points) - step).max() > _EVEN * step:
-        raise ArgumentError(
-            f"expected evenly spaced ascending values of {name} for VTK image data, got others; "
-            "write NetCDF"
-        )
-    return float(points[0]), float(step), len(points)
