@@ -228,8 +228,6 @@ BAD: dict[str, str] = {
     "render lit.xml": """
         --spp 0 => --spp | 1
         --spp 99999999999999999999 => --spp
-        --spp 4 --error-db 6 => both
-        --error-db 0 => --error-db
         --seed -1 => --seed | 0
         --variant llvm_mono_ad => variant | llvm_mono_ad | scalar_rgb
         --integrator pathfinder => --integrator | pathfinder | volpath
