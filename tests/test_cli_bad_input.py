@@ -112,12 +112,6 @@ BAD: dict[str, str] = {
         --db-floor -1e308 => --db-floor | -300
         --frequency "1e-299 Hz" => wavelength | GHz | aperture
         --wavelength "1e-299 m" => wavelength | mm | aperture
-        --through "lens 5 cm" => --frequency or --wavelength
-        --through "lens 5 cm" --frequency "94 GHz" --x "0 mm, 1 mm" => --through
-        --through mirror --frequency "94 GHz" => space, lens | mirror
-        --through "" --frequency "94 GHz" => expected a system
-        --through "lens 3 Hz" --frequency "94 GHz" => 3 Hz
-        --through "magnifier big" --frequency "94 GHz" => magnifier | big
         second.wkt => second.wkt
         --out "" => --out
         --out out/.PNG => before the suffix
@@ -167,7 +161,6 @@ BAD: dict[str, str] = {
         --arc far => --arc | length | far
         --arc "50 mm, 0 deg, 90 deg" => --arc | between 0 and 90 deg
         --hemisphere "0 mm" => --hemisphere | above zero
-        --hemisphere "50 mm" --linear => --linear | in dB
     """,
     f"propagate square.wkt {LINE}": "=> --frequency or --wavelength",
     'volume square.wkt --frequency "94 GHz"': f"""

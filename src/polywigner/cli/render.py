@@ -44,7 +44,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     """Render a Mitsuba scene with a coherent aperture as its source.
 
     Writes the signed radiance NAME.exr, a figure in dB NAME.png, and a record NAME.json; with
-    --range an animation NAME_range.gif with a frame for each bin, and the frames NAME_range.nc;
+    --range the image of each bin NAME_range.nc;
     with --polarised the Stokes parameters NAME_stokes.npz, their figure NAME_stokes.png, and degree
     and angle of polarisation NAME_polarisation.png. With --scheduler, the workers of a cluster
     share the parts of the image, and the run is resumable.
@@ -53,7 +53,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     edges = settings.edges(64)
     suffixes = [".exr", ".png", ".json"]
     suffixes += _POLARISED if settings.polarised else ()
-    suffixes += ("_range.nc", "_range.gif") if edges is not None else ()
+    suffixes += ("_range.nc",) if edges is not None else ()
     files = options.files_to_write(out, Path(settings.scene).stem, suffixes)
 
     import numpy as np
@@ -128,8 +128,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
             contents.append(figures.draw_stokes(stokes, title))
             contents.append(figures.draw_polarisation(stokes, floor, title))
         if frames is not None:
-            animate = partial(figures.write_range_animation, frames, floor_db=floor, title=title)
-            contents += [frames, animate]
+            contents.append(frames)
         options.write(files, contents)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, value_text
 from polywigner.figures import style
 from polywigner.figures.levels import arrays_of, check_floor, image_peak, level_db
-from polywigner.geometry.arguments import checked_array, checked_count, checked_path
-from polywigner.propagation.stores import in_place
+from polywigner.geometry.arguments import checked_array, checked_count
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,8 +26,6 @@ _MILLIWATT = 1e-3
 _MARGIN_DB = 5.0
 # Least degree of linear polarisation with a meaningful angle.
 _LEAST_LINEAR = 0.05
-# Maximum number of frames; each takes up to 2 MB of memory.
-_MOST_FRAMES = 2**10
 # Colour of marks.
 _MARK = "#4dd2ff"
 
@@ -168,54 +164,6 @@ def _stokes_panels(
         axes.set(xticks=[], yticks=[])
     style.write_title(figure, title)
     return numbers, figure, panels
-
-
-def write_range_animation(
-    frames: Any,
-    path: str | os.PathLike[str],
-    *,
-    floor_db: float = -40.0,
-    title: str = "",
-    milliseconds: int = 100,
-) -> None:
-    """Write an animated GIF of frames by range, in dB below the peak of all frames.
-
-    Parameters
-    ----------
-    frames : result of :func:`polywigner.mitsuba.range_frames`, up to 1024 frames.
-    path : path of the file, with the suffix .gif; an existing file is replaced.
-    floor_db : lowest level in dB.
-    title : title of each frame, in addition to its range.
-    milliseconds : duration of a frame, from 10 to 60,000 ms.
-
-    Raises
-    ------
-    ArgumentError : for other or too many frames, a floor that is not below 0 dB, a duration out of
-        range, or a path that cannot be written to.
-    """
-    from matplotlib.animation import PillowWriter
-
-    check_floor(floor_db)
-    names = {"range_edge": "", "radiance": ""}
-    edges, radiance = arrays_of(frames, names, "polywigner.mitsuba.range_frames")
-    if radiance.ndim != 3 or not 1 <= len(radiance) <= _MOST_FRAMES:
-        raise ArgumentError(
-            f"expected from 1 to {_MOST_FRAMES} frames, got {len(radiance)}; use fewer, wider bins"
-        )
-    checked_count(milliseconds, "milliseconds", 10, 60_000)
-    path = checked_path(path)
-    if path.suffix.lower() != ".gif":
-        raise ArgumentError(f"expected a path with the suffix .gif, got {path.name!r}")
-    peak = max(image_peak(frame) or 0.0 for frame in radiance) or None
-    figure: Any = draw_scene(radiance[0], peak, floor_db)
-    axes = figure.axes[0]
-    writer = PillowWriter(fps=1000 / milliseconds)  # type: ignore[arg-type]
-    with in_place(path) as scratch, writer.saving(figure, scratch, figure.dpi):
-        for frame, first, last in zip(radiance, edges[:-1], edges[1:], strict=True):
-            axes.images[0].set_data(level_db(frame, peak, floor_db))
-            text = f"range {_rounded(first)} to {_rounded(last)} m"
-            axes.set_title(f"{title}\n{text}" if title else text, fontsize=8)
-            writer.grab_frame()
 
 
 def _rounded(value: float) -> str:
