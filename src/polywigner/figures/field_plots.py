@@ -172,7 +172,8 @@ def draw_lines(
     fields = [Comparison.of(dataset, against) for dataset in columns.values()]
     is_compared, side_by_side = len(fields[0].powers) > 1, len(fields) > 1
     width, height = 1.0 + 3.0 * len(fields) if side_by_side else 6.4, 5.6 if is_compared else 3.7
-    figure = style.figure_on(figure, width, height + 0.3 * side_by_side, spacing=0.03)
+    height += 0.3 * side_by_side
+    figure = style.figure_on(figure, width, height, title, spacing=0.03)
     ratios = (3, 2) if is_compared else (1,)
     panels = figure.subplots(
         len(ratios), len(fields), sharex="col", sharey="row", squeeze=False, height_ratios=ratios
@@ -196,7 +197,6 @@ def draw_lines(
         figure.legend(handles, labels, loc=position, ncols=len(handles), **legend)
     elif is_compared:
         panels[0, 0].legend(**legend)
-    style.write_title(figure, title)
     return figure
 
 
@@ -340,7 +340,7 @@ def draw_planes(
     columns = len(fields.powers)
     inches = _INCHES if rows * columns > 1 else _ALONE
     size = (inches * columns + 1.4, (inches * ratio + 0.45) * rows + 0.3)
-    figure = style.figure_on(figure, *size, is_compressed=True)
+    figure = style.figure_on(figure, *size, title, is_compressed=True)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for axes, (method, power) in zip(panels[0], fields.powers.items(), strict=True):
         levels = _upright(level_db(power, fields.zero, floor_db), fields)
@@ -356,7 +356,6 @@ def draw_planes(
             style.draw_cut(axes, lines, "kw")
         axes.set(xlabel=across[0], ylabel=up[0])
         axes.label_outer()
-    style.write_title(figure, title)
     return figure
 
 
@@ -479,7 +478,7 @@ def draw_hemispheres(
         )
     theta, phi = (np.asarray(dataset[d].values, dtype=np.float64) for d in ("theta", "phi"))
     size = _DISC * len(fields.powers) + 1.2, _DISC + 0.6
-    figure = style.figure_on(figure, *size, is_compressed=True)
+    figure = style.figure_on(figure, *size, title, is_compressed=True)
     panels = figure.subplots(1, len(fields.powers), squeeze=False, sharey=True)[0]
     for axes, (method, power) in zip(panels, fields.powers.items(), strict=True):
         levels = level_db(power if fields.dims[0] == "theta" else power.T, fields.zero, floor_db)
@@ -487,5 +486,4 @@ def draw_hemispheres(
         axes.set(xlabel="$s_x$", title=fields.labels[method])
     panels[0].set_ylabel("$s_y$")
     style.colour_bar(panels, shown, fields.level_text(floor_db))
-    style.write_title(figure, title)
     return figure

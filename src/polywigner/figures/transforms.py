@@ -43,11 +43,10 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class TransformSlices:
-    """Values of the transforms of a source; lengths in metres.
+    """Values of the transforms of a source over two frequencies.
 
-    ``fourier`` (n, n) complex, ``wigner`` (n, n) real and ``ambiguity`` (n, n) complex are in m^2.
     The second frequency component varies along the first axis: ``fourier[j, i]`` is the value at
-    (frequency[i], frequency[j]). ``frequency`` (n,) in 1/m is the axis of nu and of upsilon.
+    (frequency[i], frequency[j]).
     """
 
     source: pw.Aperture | pw.Array | pw.Wavefront
@@ -56,12 +55,19 @@ class TransformSlices:
     support: pw.Aperture
     """Region outside which W is zero: the automean, or a region around it."""
     x: Point
+    """Position of ``wigner`` in m."""
     xi: Point
+    """Lag of ``ambiguity`` in m."""
     wavelength: float | None
+    """Wavelength in m; None if unknown."""
     frequency: NDArray[np.float64]
+    """Both components of nu and of upsilon (n,) in 1/m."""
     fourier: NDArray[np.complex128]
+    """F (n, n) in m^2."""
     wigner: NDArray[np.float64]
+    """W (n, n) in m^2."""
     ambiguity: NDArray[np.complex128]
+    """A (n, n) in m^2."""
 
 
 def transform_slices(
@@ -76,25 +82,34 @@ def transform_slices(
 
     Parameters
     ----------
-    source : Aperture, or Array of apertures in the plane z = 0; or one with a curved wave.
-    x : (2,) position in m inside the automean; None: the centre of the bounds if it is inside,
-        otherwise a point inside.
-    xi : (2,) lag in m at which the aperture overlaps itself; None: the first of 1/4 of the width,
-        1/4 of the height, 1/16 of the width and 1/16 of the height that leaves a quarter of the
-        area.
-    wavelength : in m, for axes up to |nu| = 1/wavelength; None: up to 8/diameter.
-    samples : number of samples along each axis, from 2 to 4096; odd numbers include nu = 0.
-    zoomed : whether axes end at 8/diameter with a wavelength too.
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0.
+    x : array_like, shape (2,), optional
+        Position in m inside the automean. The default is the centre of the bounds if it is inside,
+        otherwise another point inside.
+    xi : array_like, shape (2,), optional
+        Lag in m at which the aperture overlaps itself. The default is the first of 1/4 of the
+        width, 1/4 of the height, 1/16 of the width and 1/16 of the height that leaves a quarter of
+        the area.
+    wavelength : float, optional
+        Wavelength in m. The axes extend to |nu| = 1/wavelength, without a wavelength to 8/diameter.
+    samples : int, default 257
+        Number of samples along each axis, from 2 to 4096. Odd numbers include nu = 0.
+    zoomed : bool, default False
+        Whether axes extend to 8/diameter with a wavelength too.
 
     Returns
     -------
     TransformSlices
+        Values, and the axes on which they lie.
 
     Raises
     ------
-    ArgumentError for another source, for an x or xi at which W or A is zero at all frequencies, and
-    for too few or too many samples; GeometryError for an Array whose elements do not lie in the
-    plane z = 0.
+    ArgumentError
+        For another source, for an x or xi at which W or A is zero at all frequencies, and for too
+        few or too many samples.
+    GeometryError
+        For an Array whose elements do not lie in the plane z = 0.
     """
     checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     aperture, support = outline_of(source), mutual_support(flat_source(source))
@@ -141,8 +156,15 @@ def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
 
     Parameters
     ----------
-    aperture : outline of the source.
-    wavelength : as in :func:`transform_slices`.
+    aperture : Aperture
+        Outline of the source.
+    wavelength : float, optional
+        Wavelength in m, as of :func:`transform_slices`.
+
+    Returns
+    -------
+    int
+        Number of samples.
     """
     aperture = outline_of(aperture)
     sampling = pw.suggest_sampling(aperture, reach=_half_width(aperture, wavelength))
@@ -159,7 +181,7 @@ def _point(value: ArrayLike) -> Point:
 
 
 def _default_position(support: pw.Aperture, centre: NDArray[np.float64]) -> Point:
-    """Return the centre if it is inside, otherwise a point that is not near the boundary."""
+    """Return the centre if it is inside, otherwise a point inside."""
     import shapely
 
     point, region = shapely.Point(centre), support.polygons
@@ -215,7 +237,10 @@ def draw_transforms(
     if not isinstance(slices, TransformSlices):
         raise ArgumentError(f"expected a result of transform_slices, got {type(slices).__name__}")
     unit = length_unit(slices.aperture.diameter)
-    figure = style.figure_on(figure, 11.6, 6.9, spacing=0.04)
+    is_cropped = slices.frequency[-1] * (slices.wavelength or 0.0) < 0.5
+    note = "" if is_cropped else ", dotted circle: |ν| = 1/λ"
+    heading = _heading(title, slices.wavelength, note)
+    figure = style.figure_on(figure, 11.6, 6.9, heading, spacing=0.04)
     panels = figure.subplots(2, 3).ravel()
     _draw_supports(panels[0], slices, unit)
     _draw_power(panels[1], slices, unit, floor_db)
@@ -224,9 +249,6 @@ def draw_transforms(
     _draw_real(panels[4], slices, slices.wigner, unit, "W(x, ν)", "nu")
     _draw_real(panels[5], slices, slices.ambiguity.real, unit, "Re A(υ, ξ)", "upsilon")
     style.letter_panels(panels)
-    zoomed = slices.frequency[-1] * (slices.wavelength or 0.0) < 0.5
-    note = "" if zoomed else ", dotted circle: |ν| = 1/λ"
-    style.write_title(figure, _heading(title, slices.wavelength, note))
     return figure
 
 
@@ -334,26 +356,31 @@ def draw_psf(
 
     Parameters
     ----------
-    dataset : xarray.Dataset with ``psf`` (defocus, y, x) in 1/m^2, x and y in m.
-    floor_db : lowest level in dB relative to the largest value of all panels.
-    title : title of the figure.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+    dataset : xarray.Dataset
+        Variable ``psf`` (defocus, y, x) in 1/m^2, with x and y in m.
+    floor_db : float, default -40
+        Lowest level in dB relative to the largest value of all panels.
+    title : str, optional
+        Title of the figure.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError for another dataset, a floor that is not below 0 dB, and a ``figure`` of another
-    type.
+    ArgumentError
+        For another dataset, a floor that is not below 0 dB, and a ``figure`` of another type.
     """
     check_floor(floor_db)
     spots = _checked_lens(dataset, "psf", ("defocus", "y", "x"))
     unit = length_unit(float(np.ptp(dataset["x"].values)))
     peak = float(spots.max())
     count = spots.sizes["defocus"]
-    figure = style.figure_on(figure, 2.4 + 2.6 * count, 3.5)
+    figure = style.figure_on(figure, 2.4 + 2.6 * count, 3.5, title)
     panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
     across, up = (dataset[name].values / unit.metres for name in ("x", "y"))
     for axes, spot in zip(panels, spots, strict=True):
@@ -364,7 +391,6 @@ def draw_psf(
         axes.set_adjustable("box")
         axes.label_outer()
     style.colour_bar(panels, shown, f"dB relative to {peak:.3g} /m², {style.floor_text(floor_db)}")
-    style.write_title(figure, title)
     return figure
 
 
@@ -374,20 +400,25 @@ def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None
 
     Parameters
     ----------
-    dataset : xarray.Dataset with ``mtf`` (defocus, direction, frequency), frequency in cycles/mm.
-    title : title of the figure.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+    dataset : xarray.Dataset
+        Variable ``mtf`` (defocus, direction, frequency), with the frequency in cycles/mm.
+    title : str, optional
+        Title of the figure.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError for another dataset, and a ``figure`` of another type.
+    ArgumentError
+        For another dataset, and a ``figure`` of another type.
     """
     curves = _checked_lens(dataset, "mtf", ("defocus", "direction", "frequency"))
-    figure = style.figure_on(figure, 6.4, 3.8)
+    figure = style.figure_on(figure, 6.4, 3.8, title)
     axes = figure.subplots()
     frequency = dataset["frequency"].values
     for part, dashes in zip(curves, cycle(_DASHES), strict=False):
@@ -401,7 +432,6 @@ def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None
         axes, legend=9, xlim=(0.0, frequency.max()), ylim=(0.0, 1.05),
         xlabel="frequency (cycles/mm)", ylabel="modulation transfer function",
     )  # fmt: skip
-    style.write_title(figure, title)
     return figure
 
 
