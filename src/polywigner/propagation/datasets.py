@@ -236,13 +236,27 @@ def line(
 
     Parameters
     ----------
-    source, wavelength, options : as of :func:`plane`, as are errors.
-    ends : two points (2, 3) in m, z > 0.
-    samples : number of points.
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0.
+    ends : array_like, shape (2, 3)
+        Both ends in m, with z > 0.
+    samples : int
+        Number of points.
+    wavelength : float
+        Wavelength in m.
+    **options
+        Options of :func:`plane`.
 
     Returns
     -------
-    As of :func:`plane`, with the dimension ``distance`` from the first end; x, y and z along it.
+    xarray.Dataset
+        Variables as of :func:`plane`, over the ``distance`` from the first end in m. Coordinates x,
+        y and z lie along it.
+
+    Raises
+    ------
+    PolywignerError
+        As :func:`plane`.
 
     >>> import polywigner as pw
     >>> square, ends = pw.shapes.square(10e-3), [(0, 0, 0.05), (0, 0, 0.2)]
@@ -265,44 +279,67 @@ def plane(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, with any fields; or one with a
-        curved wave.
-    where : ((x0, y0, z0), (x1, y1, z1)) in m with one pair of equal coordinates; or three corners
-        (3, 3) of a rectangle in any direction, the first between the other two. z > 0.
-    shape : number of points along both axes, edges included.
-    wavelength : in m.
-    method : "wigner" (default), a method of :func:`amplitude`, or a sequence of several methods.
-    quantity : "irradiance" (default), |U|^2 in W/m^2 for |u|^2 in W/m^2; "amplitude", complex; or
-        "phase", of the amplitude in rad. "wigner" has an irradiance only.
-    obliquity : obliquity factor for "wigner" and "fraunhofer", as for :func:`irradiance`.
-    bandwidth : bandwidth in Hz of an irradiance, as for :func:`irradiance`.
-    tolerance : as for :func:`irradiance` and :func:`amplitude`; None: their defaults.
-    obstacles : bodies and plates, as for :func:`amplitude`, whose shadows diffract
-        (docs/shadows.md). They require an exact method and a single wavelength.
-    dtype : type of the values, "float64" (default) or "float32" (amplitudes: complex).
-    precision, engine : see :func:`fourier`.
-    chunks : None: all values are computed now; otherwise the result is lazy, with chunks as dask
-        accepts them: a number, one number for each axis, or "auto".
-    out : folder of a zarr store (format 3) to which the values are written chunk by chunk. After
-        an interruption the same call completes the store. Needs the extra ``datasets``.
-    scheduler : with ``out``: address of a dask.distributed scheduler whose workers can access
-        ``out``, or a cluster object such as ``LocalCluster``; None: this machine.
-    threads : with ``out``: number of threads, on this machine or of each worker; None: all cores,
-        or the worker's threads.
-    progress : whether to draw a bar; None: on a terminal.
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0.
+    where : array_like, shape (2, 3) or (3, 3)
+        Opposite corners (x0, y0, z0) and (x1, y1, z1) in m with one pair of equal coordinates; or
+        three corners of a rectangle in any direction, the first between the other two. z > 0.
+    shape : tuple of int
+        Number of points along both axes, edges included.
+    wavelength : float
+        Wavelength in m.
+    method : str or sequence of str, default "wigner"
+        "wigner", a method of :func:`amplitude`, or several methods.
+    quantity : {"irradiance", "amplitude", "phase"}
+        "irradiance": |U|^2 in W/m^2 for |u|^2 in W/m^2. "amplitude": complex U. "phase": phase of U
+        in rad. "wigner" has an irradiance only.
+    obliquity : str, optional
+        Obliquity factor of "wigner" and "fraunhofer", as of :func:`irradiance`.
+    bandwidth : float, optional
+        Bandwidth of an irradiance in Hz, as of :func:`irradiance`.
+    tolerance : float, optional
+        Tolerance as of :func:`irradiance` and :func:`amplitude`, with their defaults.
+    obstacles : sequence of bodies and plates, optional
+        Obstacles as of :func:`amplitude`, whose shadows diffract (docs/shadows.md). They require an
+        exact method and a single wavelength.
+    dtype : {"float64", "float32"}
+        Type of the values. Amplitudes are complex, with parts of this type.
+    precision, engine : str, optional
+        See :func:`fourier`.
+    chunks : int, str or sequence, optional
+        With chunks the result is lazy. dask accepts a number, a number for each axis, or "auto".
+        Without chunks all values are computed now.
+    out : path, optional
+        Folder of a zarr store (format 3) to which the values are written chunk by chunk. After an
+        interruption the same call completes the store. Needs the extra ``datasets``.
+    scheduler : str or cluster, default this machine
+        With ``out``: address of a dask.distributed scheduler whose workers can access ``out``, or a
+        cluster object such as ``LocalCluster``.
+    threads : int, optional
+        With ``out``: number of threads, on this machine or of each worker. The default is all
+        cores, or the worker's threads.
+    progress : bool, optional
+        Whether to draw a progress bar. The default is to draw it on a terminal.
 
     Returns
     -------
-    xarray.Dataset with a variable for each method, named after it, over two of x, y and z; for
-    three corners over u and v, the distances from the first corner. Attributes hold units, settings
-    and the version; a coordinate holds the source.
+    xarray.Dataset
+        A variable for each method, named after the method, over two of the axes x, y and z; for
+        three corners over u and v, the distances from the first corner. Attributes hold units,
+        settings and the version. A coordinate holds the source.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
-    elements do not lie in the plane z = 0; EngineError if the engine or the scheduler is not
-    available; StoreError if the path cannot be written to, or contains results of other settings;
-    MissingExtraError for ``chunks`` and ``out`` without the extra ``datasets``.
+    ArgumentError
+        For arguments of the wrong type, shape or range.
+    GeometryError
+        For an Array whose elements do not lie in the plane z = 0.
+    EngineError
+        If the engine or the scheduler is not available.
+    StoreError
+        If the path cannot be written to, or contains results of other settings.
+    MissingExtraError
+        For ``chunks`` and ``out`` without the extra ``datasets``.
 
     >>> import polywigner as pw
     >>> square, where = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.1), (0.02, 0.02, 0.1)]
@@ -323,19 +360,34 @@ def hemisphere(
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
     **options: Unpack[FieldOptions],
 ) -> xarray.Dataset:
-    """Compute a field at one distance from a point, over angles: on a hemisphere or along a cut.
+    """Compute a field over angles at one distance from a point: on a hemisphere or along a cut.
 
     Parameters
     ----------
-    source, wavelength, options : as of :func:`plane`, as are errors.
-    radius : distance from ``centre`` in m.
-    theta : (n,) angles from the z axis in rad; negative ones, for cuts, lie at the opposite phi.
-    phi : (m,) angles from the x axis in rad; or one.
-    centre : (3,) in m; all points have z > 0, |theta| < pi/2 about the origin.
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0.
+    radius : float
+        Distance from ``centre`` in m.
+    theta : array_like, shape (n,)
+        Angles from the z axis in rad. Negative angles, for cuts, lie at the opposite phi.
+    phi : array_like, shape (m,) or ()
+        Angles from the x axis in rad.
+    wavelength : float
+        Wavelength in m.
+    centre : tuple of float, default the origin
+        Centre (x, y, z) of the hemisphere in m. All points must have z > 0.
+    **options
+        Options of :func:`plane`.
 
     Returns
     -------
-    As of :func:`plane`, with the dimensions ``theta`` and ``phi``, and x, y and z over them.
+    xarray.Dataset
+        Variables as of :func:`plane`, and coordinates x, y and z, over ``theta`` and ``phi``.
+
+    Raises
+    ------
+    PolywignerError
+        As :func:`plane`.
 
     >>> import polywigner as pw
     >>> square, theta = pw.shapes.square(10e-3), [0.0, 0.5]
@@ -361,17 +413,26 @@ def volume(
 
     Parameters
     ----------
-    source, wavelength, options : as of :func:`plane`, but ``dtype`` is "float32" by default.
-    box : ((x0, y0, z0), (x1, y1, z1)) in m, z > 0.
-    shape : number of points along x, y and z, faces included.
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0.
+    box : array_like, shape (2, 3)
+        Opposite corners (x0, y0, z0) and (x1, y1, z1) in m, with z > 0.
+    shape : tuple of int
+        Number of points along x, y and z, faces included.
+    wavelength : float
+        Wavelength in m.
+    **options
+        Options of :func:`plane`; ``dtype`` is "float32" by default.
 
     Returns
     -------
-    As of :func:`plane`, with the dimensions ``x``, ``y`` and ``z``.
+    xarray.Dataset
+        Variables as of :func:`plane`, over ``x``, ``y`` and ``z``.
 
     Raises
     ------
-    As :func:`plane`.
+    PolywignerError
+        As :func:`plane`.
 
     >>> import polywigner as pw
     >>> square, box = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.05), (0.02, 0.02, 0.1)]

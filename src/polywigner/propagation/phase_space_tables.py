@@ -66,23 +66,32 @@ def wigner_table(
 
     Parameters
     ----------
-    source : Aperture, uniform or with an illumination, or an Array of these in the plane z = 0.
-    x, y : (n,) positions in m.
-    nu_x, nu_y : (n,) spatial frequencies in 1/m.
-    out : folder of a zarr store (format 3) to create or to complete; None: in memory. Needs the
-        extra ``datasets``.
-    chunks : as of :func:`plane`; None with ``out``: chunks of up to 4 million samples.
-    precision : "single" (default) or "double" (also None), for sums and results.
-    engine : "auto" (default), "numpy", "llvm" or "cuda"; see :func:`wigner`.
-    scheduler, threads, progress : as of :func:`plane`.
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0.
+    x, y : array_like, shape (n,)
+        Positions in m.
+    nu_x, nu_y : array_like, shape (n,)
+        Spatial frequencies in 1/m.
+    out : path, optional
+        Folder of a zarr store (format 3) to create or to complete. Needs the extra ``datasets``.
+    chunks : int, str or sequence, optional
+        As of :func:`plane`. The default with ``out`` is chunks of up to 4 million samples.
+    precision : {"single", "double"}
+        Precision of sums and results.
+    engine : {"auto", "numpy", "llvm", "cuda"}
+        See :func:`wigner`.
+    scheduler, threads, progress : optional
+        As of :func:`plane`.
 
     Returns
     -------
-    xarray.Dataset with the real variable W (x, y, nu_x, nu_y) in m^2; lazy with ``out``.
+    xarray.Dataset
+        The real variable W (x, y, nu_x, nu_y) in m^2, lazy with ``chunks`` or ``out``.
 
     Raises
     ------
-    As :func:`plane`.
+    PolywignerError
+        As :func:`plane`.
 
     >>> import polywigner as pw
     >>> table = pw.wigner_table(pw.shapes.square(1.0), [0.0], [0.0], [0.0, 0.5], [0.0])
@@ -106,13 +115,26 @@ def ambiguity_table(
 
     Parameters
     ----------
-    source, out, options : as of :func:`wigner_table`, as are errors.
-    upsilon_x, upsilon_y : (n,) frequency shifts in 1/m.
-    xi_x, xi_y : (n,) lags in m.
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0.
+    upsilon_x, upsilon_y : array_like, shape (n,)
+        Frequency shifts in 1/m.
+    xi_x, xi_y : array_like, shape (n,)
+        Lags in m.
+    out : path, optional
+        Folder of a zarr store, as of :func:`wigner_table`.
+    **options
+        Options of :func:`wigner_table`.
 
     Returns
     -------
-    As of :func:`wigner_table`, with the complex variable A in m^2.
+    xarray.Dataset
+        The complex variable A (upsilon_x, upsilon_y, xi_x, xi_y) in m^2.
+
+    Raises
+    ------
+    PolywignerError
+        As :func:`plane`.
 
     >>> import polywigner as pw
     >>> table = pw.ambiguity_table(pw.shapes.square(1.0), [0.0, 0.5], [0.0], [0.0], [0.0])

@@ -177,15 +177,11 @@ def lazy_array(
     compiled: bool = True,
     threads: int | None = None,
 ) -> dask.array.Array:
-    """Return a dask array whose chunks are computed by a block.
+    """Return a dask array whose chunks are computed by a block that can be pickled.
 
-    Parameters
-    ----------
-    block : a function that can be pickled.
-    shape, dtype : of the array.
-    chunks : any specification that dask accepts.
-    compiled : whether the block uses Dr.Jit's thread pool, which computes one chunk at a time.
-    threads : size of that pool; None: its current size, or the threads of the dask worker.
+    dask defines the forms of ``chunks``. A ``compiled`` block uses Dr.Jit's thread pool, which
+    computes one chunk at a time; ``threads`` is the size of that pool. The default size is the
+    current one, or the number of threads of the dask worker.
     """
     arrays, core = required("dask.array"), required("dask.array.core")
     try:
@@ -229,22 +225,14 @@ def write_store(
     threads: int | None = None,
     progress: bool | None = None,
 ) -> xarray.Dataset:
-    """Write a lazy dataset to a zarr store (format 3), and open the store lazily.
+    """Write a dataset of lazy arrays to a zarr store (format 3), and open the store lazily.
 
-    An incomplete store of the same dataset is completed: only missing chunks are computed.
+    An incomplete store with the same attributes, coordinates and chunks is completed: only missing
+    chunks are computed. ``compiled``: compute one chunk at a time, which uses all cores, otherwise
+    ``threads`` chunks.
 
-    Parameters
-    ----------
-    path : folder of the store.
-    dataset : variables of :func:`lazy_array`. An existing store must have the same attributes,
-        coordinates and chunks.
-    compiled : compute one chunk at a time, which uses all cores; otherwise ``threads`` chunks.
-    scheduler, threads, progress : as for :func:`wigner_table`.
-
-    Raises
-    ------
-    StoreError if the path cannot be written to, or contains something else; EngineError if the
-    scheduler does not respond; MissingExtraError without zarr or dask; and errors of the blocks.
+    Raises StoreError if the path cannot be written to, or contains something else; EngineError if
+    the scheduler does not respond; MissingExtraError without zarr or dask.
     """
     require_stores(scheduler)
     folder, dataset = checked_path(path), dataset.assign_attrs(written="chunk by chunk")
@@ -380,21 +368,26 @@ def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
 
 
 def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
-    """Write a dataset to a NetCDF 4 file, which MATLAB, Julia, Panoply and xarray read.
+    """Write a dataset to a NetCDF 4 file, which MATLAB, Julia, ParaView and xarray read.
 
     NetCDF has no complex numbers: a complex variable A becomes A_real and A_imag. Needs the extra
     ``datasets``.
 
     Parameters
     ----------
-    dataset : xarray.Dataset, in memory or lazy; or the path of a zarr store. It may be larger than
-        memory.
-    path : path of the file; an existing file is replaced. The file appears complete or not at all.
+    dataset : xarray.Dataset, xarray.DataArray or path
+        Dataset in memory or lazy, or the path of a zarr store. It may be larger than memory.
+    path : path
+        Path of the file. An existing file is replaced. The file appears complete or not at all.
 
     Raises
     ------
-    ArgumentError if ``dataset`` is not a dataset, or the file cannot be written; StoreError if
-    there is no zarr store at the path; MissingExtraError without h5netcdf.
+    ArgumentError
+        If ``dataset`` is not a dataset, or the file cannot be written.
+    StoreError
+        If there is no zarr store at the path ``dataset``.
+    MissingExtraError
+        Without h5netcdf.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile

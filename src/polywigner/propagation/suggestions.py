@@ -140,29 +140,39 @@ def suggest_sampling(
 
     Parameters
     ----------
-    source : Aperture, or Array in one plane; for the first four quantities also Slits; for
-        "pattern", "amplitude" and "irradiance", which depend on the box only, also a Wavefront.
-    wavelength : in m. The first four quantities require it or ``reach``.
-    quantity : quantity to sample. "amplitude" and "irradiance" require ``box``, ``line`` or
-        ``radius``.
-    reach : N in 1/m, half the extent of the axes of nu, and a quarter of the extent of the axes of
-        upsilon. None: 1/wavelength, beyond which waves are evanescent.
-    box : ((x0, y0, z0), (x1, y1, z1)) in m, z0 > 0, as of :func:`volume`; flat along an axis
-        with two equal coordinates. At z below a wavelength, evanescent waves add finer detail.
-    line : end points ((x0, y0, z0), (x1, y1, z1)) in m, as of :func:`line`; the axis is "distance".
-    radius : radius in m of a hemisphere around the origin, up to theta = 89.5 degrees.
-    oversampling : ratio of the Nyquist step to the step, at least 1. Use 1 for sinc interpolation
-        on an infinite grid, and 2 for images and for interpolation from a dozen neighbours.
+    source : Aperture, Array, Slits or Wavefront
+        Source in one plane. Slits have the first four quantities only, and a Wavefront the last
+        three, which depend on the box only.
+    wavelength : float, optional
+        Wavelength in m. The first four quantities require it or ``reach``.
+    quantity : str, default "intensity"
+        Quantity to sample. "amplitude" and "irradiance" require ``box``, ``line`` or ``radius``.
+    reach : float, default 1/wavelength
+        N in 1/m, half the extent of the axes of nu, and a quarter of the extent of the axes of
+        upsilon. Waves beyond the default are evanescent.
+    box : array_like, shape (2, 3), optional
+        Opposite corners in m as of :func:`volume`. Two equal coordinates make the box flat along
+        that axis. At z below a wavelength, evanescent waves add finer detail.
+    line : array_like, shape (2, 3), optional
+        End points in m as of :func:`line`. The axis is "distance".
+    radius : float, optional
+        Radius in m of a hemisphere around the origin, up to theta = 89.5 degrees.
+    oversampling : float, default 2
+        Ratio of the Nyquist step to the step, at least 1. Use 1 for sinc interpolation on an
+        infinite grid, and 2 for images and for interpolation from a dozen neighbours.
 
     Returns
     -------
     Sampling
+        Axes of the grid.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range, and for a reach, box, line or
-    radius that the quantity does not use; GeometryError for an Array whose elements do not lie in
-    the plane z = 0.
+    ArgumentError
+        For arguments of the wrong type, shape or range, and for a reach, box, line or radius that
+        the quantity does not use.
+    GeometryError
+        For an Array whose elements do not lie in the plane z = 0.
 
     >>> import polywigner as pw
     >>> axes = pw.suggest_sampling(pw.shapes.square(10e-3), 3.2e-3).axes
