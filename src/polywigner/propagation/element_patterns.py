@@ -240,7 +240,7 @@ class FittedPattern(NamedTuple):
     residual: float
     """Square root of the power of the error of the far field over the power of the pattern."""
     power_ratio: float
-    """Power int |u|^2 on the aperture over radiated power; far above 3 for superdirective fields."""
+    """Power int |u|^2 on the aperture over radiated power; far above 3 for superdirectivity."""
 
 
 # Residual above which the fit is poor.
