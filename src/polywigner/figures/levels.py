@@ -153,10 +153,10 @@ def difference_db(
     values: ArrayLike, reference: ArrayLike, above_db: float = COMPARED_DB
 ) -> NDArray[np.float64]:
     """Return differences of levels from a reference in dB; NaN if the reference is too low."""
-    field, true = (np.asarray(v, dtype=np.float64) for v in (values, reference))
-    if field.shape != true.shape:
-        raise ArgumentError(f"expected fields at the same points, got {field.shape}, {true.shape}")
-    return np.asarray(_differences(field, true, above_db)[0])
+    if np.shape(values) != np.shape(reference):
+        got = f"{np.shape(values)}, {np.shape(reference)}"
+        raise ArgumentError(f"expected fields at the same points, got {got}")
+    return np.asarray(_differences(values, reference, above_db)[0])
 
 
 def _differences(

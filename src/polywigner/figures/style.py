@@ -26,11 +26,11 @@ LEVEL_MAP = "inferno"  # perceptually uniform, black at the floor
 SIGNED_MAP = "RdBu_r"  # diverging, white at zero
 PHASE_MAP = "twilight"  # cyclic: -180 and 180 degrees have one colour
 
-INK, TINT, ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"  # outlines, what surrounds them, marks
+INK, TINT, ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"  # outlines, regions around them, marks
 RED, BLUE, ORANGE, GREEN, VIOLET = "#d7301f", "#2166ac", "#e69f00", "#1b9e77", "#7b3294"  # lines
 
 TYPOGRAPHY: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
+    "font.family": "DejaVu Sans",  # part of matplotlib, so the same on every machine
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.labelsize": 9,
@@ -41,15 +41,15 @@ TYPOGRAPHY: dict[Any, Any] = {
     "ytick.major.width": 0.6,
 }
 
-Given = ParamSpec("Given")
-Drawn = TypeVar("Drawn")
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 
-def typeset(draw: Callable[Given, Drawn]) -> Callable[Given, Drawn]:
+def typeset(draw: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Return a function that draws with this typography and restores the caller's."""
 
     @wraps(draw)
-    def drawn(*values: Given.args, **options: Given.kwargs) -> Drawn:
+    def drawn(*values: Arguments.args, **options: Arguments.kwargs) -> Result:
         import matplotlib as mpl
 
         with mpl.rc_context(TYPOGRAPHY):

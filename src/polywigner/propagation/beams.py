@@ -27,13 +27,14 @@ if TYPE_CHECKING:
 _HALF = 10 * math.log10(2.0)
 # Finite level in dBi for minus infinity: parabolas are fitted to levels.
 _DARK = -400.0
-# Largest difference in dB between samples that a parabola describes; near nulls it is larger.
+# Largest difference in dB between samples to which a parabola is fitted. Levels next to a null are
+# steeper and have another shape.
 _STEEP = 10.0
 # Level in dB below the beam at which a cut is rounding noise.
 _NOTHING = 150.0
 # Largest meaningful ratio of polarisations, in dB.
 _LINEAR = 200
-# Least level in dB of a beam above all cuts that does not lie on them.
+# A beam that exceeds all cuts by this level in dB does not lie on a cut.
 _MISSED = 0.1
 # With fewer samples within the half-power width, its error is some percent.
 _LEAST_SAMPLES = 6

@@ -82,13 +82,13 @@ class ElementPattern:
             raise ArgumentError("expected a far field other than zero, got zeros only")
         behind = theta > math.pi / 2 + _EVEN
         dark = not np.abs(values[:, behind]).max(initial=0.0) > _NOTHING * largest
-        self.is_whole = bool(behind.any()) and not dark
-        if self.is_whole and abs(theta[-1] - math.pi) > _EVEN:
+        self.covers_sphere = bool(behind.any()) and not dark
+        if self.covers_sphere and abs(theta[-1] - math.pi) > _EVEN:
             raise ArgumentError(
                 "expected theta up to 90 degrees, or up to 180 degrees with backward radiation, "
                 f"got {math.degrees(theta[-1]):g}"
             )
-        if not self.is_whole:
+        if not self.covers_sphere:
             theta, values = theta[~behind], values[:, ~behind]
         if len(theta) < 3 or len(phi) < 4:
             raise ArgumentError(
@@ -105,7 +105,7 @@ class ElementPattern:
         used = np.abs(waves).max(axis=(0, 1)) > 1e-15 * largest
         self._orders, waves = orders[used], waves[:, :, used]
         beyond = -waves * (-1.0) ** np.abs(self._orders)  # at -theta
-        last = len(theta) - 1 if self.is_whole else len(theta)  # pi is -pi
+        last = len(theta) - 1 if self.covers_sphere else len(theta)  # pi is -pi
         self._waves = np.concatenate([beyond[:, last - 1 : 0 : -1], waves], axis=1)
         self._step = float(theta[-1]) / (len(theta) - 1)
         self._start = float(theta[-1]) - self._step * (self._waves.shape[1] - 1)
@@ -144,7 +144,7 @@ class ElementPattern:
         """
         polar, azimuthal = self.band
         node, weight = np.polynomial.legendre.leggauss(math.ceil(lag / 2) + polar + _MARGIN)
-        if not self.is_whole:
+        if not self.covers_sphere:
             node, weight = (node + 1) / 2, weight / 2
         count = math.ceil(lag) + 2 * azimuthal + _MARGIN
         phi = 2 * math.pi * np.arange(count) / count
@@ -163,7 +163,7 @@ class ElementPattern:
     def _along(self, theta: Floats) -> Floats:
         """Return the matrix (angle, sample) that interpolates a meridian at angles theta (n,)."""
         count = self._waves.shape[1]
-        if self.is_whole:  # the Dirichlet kernel of an even number of samples
+        if self.covers_sphere:  # the Dirichlet kernel of an even number of samples
             half = (theta[:, None] - (self._start + self._step * np.arange(count))) / 2
             near = np.abs(np.sin(half)) < 1e-12
             safe = np.where(near, 1.0, half)

@@ -73,8 +73,8 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
     ======  =====================================================================================
     suffix  content
     ======  =====================================================================================
-    .csv    Reports of HFSS: columns Theta, Phi and rETheta, rEPhi as re and im, as mag and ang_deg,
-            or as complex numbers; levels such as dB(GainTheta) with phases; Freq.
+    .csv    Reports of HFSS: columns Theta, Phi and rETheta, rEPhi as re and im, or as mag and
+            ang_deg; levels such as dB(GainTheta) with phases; Freq.
     .txt    Far-field table of CST: Abs and Phase of Theta and Phi.
     .ffd    Far-field data of HFSS, with one or several frequencies.
     .ffe    Far fields of FEKO, with one or several frequencies.

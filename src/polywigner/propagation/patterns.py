@@ -47,7 +47,7 @@ _OPPOSITE = 1e-6
 _STEPS_PER_LOBE, _LEAST_STEPS, _MOST_STEPS = 64, 360, 32768
 # Interpolated samples per step of a table.
 _STEPS_PER_ANGLE = 4
-# If the beam exceeds the normal by less than this value in dB, the cuts go along x and y.
+# If the level along the normal is within this value in dB of the beam, cuts go along x and y.
 _NORMAL = 0.1
 _LEAST_MERIDIANS = 8
 # Rounding error of the cosine of directions on the horizon.
@@ -480,7 +480,7 @@ def circles_through_beam(pattern: Any) -> list[Cut]:
     jones = np.asarray(pattern.attrs["polarisation"], np.float64).view(np.complex128)
     far = FarField(
         None, SPEED_OF_LIGHT / about["frequency"], element.vectors, (power, math.nan), {},
-        jones=jones, goes_backwards=element.is_whole,
+        jones=jones, goes_backwards=element.covers_sphere,
         known_beam=(largest, about["peak_theta"], about["peak_phi"]),
     )  # fmt: skip
     step = min(polar[1] - polar[0], turns[1] - turns[0]) / _STEPS_PER_ANGLE

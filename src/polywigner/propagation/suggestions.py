@@ -207,13 +207,13 @@ def suggest_sampling(
             ends = (("theta", math.pi / 2), ("phi", 2 * math.pi))
             bands = [(name, "rad", 0.0, end, step, True) for name, end in ends]
         else:
-            given = {name: region for name, region in regions.items() if region is not None}
-            if len(given) != 1:
+            chosen = {name: region for name, region in regions.items() if region is not None}
+            if len(chosen) != 1:
                 raise ArgumentError(
-                    f"expected one of {', '.join(regions)}, got {' and '.join(given) or 'none'}; "
+                    f"expected one of {', '.join(regions)}, got {' and '.join(chosen) or 'none'}; "
                     "specify the points of the field"
                 )
-            bands = _field_bands(plane.bounds, length, quantity == "amplitude", *given.popitem())
+            bands = _field_bands(plane.bounds, length, quantity == "amplitude", *chosen.popitem())
     axes = tuple(_axis(band, finer) for band in bands)
     return Sampling(quantity, axes, math.prod(axis.count for axis in axes))
 
@@ -280,7 +280,7 @@ def _field_bands(
     bounds: tuple[float, ...], wavelength: float, coherent: bool, kind: str, region: Any
 ) -> list[Band]:
     """Return the bands of a field in a "box", on a "line", or on a hemisphere of a "radius"."""
-    metres = 1.0  # in one unit of an axis
+    metres = 1.0  # metres per unit of an axis
     if kind == "box":
         axes = [np.unique(axis.values) for axis in box_grid(region, 3 * (_POINTS,)).coords.values()]
         ends = [(n, "m", float(a[0]), float(a[-1])) for n, a in zip("xyz", axes, strict=True)]
