@@ -2,5 +2,5 @@
 
 ``python -m benchmarks`` asks the ``questions`` one after the other, each case in a process of its
 own in which we and the ``peers`` take turns, and writes a table, JSON and pictures into
-``benchmarks/results``. The scripts beside this file are studies: run one with ``python``.
+``benchmarks/results``. The other scripts in this folder are studies: run one with ``python``.
 """

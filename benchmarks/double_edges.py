@@ -84,7 +84,7 @@ def compared(top: float, separation: float) -> tuple[Array, Array]:
 
 
 def differences(result: list[tuple[Array, Array]]) -> Any:
-    """Levels of silhouettes above those of the cascade in dB (angle, place), where it is bright."""
+    """Levels of silhouettes minus levels of the cascade in dB (angle, point), at bright points."""
     single, double = (np.maximum(np.array(part).T, 1e-6) for part in zip(*result, strict=True))
     off = 20 * np.log10(single / double)
     return np.ma.masked_where(20 * np.log10(double) < FLOOR, off)

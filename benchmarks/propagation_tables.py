@@ -28,7 +28,7 @@ BORESIGHT = (0.5, 1, 1.5, 2, 2.5, 3, 4, 5, 7, 10, 20, 50)
 DISTANCES = (5, 10, 30, 100)
 DEGREES = np.arange(-80, 81, 2.0)
 SEEN = 1e-3  # of the peak
-TOLERANCE = 1e-4  # of sums over places, so that what is left is the rays' own error
+TOLERANCE = 1e-4  # of sums over points, so that errors of the rays remain
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "propagation_tables.md"
 
 

@@ -1,4 +1,4 @@
-"""What do two and three reflections cost beside one, and beside rays of some error?
+"""What do two and three reflections cost compared with one, and compared with rays of some error?
 
     python benchmarks/rcs_bounces.py
 

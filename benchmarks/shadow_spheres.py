@@ -1,4 +1,4 @@
-"""Question: how far is the shadow of a black ball from those of a soft and a hard sphere?
+"""Question: how much do shadows of a black ball, a soft and a hard sphere differ?
 
 Run ``python benchmarks/shadow_spheres.py``; takes a minute. A point source, 100 radii away, lights
 a sphere. The field behind it is known exactly by partial waves if u = 0 (soft) or du/dr = 0 (hard)

@@ -1,4 +1,4 @@
-"""Contenders that take turns in one process, and what is made of their times."""
+"""Contenders that take turns in one process, and statistics of their times."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Effort:
     rounds: int
     """Turns of every contender."""
     seconds: float
-    """About what one call is to take."""
+    """Intended duration of one call."""
     most: int
     """Samples of one call, at most."""
     checked: int

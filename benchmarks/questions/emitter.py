@@ -28,7 +28,7 @@ SHAPES = {
 }
 CASES = list(SHAPES)
 THREADS = (1,)
-# The most times as long as the area emitter that is asked for, as a ratio.
+# Largest accepted time, relative to the area emitter.
 TARGETS = {"square": 1 / 1.2, "chevron": 1 / 3}
 SIZE, SAMPLES = 256, 64
 SIZE_QUICK, SAMPLES_QUICK = 64, 4

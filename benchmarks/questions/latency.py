@@ -1,6 +1,6 @@
 """How long until the first answer: import, first call, next process, next call?
 
-Processes of their own. "First call" starts after ``import polywigner`` and includes loading Dr.Jit
+Separate processes. "First call" starts after ``import polywigner`` and includes loading Dr.Jit
 or JAX, compiling, and 1000 samples of W; Dr.Jit keeps its compiled kernels on disk for the next
 process. CPU time.
 """
