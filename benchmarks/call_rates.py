@@ -1,4 +1,4 @@
-"""What does a call by users cost, as a multiple of a fixed piece of NumPy's work beside it?
+"""What does a call by users cost, as a multiple of a fixed piece of work in NumPy?
 
 Default engine and NumPy arrays in and out. Each case has separate processes, forked after
 polywigner's own modules are there, with no kernel on disk from earlier ones: the first call (the
@@ -9,7 +9,7 @@ of all threads: shared machines have no other clock. The peer is the edge sum of
     python benchmarks/call_rates.py [--only SOURCE ...] [--functions wigner ...] [--into FILE]
                                     [--against FILE]
 
-Adds what it measures to a JSON file, and prints all of it as a table; ``--against`` another file,
+Adds the results to a JSON file, and prints the whole file as a table; ``--against`` another file,
 with ratios to it, and their geometric means.
 """
 

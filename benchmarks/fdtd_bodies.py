@@ -73,7 +73,7 @@ class Room:
         self.layers = [list(self._absorbing(axis, layer)) for axis in range(3)]
 
     def _absorbing(self, axis: int, layer: int) -> Iterator[list[Any]]:
-        """Convolutional layers: of p's differences and v's, places, factors and memories."""
+        """Convolutional layers: of the differences of p and v: positions, factors and memories."""
         n = self.p.shape[axis]
         for is_v, start in product((True, False), (True, False)):
             if start and axis == 1:

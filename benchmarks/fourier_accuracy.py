@@ -4,7 +4,7 @@ Run ``python benchmarks/fourier_accuracy.py``; takes some minutes. Prints three 
 worst errors in units of the content (length, area, volume), by class of source and |nu| times
 diameter: F and then W and A in float64 and float32; and F by polywigner, by the form factors of
 coxeter (``pip install coxeter``; left out without it) and by the vertex formula, on the same cases.
-The sources, the hard directions and the exact values are those of the tests (``tests/oracles``).
+Sources, hard directions and exact values come from the tests (``tests/oracles``).
 """
 
 from __future__ import annotations

@@ -190,7 +190,7 @@ def measured_here() -> dict[str, Any]:
 
 
 def measured(count: int) -> dict[str, Any]:
-    """The same in a separate process, with so many threads; libraries read this when loaded."""
+    """The same in a separate process, with a number of threads; libraries read this when loaded."""
     names = [THREADS, "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"]
     environment = {**os.environ, **dict.fromkeys(names, str(count))}
     command = [sys.executable, __file__, "--here"]

@@ -25,7 +25,7 @@ class Figure:
     best: float
     median: float
     error: float | None = None
-    """The largest found, in units of ``Line.error_unit``; None where there is none to speak of."""
+    """The largest value, in units of ``Line.error_unit``; None without a meaningful value."""
 
 
 @dataclass(frozen=True)

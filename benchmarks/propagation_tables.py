@@ -1,7 +1,7 @@
 """How far are Wigner rays from the diffraction integrals?
 
-Tables of decibels against Rayleigh-Sommerfeld I and Kirchhoff, each with rays of its own obliquity:
-on boresight from 0.5 to 50 wavelengths, and over -80 to 80 degrees at 5, 10, 30 and 100
+Tables of decibels against Rayleigh-Sommerfeld I and Kirchhoff, each with rays of the same
+obliquity: on boresight from 0.5 to 50 wavelengths, and over -80 to 80 degrees at 5, 10, 30 and 100
 wavelengths, as root mean square and largest value where the reference is within 30 dB of its peak.
 References are boundary integrals. With --write, docs/propagation_tables.md is written anew.
 

@@ -129,7 +129,7 @@ class Rays:
         self.points = body.vertices
 
     def lit(self, s: np.ndarray, across: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """Lit places (m, 3), cosines there, and the area of a cell."""
+        """Illuminated points (m, 3), cosines there, and the area of a cell."""
         mi, random = self.mi, np.random.default_rng(1)
         axes = np.array([[0.8, 0.6], [-0.6, 0.8]]) @ np.linalg.svd(s[None])[2][1:]
         flat = self.points @ axes.T

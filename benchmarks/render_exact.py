@@ -2,10 +2,10 @@
 
 A white floor below a source at 94 GHz, `direct`, `multijitter` samples, seen over 1.2 heights to
 either side in 256 x 256 pixels, box filter. For each method: CPU seconds of a render with a
-compiled kernel, the better of two; and three errors, each the mean over the picture, over the peak
+compiled kernel, the better of two; and three errors, each the mean over the image, over the peak
 of the truth, in dB. "all": against the truth, means of |U|^2 cos over pixels by Gauss points.
-"noise": of two pictures against each other, which leaves out what rays miss near the source.
-"light": against a picture by exact light of the same places in each pixel, which leaves out that
+"noise": difference of two images, which leaves out what rays miss near the source.
+"light": against an image by exact light of the same points in each pixel, which leaves out that
 values in a pixel differ; of exact light itself |U|^2 at the centres of pixels.
 
 Last, how many times less CPU time exact light takes than this way to that much noise, on the line
@@ -150,7 +150,7 @@ def decibels(result: Any, expected: Any, peak: float | None = None) -> float:
 
 
 def timed(scene: Any, spp: int) -> tuple[float, list[npt.NDArray[np.float64]]]:
-    """CPU seconds, the better of two, and the pictures of two seeds."""
+    """CPU seconds, the better of two, and the images of two seeds."""
     rendered(scene, 1, 0)  # compiles
     times, images = [], []
     for seed in (1, 2):

@@ -92,7 +92,7 @@ def in_turns(
 
 
 def fitting(make: Callable[[int], Action], effort: Effort, threads: int = 1) -> tuple[Action, int]:
-    """An action of so many samples, a power of two, that one call takes about the wanted time.
+    """An action whose number of samples, a power of two, makes a call take about that time.
 
     And that more samples would not come cheaper: what a call costs by itself is small beside them.
     """

@@ -109,7 +109,7 @@ def _calls(case: str, rounds: int) -> list[Line]:
 
 
 def _add(result: dict[str, list[float]], case: str, precision: str, who: str) -> None:
-    """Two processes with a folder of their own for compiled kernels."""
+    """Two processes with an empty folder for compiled kernels."""
     with tempfile.TemporaryDirectory() as home:
         first, again = _process(case, precision, who, home)
         later, _ = _process(case, precision, who, home)

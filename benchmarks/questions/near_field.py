@@ -34,7 +34,7 @@ SOURCES = {
     SQUARE: lambda: pw.shapes.square(10e-3),
     CHEVRONS: lambda: _chevrons(),
 }
-# At so many wavelengths. A raster grows with the square of the distance: 5 s at 100.
+# Distances in wavelengths. A raster grows with the square of the distance: 5 s at 100.
 HEIGHTS = {SQUARE: (5, 20, 50), CHEVRONS: (20,)}
 CASES = [f"{source}, z = {z}" for source, heights in HEIGHTS.items() for z in heights]
 THREADS = (1,)

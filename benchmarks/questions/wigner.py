@@ -117,7 +117,7 @@ def in_engine(source: Any, precision: str, threads: int) -> Method:
     vector = backend.Array2f if precision == "single" else backend.Array2f64
 
     def method(x: np.ndarray, nu: np.ndarray) -> Action:
-        # copies: memory of NumPy's would be used in place
+        # copies: memory of NumPy would be shared
         where = [vector(*(np.ascontiguousarray(c) for c in p.T)) + 0.0 for p in (x, nu)]
         dr.eval(where)
         dr.sync_thread()

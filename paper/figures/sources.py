@@ -33,7 +33,7 @@ Value = tuple[NDArray[Any], str]
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """The pictures of a figure by their letters ("" of a single one), and the arrays behind them
+    """The panels of a figure by their letters ("" of a single one), and the arrays behind them
     by name, each with its unit and axes in words."""
 
     figures: Mapping[str, Figure]
