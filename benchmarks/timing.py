@@ -92,9 +92,9 @@ def in_turns(
 
 
 def fitting(make: Callable[[int], Action], effort: Effort, threads: int = 1) -> tuple[Action, int]:
-    """An action whose number of samples, a power of two, makes a call take about that time.
+    """Return an action whose number of samples, a power of two, makes a call long enough.
 
-    And that more samples would not come cheaper: what a call costs by itself is small beside them.
+    The fixed cost of a call is then small, so more samples would not be cheaper per sample.
     """
     clock = clock_for(threads)
     count, before = min(FEWEST, effort.most), float("inf")
