@@ -1,7 +1,7 @@
 """The whole comparison in one go: ``python -m benchmarks``, or ``make bench``.
 
-Every question is asked of every case, each in a process of its own, in which polywigner and its
-peers take turns. Peers that are not installed are said to be so. Writes comparison.md,
+Every question is asked of every case, each in a separate process, in which polywigner and its
+peers take turns. Peers that are not installed are listed as such. Writes comparison.md,
 comparison.json, rates.png and ratios.png.
 """
 

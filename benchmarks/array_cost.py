@@ -26,7 +26,7 @@ import polywigner as pw
 
 PITCH = 1.4  # patches of side 1
 SIDES = (1, 2, 4, 8, 16, 32)
-CHECKED = 24  # places at which errors are measured
+CHECKED = 24  # points at which errors are measured
 REPEATS = 5
 
 
@@ -183,7 +183,7 @@ def product_costs(double: bool, samples: int) -> None:
 
 
 def peer_factor(samples: int) -> None:
-    """The array factor at scattered directions, beside phased-array-modeling."""
+    """The array factor in scattered directions, compared with phased-array-modeling."""
     try:
         import phased_array
     except ImportError:
@@ -217,7 +217,7 @@ def peer_factor(samples: int) -> None:
         pairs = [(timed(ours), timed(theirs)) for _ in range(REPEATS)]
         own, peer = (min(column) * 1e3 for column in zip(*pairs, strict=True))
         ratio = statistics.median(t / o for o, t in pairs)
-        # the peer's factor has exp(+i k.r): that of the opposite direction
+        # the peer's factor has exp(+i k.r): the opposite direction
         gap = np.abs(pw.array_factor(places, weights, -nu) - results["peer"]).max() / side**2
         print(f"| {side**2} | {own:.2f} | {peer:.1f} | {ratio:.0f} | {gap:.1e} |")
 

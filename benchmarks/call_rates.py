@@ -1,6 +1,6 @@
-"""What does a call by users cost, as a multiple of a fixed piece of NumPy's work beside it?
+"""What does a call by users cost, as a multiple of a fixed piece of work in NumPy?
 
-Default engine and NumPy arrays in and out. Each case has processes of its own, forked after
+Default engine and NumPy arrays in and out. Each case has separate processes, forked after
 polywigner's own modules are there, with no kernel on disk from earlier ones: the first call (the
 better of two processes), and the median of the next ones, in turns with the peer. Processor seconds
 of all threads: shared machines have no other clock. The peer is the edge sum of a 16-gon's F at
@@ -9,7 +9,7 @@ of all threads: shared machines have no other clock. The peer is the edge sum of
     python benchmarks/call_rates.py [--only SOURCE ...] [--functions wigner ...] [--into FILE]
                                     [--against FILE]
 
-Adds what it measures to a JSON file, and prints all of it as a table; ``--against`` another file,
+Adds the results to a JSON file, and prints the whole file as a table; ``--against`` another file,
 with ratios to it, and their geometric means.
 """
 
@@ -82,7 +82,7 @@ def _measured(case: Case) -> tuple[float, float]:
 
 
 def in_child(case: Case) -> tuple[float, float]:
-    """The same in a process of its own; infinite where it does not end."""
+    """The same in a separate process; infinite where it does not end."""
     reader, writer = os.pipe()
     home = tempfile.mkdtemp()
     child = os.fork()

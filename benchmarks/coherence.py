@@ -1,4 +1,4 @@
-"""How many times does a partly coherent source cost what it costs in coherent light?
+"""How many times slower is a partially coherent source than a coherent source?
 
 python benchmarks/coherence.py
 
@@ -27,7 +27,7 @@ SOURCES = {
     "chevron": pw.shapes.chevron(SIDE, 0.6 * SIDE, 0.2 * SIDE),
     "two chevrons": pw.shapes.chevron_pair(SIDE, 0.6 * SIDE, 0.2 * SIDE),
 }
-# Of more, a mean takes minutes.
+# A mean over more points takes minutes.
 MOST_TILTS = 3000
 SHARES = (3.0, 1.0, 0.3, 0.1, 0.03, 0.01)
 

@@ -67,7 +67,7 @@ def places(rng: np.random.Generator, ring: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def outline_errors(seed: int, engines: list[str]) -> Iterator[tuple[tuple[str, ...], float]]:
-    """((kind, function, engine, precision), error over area), one for each way of asking."""
+    """((kind, function, engine, precision), error over area), one for each form of the call."""
     kind, rings, centre = outline(seed)
     rng = np.random.default_rng([2, seed])
     source = pw.Aperture(shapely.Polygon(rings[0], rings[1:]))

@@ -164,7 +164,7 @@ def _extent(source: Any) -> Any:
 
 @dataclass(frozen=True)
 class Timed:
-    """Seconds of a first call in a process of its own, and of the best of the next."""
+    """Seconds of a first call in a separate process, and of the best of the next."""
 
     first: float
     next: float

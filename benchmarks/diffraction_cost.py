@@ -23,7 +23,7 @@ mi.set_variant("llvm_ad_mono")
 import polywigner.mitsuba as pm  # noqa: E402
 
 WAVELENGTH = 299_792_458.0 / 94e9
-# Faces times points above which all points share the silhouette of their middle.
+# Faces times points above which all points share the silhouette of their centre.
 SHARED = 32_768
 BLACK = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 0.0}}
 

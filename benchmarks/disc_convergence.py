@@ -1,4 +1,4 @@
-"""Question: how fast do the transforms of an n-gon of equal area approach those of the disc?
+"""Question: how fast do transforms of an n-gon approach transforms of a disc of equal area?
 
 Run ``python benchmarks/disc_convergence.py``; ``--plot FILE`` draws the table. References are exact
 (``tests/oracles/disc.py``): Bessel functions, and the transforms of lenses. Errors are the largest

@@ -36,8 +36,8 @@ WINDOW, TAPER, NODES = 150.0, 75.0, 4.0  # of the integral: length, its soft end
 def half_plane(top: float, z: float) -> Any:
     """Opaque below x = top: a plate like an M, of which only the upper edge is nearest to points.
 
-    An edge sends most from its place nearest to a point. That of the other edges are corners, whose
-    waves are weaker by the root of the distance.
+    An edge sends most from its position nearest to a point. That of the other edges are corners,
+    whose waves are weaker by the root of the distance.
     """
     pose = np.eye(4)
     pose[0, 3], pose[2, 3] = top, z
@@ -49,7 +49,7 @@ def behind(obstacles: Any, x: Array, z: Array | float) -> Array:
     """u at (x, 0, z), 1 without obstacles; the wave comes from far down the z axis."""
     points = np.stack(np.broadcast_arrays(x, 0.0, z), axis=-1)
     source = pw.PointSource((0.0, 0.0, -DISTANCE), DISTANCE)
-    # as a wave that is 1 at z = 0, in which half wavelengths of its long way are not lost
+    # as a wave that is 1 at z = 0, in which half wavelengths of its long path are not lost
     result = pw.amplitude(source, points, 1.0, "kirchhoff", obstacles=obstacles, tolerance=1e-4)
     return np.asarray(result * np.exp(-2j * np.pi * (DISTANCE % 1.0)))
 
@@ -84,7 +84,7 @@ def compared(top: float, separation: float) -> tuple[Array, Array]:
 
 
 def differences(result: list[tuple[Array, Array]]) -> Any:
-    """Levels of silhouettes above those of the cascade in dB (angle, place), where it is bright."""
+    """Levels of silhouettes minus levels of the cascade in dB (angle, point), at bright points."""
     single, double = (np.maximum(np.array(part).T, 1e-6) for part in zip(*result, strict=True))
     off = 20 * np.log10(single / double)
     return np.ma.masked_where(20 * np.log10(double) < FLOOR, off)
@@ -116,7 +116,7 @@ def draw(lit: Any, hidden: Any, tilted: Any) -> Any:
 
 
 def main(folder: Path) -> None:
-    """Draw both pictures."""
+    """Draw both figures."""
     level = [[compared(side * GRAZING * n**0.5, n) for n in SEPARATIONS] for side in (1, -1)]
     tilted = [compared(APART * np.tan(np.radians(tilt)), APART) for tilt in TILTS]
     folder.mkdir(parents=True, exist_ok=True)

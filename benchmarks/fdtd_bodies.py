@@ -47,7 +47,7 @@ CELLS = (16, 24)  # per wavelength: a coarse grid, and the one that counts
 WIDE, NEAR, FAR = 4.0, -2.0, 6.0
 PLANES = (2.5, 4.0, 5.5)  # where levels are compared
 STRIDE = 0.25  # between points that are compared
-STORED = 4  # one of so many is kept for the tests
+STORED = 4  # every fourth value is kept for the tests
 FLOOR = -20.0  # dB of the free field
 RAMP = 4.0  # periods in which the incident wave rises
 SETTLING = 6.0  # periods in which waves around the cube die down
@@ -73,7 +73,7 @@ class Room:
         self.layers = [list(self._absorbing(axis, layer)) for axis in range(3)]
 
     def _absorbing(self, axis: int, layer: int) -> Iterator[list[Any]]:
-        """Convolutional layers: of p's differences and v's, places, factors and memories."""
+        """Convolutional layers: of the differences of p and v: positions, factors and memories."""
         n = self.p.shape[axis]
         for is_v, start in product((True, False), (True, False)):
             if start and axis == 1:

@@ -41,7 +41,7 @@ RAYS = "rays"
 WIDTH = 10e-3 * 94e9 / pw.SPEED_OF_LIGHT
 CELLS = (12, 20)  # per wavelength: a coarse grid, and the one that counts
 DISTANCES = (2.0, 3.0, 4.0, 5.0, 6.0)
-ANGLES = (30.0, 60.0)  # degrees off the axis, seen from the middle of the hole
+ANGLES = (30.0, 60.0)  # degrees off the axis, seen from the centre of the hole
 FLOOR = -30.0  # dB of the largest level on the plane
 STRIDE = 0.2  # between nodes that are compared
 # A half-line of nodes of a square lattice on which u is given reaches so many cells beyond its
@@ -77,7 +77,7 @@ class Field:
 class Lattice:
     """Leapfrog steps of p and its gradient v, with absorbing layers at the far ends (PML).
 
-    Of p there are three parts, one for each direction, as the layers damp them differently. Units:
+    p has three parts, one for each direction, as the layers damp them differently. Units:
     v is scaled so that it falls by the difference of p in a step.
     """
 

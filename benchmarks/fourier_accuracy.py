@@ -4,7 +4,7 @@ Run ``python benchmarks/fourier_accuracy.py``; takes some minutes. Prints three 
 worst errors in units of the content (length, area, volume), by class of source and |nu| times
 diameter: F and then W and A in float64 and float32; and F by polywigner, by the form factors of
 coxeter (``pip install coxeter``; left out without it) and by the vertex formula, on the same cases.
-The sources, the hard directions and the exact values are those of the tests (``tests/oracles``).
+Sources, hard directions and exact values come from the tests (``tests/oracles``).
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ def coxeter_form_factor(source: Any, nu: Array) -> Array:
         return np.asarray(shape.compute_form_factor_amplitude(2 * np.pi * nu))
     q = 2 * np.pi * np.column_stack([nu, np.zeros(len(nu))])
     total = np.zeros(len(nu), complex)
-    for ring in source.rings:  # holes run the other way, and count as negative
+    for ring in source.rings:  # holes run in the opposite direction, and count as negative
         flat = np.column_stack([ring, np.zeros(len(ring))])
         sign = 1.0 if shapely.LinearRing(ring).is_ccw else -1.0
         polygon = coxeter.shapes.Polygon(flat[:: int(sign)], normal=[0, 0, 1])
@@ -179,7 +179,7 @@ def vertex_formula(source: Any, nu: Array) -> Array:
 
 
 def _verdict(errors: list[Array], refused: int) -> str:
-    """Median / worst, how many are not numbers, and sources that are not taken at all."""
+    """Median / worst, the number of NaN, and sources that are not taken at all."""
     if not errors:
         return "refused"
     every = np.concatenate(errors)
@@ -216,7 +216,7 @@ def peer_table(count: int) -> None:
                 for formula, transform in formulas.items():
                     try:
                         got = transform(source, nu)
-                    except ValueError:  # what a peer does not take is part of the answer
+                    except ValueError:  # inputs that a peer rejects are part of the result
                         continue
                     worst[formula].append(np.abs(got - expected) / content(source))
             cells = [_verdict(errors, len(sources) - len(errors)) for errors in worst.values()]

@@ -1,8 +1,9 @@
-"""What does a value of F cost against the number of vertices, and what the first call?
+"""What does a value of F cost against the number of vertices, and what does the first call cost?
 
 Run ``python benchmarks/fourier_cost.py``. Time for one value of F at scattered frequencies, for
-polygons of 3 to 1024 vertices, and what the first call of a process adds: time and memory, with no
-compiled kernel on disk. (What a grid costs, beside finufft and others: ``make bench``.)
+polygons of 3 to 1024 vertices, and the cost added by the first call of a process: time and memory,
+with no compiled kernel on disk. (The cost of a grid, compared with finufft and others: ``make
+bench``.)
 
 All contenders take turns in one process, and the median of the rounds counts. One process with one
 thread, in CPU seconds (a busy machine slows all alike), and one with as many as there are cores, by
@@ -189,7 +190,7 @@ def measured_here() -> dict[str, Any]:
 
 
 def measured(count: int) -> dict[str, Any]:
-    """The same in a process of its own, with so many threads; libraries read this when loaded."""
+    """The same in a separate process, with a number of threads; libraries read this when loaded."""
     names = [THREADS, "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"]
     environment = {**os.environ, **dict.fromkeys(names, str(count))}
     command = [sys.executable, __file__, "--here"]

@@ -1,4 +1,4 @@
-"""How many times the cost of W is that of its gradient in reverse mode?
+"""How many times slower than W is its gradient in reverse mode?
 
 Run ``python benchmarks/gradient_cost.py``. W of random positions in the automean at random
 frequencies, and its gradient with respect to positions and frequencies, to vertices, and to all of

@@ -1,8 +1,8 @@
-"""Question: what do images by transmission cross coefficients cost beside Abbe's sum with FFTs?
+"""Question: what do transmission cross coefficients cost compared with Abbe's sum by FFTs?
 
 Run ``python benchmarks/imaging_cost.py``; takes a minute. Two lines in an L, in a period of 6 um,
 under a condenser of 0.6 pupils at 550 nm, NA 0.25. Abbe's sum: the mask as pixels (the share of
-each that is open), a lattice of places on the condenser, a transform of the image for each place.
+each that is open), a lattice of points on the condenser, a transform of the image for each point.
 Its error is that of the image on 32 x 32 points, against the closed form, as a share of the
 largest.
 Processor seconds of one thread, each the second of two runs.
@@ -48,7 +48,7 @@ def closed() -> Values:
 
 
 def abbe(pixels: int, places: int) -> Values:
-    """Abbe's sum over a lattice of places x places on the condenser's box, by FFTs of ORDERS^2."""
+    """Abbe's sum over a lattice of points x points on the condenser's box, by FFTs of ORDERS^2."""
     edges = PERIOD * (np.arange(pixels + 1) / pixels - 0.5) - PERIOD / (2 * pixels)
     low, high = edges[:-1], edges[1:]
     cells = shapely.box(*np.meshgrid(low, low), *np.meshgrid(high, high))

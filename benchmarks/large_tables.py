@@ -1,7 +1,7 @@
 """How fast are large tables and volumes written, and within what memory?
 
 Run ``python benchmarks/large_tables.py`` (two minutes); ``--gib 16 --volume 512`` writes a table of
-16 GiB and a volume of 512^3 points. Each question is answered in a process of its own, whose peak
+16 GiB and a volume of 512^3 points. Each question is answered in a separate process, whose peak
 memory the system reports:
 
 - rate: a table in memory against ``pw.wigner`` at the same points, given one by one.
@@ -34,7 +34,7 @@ import polywigner as pw
 
 RESULTS = Path(__file__).parent / "results" / "large_tables.json"
 CHEVRON = pw.shapes.chevron(20e-3, 12e-3, 4e-3)
-# Of float32 sums (docs/accuracy).
+# Rounding of float32 sums (docs/accuracy).
 TOLERANCE = 5e-6 * CHEVRON.area
 
 
@@ -48,11 +48,11 @@ def write(out: Path, side: int) -> Any:
     return pw.wigner_table(CHEVRON, *axes(side), out, engine="llvm")
 
 
-# --- in processes of their own
+# --- in separate processes
 
 
 def measured(part: str, *arguments: str) -> dict[str, Any]:
-    """What a part of this file prints, in a process of its own."""
+    """Output of a part of this file, in a separate process."""
     command = [sys.executable, __file__, "--part", part, *arguments]
     return dict(json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout))
 

@@ -25,7 +25,7 @@ class Figure:
     best: float
     median: float
     error: float | None = None
-    """The largest found, in units of ``Line.error_unit``; None where there is none to speak of."""
+    """The largest value, in units of ``Line.error_unit``; None without a meaningful value."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Line:
     """The median over the rounds."""
     error_unit: str = ""
     target: float | None = None
-    """The least ratio asked for."""
+    """Smallest required ratio."""
     enough: float | None = None
     """Our own rate that does as well, whatever the ratio."""
     note: str = ""
@@ -80,12 +80,12 @@ class Line:
 
 
 def as_times(times: Sequence[float], scale: float, error: float | None = None) -> Figure:
-    """Seconds of the rounds as a figure of which less is better."""
+    """Seconds of the rounds as a result that is better if smaller."""
     return Figure(min(times) * scale, statistics.median(times) * scale, error)
 
 
 def as_rates(times: Sequence[float], amount: float, error: float | None = None) -> Figure:
-    """Seconds that an amount took as a figure of which more is better."""
+    """Seconds for an amount of work as a result that is better if larger."""
     return Figure(amount / min(times), amount / statistics.median(times), error)
 
 

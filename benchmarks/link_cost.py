@@ -1,9 +1,9 @@
-"""What does a coupling cost beside brute force, Gauss's rule on both sources?
+"""What does a coupling cost compared with brute force, Gauss's rule on both sources?
 
     python benchmarks/link_cost.py
 
 Brute force twice, with the same kernel in NumPy: doubling its nodes along a side until the last two
-differ by 1e-6 (as who does not know the answer must), and told how many it needs: the fewest, in
+differ by 1e-6 (as a user without the exact result must), and with the smallest number of nodes, in
 steps of two, with which it is within 1e-6 of the coupling computed to 1e-10. Squares are what its
 rule is made for. Both divide by the aperture power. Ratios above 1: the coupling is faster.
 """
@@ -96,7 +96,7 @@ def fewest(side: float, to_transmitter: np.ndarray, exact: complex) -> int | Non
 
 
 def seconds(action: Callable[[], Any]) -> float:
-    """Of the process, since others may have the cores as well."""
+    """CPU time of the process, since other processes may use the cores."""
     start = time.process_time()
     action()
     return time.process_time() - start

@@ -53,7 +53,7 @@ def points(samples: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def milliseconds(name: str, samples: int) -> list[float]:
-    """Of a call: another outline each time, one that stays, and another one by NumPy; in turns."""
+    """Times of calls in turns: a new outline each time, a fixed one, and a new one with NumPy."""
     arguments = points(samples)
     new = list(itertools.islice(outlines(samples), MANY))
     rings, kept = itertools.cycle(new), new[0]

@@ -14,7 +14,7 @@ _COLOURS = ("#0b5394", "#cc4125", "#6aa84f", "#e69138", "#674ea7", "#45818e")
 
 
 def drawn(folder: Path, lines: Sequence[Line]) -> list[Path]:
-    """Writes rates.png and ratios.png; a picture without anything to show is left out."""
+    """Writes rates.png and ratios.png; an empty figure is left out."""
     folder.mkdir(parents=True, exist_ok=True)
     return [path for path in (_rates(folder, lines), _ratios(folder, lines)) if path is not None]
 

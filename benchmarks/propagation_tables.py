@@ -1,7 +1,7 @@
 """How far are Wigner rays from the diffraction integrals?
 
-Tables of decibels against Rayleigh-Sommerfeld I and Kirchhoff, each with rays of its own obliquity:
-on boresight from 0.5 to 50 wavelengths, and over -80 to 80 degrees at 5, 10, 30 and 100
+Tables of decibels against Rayleigh-Sommerfeld I and Kirchhoff, each with rays of the same
+obliquity: on boresight from 0.5 to 50 wavelengths, and over -80 to 80 degrees at 5, 10, 30 and 100
 wavelengths, as root mean square and largest value where the reference is within 30 dB of its peak.
 References are boundary integrals. With --write, docs/propagation_tables.md is written anew.
 
@@ -28,7 +28,7 @@ BORESIGHT = (0.5, 1, 1.5, 2, 2.5, 3, 4, 5, 7, 10, 20, 50)
 DISTANCES = (5, 10, 30, 100)
 DEGREES = np.arange(-80, 81, 2.0)
 SEEN = 1e-3  # of the peak
-TOLERANCE = 1e-4  # of sums over places, so that what is left is the rays' own error
+TOLERANCE = 1e-4  # of sums over points, so that errors of the rays remain
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "propagation_tables.md"
 
 

@@ -1,9 +1,9 @@
-"""What do two and three reflections cost beside one, and beside rays of some error?
+"""What do two and three reflections cost compared with one, and compared with rays of some error?
 
     python benchmarks/rcs_bounces.py
 
 CPU time of the process, since others may have the cores as well: the least of some rounds, all in
-turns. Rays are traced by Mitsuba (Embree, LLVM), one in the middle of each of n x n cells across
+turns. Rays are traced by Mitsuba (Embree, LLVM), one at the centre of each of n x n cells across
 the body; NumPy adds up their waves, with fields, paths and shadows on the way out
 (tests/oracles/bounces.py). Errors are rms over directions, relative to the amplitude of a plate of
 the body's shadow. The car is 4.4 m long: a shell with arches and windscreens, four wheels of 24
@@ -111,7 +111,7 @@ class Rays:
         return number, np.where(met, distance, 0.0)
 
     def root(self, s: np.ndarray, across: int, bounces: int) -> tuple[float, float]:
-        """Root of the cross section for a field p that comes back as p; that of a plate."""
+        """Root of the cross section for a field p that comes back as p, of a plate."""
         p = polarisation(s)
         field, area = scattered_field(self.corners, s, s, p, WAVELENGTH, bounces, across, self.meet)
         scale = math.sqrt(4 * math.pi) / WAVELENGTH

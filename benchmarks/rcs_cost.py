@@ -1,4 +1,4 @@
-"""What does a cross section cost beside a sum over facets in NumPy, and beside one over rays?
+"""What does a cross section cost compared with sums over facets in NumPy, and over rays?
 
     python benchmarks/rcs_cost.py
 
@@ -6,9 +6,9 @@ The sum is the textbook's: for each lit facet, Gordon's formula over its edges, 
 at once; it knows no shadows but those of faces turned away, and divides by the part of nu in the
 facet's plane. Both in turns in one process; ratios above 1: `pw.rcs` is faster. Of bodies that cast
 shadows on themselves: time and memory, and the rays. Those are traced by Mitsuba (Embree, LLVM, all
-cores), one at a random place in each of n x n cells across the body, and each lit place adds its
-wave: physical optics to some error, given relative to the amplitude of all lit parts in phase.
-RadarSimPy, which sums rays as well, cannot be run here: its core is not public.
+cores), one at a random point in each of n x n cells across the body, and each illuminated point
+adds its wave: physical optics to some error, given relative to the amplitude of all lit parts in
+phase. RadarSimPy, which sums rays as well, cannot be run here: its core is not public.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ class Rays:
         self.points = body.vertices
 
     def lit(self, s: np.ndarray, across: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """Lit places (m, 3), cosines there, and the area of a cell."""
+        """Illuminated points (m, 3), cosines there, and the area of a cell."""
         mi, random = self.mi, np.random.default_rng(1)
         axes = np.array([[0.8, 0.6], [-0.6, 0.8]]) @ np.linalg.svd(s[None])[2][1:]
         flat = self.points @ axes.T
@@ -145,7 +145,7 @@ class Rays:
         return lit, np.abs(normal.T[met] @ s), float(np.prod(size)) / across**2
 
     def rcs(self, s: np.ndarray, wavelength: float, across: int) -> tuple[float, float]:
-        """The cross section, and that of all lit parts in phase."""
+        """The cross section, and the cross section of all illuminated parts in phase."""
         lit, _, cell = self.lit(s, across)
         waves = np.exp(4j * np.pi / wavelength * (lit @ s))
         scale = 4 * np.pi * (cell / wavelength) ** 2

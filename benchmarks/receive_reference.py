@@ -82,7 +82,7 @@ def of_surface(
     reflectance: float = 1.0,
     passes: Any = None,
 ) -> float:
-    """Power of a diffuse surface; ``passes(place, points)``: the share that is not held up."""
+    """Power of a diffuse surface; ``passes(place, points)``: the fraction that is not blocked."""
 
     def of(direction: Array, place: Array) -> Array:
         cosine = np.maximum(-(direction * normals).sum(axis=-1), 0.0)

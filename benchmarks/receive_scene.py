@@ -1,7 +1,7 @@
 """How near do receivers in rendered scenes come to the power that quadrature finds?
 
 Square sources at 94 GHz, some 10 mm wide, of unit field, in scenes of diffuse surfaces, a fog and
-an obstacle. Powers are radiated powers. Of each case: the mean of 16 renders with equal numbers of
+an obstacle. Powers are radiated powers. For each case: the mean of 16 renders with equal numbers of
 samples, the quadrature of module `receive_reference`, the difference in dB, and the standard error
 of the mean.
 
@@ -97,7 +97,7 @@ def white(value: float = 1.0) -> dict[str, Any]:
 
 
 def plate(centre: Any, towards: Any, half: float, reflectance: float = 1.0) -> dict[str, Any]:
-    """A square of so many metres to either side of its centre, its normal to a target."""
+    """A square with this half width in metres, its normal to a target."""
     matrix = in_scene(pose(centre, towards))
     matrix[:3, :2] *= half / MILLIMETRE
     transform = mi.ScalarTransform4f(matrix)
@@ -250,7 +250,7 @@ EXTINCTION = 4.0
 
 
 def fogs() -> Iterator[tuple[str, Case]]:
-    """A layer of fog from 0.2 to 0.3 m: what it scatters once, and what it leaves of a floor."""
+    """A layer of fog from 0.2 to 0.3 m: its single scattering, and a floor behind it."""
 
     def layer(albedo: float) -> dict[str, Any]:
         medium = {"type": "homogeneous", "albedo": albedo, "sigma_t": EXTINCTION * MILLIMETRE}

@@ -1,12 +1,12 @@
 """How much error is left after how much time, by signed Wigner samples and by exact light?
 
 A white floor below a source at 94 GHz, `direct`, `multijitter` samples, seen over 1.2 heights to
-either side in 256 x 256 pixels, box filter. Of each way: CPU seconds of a render whose kernel is
-compiled, the better of two; and three errors, each the mean over the picture, over the peak of the
-truth, in dB. "all": against the truth, means of |U|^2 cos over pixels by Gauss points. "noise": of
-two pictures against each other, which leaves out what rays miss near the source. "light": against a
-picture by exact light of the same places in each pixel, which leaves out that values in a pixel
-differ; of exact light itself |U|^2 at the middles of pixels.
+either side in 256 x 256 pixels, box filter. For each method: CPU seconds of a render with a
+compiled kernel, the better of two; and three errors, each the mean over the image, over the peak
+of the truth, in dB. "all": against the truth, means of |U|^2 cos over pixels by Gauss points.
+"noise": difference of two images, which leaves out what rays miss near the source.
+"light": against an image by exact light of the same points in each pixel, which leaves out that
+values in a pixel differ; of exact light itself |U|^2 at the centres of pixels.
 
 Last, how many times less CPU time exact light takes than this way to that much noise, on the line
 through its two numbers of samples. "as exact 4", "as exact 64": to the error of all with so many
@@ -34,7 +34,7 @@ from polywigner.mitsuba.plugins.exact_field import ExactField
 from polywigner.quantities import wavelength_of
 
 WAVELENGTH = wavelength_of(94e9)
-SPREAD = 1.2  # half of the picture's width over the height
+SPREAD = 1.2  # half of the image's width over the height
 MILLIMETRE = 1e-3
 METHOD = "rayleigh-sommerfeld-1"
 HEIGHTS = (0.05, 0.3)
@@ -42,7 +42,7 @@ VARIED = "wigner + control variate"
 EXACT = (1, 4, 64)
 SIGNED = (64, 256)
 _BLOCK = 1 << 16
-# In dB: two pictures differ by more than each does from its mean.
+# In dB: two images differ by more than each does from its mean.
 _TWO = 5 * np.log10(2)
 
 
@@ -109,7 +109,7 @@ def rendered(scene: Any, spp: int, seed: int) -> npt.NDArray[np.float64]:
 
 
 def truth(source: Any, height: float, size: int) -> npt.NDArray[np.float64]:
-    """Means over pixels of |U|^2 times the cosine, the mean over places of the source by |u|^2."""
+    """Means over pixels of |U|^2 times the cosine, the mean over points of the source by |u|^2."""
     offsets, weights = np.polynomial.legendre.leggauss(2 if height < 0.1 else 3)
     pitch = 2 * SPREAD * height / size
     centres = (np.arange(size) + 0.5) * pitch - SPREAD * height
@@ -144,13 +144,13 @@ def mean_cosine(source: Any, points: Any) -> Any:
 
 
 def decibels(result: Any, expected: Any, peak: float | None = None) -> float:
-    """Mean error over the peak, by default that of what is expected."""
+    """Mean error over the peak, by default the peak of the expected values."""
     highest = expected.max() if peak is None else peak
     return float(10 * np.log10(np.abs(result - expected).mean() / highest))
 
 
 def timed(scene: Any, spp: int) -> tuple[float, list[npt.NDArray[np.float64]]]:
-    """CPU seconds, the better of two, and the pictures of two seeds."""
+    """CPU seconds, the better of two, and the images of two seeds."""
     rendered(scene, 1, 0)  # compiles
     times, images = [], []
     for seed in (1, 2):
@@ -161,7 +161,7 @@ def timed(scene: Any, spp: int) -> tuple[float, list[npt.NDArray[np.float64]]]:
 
 
 def error_of_light(source: Any, height: float, size: int) -> float:
-    """Of exact light at the middles of pixels, in dB."""
+    """Exact irradiance at the centres of pixels, in dB."""
     pitch = 2 * SPREAD * height / size
     axis = (np.arange(size) + 0.5) * pitch - SPREAD * height
     points = np.stack(np.broadcast_arrays(axis[None, :], axis[:, None], height), axis=-1)
@@ -201,7 +201,7 @@ def measure(name: str, source: Any, height: float, size: int) -> None:
             many[0] * np.exp(slope * (goal - noises[1])) / exact[spp][0] for spp, goal in goals
         ]
         row(way, SIGNED[0], few, light)
-        # of so many samples their places do not matter
+        # with many samples their positions do not matter
         row(way, SIGNED[1], many, decibels(many[1][0], expected), *times)
     for spp in EXACT:
         row("exact", spp, exact[spp], own)

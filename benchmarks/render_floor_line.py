@@ -40,7 +40,7 @@ _MILLIMETRE = 1e-3  # the scene's unit: at 2 wavelengths, metres are too coarse 
 
 @dataclass(frozen=True)
 class Case:
-    """One aperture and distance, and what is asked of it."""
+    """An aperture, a distance, and the required accuracy."""
 
     name: str
     aperture: pw.Aperture
@@ -152,7 +152,7 @@ def main() -> None:
     for index, case in enumerate(cases()):
         expected = quadrature_line(case)
         scene = floor_scene(case, sampler=arguments.sampler)
-        # Seeds of their own: with shared ones the rows' errors would go up and down together.
+        # Different seeds in each row: with equal seeds the errors of the rows would be correlated.
         seeds = range(index * arguments.seeds, (index + 1) * arguments.seeds)
         runs = [rendered(scene, arguments.spp, seed) for seed in seeds]
         errors = (np.array(runs) - expected) / expected.max()

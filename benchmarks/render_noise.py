@@ -3,10 +3,10 @@
 A white floor under a 10 mm square at 94 GHz, near (5 wavelengths) and far (100): rms error over
 seeds at boresight, the first sidelobe and the first null along x, over the peak of the irradiance,
 against quadrature of the same integral. In the table: the error of `independent` samples
-at 1024 per pixel, how many samples other ways take to that error (log-interpolated), how many
-times fewer that is, what a sample costs, and the mean signed error of the line over its own error.
+at 1024 per pixel, how many samples other methods need for that error (log-interpolated), how many
+times fewer that is, the cost of a sample, and the mean signed error of the line over its own error.
 The last lines measure the bias of the control variate where it is not meant for: in the shadow
-edge of a screen halfway, and on a glossy floor. The picture shows errors against samples.
+edge of a screen halfway, and on a glossy floor. The figure shows errors against samples.
 
     python benchmarks/render_noise.py [--seeds 16] [--out docs/images/render_noise.png]
 """
@@ -74,7 +74,7 @@ def places(truth: np.ndarray) -> dict[str, int]:
 
 
 def errors(case: Case, way: Route, truth: np.ndarray, seeds: int) -> tuple[np.ndarray, ...]:
-    """(spp, rms errors (spp, columns), bias over its error, CPU ns a sample) of one way."""
+    """(spp, rms errors (spp, columns), bias over its error, CPU ns a sample) of one method."""
     scene = floor_scene(case, COLUMNS, way.sampler, **way.options)
     counts = SPP_OF.get(way.sampler, SPP)
     rms, bias, cost = [], 0.0, 0.0
@@ -91,7 +91,7 @@ def errors(case: Case, way: Route, truth: np.ndarray, seeds: int) -> tuple[np.nd
 
 
 def about(rms: np.ndarray, column: int) -> np.ndarray:
-    """At a place: rms over its pixel and the neighbours of equal footing, mirrored ones too."""
+    """At a point: rms over its pixel and the neighbours of equal footing, mirrored ones too."""
     mirrored = COLUMNS - 1 - column
     return np.sqrt((rms[:, [column, mirrored]] ** 2).mean(axis=1))
 
@@ -185,7 +185,7 @@ SHOWN = {
 
 
 def draw(curves: dict[tuple[float, str, str], tuple[np.ndarray, np.ndarray]], out: str) -> None:
-    """Errors against samples, one panel for each place and distance."""
+    """Errors against samples, one panel for each position and distance."""
     import matplotlib.pyplot as plt
 
     names = ("boresight", "sidelobe", "null")

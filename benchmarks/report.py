@@ -34,7 +34,7 @@ def from_json(report: dict[str, Any]) -> list[Line]:
 
 
 def check_writable(folder: Path) -> None:
-    """Makes the folder if there is none. OSError where nothing can be written."""
+    """Make the folder if it does not exist. Raises OSError if it cannot be written to."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=folder):
         pass
@@ -100,7 +100,7 @@ def table(lines: Sequence[Line]) -> str:
 
 
 def summary(lines: Sequence[Line]) -> str:
-    """Markdown: a row for a case, its rate and how many times that of each peer it is."""
+    """Markdown: a row for a case, its rate, and the ratio to the rate of each peer."""
     peers = list(dict.fromkeys(line.peer for line in lines))
     rows = [["case", "precision", "cores", "polywigner", *(f"/ {peer}" for peer in peers), "error"]]
     rows.append(["---"] * len(rows[0]))

@@ -1,9 +1,9 @@
-"""Question: how far is the shadow of a black ball from those of a soft and a hard sphere?
+"""Question: how much do shadows of a black ball, a soft and a hard sphere differ?
 
 Run ``python benchmarks/shadow_spheres.py``; takes a minute. A point source, 100 radii away, lights
 a sphere. The field behind it is known exactly by partial waves if u = 0 (soft) or du/dr = 0 (hard)
 on it; ``pw.amplitude(obstacles=)`` takes a ball of 6,000 facets. Prints a Markdown table: dB of the
-free field, in the middle of the shadow (Arago's spot), within it (the mean power from 0.1 to 0.8 of
+free field, in the centre of the shadow (Arago's spot), within it (the mean power from 0.1 to 0.8 of
 its radius) and on its boundary, and the rms difference of levels in the light (from 1.05 to 2 of
 its radius). Lengths are in wavelengths.
 """

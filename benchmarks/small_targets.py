@@ -1,9 +1,10 @@
 """What do receivers gain on small plates by looking at boxes about the shapes of a scene?
 
-Transmitter of 10 mm, receiver of 2 mm at one place, 94 GHz; white plates 0.1 m wide. Of each scene
-and estimator, with as many samples: 16 plain renders of the sensor, which look where the pattern
-is, and `received_power`. Standard errors, known to 18 %; how far the second is off quadrature (of
-a wall, off the first), in its standard errors; processor time of the second over the first.
+Transmitter of 10 mm, receiver of 2 mm at one position, 94 GHz; white plates 0.1 m wide. For each
+scene and estimator, with as many samples: 16 plain renders of the sensor, which look where the
+pattern is, and `received_power`. Standard errors, known to 18 %; how far the second is off
+quadrature (of a wall, off the first), in its standard errors; processor time of the second over the
+first.
 
     python benchmarks/small_targets.py [--samples 262144]
 """
@@ -32,12 +33,12 @@ FACING = (0.0, 0.0, 0.0)
 
 
 def quadrature(place: Any) -> float:
-    """Power in W by way of a plate."""
+    """Power in W through reflection at a plate."""
     return of_surface(SENDS, TAKES, *on_plate(place, FACING, HALF, 4))
 
 
 def scenes() -> dict[str, tuple[list[dict[str, Any]], float]]:
-    """Things, and the power by quadrature; not a number where there is none."""
+    """Things, and the power by quadrature; NaN without a reference."""
     ahead, aside, behind = (0.0, 0.0, 10.0), (3.0, 1.0, 9.0), (0.0, 0.0, 12.0)
     small, wall = plate(ahead, FACING, HALF), plate(behind, FACING, 6.0)
     hidden = plate(behind, FACING, HALF)

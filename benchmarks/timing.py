@@ -1,4 +1,4 @@
-"""Contenders that take turns in one process, and what is made of their times."""
+"""Contenders that take turns in one process, and statistics of their times."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Effort:
     rounds: int
     """Turns of every contender."""
     seconds: float
-    """About what one call is to take."""
+    """Intended duration of one call."""
     most: int
     """Samples of one call, at most."""
     checked: int
@@ -92,9 +92,9 @@ def in_turns(
 
 
 def fitting(make: Callable[[int], Action], effort: Effort, threads: int = 1) -> tuple[Action, int]:
-    """An action of so many samples, a power of two, that one call takes about the wanted time.
+    """Return an action whose number of samples, a power of two, makes a call long enough.
 
-    And that more samples would not come cheaper: what a call costs by itself is small beside them.
+    The fixed cost of a call is then small, so more samples would not be cheaper per sample.
     """
     clock = clock_for(threads)
     count, before = min(FEWEST, effort.most), float("inf")

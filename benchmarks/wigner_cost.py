@@ -2,7 +2,7 @@
 
 Outlines of 8 to 1024 vertices: regular polygons; stars whose points are as deep as they are wide;
 random outlines, smooth but not convex; and random ones that jump in and out from vertex to vertex,
-whose lag slices themselves have more and more edges ("parts": what is summed up per sample).
+whose lag slices themselves have more and more edges ("parts": number of terms of a sample).
 Arrays from and to NumPy, CPU seconds on one thread; errors are differences from NumPy in float64,
 in units of the area.
 

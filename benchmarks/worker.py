@@ -1,4 +1,4 @@
-"""One task in a process of its own: what a library reads when it is loaded is set before.
+"""One task in a separate process, with environment variables that libraries read at import.
 
 ``python -m benchmarks.worker QUESTION CASE THREADS quick|full`` prints the lines as JSON; 0 threads
 are all cores.

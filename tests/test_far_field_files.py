@@ -248,10 +248,6 @@ def _phase(e: Any, _: Any) -> Any:
     return np.degrees(np.angle(e))
 
 
-def _text(value: complex, letter: str) -> str:
-    return f"{value.real:.12g} {'-' if value.imag < 0 else '+'} {abs(value.imag):.12g}{letter}"
-
-
 @pytest.mark.parametrize(
     "columns",
     [
@@ -261,8 +257,6 @@ def _text(value: complex, letter: str) -> str:
             "ang_deg(rETheta) [deg]": lambda t, p, a, b, s: _phase(a, s),
             "ang_rad(rEPhi)": lambda t, p, a, b, s: np.angle(b),
         },
-        # complex numbers
-        _both("rETheta [mV]", "rEPhi [mV]", lambda e, s: [_text(1e3 * x, "i") for x in e]),
         {  # levels of the field
             **_both("dB(rETheta)", "dB20(rEPhi) []", lambda e, s: _size(s, "dBV/m")),
             **_both("cang_deg(rETheta) [deg]", "cang_deg(rEPhi) [deg]", _phase),

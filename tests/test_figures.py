@@ -13,7 +13,6 @@ from polywigner.figures import (
     draw_transforms,
     image_peak,
     level_db,
-    system_slices,
     transform_slices,
 )
 
@@ -115,44 +114,3 @@ def test_every_axis_and_colour_bar_of_the_transforms_is_labelled_with_its_unit()
     assert "floor −30 dB" in labels
     assert labels.count("mm²") == 3
     assert "λ = 3 mm" in figure.get_suptitle()
-
-
-WAVELENGTH = 3.19e-3
-TEE = pw.Aperture(
-    [(-4e-3, -5e-3), (6e-3, -5e-3), (6e-3, -1e-3), (1e-3, -1e-3), (1e-3, 4e-3), (-4e-3, 4e-3)]
-)
-SYSTEM = pw.FirstOrder.free_space(0.05) @ pw.FirstOrder.lens(0.03)
-
-
-def test_the_section_behind_is_the_one_before_along_rays():
-    result = system_slices(TEE, SYSTEM, WAVELENGTH, samples=33)
-    inside = tuple(np.argwhere(abs(result.before) > 1e-6).mean(axis=0).astype(int))
-    assert result.before[inside] != 0.0
-    # every third sample behind, traced back, lies in the section before
-    x, s = np.meshgrid(result.x_out[::3], WAVELENGTH * result.nu_out[::3])
-    middle = TEE.centre  # which is inside the automean
-    y_out, s_out = SYSTEM.rays(middle, np.zeros(2))
-    back, slope = SYSTEM.inverse.rays(
-        np.stack([x, 0 * x + y_out[1]], axis=-1), np.stack([s, 0 * s + s_out[1]], axis=-1)
-    )
-    expected = pw.wigner(TEE, back, slope / WAVELENGTH)
-    assert result.behind[::3, ::3] == pytest.approx(expected, abs=1e-12 * TEE.area)
-    assert np.count_nonzero(expected) > 5
-
-
-def test_the_light_is_the_irradiance_where_most_of_it_goes():
-    result = system_slices(TEE, SYSTEM, WAVELENGTH, samples=41)
-    step = (result.across[1] - result.across[0]) * (result.up[1] - result.up[0])
-    share = result.light.sum() * step / TEE.area
-    assert 0.7 < share < 1.0
-    at = (result.across[7], result.up[30])
-    light = pw.irradiance(TEE, at, WAVELENGTH, through=SYSTEM)
-    assert result.light[30, 7] == pytest.approx(light, abs=1e-5)
-
-
-def test_it_is_drawn_as_four_panels():
-    slices = system_slices(TEE, SYSTEM, WAVELENGTH, samples=17)
-    drawn = draw_transforms(slices, -30.0, "an L")
-    titles = [axes.get_title() for axes in drawn.axes if axes.get_title()]
-    assert titles == ["aperture", "W(x, ν) before", "|U|² behind", "W(x, ν) behind"]
-    assert "an L" in drawn.get_suptitle() and "dotted" not in drawn.get_suptitle()

@@ -7,15 +7,9 @@ import pytest
 
 import polywigner as pw
 from polywigner.cli.sources import short_name
-from polywigner.errors import ArgumentError, value_text
 from polywigner.figures import (
-    draw_lines,
     draw_planes,
-    draw_rcs,
     draw_scene,
-    draw_transforms,
-    draw_volume,
-    system_slices,
 )
 from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
 
@@ -81,64 +75,3 @@ def test_the_default_floor_of_a_plane_leaves_out_one_percent_of_the_power():
     share = [power[power < power.max() * 10 ** (level / 10)].sum() for level in (low, low + 5)]
     assert high == 0.0 and -40 < low < -5 and low % 5 == 0
     assert share[0] <= 0.01 * power.sum() < share[1]
-
-
-def test_linear_planes_and_lines_show_values_relative_to_their_peak():
-    result = fresnel_plane()
-    image = draw_planes(result, linear=True).axes[0].images[0]
-    power = result["fresnel"].values
-    np.testing.assert_allclose(image.get_array(), power.T / power.max(), rtol=1e-12)
-    assert image.get_clim() == (0.0, 1.0)
-    ends = [(-0.05, 0, 0.1), (0.05, 0, 0.1)]
-    result = pw.line(pw.shapes.square(0.03), ends, 41, WAVELENGTH, method="fresnel")
-    (axes,) = draw_lines(result, linear=True).axes
-    power = result["fresnel"].values
-    np.testing.assert_allclose(axes.lines[0].get_ydata(), power / power.max(), rtol=1e-12)
-    assert axes.get_ylabel() == "irradiance (relative)"
-
-
-def test_a_line_focus_fills_its_panel():
-    length = 633e-9
-    lens = pw.FirstOrder.free_space(0.1) @ pw.FirstOrder.lens((0.1, float("inf")))
-    slices = system_slices(pw.shapes.square(10e-3), lens, length, 65)
-    lobe = length * 0.1 / 10e-3
-    # sidelobes above -20 dB are the first two on each side
-    assert 2 * lobe < np.ptp(slices.across) < 8 * lobe
-    assert 10e-3 < np.ptp(slices.up) < 11e-3
-    panel = draw_transforms(slices, -40.0).axes[2]
-    assert panel.get_aspect() == "auto"
-    assert (panel.get_xlabel(), panel.get_ylabel()) == ("$x$ (µm)", "$y$ (mm)")
-
-
-def test_labels_of_a_polar_cross_section_stand_where_the_curve_is_low():
-    angles = np.radians(np.arange(-180.0, 180.0, 1.0))
-    low = np.radians(112.5)
-    levels = np.where(np.abs(angles - low) < 0.3, 1e-4, 1.0)
-    pattern = pw.rcs_pattern(pw.shapes.square(0.1), 0.03, angles, np.zeros(1))
-    pattern = pattern.assign(rcs=(("azimuth", "elevation"), levels[:, None]))
-    other = pw.rcs_pattern(pw.shapes.square(0.1), 0.03, np.array([0.0, np.pi]), angles[90:271])
-    polar = draw_rcs(other, cuts=[pattern, other]).axes[0]
-    assert polar.get_rlabel_position() == pytest.approx(112.5)
-
-
-def test_a_message_contains_at_most_one_line_of_data():
-    angles = np.linspace(0.0, 3.0, 181)
-    assert value_text(angles) == "ndarray of shape (181,)"
-    assert len(value_text(angles.tolist())) == 80
-    with pytest.raises(ArgumentError) as error:
-        pw.radiation_pattern(pw.shapes.square(0.01), angles, [0.0], WAVELENGTH)
-    assert len(str(error.value)) < 200 and "\n" not in str(error.value)
-
-
-def test_a_volume_shows_the_outline_of_the_source_in_its_dataset():
-    square = pw.shapes.square(10e-3)
-    box = ((-0.02, -0.02, 0.01), (0.02, 0.02, 0.05))
-    result = pw.volume(square, box, (5, 5, 5), WAVELENGTH, method="fraunhofer")
-
-    def artists(*sources):
-        axes = draw_volume(result, *sources).axes[0]
-        return len(axes.get_children())
-
-    assert artists() == artists(square)
-    result = result.drop_vars("source_json")
-    assert artists() < artists(square)

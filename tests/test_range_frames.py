@@ -11,7 +11,7 @@ import cli_scenes
 import polywigner as pw
 from polywigner.cli import main
 from polywigner.errors import ArgumentError
-from polywigner.figures import draw_range_profile, write_range_animation
+from polywigner.figures import draw_range_profile
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 RADAR = [
@@ -96,7 +96,7 @@ class TestCameras:
             assert frames["radiance"].shape == (3, 6, 8)
         names = sorted(path.name for path in out.parent.iterdir())
         assert names == [
-            "echo.exr", "echo.json", "echo.png", "echo_range.gif", "echo_range.nc",
+            "echo.exr", "echo.json", "echo.png", "echo_range.nc",
             "echo_range.png",
         ]  # fmt: skip
 
@@ -154,22 +154,3 @@ def test_a_profile_is_drawn_in_dbm_with_the_noise():
             draw_range_profile(bad)
     with pytest.raises(ArgumentError, match="receivers"):
         draw_range_profile(profile(), 1)
-
-
-def test_an_animation_has_a_frame_for_each_bin(tmp_path):
-    from PIL import Image
-
-    radiance = np.zeros((3, 4, 4))
-    radiance[0, :2], radiance[1, 2:] = 1.0, 0.1
-    arrays = {"radiance": labelled_array(radiance, ("range", "row", "column"))}
-    edges = {"range_edge": labelled_array(np.linspace(1.0, 4.0, 4), ("range_edge",))}
-    path = tmp_path / "frames.gif"
-    write_range_animation(labelled_arrays(arrays, edges), path, floor_db=-20.0, title="echo")
-    with Image.open(path) as result:
-        assert result.format == "GIF" and result.n_frames == 3
-    with pytest.raises(ArgumentError, match="range_frames"):
-        write_range_animation(None, path)
-    with pytest.raises(ArgumentError, match="milliseconds"):
-        write_range_animation(labelled_arrays(arrays, edges), path, milliseconds=0)
-    with pytest.raises(ArgumentError, match=r"\.gif"):
-        write_range_animation(labelled_arrays(arrays, edges), path.with_suffix(".mp4"))

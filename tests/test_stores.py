@@ -1,4 +1,7 @@
-"""Stores of large results: the values of a direct computation, continued where a run has ended."""
+"""Stores of large results: the values of a direct computation, continued where a run has ended.
+
+The same values in NetCDF files.
+"""
 
 import json
 import os
@@ -22,7 +25,7 @@ from polywigner.transforms.xarray_arguments import labelled_array
 
 _EXTRA = "the extra `datasets` is not installed"
 xarray = pytest.importorskip("xarray", reason=_EXTRA)
-for _library in ("zarr", "dask", "distributed"):
+for _library in ("zarr", "dask", "distributed", "h5netcdf", "h5py"):
     pytest.importorskip(_library, reason=_EXTRA)
 
 X, Y = np.linspace(-1.0, 1.0, 23), np.linspace(0.0, 3.0, 17)
@@ -188,8 +191,8 @@ SIZES = {
     "plane": (2, 3),
     "hemisphere": 2,
     "volume": (2, 3, 3),
-    "wigner": {"x": 3, "nu_y": 2},
-    "ambiguity": {"upsilon_y": 2},
+    "wigner": (3, -1, -1, 2),
+    "ambiguity": (-1, 2, -1, -1),
 }
 
 
@@ -226,7 +229,7 @@ def test_compiled_tables_do_not_depend_on_chunks_or_threads(tmp_path, llvm):
     direct = BUILDERS["wigner"](**how)
     for threads in (1, None):
         out = tmp_path / f"{threads}.zarr"
-        stored = BUILDERS["wigner"](out=out, threads=threads, chunks={"x": 2}, **how)
+        stored = BUILDERS["wigner"](out=out, threads=threads, chunks=(2, -1, -1, -1), **how)
         np.testing.assert_allclose(stored["W"], direct["W"], rtol=0, atol=1e-13 * CHEVRON.area)
     assert drjit.thread_count() == before
 
@@ -329,10 +332,8 @@ def test_a_scheduler_that_does_not_respond_leaves_nothing(tmp_path, monkeypatch,
         ((AXIS, AXIS, AXIS, [[0.0]]), {}, r"expected nu_y as finite numbers of shape \(n,\)"),
         ((AXIS, AXIS, [np.nan], AXIS), {}, "expected nu_x as finite"),
         ((AXIS, AXIS, AXIS, AXIS), {"scheduler": "tcp://a:1"}, "expected out with scheduler"),
-        ((AXIS, AXIS, AXIS, AXIS), {"chunks": {"x": 2}}, "expected out with chunks"),
         ((AXIS, AXIS, AXIS, AXIS), {"precision": "half"}, "expected precision"),
-        ((AXIS, AXIS, AXIS, AXIS, "w"), {"chunks": {"z": 2}}, "along some of x, y, nu_x"),
-        ((AXIS, AXIS, AXIS, AXIS, "w"), {"chunks": {"x": 0}}, "chunks along x as a whole"),
+        ((AXIS, AXIS, AXIS, AXIS, "w"), {"chunks": (2, 2)}, "expected chunks as dask takes"),
         ((AXIS, AXIS, AXIS, AXIS, "w"), {"threads": 0}, "threads as a whole number"),
         ((np.linspace(0, 1, 1000),) * 4, {}, "write them to disk with out"),
     ],
@@ -363,3 +364,66 @@ def test_sources_go_to_other_processes_without_what_they_have_cached(source):
     again = pickle.dumps(source)
     assert len(again) == fresh
     np.testing.assert_array_equal(pw.wigner(pickle.loads(again), x, nu, engine="numpy"), values)
+
+
+# ---- NetCDF files ------------------------------------------------------------------------------
+
+SQUARE = pw.shapes.square(1.0)
+FREQUENCIES = np.linspace(-2.0, 2.0, 5)
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    """A W table on disk, in chunks that do not divide its axes."""
+    store = tmp_path_factory.mktemp("table") / "w.zarr"
+    x = np.linspace(-0.5, 0.5, 6)
+    chunks = (4, 3, 2, 4)
+    pw.wigner_table(
+        SQUARE, x, x + 0.125, FREQUENCIES, FREQUENCIES, store, chunks=chunks, engine="numpy"
+    )
+    return store
+
+
+def test_netcdf_has_the_values_axes_and_units_of_a_store(table, tmp_path):
+    pw.write_netcdf(table, tmp_path / "w.nc")
+    with xarray.open_dataset(tmp_path / "w.nc", engine="h5netcdf") as result:
+        stored = xarray.open_zarr(table)
+        xarray.testing.assert_equal(result, stored)
+        assert result["W"].attrs["units"] == "m2"
+        assert result["nu_x"].attrs["units"] == "1/m"
+        assert result.attrs == stored.attrs
+    assert [file.name for file in tmp_path.iterdir()] == ["w.nc"]
+
+
+def test_complex_values_become_their_two_parts(tmp_path):
+    lags = np.linspace(-0.5, 0.25, 4)
+    result = pw.ambiguity_table(
+        SQUARE.moved((0.1, 0)), FREQUENCIES, FREQUENCIES, lags, lags, precision="double"
+    )
+    pw.write_netcdf(result, tmp_path / "a.nc")
+    assert abs(result["A"].imag).max() > 0.05
+    with xarray.open_dataset(tmp_path / "a.nc", engine="h5netcdf") as file:
+        np.testing.assert_array_equal(file["A_real"] + 1j * file["A_imag"], result["A"])
+        assert file["A_imag"].attrs["units"] == "m2"
+
+
+def test_what_is_no_dataset_is_refused(tmp_path):
+    for given in (3, np.zeros(3)):
+        with pytest.raises(ArgumentError, match=r"xarray\.Dataset or the path of a store"):
+            pw.write_netcdf(given, tmp_path / "out")
+    with pytest.raises(StoreError, match=r"expected a zarr store of format 3 at .*nowhere"):
+        pw.write_netcdf("nowhere.zarr", tmp_path / "out")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_write_that_fails_leaves_what_was_there(table, tmp_path):
+    part = xarray.open_zarr(table).isel(nu_y=1, drop=True)
+    (tmp_path / "taken").mkdir()
+    with pytest.raises(ArgumentError, match="expected to write"):
+        pw.write_netcdf(part, tmp_path / "taken")
+    (tmp_path / "old").write_text("old")
+    broken = part.map_blocks(lambda block: block / 0 + undefined, template=part)  # noqa: F821
+    with pytest.raises(NameError):
+        pw.write_netcdf(broken, tmp_path / "old")
+    assert (tmp_path / "old").read_text() == "old"
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["old", "taken"]

@@ -55,7 +55,7 @@ def wigner(polygons: Any, x: np.ndarray, nu: np.ndarray) -> np.ndarray:
 
 
 def _edge_sum(rings: np.ndarray, which: np.ndarray, nu: np.ndarray, count: int) -> np.ndarray:
-    """Of oriented rings; ring k belongs to sample which[k]."""
+    """For oriented rings; ring k belongs to sample which[k]."""
     corner, ring = shapely.get_coordinates(rings, return_index=True)
     same = ring[1:] == ring[:-1]
     start, end, sample = corner[:-1][same], corner[1:][same], which[ring[:-1][same]]

@@ -1,6 +1,6 @@
 """Kernels written by hand in C++, compiled on the spot for this processor where a compiler is.
 
-The outline goes into a header of constants, so that the compiler knows all that Dr.Jit is told.
+The outline is a header of constants, so that the compiler has the same information as Dr.Jit.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def _segments(ring: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def header_of(source: pw.Aperture) -> tuple[str, int]:
-    """The constants of an outline in its own unit and place, and the number of clips."""
+    """The constants of an outline in its normalised unit and position, and the number of clips."""
     directions = _Directions()
     edges, edge_directions = [], []
     for start, vector in (segment for ring in source.rings for segment in _segments(ring)):

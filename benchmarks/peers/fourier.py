@@ -90,7 +90,7 @@ def by_coxeter(source: pw.Aperture, nu: np.ndarray) -> np.ndarray:
 
 
 def by_edge_sum(source: pw.Aperture, nu: np.ndarray) -> np.ndarray:
-    """The paper's sum over edges, (F1), as it stands; wrong at nu = 0 and rounded near it."""
+    """The paper's sum over edges, (F1), as published; wrong at nu = 0, inaccurate near it."""
     total = np.zeros(nu.shape[:-1], complex)
     for ring in source.rings:
         for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):

@@ -19,7 +19,7 @@ def available() -> bool:
 
 
 class _Operations(NumpyOperations):
-    """NumPy's, with what jax.numpy must do itself."""
+    """NumPy's functions, replaced if jax.numpy differs."""
 
     target = "code"
 

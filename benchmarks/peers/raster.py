@@ -1,6 +1,6 @@
 """Fields from rasters: the aperture as pixels, convolved with Rayleigh-Sommerfeld's kernel by FFT.
 
-Once with NumPy alone, once by diffractio where it is installed. Pixels at the edges are weighted by
+Once with NumPy alone, once by diffractio if it is installed. Pixels at the edges are weighted by
 their open share, and the raster is aligned with the origin.
 """
 

@@ -28,7 +28,7 @@ SHAPES = {
 }
 CASES = list(SHAPES)
 THREADS = (1,)
-# The most times as long as the area emitter that is asked for, as a ratio.
+# Largest accepted time, relative to the area emitter.
 TARGETS = {"square": 1 / 1.2, "chevron": 1 / 3}
 SIZE, SAMPLES = 256, 64
 SIZE_QUICK, SAMPLES_QUICK = 64, 4
@@ -58,7 +58,7 @@ def area_light(aperture: pw.Aperture, folder: Path) -> dict[str, Any]:
 
 
 def floor_scene(light: dict[str, Any], size: int) -> Any:
-    """A floor 10 wavelengths below the light, 40 wavelengths wide in the picture; metres."""
+    """A floor 10 wavelengths below the light, 40 wavelengths wide in the image; metres."""
     import mitsuba as mi
 
     transform = mi.ScalarTransform4f
@@ -126,7 +126,7 @@ def _render(scene: Any, spp: int) -> Action:
 
 
 def _noise(render: Action) -> float:
-    """From two pictures of different seeds."""
+    """From two images of different seeds."""
     one, other = render(), render()
     mean = (one + other) / 2
     return float(np.sqrt(np.mean((one - other) ** 2) / 2) / np.abs(mean).max())

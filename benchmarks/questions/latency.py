@@ -1,6 +1,6 @@
 """How long until the first answer: import, first call, next process, next call?
 
-Processes of their own. "First call" starts after ``import polywigner`` and includes loading Dr.Jit
+Separate processes. "First call" starts after ``import polywigner`` and includes loading Dr.Jit
 or JAX, compiling, and 1000 samples of W; Dr.Jit keeps its compiled kernels on disk for the next
 process. CPU time.
 """
@@ -109,7 +109,7 @@ def _calls(case: str, rounds: int) -> list[Line]:
 
 
 def _add(result: dict[str, list[float]], case: str, precision: str, who: str) -> None:
-    """Two processes with a folder of their own for compiled kernels."""
+    """Two processes with an empty folder for compiled kernels."""
     with tempfile.TemporaryDirectory() as home:
         first, again = _process(case, precision, who, home)
         later, _ = _process(case, precision, who, home)

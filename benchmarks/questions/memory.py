@@ -1,6 +1,6 @@
 """How high does memory rise for 1e8 samples of W, all pairs of 1e4 positions and frequencies?
 
-In a process of its own, whose peak the system tells; Python, NumPy and LLVM count.
+In a separate process, whose peak the system tells; Python, NumPy and LLVM count.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
-    """Against what is asked for: 2 GiB."""
+    """Required: 2 GiB."""
     side = SIDE_QUICK if effort.quick else SIDE
     labels: dict[str, Any] = {
         "question": "memory", "case": case, "precision": "single", "threads": 1, "unit": "MiB",

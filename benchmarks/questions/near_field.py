@@ -23,18 +23,18 @@ QUESTION = "The exact field on a plane of 256 x 256 points, within 0.1 dB"
 WAVELENGTH = wavelength_of(94e9)
 POINTS, POINTS_QUICK = 256, 64
 DECIBEL, FLOOR = 0.1, -40.0
-# Of the incident amplitude: 0.1 dB are a hundredth of the field at the floor; less far away.
+# Relative to the incident amplitude: 0.1 dB is a hundredth of the field at the floor.
 TOLERANCE = 1e-4
 # Pixels for a side of 10 mm; 3.1 wavelengths.
 RASTERS = (32, 48, 64, 96)
-# Of one window; padded to twice its width, 0.8 GB for each array of complex numbers.
+# For one window; padded to twice its width, 0.8 GB for each array of complex numbers.
 MOST_PIXELS = 3500
 SQUARE, CHEVRONS = "10 mm square", "two chevrons of 20 mm"
 SOURCES = {
     SQUARE: lambda: pw.shapes.square(10e-3),
     CHEVRONS: lambda: _chevrons(),
 }
-# At so many wavelengths. A raster grows with the square of the distance: 5 s at 100.
+# Distances in wavelengths. A raster grows with the square of the distance: 5 s at 100.
 HEIGHTS = {SQUARE: (5, 20, 50), CHEVRONS: (20,)}
 CASES = [f"{source}, z = {z}" for source, heights in HEIGHTS.items() for z in heights]
 THREADS = (1,)
@@ -114,7 +114,7 @@ def _miss(raster: Raster, source: pw.Aperture, half: float) -> float:
 
 
 def _own_miss(source: pw.Aperture, half: float, z: float) -> float:
-    """Of the tolerance asked for, against a thousandth of it."""
+    """Error relative to the requested tolerance, from a run with a thousandth of it."""
     points = _points(half, z, 41)
     result, exact = (
         np.abs(pw.amplitude(source, points, WAVELENGTH, tolerance=TOLERANCE * factor))

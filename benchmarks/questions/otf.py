@@ -72,7 +72,7 @@ def _method(function: Callable[..., np.ndarray], polygons: Any) -> Callable[[np.
 
 
 def exact_values(source: pw.Aperture, xi: np.ndarray) -> np.ndarray | None:
-    """Ratios of areas in rational arithmetic; None where what the tests need is not installed."""
+    """Ratios of areas in rational arithmetic; None without the packages of the tests."""
     exact = wigner.oracle()
     if exact is None:
         return None

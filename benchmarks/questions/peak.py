@@ -1,4 +1,4 @@
-"""How much of what one core can do does the kernel of W use?
+"""Which fraction of the peak rate of one core does the kernel of W reach?
 
 Its arithmetic instructions (multiply-adds, products, sums, quotients, roundings; no comparisons, no
 choices) a second, against the multiply-adds of a loop that does nothing else.

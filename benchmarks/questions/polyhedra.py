@@ -151,7 +151,7 @@ def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
 
 
 def _frequencies(source: pw.Polyhedron, count: int) -> np.ndarray:
-    """Of all directions, and all sizes up to CYCLES."""
+    """For all directions, and all sizes up to CYCLES."""
     rng = np.random.default_rng(0)
     direction = rng.normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
@@ -181,7 +181,7 @@ def hard_frequencies(source: pw.Polyhedron, count: int) -> np.ndarray:
 def _errors(
     source: pw.Polyhedron, ways: dict[str, Callable[[np.ndarray], np.ndarray]], count: int
 ) -> dict[str, float]:
-    """The largest, over the volume, against 60 digits; none without what the tests need."""
+    """Largest errors over the volume, against 60 digits; none without the packages of the tests."""
     if not find_spec("mpmath") or wigner.oracle() is None:
         return {}
     from oracles import simplices

@@ -48,7 +48,7 @@ CYCLES = 10.0  # |nu| times the diameter, at most
 
 SHAPELY, NUMPY, JAX, CPP = "shapely + NumPy per sample", "our NumPy engine", "JAX", "C++"
 CONVERTED, ONE_CORE = "our engine from and to NumPy", "our engine on one core"
-# (case, peer) -> what is asked for in single and in double precision
+# (case, peer) -> error limits in single and in double precision
 Asked = dict[tuple[str, str], tuple[float | None, float | None]]
 TARGETS: Asked = {  # the least ratios
     ("square", CPP): (0.85, 0.85),
@@ -58,7 +58,7 @@ TARGETS: Asked = {  # the least ratios
 }
 ENOUGH: Asked = {("64-gon", CPP): (20, None)}  # million samples a second that do as well
 SCALING_TARGET = 0.9  # of the number of cores, for as few as two
-# Of the cores: with more running than that, the clock on the wall does not tell how kernels scale.
+# Largest fraction of busy cores: with more, wall-clock time does not show how kernels scale.
 QUIET = 0.75
 
 # (x, nu) -> what computes W there: its values, or what NumPy makes an array of them
@@ -117,7 +117,7 @@ def in_engine(source: Any, precision: str, threads: int) -> Method:
     vector = backend.Array2f if precision == "single" else backend.Array2f64
 
     def method(x: np.ndarray, nu: np.ndarray) -> Action:
-        # copies: memory of NumPy's would be used in place
+        # copies: memory of NumPy would be shared
         where = [vector(*(np.ascontiguousarray(c) for c in p.T)) + 0.0 for p in (x, nu)]
         dr.eval(where)
         dr.sync_thread()
@@ -300,7 +300,7 @@ def exact_values(source: Any, x: np.ndarray, nu: np.ndarray) -> np.ndarray | Non
 
 
 def _pair_sum(array: Any, x: np.ndarray, nu: np.ndarray) -> np.ndarray:
-    """Of unit squares with equal weights: over all pairs, each the square's W at the midpoint."""
+    """For unit squares with equal weights: over all pairs, each the square's W at the midpoint."""
     _, places = array.repeated
     apart = places[:, None] - places
     values = []

@@ -16,7 +16,7 @@ __all__ = ["FIGURES", "QUALITIES", "Made", "Quality", "Subject", "make_figure"]
 
 
 class Subject(NamedTuple):
-    """The module of a figure, its caption, and letters of its pictures if it has several."""
+    """The module of a figure, its caption, and letters of its panels if it has several."""
 
     module: str
     text: str

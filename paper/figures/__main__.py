@@ -31,12 +31,12 @@ def main() -> None:
 
 
 def write(folder: Path, name: str, made: Made, resolution: int) -> None:
-    """Write the pictures of one figure, and its numbers with their descriptions."""
+    """Write the panels of one figure, and its numbers with their descriptions."""
     stems = [f"{name}_{part}" if part else name for part in FIGURES[name].parts]
     with mpl.rc_context({"pdf.fonttype": 42}):  # letters stay text that can be searched
         for stem, figure in zip(stems, made.figures.values(), strict=True):
             figure.savefig(folder / f"{stem}.png", dpi=resolution)
-            figure.set_layout_engine("none")  # panels stay where they are, in half the time
+            figure.set_layout_engine("none")  # panels keep their positions, in half the time
             figure.savefig(folder / f"{stem}.pdf", dpi=resolution, metadata={"CreationDate": None})
     arrays = {name: values for name, (values, _) in made.values.items()}
     about = {name: text for name, (_, text) in made.values.items()}

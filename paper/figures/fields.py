@@ -176,7 +176,7 @@ def draw_volrender(quality: Quality) -> Made:
     return Made({"": figure}, values)
 
 
-_NEAREST = 2.0  # wavelengths: nearer, rays are no picture of the field
+_NEAREST = 2.0  # wavelengths: nearer, rays do not describe the field
 _FILE = Path(__file__).with_name("volrender_fdtd.npz")
 
 
@@ -218,6 +218,6 @@ def draw_volrender_fdtd(quality: Quality) -> Made:
 
 
 def _whole(quarter: NDArray[Any]) -> NDArray[np.float64]:
-    """A field that is even in x and in y, of that at x, y >= 0."""
+    """Extend a field that is even in x and in y from x, y >= 0 to all quadrants."""
     half = np.concatenate([quarter[:0:-1], quarter])
     return np.concatenate([half[:, :0:-1], half], axis=1)

@@ -28,7 +28,7 @@ _TANGENT = 12.0  # of the largest angle of the projected pattern from its axis, 
 
 
 class Film(NamedTuple):
-    """Pixels of a picture, and samples of each."""
+    """Pixels of an image, and samples of each."""
 
     width: int
     height: int

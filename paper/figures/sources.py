@@ -33,7 +33,7 @@ Value = tuple[NDArray[Any], str]
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """The pictures of a figure by their letters ("" of a single one), and the arrays behind them
+    """The panels of a figure by their letters ("" of a single one), and the arrays behind them
     by name, each with its unit and axes in words."""
 
     figures: Mapping[str, Figure]
@@ -70,7 +70,7 @@ def chevrons() -> pw.Aperture:
 
 
 def triangle() -> pw.Aperture:
-    """A triangle without symmetry, so that its mirror image is told from it; centroid at 0."""
+    """A triangle without symmetry, so that its mirror image differs from it; centroid at 0."""
     corners = np.array([(-5.0, -4.0), (6.0, -2.0), (-1.0, 6.0)])
     return pw.Aperture((corners - corners.mean(axis=0)) * _MM)
 
@@ -114,7 +114,7 @@ RAYS: Mapping[str, Mapping[str, Any]] = {
 
 
 def compared(place: Callable[..., Any], rays: tuple[str, ...], *others: str) -> Any:
-    """Fields at a place by some of ``RAYS``, by other methods, and last by Kirchhoff's integral."""
+    """Fields at a point by some of ``RAYS``, by other methods, and last by Kirchhoff's integral."""
     with limits_known():
         result = place(method=(*others, "kirchhoff"), progress=False)
         for name in rays:

@@ -58,7 +58,6 @@ if TYPE_CHECKING:
     from polywigner.propagation import wigner_table as wigner_table
     from polywigner.propagation import write_netcdf as write_netcdf
     from polywigner.propagation import write_pattern as write_pattern
-    from polywigner.propagation import write_vti as write_vti
     from polywigner.quantities import SPEED_OF_LIGHT as SPEED_OF_LIGHT
     from polywigner.radiometry import EnergyBudget as EnergyBudget
     from polywigner.radiometry import energy_budget as energy_budget
@@ -123,7 +122,7 @@ _NAMES = {
         ambiguity_table amplitude array_tolerance beam_cuts beam_metrics field fit_pattern
         hemisphere horns irradiance line plane psf radiated_power radiation_pattern read_pattern
         suggest_sampling two_way_pattern volume wigner_table write_netcdf
-        write_pattern write_vti
+        write_pattern
     """,
     "polywigner.quantities": "SPEED_OF_LIGHT",
     "polywigner.radiometry": """

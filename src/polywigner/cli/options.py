@@ -131,7 +131,7 @@ def _option(name: str, default: Any, kind: Any) -> Parameter:
 # ---- output files --------------------------------------------------------------------------------
 
 _KNOWN_SUFFIXES = (
-    ".png", ".exr", ".json", ".npz", ".nc", ".vti", ".vtp", ".zarr",
+    ".png", ".exr", ".json", ".npz", ".nc", ".zarr",
     ".csv", ".txt", ".ffd", ".cut", ".msi", ".pln", ".dat",
 )  # fmt: skip
 
@@ -231,8 +231,8 @@ def _write_one(path: Path, content: Any) -> None:
     elif hasattr(content, "data_vars"):
         from polywigner.propagation import stores
 
-        writers = {".nc": stores.write_netcdf, ".vti": stores.write_vti}
-        writers.get(path.suffix, stores.write_zarr)(content, path)
+        write = stores.write_netcdf if path.suffix == ".nc" else stores.write_zarr
+        write(content, path)
     else:
         text = json.dumps(content, indent=2, allow_nan=False) + "\n"
         path.write_text(text, encoding="utf-8")

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from polywigner import Array as ApertureArray
 
 Point = tuple[float, float, float]
-_Format = StrEnum("_Format", "nc zarr vti")
+_Format = StrEnum("_Format", "nc zarr")
 _Projection = Literal["maximum", "mean"]
 
 _WIDEST = math.radians(80.0)  # largest angle from the axis, default of an arc
@@ -59,7 +59,7 @@ class FieldOptions(FieldSourceOptions):
     bandwidth: Annotated[Text, "Flat frequency band to average over, such as '4 GHz'."] = None
     engine: Annotated[str, "auto, numpy, llvm or cuda."] = "auto"
     precision: Annotated[Text, "double or single (default: double)."] = None
-    formats: Annotated[list[_Format] | None, "nc, zarr or vti (repeatable)."] = None
+    formats: Annotated[list[_Format] | None, "nc or zarr (repeatable)."] = None
     out: options.Out = None
 
     def methods(self, *default: str) -> tuple[Methods, str]:
@@ -107,7 +107,6 @@ def propagate(
     samples: Annotated[Text, "'201' on lines and arcs, else '101 x 81' (default: enough)."] = None,
     field: FieldOptions,
     amplitude: Annotated[bool, "Complex fields, with phases; not by wigner."] = False,
-    linear: Annotated[bool, "Linear scale instead of dB; not on hemispheres."] = False,
     floor_db: Annotated[
         float | None,
         typer.Option(
@@ -120,20 +119,13 @@ def propagate(
     """Compute the field of a source in front of it, by several methods.
 
     On a line, an arc, a plane or a hemisphere. Writes a figure NAME.png and the values NAME.nc
-    (or --format: nc, zarr, and of planes vti, for ParaView), and prints the differences of the
-    methods. For volumes, see `polywigner volume`.
+    (or --format zarr), and prints the differences of the methods. For volumes, see
+    `polywigner volume`.
     """
     field.check()
     regions = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}
     region = parse_region(regions, samples)
-    if linear and region.kind == "hemisphere":
-        raise ArgumentError("--linear: hemispheres are drawn in dB; leave it out")
     suffixes = options.suffixes_of(field.formats or ["nc"])
-    if ".vti" in suffixes and region.kind != "plane":
-        raise ArgumentError(
-            f"--format: expected vti, an image, with --plane, got it with --{region.kind}; use nc "
-            "or zarr"
-        )
     stem = options.output_stem(field.out, Path(field.source).stem)
     files = options.targets(stem, (".png", *suffixes))
     _check_files(files)
@@ -160,8 +152,6 @@ def propagate(
     drawn: dict[str, Any] = {"against": reference, "title": title}
     if floor_db is not None:
         drawn["floor_db"] = floor_db
-    if region.kind != "hemisphere":
-        drawn["linear"] = linear
     if region.kind == "plane":
         figure = draw_planes(values, obstacles=obstacles, **drawn)
     else:
@@ -207,9 +197,9 @@ def volume(
 ) -> None:
     """Compute the irradiance of a source in a box, chunk by chunk, and draw it.
 
-    Writes NAME.zarr and a figure NAME.png, and with --format vti or --format nc the values also for
-    ParaView, or as NetCDF. The same command continues an interrupted run.
-    With several methods, each method has its files, NAME-METHOD.zarr and so on.
+    Writes NAME.zarr and a figure NAME.png, and with --format nc the values also as NetCDF. The same
+    command continues an interrupted run. With several methods, each method has its files,
+    NAME-METHOD.zarr and so on.
     """
     field.check()
     corners = parse_box(box)

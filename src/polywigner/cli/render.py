@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 import warnings
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ import typer
 
 from polywigner.cli import options
 from polywigner.cli.sources import check_wavelength, frequency_text, short_name
-from polywigner.errors import ArgumentError, SceneError
+from polywigner.errors import SceneError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,9 +23,6 @@ if TYPE_CHECKING:
 
 _Integrator = Literal["path", "direct", "volpath", "volpathmis", "prb", "prbvolpath"]
 _Sampler = Literal["multijitter", "independent", "stratified", "orthogonal", "ldsampler"]
-# Factor by which a sampler needs fewer samples than the independent one. The factor was 60 on
-# floors without obstacles, and is less at the edges of shadows (docs/sampling.md).
-_GAINS = {"multijitter": 10}
 _POLARISED = ("_stokes.npz", "_stokes.png", "_polarisation.png")
 _STOKES_CHANNELS = 12
 _RADIANCE_UNIT = "W m^-2 sr^-1"
@@ -39,13 +35,6 @@ class RenderSettings(options.SceneOptions):
     spp: Annotated[
         int | None, typer.Option(min=1, max=2**30, help="Samples per pixel (default: the scene's).")
     ] = None
-    error_db: Annotated[
-        float | None,
-        typer.Option(
-            min=1e-3,
-            help="Rms error in dB at 20 dB below the peak, instead of --spp (docs/sampling.md).",
-        ),
-    ] = None
     integrator: Annotated[_Integrator | None, "path, volpath, ... (default: the scene's)."] = None
     sampler: Annotated[_Sampler | None, "multijitter, ... (default: the scene's)."] = None
     polarised: Annotated[bool, "Also write the Stokes parameters (docs/polarisation.md)."] = False
@@ -55,18 +44,16 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     """Render a Mitsuba scene with a coherent aperture as its source.
 
     Writes the signed radiance NAME.exr, a figure in dB NAME.png, and a record NAME.json; with
-    --range an animation NAME_range.gif with a frame for each bin, and the frames NAME_range.nc;
+    --range the image of each bin NAME_range.nc;
     with --polarised the Stokes parameters NAME_stokes.npz, their figure NAME_stokes.png, and degree
     and angle of polarisation NAME_polarisation.png. With --scheduler, the workers of a cluster
     share the parts of the image, and the run is resumable.
     """
     settings.check_file()
-    if settings.spp is not None and settings.error_db is not None:
-        raise ArgumentError("expected --spp or --error-db, got both; drop one of them")
     edges = settings.edges(64)
     suffixes = [".exr", ".png", ".json"]
     suffixes += _POLARISED if settings.polarised else ()
-    suffixes += ("_range.nc", "_range.gif") if edges is not None else ()
+    suffixes += ("_range.nc",) if edges is not None else ()
     files = options.files_to_write(out, Path(settings.scene).stem, suffixes)
 
     import numpy as np
@@ -99,8 +86,6 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
             )
         sampler = settings.sampler or _plugin(scene.sensors()[0].sampler(), "Sampler")
         samples = settings.spp or default
-        if settings.error_db is not None:
-            samples = _samples_for(specs, settings.error_db, sampler) or samples
         if edges is not None:  # a scene that cannot be sorted by range fails before the rendering
             render_frames = prepared_frames(
                 scene, edges, spp=samples, seed=settings.seed, sensor=0, integrator=integrator
@@ -143,8 +128,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
             contents.append(figures.draw_stokes(stokes, title))
             contents.append(figures.draw_polarisation(stokes, floor, title))
         if frames is not None:
-            animate = partial(figures.write_range_animation, frames, floor_db=floor, title=title)
-            contents += [frames, animate]
+            contents.append(frames)
         options.write(files, contents)
 
 
@@ -159,21 +143,6 @@ def _checked_specs(scene: Any, name: str) -> list[Any]:
     for spec in specs:
         check_wavelength(spec.wavelength, spec.region.support.diameter)
     return specs
-
-
-def _samples_for(specs: Sequence[Any], error_db: float, sampler: str) -> int:
-    """Return the largest number of samples per pixel that any source needs for an error in dB.
-
-    Zero for exact fields, which have no sampling error.
-    """
-    import polywigner as pw
-
-    independent = [
-        pw.suggest_sampling(spec.source, spec.wavelength, "render", error_db=error_db).samples
-        for spec in specs
-        if spec.estimator != "exact"
-    ]
-    return math.ceil(max(independent, default=0) / _GAINS.get(sampler, 1))
 
 
 def _warn_of_darkness(radiance: NDArray[np.float64]) -> None:

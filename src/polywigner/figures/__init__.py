@@ -22,18 +22,15 @@ from polywigner.figures.scene_plots import (
     draw_range_profile,
     draw_scene,
     draw_stokes,
-    write_range_animation,
 )
 from polywigner.figures.transforms import (
     LARGEST_SAMPLES,
-    SystemSlices,
     TransformSlices,
     draw_mtf,
     draw_psf,
     draw_transforms,
     outline_of,
     samples_needed,
-    system_slices,
     transform_slices,
 )
 from polywigner.figures.volumes import draw_volume
@@ -41,7 +38,6 @@ from polywigner.figures.volumes import draw_volume
 __all__ = [
     "LARGEST_SAMPLES",
     "DirectArrival",
-    "SystemSlices",
     "TransformSlices",
     "draw_arrivals",
     "draw_channel",
@@ -64,7 +60,5 @@ __all__ = [
     "level_db",
     "outline_of",
     "samples_needed",
-    "system_slices",
     "transform_slices",
-    "write_range_animation",
 ]

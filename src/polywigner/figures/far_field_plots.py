@@ -63,28 +63,36 @@ def draw_pattern(
 
     Parameters
     ----------
-    pattern : xarray.Dataset or the like, result of :func:`polywigner.radiation_pattern`.
-    panels : any of "cuts", "polar", "uv" (a map over direction cosines; requires eight angles phi)
-        and "table"; None: all panels for which the pattern has enough angles.
-    cuts : "beam": two orthogonal great circles through the beam, over the angle from the beam, as
-        of :func:`polywigner.beam_cuts`; "principal": the meridians next to the x and the y axis; or
-        a list of datasets, of :func:`polywigner.beam_cuts`, or of patterns whose meridians are
-        drawn. None: "beam" if the pattern has angles phi around the full circle, otherwise
+    pattern : xarray.Dataset
+        Result of :func:`polywigner.radiation_pattern`.
+    panels : sequence of {"cuts", "polar", "uv", "table"}, optional
+        Panels to draw; "uv" is a map over direction cosines and requires eight angles phi. The
+        default is all panels for which the pattern has enough angles.
+    cuts : {"beam", "principal"} or sequence of xarray.Dataset, optional
+        "beam": two orthogonal great circles through the beam, over the angle from the beam, as of
+        :func:`polywigner.beam_cuts`. "principal": the meridians next to the x and the y axis.
+        Otherwise results of :func:`polywigner.beam_cuts`, or patterns whose meridians are drawn.
+        The default is "beam" if the pattern has angles phi around the full circle, otherwise
         "principal".
-    metrics : numbers of the table; None: result of :func:`polywigner.beam_metrics`. The table
-        contains the metrics of the cuts in the figure.
-    floor_db : lowest level in dB relative to the largest directivity.
-    title : title of the figure.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+    metrics : BeamMetrics, optional
+        Numbers of the table, by default the result of :func:`polywigner.beam_metrics`. The table
+        also contains the metrics of the cuts in the figure.
+    floor_db : float, default -40
+        Lowest level in dB relative to the largest directivity.
+    title : str, optional
+        Title of the figure.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError : for another ``pattern``, an unknown panel, too few angles, or a ``figure`` of
-        another type.
+    ArgumentError
+        For another ``pattern``, an unknown panel, too few angles, or a ``figure`` of another type.
     """
     check_floor(floor_db)
     if metrics is not None and not isinstance(metrics, BeamMetrics):
@@ -98,7 +106,7 @@ def draw_pattern(
     columns = 3 if len(chosen) == 3 else min(2, len(chosen))
     rows = -(-len(chosen) // columns)
     width = sum(max(_PANELS[name][0] for name in chosen[k::columns]) for k in range(columns))
-    figure = style.figure_on(figure, width, 3.4 * rows + 0.3, spacing=0.05)
+    figure = style.figure_on(figure, width, 3.4 * rows + 0.3, title, spacing=0.05)
     draw: dict[str, Callable[[Any], object]] = {
         "cuts": lambda axes: _draw_cuts(axes, beam, lines, low, high),
         "polar": lambda axes: _draw_polar(axes, lines, low, high),
@@ -110,7 +118,6 @@ def draw_pattern(
     for number, name in enumerate(chosen, start=1):
         projection = "polar" if name == "polar" else None
         draw[name](figure.add_subplot(rows, columns, number, projection=projection))
-    style.write_title(figure, title)
     return figure
 
 
@@ -262,20 +269,26 @@ def draw_tolerance(
 
     Parameters
     ----------
-    tolerance : xarray.Dataset or the like, result of :func:`polywigner.array_tolerance`, with one
-        to four meridians; opposite meridians are joined to one cut.
-    floor_db : lowest level in dB relative to the largest directivity without errors.
-    title : title of the figure.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+    tolerance : xarray.Dataset
+        Result of :func:`polywigner.array_tolerance` with one to four cuts. Opposite meridians are
+        joined to one cut.
+    floor_db : float, default -50
+        Lowest level in dB relative to the largest directivity without errors.
+    title : str, optional
+        Title of the figure.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError : for another ``tolerance``, too many meridians, fewer than two angles theta, or a
-        ``figure`` of another type.
+    ArgumentError
+        For another ``tolerance``, too many cuts, fewer than two angles theta, or a ``figure`` of
+        another type.
     """
     check_floor(floor_db)
     axes_of = {"theta": "theta", "phi": "phi"}
@@ -289,7 +302,7 @@ def draw_tolerance(
             f"over {len(theta)}; give array_tolerance fewer angles phi"
         )
     high = float(levels[0].max())
-    drawn = style.figure_on(figure, 5.4 * len(cuts), 3.9, spacing=0.05)
+    drawn = style.figure_on(figure, 5.4 * len(cuts), 3.9, title, spacing=0.05)
     for axes, parts in zip(drawn.subplots(1, len(cuts), squeeze=False)[0], cuts, strict=True):
         azimuth, degrees = parts[0][0], np.degrees(parts[0][1])
         nominal, mean, lower, upper = (levels for _, _, levels in parts)
@@ -306,7 +319,6 @@ def draw_tolerance(
         )  # fmt: skip
         heading = f"$\\phi$ = {style.degrees_text(azimuth)}; {style.floor_text(floor_db)}"
         axes.set_title(heading, fontsize=8)
-    style.write_title(drawn, title)
     return drawn
 
 
@@ -324,23 +336,30 @@ def draw_rcs(
 
     Parameters
     ----------
-    pattern : xarray.Dataset or the like, result of :func:`polywigner.rcs_pattern`, with at least
-        two azimuths and two elevations.
-    cuts : two patterns in finer steps, of one elevation, and of two opposite azimuths; None: cuts
-        of the pattern nearest to the planes z = 0 and y = 0.
-    smooth : width in rad of a running median of the cuts; None: no median.
-    floor_db : lowest level in dB relative to the largest cross section.
-    title : title of the figure.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+    pattern : xarray.Dataset
+        Result of :func:`polywigner.rcs_pattern` with at least two azimuths and two elevations.
+    cuts : sequence of two xarray.Dataset, optional
+        Patterns in finer steps: one of a single elevation, and one of two opposite azimuths. The
+        default is the cuts of ``pattern`` nearest to the planes z = 0 and y = 0.
+    smooth : float, default no median
+        Width in rad of a running median of the cuts.
+    floor_db : float, default -60
+        Lowest level in dB relative to the largest cross section.
+    title : str, optional
+        Title of the figure.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError : for another ``pattern``, too few angles, a body without scattering, or a
-        ``figure`` of another type.
+    ArgumentError
+        For another ``pattern``, too few angles, a body without scattering, or a ``figure`` of
+        another type.
     """
     check_floor(floor_db)
     if smooth is not None:
@@ -353,7 +372,7 @@ def draw_rcs(
     if high == -math.inf:
         raise ArgumentError("expected cross sections above zero, got zero at all angles")
     low = high + floor_db
-    drawn = style.figure_on(figure, 11.6, 3.9, spacing=0.05)
+    drawn = style.figure_on(figure, 11.6, 3.9, title, spacing=0.05)
     for number, (name, angles, cut) in enumerate(shown_cuts, start=1):
         polar = drawn.add_subplot(1, 3, number, projection="polar")
         _draw_rcs_cut(polar, angles, np.maximum(cut, low), smooth)
@@ -366,7 +385,6 @@ def draw_rcs(
         high=high, label=label, shading="nearest",
     )  # fmt: skip
     axes.set(xlabel="azimuth (degrees)", ylabel="elevation (degrees)")
-    style.write_title(drawn, title)
     return drawn
 
 

@@ -24,7 +24,7 @@ from polywigner.figures.levels import (
     printed_unit,
     quantity_of,
 )
-from polywigner.geometry.arguments import checked_choice, checked_flag
+from polywigner.geometry.arguments import checked_choice
 from polywigner.geometry.display import length_unit
 from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
 
@@ -57,26 +57,28 @@ _FAINT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A quantity at the same points by several methods, as powers.
-
-    ``powers``, ``labels`` and ``fields``, the unchanged values, have the names of the variables.
-    Arrays are over ``dims``, the axes of more than one sample. 0 dB is ``zero``, the peak of the
-    method ``against``. ``is_field``: the values are complex, and are squared.
-    """
+    """A quantity at the same points by several methods, as powers."""
 
     fields: dict[str, NDArray[Any]]
+    """Unchanged values by the name of the variable."""
     powers: dict[str, Floats]
+    """The same values as powers: complex values are squared."""
     labels: dict[str, str]
+    """Names of the methods for legends and titles."""
     dims: tuple[str, ...]
+    """Axes with more than one sample."""
     against: str
+    """Reference variable."""
     zero: float
+    """Power of 0 dB: the peak of the reference."""
     quantity: str
     unit: str
     is_field: bool
+    """Whether the unchanged values are complex."""
 
     @staticmethod
     def of(dataset: Any, against: str | None) -> Comparison:
-        """Read the variables of a dataset; ``against``: None: the last variable."""
+        """Read the variables of a dataset; the default reference is the last variable."""
         arrays = {
             str(name): array.squeeze()
             for name, array in checked_dataset(dataset, "dataset").data_vars.items()
@@ -129,88 +131,84 @@ class Comparison:
 def draw_lines(
     dataset: Any,
     *,
-    along: str | None = None,
     against: str | None = None,
     floor_db: float = -40.0,
-    linear: bool = False,
-    compared_db: float = COMPARED_DB,
     title: str = "",
     figure: Figure | SubFigure | None = None,
 ) -> Figure:
     """Draw fields along a line by each method, and differences from a reference method.
 
+    The horizontal axis is x, y or z if the line is parallel to that axis, otherwise the dimension
+    of the dataset. Differences are drawn where the reference is above -30 dB.
+
     Parameters
     ----------
-    dataset : xarray.Dataset with a variable for each method, such as a result of
-        :func:`polywigner.line`, or a cut of :func:`polywigner.hemisphere`; complex values are
-        squared. Or a dict of such datasets, with equal methods, by the titles of columns.
-    along : coordinate on the horizontal axis, in metres or radians; None: x, y or z if the line is
-        parallel to it, otherwise the dimension of the dataset.
-    against : reference variable, whose peak is 0 dB; None: the last variable.
-    floor_db : lowest level in dB. Curves have gaps at values of zero or less.
-    linear : whether to draw values relative to the peak instead of levels in dB.
-    compared_db : lowest level of the reference at which differences are drawn.
-    title : title of the figure.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+    dataset : xarray.Dataset or dict of xarray.Dataset
+        A variable for each method along one axis, such as a result of :func:`polywigner.line`, or a
+        cut of :func:`polywigner.hemisphere`. Complex values are squared. A dict has datasets with
+        equal methods by the titles of columns.
+    against : str, default the last variable
+        Reference variable, whose peak is 0 dB.
+    floor_db : float, default -40
+        Lowest level in dB. Curves have gaps at values of zero or less.
+    title : str, optional
+        Title of the figure.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError : if the quantity, method or coordinate is missing, for values over more than one
-        axis, and for a ``figure`` of another type.
+    ArgumentError
+        If the quantity or method is missing, for values over more than one axis, and for a
+        ``figure`` of another type.
     """
     check_floor(floor_db)
-    checked_flag(linear, "linear")
     columns = dict(dataset) if isinstance(dataset, dict) and dataset else {"": dataset}
     fields = [Comparison.of(dataset, against) for dataset in columns.values()]
     is_compared, side_by_side = len(fields[0].powers) > 1, len(fields) > 1
     width, height = 1.0 + 3.0 * len(fields) if side_by_side else 6.4, 5.6 if is_compared else 3.7
-    figure = style.figure_on(figure, width, height + 0.3 * side_by_side, spacing=0.03)
+    height += 0.3 * side_by_side
+    figure = style.figure_on(figure, width, height, title, spacing=0.03)
     ratios = (3, 2) if is_compared else (1,)
     panels = figure.subplots(
         len(ratios), len(fields), sharex="col", sharey="row", squeeze=False, height_ratios=ratios
     )
     for column, (name, dataset), part in zip(panels.T, columns.items(), fields, strict=True):
-        _draw_column(column, part, _axis(dataset, part.dims, along), linear, compared_db)
-        text = f"{'1' if linear else '0 dB'}: {part.zero_text}"
+        _draw_column(column, part, _axis(dataset, part.dims))
+        text = f"0 dB: {part.zero_text}"
         if name:
             text = f"{name}; {text}"
         elif is_compared:
             text += f", the peak of {part.labels[part.against]}"
         column[0].set_title(text, loc="left", fontsize=8)
-    if not linear:
-        panels[0, 0].set_ylim(*_range(fields, floor_db))
-    panels[0, 0].set_ylabel(f"{fields[0].quantity} ({'relative' if linear else 'dB'})")
+    panels[0, 0].set_ylim(*_range(fields, floor_db))
+    panels[0, 0].set_ylabel(f"{fields[0].quantity} (dB)")
     legend: dict[str, Any] = {"frameon": False, "fontsize": 7.5, "handlelength": 2.6}
     if is_compared:
-        _difference_axis(panels[1], fields[0], compared_db)
+        _difference_axis(panels[1], fields[0])
     if is_compared and side_by_side:
         handles, labels = panels[0, 0].get_legend_handles_labels()
         position: Any = "outside lower center"
         figure.legend(handles, labels, loc=position, ncols=len(handles), **legend)
     elif is_compared:
         panels[0, 0].legend(**legend)
-    style.write_title(figure, title)
     return figure
 
 
-def _draw_column(
-    column: Any, fields: Comparison, axis: tuple[Floats, str, bool], linear: bool,
-    compared_db: float,
-) -> None:  # fmt: skip
-    """Draw fields, and differences from the reference below."""
+def _draw_column(column: Any, fields: Comparison, axis: tuple[Floats, str, bool]) -> None:
+    """Draw levels in the first panel, and differences from the reference in the second panel."""
     positions, label, is_logarithmic = axis
     styles = _styles(list(fields.powers), fields.against)
     for method, values in fields.powers.items():
-        levels = values / fields.zero
-        if not linear:
-            levels = 10 * np.log10(np.where(values > 0, levels, np.nan))
+        levels = 10 * np.log10(np.where(values > 0, values / fields.zero, np.nan))
         column[0].plot(positions, levels, label=fields.labels[method], **styles[method])
         if method != fields.against:
-            difference = difference_db(values, fields.powers[fields.against], compared_db)
+            difference = difference_db(values, fields.powers[fields.against])
             column[1].plot(positions, difference, **styles[method])
     for axes in column:
         style.finish_lines(axes, xmargin=0)
@@ -225,16 +223,14 @@ def _draw_column(
         ticks.set_minor_formatter(lambda *_: "")
 
 
-def _axis(dataset: Any, dims: tuple[str, ...], along: str | None) -> tuple[Floats, str, bool]:
+def _axis(dataset: Any, dims: tuple[str, ...]) -> tuple[Floats, str, bool]:
     """Return the positions, the label of their axis, and whether it is logarithmic."""
     if len(dims) != 1:
-        raise ArgumentError(f"expected fields along one axis, got them over {', '.join(dims)}")
-    if along is None:
-        along = dims[0]
-        if dataset[along].attrs.get("units") == "m":  # a line may be parallel to x, y or z
-            changing = [k for k in "xyz" if k in dataset.coords and np.ptp(dataset[k].values) > 0]
-            along = changing[0] if len(changing) == 1 else along
-    checked_choice(along, "along", [str(name) for name in dataset.coords])
+        raise ArgumentError(f"expected fields along one axis, got fields over {', '.join(dims)}")
+    along = dims[0]
+    if dataset[along].attrs.get("units") == "m":  # a line may be parallel to x, y or z
+        changing = [k for k in "xyz" if k in dataset.coords and np.ptp(dataset[k].values) > 0]
+        along = changing[0] if len(changing) == 1 else along
     values = np.asarray(dataset[along].squeeze().values, dtype=np.float64)
     kind = dataset[along].attrs.get("units", "")
     name = str(dataset[along].attrs.get("long_name", f"${along}$" if len(along) == 1 else along))
@@ -274,13 +270,13 @@ def _range(columns: list[Comparison], floor_db: float) -> tuple[float, float]:
     return float(bottom if low < floor_db else bottom - margin), float(top + margin)
 
 
-def _difference_axis(panels: Any, fields: Comparison, compared_db: float) -> None:
+def _difference_axis(panels: Any, fields: Comparison) -> None:
     lines = [line.get_ydata() for axes in panels for line in axes.lines]
     largest = max(float(np.nanmax(np.abs(values), initial=0.0)) for values in lines)
     bound = min(max(largest * 1.3, 3 * _LINEAR_DB), 30.0)
     decades = [10.0**k for k in range(-2, 2) if 10.0**k <= bound]
     panels[0].set_ylabel("difference (dB)")
-    floor = style.number_text(compared_db)
+    floor = style.number_text(COMPARED_DB)
     text = f"minus {fields.labels[fields.against]}, where above {floor} dB of its peak"
     panels[0].set_title(text, loc="left", fontsize=8)
     for axes in panels:
@@ -296,42 +292,46 @@ def draw_planes(
     *,
     against: str | None = None,
     floor_db: float | None = None,
-    linear: bool = False,
-    compared_db: float = COMPARED_DB,
     obstacles: Any = (),
     title: str = "",
     figure: Figure | SubFigure | None = None,
 ) -> Figure:
-    """Draw maps of a field on a plane, with phases, or differences between methods, below.
+    """Draw maps of a field on a plane, and a second row with phases or differences of methods.
+
+    Phases of complex fields fade with the level. Differences are drawn where the reference is above
+    -30 dB.
 
     Parameters
     ----------
-    dataset : xarray.Dataset with a variable for each method, such as a result of
-        :func:`polywigner.plane`, over two evenly spaced axes in metres. The second axis is drawn
-        upwards, unless it is z. Complex values are squared; their phases, in a second row, fade
-        with the level.
-    against : reference variable, whose peak is 0 dB; None: the last variable.
-    floor_db : lowest level in dB. Lower and negative values are drawn at the floor. None: the
+    dataset : xarray.Dataset
+        A variable for each method over two evenly spaced axes in metres, such as a result of
+        :func:`polywigner.plane`. The second axis is drawn upwards, unless it is z. Complex values
+        are squared.
+    against : str, default the last variable
+        Reference variable, whose peak is 0 dB.
+    floor_db : float, optional
+        Lowest level in dB. Lower and negative values are drawn at the floor. The default is the
         multiple of 5 dB, from -40 to -10 dB, below which 1 % of the power lies.
-    linear : whether to draw values relative to the peak instead of levels in dB.
-    compared_db : lowest level of the reference at which differences are drawn.
-    obstacles : bodies and plates, as for :func:`polywigner.plane`, whose intersections with the
-        plane are drawn.
-    title : title of the figure.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+    obstacles : sequence of bodies and plates, default none
+        Obstacles as of :func:`polywigner.plane`, whose intersections with the plane are drawn.
+    title : str, optional
+        Title of the figure.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError : if the quantity or method is missing, for unevenly spaced axes, and for a
-        ``figure`` of another type.
+    ArgumentError
+        If the quantity or method is missing, for unevenly spaced axes, and for a ``figure`` of
+        another type.
     """
     fields = Comparison.of(dataset, against)
     floor_db = fields.default_floor_db() if floor_db is None else check_floor(floor_db)
-    checked_flag(linear, "linear")
     across, up = _axes(dataset, fields.dims)
     cuts = _cuts(dataset, fields.dims, obstacles)
     extents = [np.ptp(axis) + axis[1] - axis[0] for _, axis in (across, up)]
@@ -340,27 +340,22 @@ def draw_planes(
     columns = len(fields.powers)
     inches = _INCHES if rows * columns > 1 else _ALONE
     size = (inches * columns + 1.4, (inches * ratio + 0.45) * rows + 0.3)
-    figure = style.figure_on(figure, *size, is_compressed=True)
+    figure = style.figure_on(figure, *size, title, is_compressed=True)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    low, high = (0.0, 1.0) if linear else (floor_db, 0.0)
     for axes, (method, power) in zip(panels[0], fields.powers.items(), strict=True):
-        values = power / fields.zero if linear else level_db(power, fields.zero, floor_db)
-        shown = style.draw_levels(
-            axes, _upright(values, fields), across[1], up[1], low=low, high=high
-        )
+        levels = _upright(level_db(power, fields.zero, floor_db), fields)
+        shown = style.draw_levels(axes, levels, across[1], up[1], low=floor_db)
         axes.set_title(fields.labels[method])
-    relative = f"{fields.quantity} relative to {fields.zero_text}"
-    style.colour_bar(panels[0], shown, relative if linear else fields.level_text(floor_db))
+    style.colour_bar(panels[0], shown, fields.level_text(floor_db))
     if fields.is_field:
         _draw_phases(panels[1], fields, floor_db, across[1], up[1])
     elif rows == 2:
-        _draw_differences(panels[1], fields, compared_db, across[1], up[1])
+        _draw_differences(panels[1], fields, across[1], up[1])
     for axes in panels.flat:
         for lines in cuts:
             style.draw_cut(axes, lines, "kw")
         axes.set(xlabel=across[0], ylabel=up[0])
         axes.label_outer()
-    style.write_title(figure, title)
     return figure
 
 
@@ -418,11 +413,9 @@ def _draw_phases(
     style.colour_bar(panels, opaque, "phase (degrees)").set_ticks([-180, -90, 0, 90, 180])
 
 
-def _draw_differences(
-    panels: Any, fields: Comparison, compared_db: float, across: Floats, up: Floats
-) -> None:
+def _draw_differences(panels: Any, fields: Comparison, across: Floats, up: Floats) -> None:
     reference = fields.powers[fields.against]
-    differences = [difference_db(power, reference, compared_db) for power in fields.powers.values()]
+    differences = [difference_db(power, reference) for power in fields.powers.values()]
     largest = max(float(np.nanmax(np.abs(values), initial=0.0)) for values in differences)
     bound = min(largest, _MOST_DB) or 1.0
     for axes, method, difference in zip(panels, fields.powers, differences, strict=True):
@@ -432,7 +425,7 @@ def _draw_differences(
         shown = style.draw_signed(axes, _upright(difference, fields), across, up, bound=bound)
         axes.set_facecolor("0.85")
         axes.set_title(f"minus {fields.labels[fields.against]}", fontsize=8)
-    text = f"difference (dB)\ngrey: below {style.number_text(compared_db)} dB"
+    text = f"difference (dB)\ngrey: below {style.number_text(COMPARED_DB)} dB"
     style.colour_bar(panels, shown, text, "both" if largest > bound else "neither")
 
 
@@ -445,26 +438,32 @@ def draw_hemispheres(
     title: str = "",
     figure: Figure | SubFigure | None = None,
 ) -> Figure:
-    """Draw levels over the directions of a hemisphere, over the direction cosines s_x and s_y.
+    """Draw the level of a field on a hemisphere over the direction cosines s_x and s_y.
 
     Parameters
     ----------
-    dataset : xarray.Dataset with a variable for each method, such as a result of
-        :func:`polywigner.hemisphere`, over ``theta`` (angle from the z axis) and ``phi`` (azimuth
-        from x) in radians. Complex values are squared.
-    against : variable whose peak is 0 dB; None: the last variable.
-    floor_db : lowest level in dB. Lower values are drawn at the floor.
-    title : title of the figure.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+    dataset : xarray.Dataset
+        A variable for each method over ``theta`` (angle from the z axis) and ``phi`` (azimuth from
+        the x axis) in radians, such as a result of :func:`polywigner.hemisphere`. Complex values
+        are squared.
+    against : str, default the last variable
+        Variable whose peak is 0 dB.
+    floor_db : float, default -40
+        Lowest level in dB. Lower values are drawn at the floor.
+    title : str, optional
+        Title of the figure.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError : if the quantity or method is missing, for other axes, and for a ``figure`` of
-        another type.
+    ArgumentError
+        If the quantity or method is missing, for other axes, and for a ``figure`` of another type.
     """
     check_floor(floor_db)
     if "directivity" in checked_dataset(dataset, "dataset"):
@@ -475,11 +474,11 @@ def draw_hemispheres(
     fields = Comparison.of(dataset, against)
     if sorted(fields.dims) != ["phi", "theta"]:
         raise ArgumentError(
-            f"expected fields over theta and phi, got them over {', '.join(fields.dims)}"
+            f"expected fields over theta and phi, got fields over {', '.join(fields.dims)}"
         )
     theta, phi = (np.asarray(dataset[d].values, dtype=np.float64) for d in ("theta", "phi"))
     size = _DISC * len(fields.powers) + 1.2, _DISC + 0.6
-    figure = style.figure_on(figure, *size, is_compressed=True)
+    figure = style.figure_on(figure, *size, title, is_compressed=True)
     panels = figure.subplots(1, len(fields.powers), squeeze=False, sharey=True)[0]
     for axes, (method, power) in zip(panels, fields.powers.items(), strict=True):
         levels = level_db(power if fields.dims[0] == "theta" else power.T, fields.zero, floor_db)
@@ -487,5 +486,4 @@ def draw_hemispheres(
         axes.set(xlabel="$s_x$", title=fields.labels[method])
     panels[0].set_ylabel("$s_y$")
     style.colour_bar(panels, shown, fields.level_text(floor_db))
-    style.write_title(figure, title)
     return figure

@@ -57,11 +57,13 @@ def image_peak(values: ArrayLike) -> float | None:
 
     Parameters
     ----------
-    values : (height, width), any unit; medians that are not finite are ignored.
+    values : array_like, shape (height, width)
+        Image in any unit. Medians that are not finite are ignored.
 
     Returns
     -------
-    The peak in the unit of ``values``, or None if no median is positive.
+    float or None
+        The peak in the unit of ``values``; None if no median is positive.
     """
     padded = np.pad(checked_array(values, "values", 2), 1, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
@@ -77,13 +79,23 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
 
     Parameters
     ----------
-    values : powers of any shape: radiance, intensity, |F|^2, ...
-    reference : value of 0 dB, in the unit of ``values``; None: all levels are the floor.
-    floor_db : lowest level in dB, below 0.
+    values : array_like
+        Powers: radiance, intensity, |F|^2, ...
+    reference : float or None
+        Value of 0 dB, in the unit of ``values``. With None all levels are the floor.
+    floor_db : float
+        Lowest level in dB, below 0.
 
     Returns
     -------
-    Levels in dB, the shape of ``values``.
+    ndarray
+        Levels in dB, in the shape of ``values``.
+
+    Raises
+    ------
+    ArgumentError
+        For values that are not real numbers, a reference that is not positive, or a floor that is
+        not below 0 dB.
     """
     try:
         power = real_numbers(values)
@@ -109,9 +121,10 @@ def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:
 
 
 def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str) -> list[NDArray[Any]]:
-    """Return arrays of a result of the function ``maker`` by name, transposed to axes.
+    """Return arrays of a result of the function ``maker``, transposed to the axes of each name.
 
-    Raises ArgumentError if an array is missing, or has other axes. An empty text: any axes.
+    An empty text stands for any axes. Raises ArgumentError if an array is missing, or has other
+    axes.
     """
     try:
         return [
@@ -140,10 +153,10 @@ def difference_db(
     values: ArrayLike, reference: ArrayLike, above_db: float = COMPARED_DB
 ) -> NDArray[np.float64]:
     """Return differences of levels from a reference in dB; NaN if the reference is too low."""
-    field, true = (np.asarray(v, dtype=np.float64) for v in (values, reference))
-    if field.shape != true.shape:
-        raise ArgumentError(f"expected fields at the same points, got {field.shape}, {true.shape}")
-    return np.asarray(_differences(field, true, above_db)[0])
+    if np.shape(values) != np.shape(reference):
+        got = f"{np.shape(values)}, {np.shape(reference)}"
+        raise ArgumentError(f"expected fields at the same points, got {got}")
+    return np.asarray(_differences(values, reference, above_db)[0])
 
 
 def _differences(

@@ -59,23 +59,30 @@ def draw_projections(
 
     Parameters
     ----------
-    dataset : result of :func:`polywigner.projections` with all tiles.
-    layout : "paper": two rows of two, with coordinates of one kind in the diagonal tiles, and a
-        position with the frequency (or lag) along it in the other tiles. "all": all six pairs in a
-        triangle. Tiles in a column share the horizontal axis, and tiles in a row the vertical axis.
-        Slits have one tile.
-    floor_db : lowest level of power spectra in dB relative to the peak.
-    title : title of the figure.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+    dataset : xarray.Dataset
+        Result of :func:`polywigner.projections` with all tiles.
+    layout : {"paper", "all"}
+        "paper": two rows of two tiles. The tiles on the diagonal have two coordinates of one kind,
+        and the others a position with its frequency (or lag). "all": a triangle of all six pairs of
+        coordinates. Tiles in a column share the horizontal axis, and tiles in a row the vertical
+        axis. Slits have one tile.
+    floor_db : float, default -40
+        Lowest level of power spectra in dB relative to the peak.
+    title : str, optional
+        Title of the figure.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError for another layout, missing tiles, fewer than two samples on an axis, and a
-    ``figure`` of another type.
+    ArgumentError
+        For another layout, missing tiles, fewer than two samples on an axis, and a ``figure`` of
+        another type.
     """
     check_floor(floor_db)
     cells = _cells(dataset, layout)
@@ -86,7 +93,7 @@ def draw_projections(
     unit = length_unit(max(float(np.ptp(dataset[d].values)) for d in lengths))
     rows, columns = (max(cell[k] for cell in cells) + 1 for k in (0, 1))
     size = _INCHES * columns + 0.5, _INCHES * rows * 0.92 + 0.4
-    figure = style.figure_on(figure, *size, spacing=0.03)
+    figure = style.figure_on(figure, *size, title, spacing=0.03)
     panels = figure.subplots(rows, columns, squeeze=False, sharex="col", sharey="row")
     for position, axes in np.ndenumerate(panels):
         if position not in cells:
@@ -97,7 +104,6 @@ def draw_projections(
         axes.set_xlabel(style.axis_label(cells[position][1], unit))
         if position[1] == 0:
             axes.set_ylabel(style.axis_label(cells[position][2], unit))
-    style.write_title(figure, title)
     return figure
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, value_text
 from polywigner.figures import style
 from polywigner.figures.levels import arrays_of, check_floor, image_peak, level_db
-from polywigner.geometry.arguments import checked_array, checked_count, checked_path
-from polywigner.propagation.stores import in_place
+from polywigner.geometry.arguments import checked_array, checked_count
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,8 +26,6 @@ _MILLIWATT = 1e-3
 _MARGIN_DB = 5.0
 # Least degree of linear polarisation with a meaningful angle.
 _LEAST_LINEAR = 0.05
-# Maximum number of frames; each takes up to 2 MB of memory.
-_MOST_FRAMES = 2**10
 # Colour of marks.
 _MARK = "#4dd2ff"
 
@@ -44,25 +40,33 @@ def draw_scene(
     *,
     ax: Axes | None = None,
 ) -> Axes | Figure:
-    """Draw a rendered image in dB relative to ``reference``, with a colour bar.
+    """Draw a rendered image in dB relative to a reference radiance, with a colour bar.
 
     Parameters
     ----------
-    radiance : (height, width), signed, in ``unit``.
-    reference : the 0 dB radiance, normally :func:`polywigner.figures.image_peak`; None draws
-        an image at the floor.
-    floor_db : lowest level in dB. Lower and negative radiance is drawn at the floor.
-    unit : unit of ``radiance``, for the label.
-    title : title of the image.
-    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure.
+    radiance : array_like, shape (height, width)
+        Signed radiance.
+    reference : float or None
+        Radiance of 0 dB, normally :func:`polywigner.figures.image_peak`. With None the whole image
+        is at the floor.
+    floor_db : float
+        Lowest level in dB. Lower and negative radiance is drawn at the floor.
+    unit : str, default "W/(m² sr)"
+        Unit of the radiance, for the label.
+    title : str, optional
+        Title of the image.
+    ax : matplotlib.axes.Axes, default new axes
+        Axes to draw on, whose figure gets the colour bar.
 
     Returns
     -------
-    The axes, or the new figure.
+    matplotlib.axes.Axes or matplotlib.figure.Figure
+        The axes, or the new figure if ``ax`` is None.
 
     Raises
     ------
-    ArgumentError : for ``ax`` of another type.
+    ArgumentError
+        For ``ax`` of another type.
     """
     image = checked_array(radiance, "radiance", 2)
     height, width = image.shape
@@ -88,16 +92,20 @@ def draw_stokes(stokes: ArrayLike, title: str = "") -> Figure:
 
     Parameters
     ----------
-    stokes : (4, height, width), result of :func:`polywigner.mitsuba.stokes_of`.
-    title : title of the figure.
+    stokes : array_like, shape (4, height, width)
+        Result of :func:`polywigner.mitsuba.stokes_of`.
+    title : str, optional
+        Title of the figure.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError : for an array of another shape.
+    ArgumentError
+        For an array of another shape.
     """
     numbers, figure, panels = _stokes_panels(stokes, 2, title)
     peak = image_peak(numbers[0])
@@ -118,17 +126,22 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
 
     Parameters
     ----------
-    stokes : (4, height, width), result of :func:`polywigner.mitsuba.stokes_of`.
-    floor_db : lowest level of S0 in dB relative to its peak; pixels below are grey.
-    title : title of the figure.
+    stokes : array_like, shape (4, height, width)
+        Result of :func:`polywigner.mitsuba.stokes_of`.
+    floor_db : float, default -40
+        Lowest level of S0 in dB relative to its peak. Darker pixels are grey.
+    title : str, optional
+        Title of the figure.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError : for an array of another shape, or a floor that is not below 0 dB.
+    ArgumentError
+        For an array of another shape, or a floor that is not below 0 dB.
     """
     check_floor(floor_db)
     numbers, figure, panels = _stokes_panels(stokes, 1, title)
@@ -162,60 +175,11 @@ def _stokes_panels(
     height, width = numbers.shape[1:]
     scale = 4.0 / max(height, width)
     size = 2 * width * scale + 1.6, max(rows * (height * scale + 0.3), 2.6) + 0.4
-    figure = style.new_figure(*size, is_compressed=True)
+    figure = style.figure_on(None, *size, title, is_compressed=True)
     panels = figure.subplots(rows, 2).ravel()
     for axes in panels:
         axes.set(xticks=[], yticks=[])
-    style.write_title(figure, title)
     return numbers, figure, panels
-
-
-def write_range_animation(
-    frames: Any,
-    path: str | os.PathLike[str],
-    *,
-    floor_db: float = -40.0,
-    title: str = "",
-    milliseconds: int = 100,
-) -> None:
-    """Write an animated GIF of frames by range, in dB below the peak of all frames.
-
-    Parameters
-    ----------
-    frames : result of :func:`polywigner.mitsuba.range_frames`, up to 1024 frames.
-    path : path of the file, with the suffix .gif; an existing file is replaced.
-    floor_db : lowest level in dB.
-    title : title of each frame, in addition to its range.
-    milliseconds : duration of a frame, from 10 to 60,000 ms.
-
-    Raises
-    ------
-    ArgumentError : for other or too many frames, a floor that is not below 0 dB, a duration out of
-        range, or a path that cannot be written to.
-    """
-    from matplotlib.animation import PillowWriter
-
-    check_floor(floor_db)
-    names = {"range_edge": "", "radiance": ""}
-    edges, radiance = arrays_of(frames, names, "polywigner.mitsuba.range_frames")
-    if radiance.ndim != 3 or not 1 <= len(radiance) <= _MOST_FRAMES:
-        raise ArgumentError(
-            f"expected from 1 to {_MOST_FRAMES} frames, got {len(radiance)}; use fewer, wider bins"
-        )
-    checked_count(milliseconds, "milliseconds", 10, 60_000)
-    path = checked_path(path)
-    if path.suffix.lower() != ".gif":
-        raise ArgumentError(f"expected a path with the suffix .gif, got {path.name!r}")
-    peak = max(image_peak(frame) or 0.0 for frame in radiance) or None
-    figure: Any = draw_scene(radiance[0], peak, floor_db)
-    axes = figure.axes[0]
-    writer = PillowWriter(fps=1000 / milliseconds)  # type: ignore[arg-type]
-    with in_place(path) as scratch, writer.saving(figure, scratch, figure.dpi):
-        for frame, first, last in zip(radiance, edges[:-1], edges[1:], strict=True):
-            axes.images[0].set_data(level_db(frame, peak, floor_db))
-            text = f"range {_rounded(first)} to {_rounded(last)} m"
-            axes.set_title(f"{title}\n{text}" if title else text, fontsize=8)
-            writer.grab_frame()
 
 
 def _rounded(value: float) -> str:
@@ -238,21 +202,28 @@ def draw_range_profile(
 
     Parameters
     ----------
-    profile : result of :func:`polywigner.mitsuba.range_profile`.
-    receiver : index of the receiver.
-    floor_db : lowest level in dB relative to the largest bin, or 5 dB below the noise if that is
-        lower. Bins below the floor have no line.
-    title : title of the panel.
-    ax : matplotlib axes to draw on; None: a new figure.
+    profile : xarray.Dataset
+        Result of :func:`polywigner.mitsuba.range_profile`.
+    receiver : int, default 0
+        Index of the receiver.
+    floor_db : float, default -60
+        Lowest level in dB relative to the largest bin. The axis extends to 5 dB below the noise if
+        that is lower. Bins below the floor have no line.
+    title : str, optional
+        Title of the panel.
+    ax : matplotlib.axes.Axes, default new axes
+        Axes to draw on.
 
     Returns
     -------
-    The axes, or the new figure.
+    matplotlib.axes.Axes or matplotlib.figure.Figure
+        The axes, or the new figure if ``ax`` is None.
 
     Raises
     ------
-    ArgumentError : for another ``profile``, a receiver that does not exist, ``ax`` of another type,
-        or a floor that is not below 0 dB.
+    ArgumentError
+        For another ``profile``, a receiver that does not exist, ``ax`` of another type, or a floor
+        that is not below 0 dB.
     """
     check_floor(floor_db)
     if "receiver" in getattr(profile, "dims", ()):
@@ -305,10 +276,10 @@ def draw_range_profile(
 
 
 class DirectArrival(NamedTuple):
-    """Line-of-sight or specular path, a mark in the figure."""
+    """Line-of-sight or specular path, which :func:`draw_arrivals` marks."""
 
     direction_cosines: tuple[float, float]
-    """Direction cosines of the arrival."""
+    """Direction cosines s_x and s_y of the arrival."""
     power: float
     """Power in W."""
     name: str
@@ -332,21 +303,29 @@ def draw_arrivals(
 
     Parameters
     ----------
-    power : (n, m) power of each pixel in W, columns along s_x, rows along s_y, from -1 to 1.
-    direct : paths from single directions, which are marked with their power.
-    floor_db : lowest level in dB below the strongest pixel. Weaker and negative pixels get the
+    power : array_like, shape (rows, columns)
+        Power of each pixel in W. Columns are evenly spaced in s_x, and rows in s_y, from -1 to 1.
+    direct : sequence of DirectArrival, default none
+        Paths from single directions, which are marked with their power.
+    floor_db : float, default -40
+        Lowest level in dB relative to the strongest pixel. Weaker and negative pixels get the
         colour of the floor.
-    title : title of the panel.
-    names : labels and the direction cosines at which they are written, such as names of shapes.
-    ax : matplotlib axes to draw on, whose figure gets the colour bar, or None for a new figure.
+    title : str, optional
+        Title of the panel.
+    names : mapping of str to (float, float), optional
+        Labels, such as names of shapes, with the direction cosines at which they are written.
+    ax : matplotlib.axes.Axes, default new axes
+        Axes to draw on, whose figure gets the colour bar.
 
     Returns
     -------
-    The axes, or the new figure.
+    matplotlib.axes.Axes or matplotlib.figure.Figure
+        The axes, or the new figure if ``ax`` is None.
 
     Raises
     ------
-    ArgumentError : ``ax`` is not axes, or the floor is not below 0 dB.
+    ArgumentError
+        For ``ax`` of another type, or a floor that is not below 0 dB.
     """
     from matplotlib.patches import Circle
     from matplotlib.patheffects import withStroke
@@ -435,26 +414,32 @@ def draw_channel(
     title: str = "",
     figure: Figure | SubFigure | None = None,
 ) -> Figure:
-    """Draw channels over frequency and their impulse responses over delay, a row for each pair.
+    """Draw channels over frequency and their impulse responses over delay.
 
-    The impulse response is the mean of h exp(-2 pi i f t) over evenly spaced frequencies with a
-    Hann window, so a single path peaks at its level. Stems are the paths at the centre frequency.
+    Each pair of emitter and receiver has a row; the first six pairs are drawn. The impulse response
+    is the mean of h exp(-2 pi i f t) over evenly spaced frequencies with a Hann window, so a single
+    path peaks at its level. Stems are the paths at the centre frequency.
 
     Parameters
     ----------
-    channel : result of :func:`polywigner.mitsuba.channel`; the first 6 pairs are drawn.
-    floor_db : lowest level in dB relative to the peak of a panel.
-    title : title of the figure.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+    channel : xarray.Dataset
+        Result of :func:`polywigner.mitsuba.channel`.
+    floor_db : float, default -60
+        Lowest level in dB relative to the peak of a panel.
+    title : str, optional
+        Title of the figure.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError : for another ``channel``, a floor that is not below 0 dB, or a ``figure`` of
-        another type.
+    ArgumentError
+        For another ``channel``, a floor that is not below 0 dB, or a ``figure`` of another type.
     """
     check_floor(floor_db)
     ends = "receiver emitter"
@@ -469,7 +454,7 @@ def draw_channel(
     )
     pairs = list(np.ndindex(delay.shape[:2]))[:_MOST_PAIRS]
     scale, unit = next(pair for pair in _HERTZ if frequencies.max() >= pair[0] or pair[0] == 1.0)
-    drawn = style.figure_on(figure, 9.6, 0.5 + 2.7 * len(pairs), spacing=0.05)
+    drawn = style.figure_on(figure, 9.6, 0.5 + 2.7 * len(pairs), title, spacing=0.05)
     panels = drawn.subplots(len(pairs), 2, squeeze=False)
     line = "-" if len(frequencies) > 1 else "o"
     for (left, right), (k, j) in zip(panels, pairs, strict=True):
@@ -483,7 +468,6 @@ def draw_channel(
             top = float(_levels(np.abs(values).max(initial=0.0)))
             low = float(_levels(values).min()) - _MARGIN_DB if axes is left else -math.inf
             style.finish_lines(axes, ylim=(max(low, top + floor_db), top + _MARGIN_DB))
-    style.write_title(drawn, title)
     return drawn
 
 
@@ -495,7 +479,7 @@ def _levels(amplitudes: Any) -> Floats:
 def _draw_response(
     axes: Axes, frequencies: Floats, h: Any, amplitudes: Any, delays: Floats, names: list[str]
 ) -> None:
-    """Draw the impulse response of h over frequency, and the paths as stems."""
+    """Draw the impulse response of a channel h over frequency, and its paths as stems."""
     exists = np.isfinite(delays)
     steps = np.diff(frequencies)
     axes.set(xlabel="delay (ns)", ylabel="level (dB)")

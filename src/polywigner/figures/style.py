@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
     from matplotlib.colorbar import Colorbar
-    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
     from matplotlib.text import Annotation
 
@@ -26,11 +26,11 @@ LEVEL_MAP = "inferno"  # perceptually uniform, black at the floor
 SIGNED_MAP = "RdBu_r"  # diverging, white at zero
 PHASE_MAP = "twilight"  # cyclic: -180 and 180 degrees have one colour
 
-INK, TINT, ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"  # outlines, what surrounds them, marks
+INK, TINT, ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"  # outlines, regions around them, marks
 RED, BLUE, ORANGE, GREEN, VIOLET = "#d7301f", "#2166ac", "#e69f00", "#1b9e77", "#7b3294"  # lines
 
 TYPOGRAPHY: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
+    "font.family": "DejaVu Sans",  # part of matplotlib, so the same on every machine
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.labelsize": 9,
@@ -41,15 +41,15 @@ TYPOGRAPHY: dict[Any, Any] = {
     "ytick.major.width": 0.6,
 }
 
-Given = ParamSpec("Given")
-Drawn = TypeVar("Drawn")
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 
-def typeset(draw: Callable[Given, Drawn]) -> Callable[Given, Drawn]:
+def typeset(draw: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Return a function that draws with this typography and restores the caller's."""
 
     @wraps(draw)
-    def drawn(*values: Given.args, **options: Given.kwargs) -> Drawn:
+    def drawn(*values: Arguments.args, **options: Arguments.kwargs) -> Result:
         import matplotlib as mpl
 
         with mpl.rc_context(TYPOGRAPHY):
@@ -67,9 +67,9 @@ def draw_levels(
     high: float | None = 0.0, label: str | None = None,
     **how: Any,
 ) -> Map:  # fmt: skip
-    """Draw levels from ``low``, black, to ``high``, or to the largest level without ``high``.
+    """Draw levels from ``low``, black, to ``high``, or to the largest level if ``high`` is None.
 
-    ``label``: label of a colour bar next to the axes. Positions: see :func:`draw_map`.
+    With a ``label`` the axes get a colour bar. See :func:`draw_map` for the positions.
     """
     shown = draw_map(axes, levels, across, up, cmap=LEVEL_MAP, vmin=low, vmax=high, **how)
     if label is not None:
@@ -83,8 +83,8 @@ def draw_signed(
 ) -> Map:  # fmt: skip
     """Draw signed values on a symmetric colour scale up to ``bound``.
 
-    Without a bound, values range from -1 to 1 on a logarithmic scale. ``label``: label of a
-    :func:`signed_bar` next to the axes. Positions: see :func:`draw_map`.
+    Without a bound, values range from -1 to 1 on a logarithmic scale. With a ``label`` the axes get
+    a :func:`signed_bar`. See :func:`draw_map` for the positions.
     """
     if bound is None:
         from matplotlib.colors import SymLogNorm
@@ -99,9 +99,10 @@ def draw_signed(
 
 
 def draw_map(axes: Axes, values: Any, across: Any, up: Any, **how: Any) -> Map:
-    """Draw values (m, n) at positions ``across`` (n,) and ``up`` (m,); None: pixels from the top.
+    """Draw values (rows, columns) as an image, or as a mesh if ``how`` specifies its shading.
 
-    Positions are evenly spaced, unless ``how`` specifies the shading of a mesh.
+    Columns lie at the positions ``across``, rows at the positions ``up``. Positions are evenly
+    spaced, except those of a mesh. Without positions the rows are drawn from the top.
     """
     if "shading" in how:
         return axes.pcolormesh(across, up, values, rasterized=True, **how)
@@ -135,8 +136,8 @@ def new_figure(
 ) -> Figure:
     """Return an empty figure of a size in inches, which pyplot does not manage.
 
-    ``spacing``: distance of panels as a fraction of their size; ``is_compressed``: panels with a
-    fixed aspect ratio are adjacent.
+    The spacing of panels is a fraction of their size. In a compressed layout, panels with a fixed
+    aspect ratio are adjacent.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -151,18 +152,25 @@ def new_figure(
 
 
 def figure_on(
-    figure: Any, width: float, height: float, *, spacing: float = 0.02, is_compressed: bool = False
+    figure: Any,
+    width: float,
+    height: float,
+    title: str,
+    *,
+    spacing: float = 0.02,
+    is_compressed: bool = False,
 ) -> Figure:
-    """Return the figure or subfigure of a caller, or a :func:`new_figure` for None.
+    """Return the figure or subfigure of a caller with a title, or a :func:`new_figure` for None.
 
     An empty figure without a layout engine gets the constrained layout, which prevents colour bars
     from overlapping. The static type of a subfigure is Figure too, so that results for None have
-    the method ``savefig``. Raises ArgumentError for other types.
+    the method ``savefig``. An empty title leaves the caller's title. Raises ArgumentError for other
+    types.
     """
-    if figure is None:
-        return new_figure(width, height, spacing, is_compressed=is_compressed)
     from matplotlib.figure import Figure, FigureBase
 
+    if figure is None:
+        figure = new_figure(width, height, spacing, is_compressed=is_compressed)
     if not isinstance(figure, FigureBase):  # Figure and SubFigure
         raise ArgumentError(
             "expected figure as a matplotlib Figure or SubFigure, got "
@@ -170,7 +178,9 @@ def figure_on(
         )
     if isinstance(figure, Figure) and figure.get_layout_engine() is None and not figure.axes:
         figure.set_layout_engine("constrained")
-    result: Figure = figure
+    if title or not figure.get_suptitle():
+        figure.suptitle(title)
+    result: Any = figure
     return result
 
 
@@ -205,12 +215,6 @@ def degrees_text(angle: float) -> str:
     return f"{number_text(round(float(np.degrees(angle)), 2))}°"
 
 
-def write_title(figure: Figure | SubFigure, title: str) -> None:
-    """Set the title of a figure; an empty title leaves the caller's title."""
-    if title or not figure.get_suptitle():
-        figure.suptitle(title)
-
-
 def colour_bar(panels: Any, mappable: Any, label: str, extend: str = "neither") -> Colorbar:
     """Draw a labelled colour bar next to axes, or at the right of a row of panels."""
     row = [panels] if hasattr(panels, "figure") else list(panels)
@@ -243,7 +247,7 @@ def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
 
 
 def draw_cut(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> None:
-    """Draw lines (k, n, 2) or (k, n, 3) in two colours, visible on any background.
+    """Draw lines of points (line, point, 2 or 3) in two colours, visible on any background.
 
     The limits of the axes do not change.
     """
@@ -263,10 +267,9 @@ def draw_disc(
     axes: Axes, theta: Any, phi: Any, levels: Any, low: float, high: float,
     label: str | None = None, names: str = "",
 ) -> Map:  # fmt: skip
-    """Draw levels (n, m) over theta and phi in the plane of the direction cosines.
+    """Draw levels (theta, phi) in the plane of the direction cosines, named by two letters.
 
-    If phi ends one step before the full circle, the first meridian is repeated. ``names``: letters
-    of both direction cosines.
+    If phi ends one step before the full circle, the first meridian is repeated.
     """
     step = phi[1] - phi[0] if len(phi) > 1 else 0.0
     if abs(phi[-1] + step - phi[0] - 2 * np.pi) <= 1e-6 * max(step, 1e-6):
@@ -285,10 +288,7 @@ def draw_disc(
 
 
 def draw_circles(axes: Axes, *, above: bool) -> None:
-    """Draw circles at 30, 60 and 90 degrees from the axis over direction cosines.
-
-    ``above``: labels are above the centre, otherwise below.
-    """
+    """Draw circles at 30, 60 and 90 degrees, with labels above or below the centre."""
     from matplotlib.patches import Circle
 
     for degrees in (30, 60):

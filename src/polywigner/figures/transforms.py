@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import cycle, product
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,12 +34,6 @@ LARGEST_SAMPLES = 4096
 
 # Half width of the frequency axes without a wavelength, in 1/diameter: five lobes of a square.
 _LOBES = 8.0
-# Half width of the frequency axis before a system, in lobes 1/width of the source.
-_SYSTEM_LOBES = 4.0
-# Fraction of the peak irradiance at the edge of a spot, and coarse samples along each axis.
-_SPOT, _COARSE = 0.01, 65
-# Least ratio of the sides of a line focus.
-_LINE = 4.0
 _DASHES = ("-", "--", "-.", ":")
 # Largest difference of curves that are drawn as one line.
 _ALIKE = 2e-3
@@ -49,11 +43,10 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class TransformSlices:
-    """Values of the transforms of a source; lengths in metres.
+    """Values of the transforms of a source over two frequencies.
 
-    ``fourier`` (n, n) complex, ``wigner`` (n, n) real and ``ambiguity`` (n, n) complex are in m^2.
     The second frequency component varies along the first axis: ``fourier[j, i]`` is the value at
-    (frequency[i], frequency[j]). ``frequency`` (n,) in 1/m is the axis of nu and of upsilon.
+    (frequency[i], frequency[j]).
     """
 
     source: pw.Aperture | pw.Array | pw.Wavefront
@@ -62,12 +55,19 @@ class TransformSlices:
     support: pw.Aperture
     """Region outside which W is zero: the automean, or a region around it."""
     x: Point
+    """Position of ``wigner`` in m."""
     xi: Point
+    """Lag of ``ambiguity`` in m."""
     wavelength: float | None
+    """Wavelength in m; None if unknown."""
     frequency: NDArray[np.float64]
+    """Both components of nu and of upsilon (n,) in 1/m."""
     fourier: NDArray[np.complex128]
+    """F (n, n) in m^2."""
     wigner: NDArray[np.float64]
+    """W (n, n) in m^2."""
     ambiguity: NDArray[np.complex128]
+    """A (n, n) in m^2."""
 
 
 def transform_slices(
@@ -82,25 +82,34 @@ def transform_slices(
 
     Parameters
     ----------
-    source : Aperture, or Array of apertures in the plane z = 0; or one with a curved wave.
-    x : (2,) position in m inside the automean; None: the centre of the bounds if it is inside,
-        otherwise a point inside.
-    xi : (2,) lag in m at which the aperture overlaps itself; None: the first of 1/4 of the width,
-        1/4 of the height, 1/16 of the width and 1/16 of the height that leaves a quarter of the
-        area.
-    wavelength : in m, for axes up to |nu| = 1/wavelength; None: up to 8/diameter.
-    samples : number of samples along each axis, from 2 to 4096; odd numbers include nu = 0.
-    zoomed : whether axes end at 8/diameter with a wavelength too.
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0.
+    x : array_like, shape (2,), optional
+        Position in m inside the automean. The default is the centre of the bounds if it is inside,
+        otherwise another point inside.
+    xi : array_like, shape (2,), optional
+        Lag in m at which the aperture overlaps itself. The default is the first of 1/4 of the
+        width, 1/4 of the height, 1/16 of the width and 1/16 of the height that leaves a quarter of
+        the area.
+    wavelength : float, optional
+        Wavelength in m. The axes extend to |nu| = 1/wavelength, without a wavelength to 8/diameter.
+    samples : int, default 257
+        Number of samples along each axis, from 2 to 4096. Odd numbers include nu = 0.
+    zoomed : bool, default False
+        Whether axes extend to 8/diameter with a wavelength too.
 
     Returns
     -------
     TransformSlices
+        Values, and the axes on which they lie.
 
     Raises
     ------
-    ArgumentError for another source, for an x or xi at which W or A is zero at all frequencies, and
-    for too few or too many samples; GeometryError for an Array whose elements do not lie in the
-    plane z = 0.
+    ArgumentError
+        For another source, for an x or xi at which W or A is zero at all frequencies, and for too
+        few or too many samples.
+    GeometryError
+        For an Array whose elements do not lie in the plane z = 0.
     """
     checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     aperture, support = outline_of(source), mutual_support(flat_source(source))
@@ -147,8 +156,15 @@ def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
 
     Parameters
     ----------
-    aperture : outline of the source.
-    wavelength : as in :func:`transform_slices`.
+    aperture : Aperture
+        Outline of the source.
+    wavelength : float, optional
+        Wavelength in m, as of :func:`transform_slices`.
+
+    Returns
+    -------
+    int
+        Number of samples.
     """
     aperture = outline_of(aperture)
     sampling = pw.suggest_sampling(aperture, reach=_half_width(aperture, wavelength))
@@ -165,7 +181,7 @@ def _point(value: ArrayLike) -> Point:
 
 
 def _default_position(support: pw.Aperture, centre: NDArray[np.float64]) -> Point:
-    """Return the centre if it is inside, otherwise a point that is not near the boundary."""
+    """Return the centre if it is inside, otherwise a point inside."""
     import shapely
 
     point, region = shapely.Point(centre), support.polygons
@@ -183,146 +199,48 @@ def _default_lag(aperture: pw.Aperture) -> Point:
     return 0.0, 0.0
 
 
-@dataclass(frozen=True)
-class SystemSlices:
-    """W before and behind an optical system, and the irradiance behind it, in SI units.
-
-    ``before`` (n, n) is W in m^2 at ((x[i], y), (nu[j], 0)), and ``behind`` (n, n) is W at
-    ((x_out[i], y_out), (nu_out[j], nu_y)), where (y_out, nu_y) is the ray from the centre of the
-    source. ``light`` (n, n) is |U|^2 at (across[i], up[j]) behind the system.
-    """
-
-    source: pw.Aperture | pw.Array
-    aperture: pw.Aperture
-    system: pw.FirstOrder
-    wavelength: float
-    x: NDArray[np.float64]
-    nu: NDArray[np.float64]
-    before: NDArray[np.float64]
-    x_out: NDArray[np.float64]
-    nu_out: NDArray[np.float64]
-    behind: NDArray[np.float64]
-    across: NDArray[np.float64]
-    up: NDArray[np.float64]
-    light: NDArray[np.float64]
-
-
-def system_slices(
-    source: pw.Aperture | pw.Array, system: pw.FirstOrder, wavelength: float, samples: int = 257
-) -> SystemSlices:
-    """Compute W over x and nu_x before and behind an optical system, and the irradiance behind it.
-
-    Parameters
-    ----------
-    source : Aperture, or Array of apertures in the plane z = 0.
-    system : optical system between the source and the plane behind.
-    wavelength : in m.
-    samples : number of samples along each axis, from 2 to 4096.
-
-    Returns
-    -------
-    SystemSlices
-
-    Raises
-    ------
-    ArgumentError for arguments of the wrong type or range.
-    """
-    checked_count(samples, "samples", 2, LARGEST_SAMPLES)
-    wavelength = checked_wavelength(wavelength)
-    if not isinstance(system, pw.FirstOrder):
-        raise ArgumentError(f"expected a FirstOrder system, got {type(system).__name__}")
-    aperture, support = outline_of(source), mutual_support(flat_source(source))
-    centre = np.array(_default_position(support, aperture.centre))
-    xmin, ymin, xmax, ymax = support.bounds
-    width = np.array([xmax - xmin, ymax - ymin])
-    sides = np.array([xmin, xmax]) + np.array([-0.1, 0.1]) * width[0]
-    x = _axis(sides, samples)
-    nu = np.linspace(-_SYSTEM_LOBES / width[0], _SYSTEM_LOBES / width[0], samples)
-    grid = np.meshgrid(x, nu)
-    before = pw.wigner(source, _pairs(grid[0], centre[1]), _pairs(grid[1], 0.0))
-    # rays at the corners of this section
-    ends = np.array(list(product(sides, nu[[0, -1]])))
-    corners = system.rays(_pairs(ends[:, 0], centre[1]), wavelength * _pairs(ends[:, 1], 0.0))
-    y_out, s_out = system.rays(centre, np.zeros(2))
-    x_out = _axis(corners[0][:, 0], samples)
-    nu_out = _axis(corners[1][:, 0] / wavelength, samples)
-    grid = np.meshgrid(x_out, nu_out)
-    rays = _pairs(grid[0], y_out[1]), _pairs(grid[1], s_out[1] / wavelength)
-    behind = pw.wigner(source, *rays, through=system, wavelength=wavelength)
-    slope = wavelength * _SYSTEM_LOBES / width
-    starts = np.array(list(product(sides, (ymin, ymax), (-1, 1), (-1, 1))))
-    bright = system.rays(starts[:, :2], starts[:, 2:] * slope)[0]
-
-    def light_at(x: Any, y: Any, tolerance: float) -> NDArray[np.float64]:
-        points = np.stack(np.meshgrid(x, y), axis=-1)
-        return pw.irradiance(source, points, wavelength, through=system, tolerance=tolerance)
-
-    # the bright part of coarse samples
-    coarse = _axis(bright[:, 0], _COARSE), _axis(bright[:, 1], _COARSE)
-    light = light_at(*coarse, 0.1 * _SPOT)
-    rows, columns = np.nonzero(light >= _SPOT * light.max())
-    across, up = (
-        _axis(axis[max(at.min() - 2, 0) : at.max() + 3], samples)
-        for axis, at in zip(coarse, (columns, rows), strict=True)
-    )
-    light = light_at(across, up, 1e-6)
-    return SystemSlices(
-        source, aperture, system, wavelength, x, nu, before, x_out, nu_out, behind, across, up,
-        light,
-    )  # fmt: skip
-
-
-def _pairs(first: Any, second: float) -> NDArray[np.float64]:
-    return np.stack([first, np.full_like(first, second)], axis=-1)
-
-
-def _axis(values: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
-    return np.linspace(values.min(), values.max(), samples)
-
-
 @style.typeset
 def draw_transforms(
-    slices: TransformSlices | SystemSlices,
+    slices: TransformSlices,
     floor_db: float,
     title: str = "",
     *,
     figure: Figure | SubFigure | None = None,
 ) -> Figure:
-    """Draw the transforms of a source, or W and the irradiance behind an optical system.
+    """Draw the transforms of a source.
 
-    The six panels of a source are the aperture with its automean, |F|^2, Re F, the lag slice, W and
-    Re A. The four panels of a system are the aperture, W over position and direction before and
-    behind the system, and the irradiance behind it.
+    The six panels are the aperture with its automean, |F|^2, Re F, the lag slice, W and Re A.
 
     Parameters
     ----------
-    slices : result of :func:`polywigner.figures.transform_slices` or
-        :func:`polywigner.figures.system_slices`.
-    floor_db : lowest level in dB of |F|^2, relative to |F(0)|^2 for a uniform aperture; of other
-        sources, and of the irradiance behind a system, relative to the largest value.
-    title : title of the figure, in addition to the wavelength.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+    slices : TransformSlices
+        Result of :func:`polywigner.figures.transform_slices`.
+    floor_db : float
+        Lowest level of |F|^2 in dB, relative to |F(0)|^2 for a uniform aperture, and to the largest
+        value for other sources.
+    title : str, optional
+        Title of the figure, in addition to the wavelength.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError for a floor that is not below 0 dB, and for a ``figure`` of another type.
+    ArgumentError
+        If the floor is not below 0 dB, or for a ``figure`` of another type.
     """
     check_floor(floor_db)
-    if not isinstance(slices, (SystemSlices, TransformSlices)):
-        raise ArgumentError(
-            f"expected a result of transform_slices or system_slices, got {type(slices).__name__}"
-        )
-    if isinstance(slices, SystemSlices):
-        figure = style.figure_on(figure, 9.4, 7.2, spacing=0.04)
-        _draw_system_panels(figure.subplots(2, 2), slices, floor_db)
-        style.write_title(figure, _heading(title, slices.wavelength, ""))
-        return figure
+    if not isinstance(slices, TransformSlices):
+        raise ArgumentError(f"expected a result of transform_slices, got {type(slices).__name__}")
     unit = length_unit(slices.aperture.diameter)
-    figure = style.figure_on(figure, 11.6, 6.9, spacing=0.04)
+    is_cropped = slices.frequency[-1] * (slices.wavelength or 0.0) < 0.5
+    note = "" if is_cropped else ", dotted circle: |ν| = 1/λ"
+    heading = _heading(title, slices.wavelength, note)
+    figure = style.figure_on(figure, 11.6, 6.9, heading, spacing=0.04)
     panels = figure.subplots(2, 3).ravel()
     _draw_supports(panels[0], slices, unit)
     _draw_power(panels[1], slices, unit, floor_db)
@@ -331,50 +249,7 @@ def draw_transforms(
     _draw_real(panels[4], slices, slices.wigner, unit, "W(x, ν)", "nu")
     _draw_real(panels[5], slices, slices.ambiguity.real, unit, "Re A(υ, ξ)", "upsilon")
     style.letter_panels(panels)
-    zoomed = slices.frequency[-1] * (slices.wavelength or 0.0) < 0.5
-    note = "" if zoomed else ", dotted circle: |ν| = 1/λ"
-    style.write_title(figure, _heading(title, slices.wavelength, note))
     return figure
-
-
-def _draw_system_panels(axes: Any, slices: SystemSlices, floor_db: float) -> None:
-    """Draw the aperture, W before, and the irradiance and W behind a system on (2, 2) axes."""
-    unit = length_unit(slices.aperture.diameter)
-    aperture, before, light, behind = axes.ravel()
-    style.draw_polygons(
-        aperture, slices.aperture.polygons, unit, facecolor=style.INK, edgecolor="none"
-    )
-    aperture.set_title("aperture")
-    style.length_axes(aperture, "x", unit)
-    _draw_section(before, slices, slices.x, slices.nu, slices.before, "W(x, ν) before")
-    widths = [float(np.ptp(points)) for points in (slices.across, slices.up)]
-    # a line focus requires different scales of both axes
-    is_line = max(widths) > _LINE * min(widths)
-    units = [length_unit(width if is_line else max(widths)) for width in widths]
-    peak = float(slices.light.max())
-    points = slices.across / units[0].metres, slices.up / units[1].metres
-    style.draw_levels(
-        light, level_db(slices.light, peak, floor_db), *points, low=floor_db, interpolation=None,
-        label=f"dB relative to {peak:.3g}, {style.floor_text(floor_db)}",
-        aspect="auto" if is_line else "equal",
-    )  # fmt: skip
-    x, y = (style.axis_label(name, unit) for name, unit in zip("xy", units, strict=True))
-    light.set(title="|U|² behind", xlabel=x, ylabel=y)
-    _draw_section(behind, slices, slices.x_out, slices.nu_out, slices.behind, "W(x, ν) behind")
-    style.letter_panels(axes.ravel())
-
-
-def _draw_section(
-    axes: Axes, slices: SystemSlices, x: Any, nu: Any, values: Any, title: str
-) -> None:
-    """Draw W over x and the direction lambda nu, relative to the peak before the system."""
-    unit = length_unit(float(np.ptp(x)))
-    peak = float(np.abs(slices.before).max())
-    directions = nu * slices.wavelength * 1e3
-    style.draw_signed(
-        axes, values / peak, x / unit.metres, directions, label="W / peak before", aspect="auto"
-    )
-    axes.set(title=title, xlabel=f"$x$ ({unit.name})", ylabel=r"$\lambda\nu_x$ (mrad)")
 
 
 def _draw_supports(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:
@@ -481,26 +356,31 @@ def draw_psf(
 
     Parameters
     ----------
-    dataset : xarray.Dataset with ``psf`` (defocus, y, x) in 1/m^2, x and y in m.
-    floor_db : lowest level in dB relative to the largest value of all panels.
-    title : title of the figure.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+    dataset : xarray.Dataset
+        Variable ``psf`` (defocus, y, x) in 1/m^2, with x and y in m.
+    floor_db : float, default -40
+        Lowest level in dB relative to the largest value of all panels.
+    title : str, optional
+        Title of the figure.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError for another dataset, a floor that is not below 0 dB, and a ``figure`` of another
-    type.
+    ArgumentError
+        For another dataset, a floor that is not below 0 dB, and a ``figure`` of another type.
     """
     check_floor(floor_db)
     spots = _checked_lens(dataset, "psf", ("defocus", "y", "x"))
     unit = length_unit(float(np.ptp(dataset["x"].values)))
     peak = float(spots.max())
     count = spots.sizes["defocus"]
-    figure = style.figure_on(figure, 2.4 + 2.6 * count, 3.5)
+    figure = style.figure_on(figure, 2.4 + 2.6 * count, 3.5, title)
     panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
     across, up = (dataset[name].values / unit.metres for name in ("x", "y"))
     for axes, spot in zip(panels, spots, strict=True):
@@ -511,7 +391,6 @@ def draw_psf(
         axes.set_adjustable("box")
         axes.label_outer()
     style.colour_bar(panels, shown, f"dB relative to {peak:.3g} /m², {style.floor_text(floor_db)}")
-    style.write_title(figure, title)
     return figure
 
 
@@ -521,20 +400,25 @@ def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None
 
     Parameters
     ----------
-    dataset : xarray.Dataset with ``mtf`` (defocus, direction, frequency), frequency in cycles/mm.
-    title : title of the figure.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+    dataset : xarray.Dataset
+        Variable ``mtf`` (defocus, direction, frequency), with the frequency in cycles/mm.
+    title : str, optional
+        Title of the figure.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
 
     Returns
     -------
-    The figure.
+    matplotlib.figure.Figure
+        The figure.
 
     Raises
     ------
-    ArgumentError for another dataset, and a ``figure`` of another type.
+    ArgumentError
+        For another dataset, and a ``figure`` of another type.
     """
     curves = _checked_lens(dataset, "mtf", ("defocus", "direction", "frequency"))
-    figure = style.figure_on(figure, 6.4, 3.8)
+    figure = style.figure_on(figure, 6.4, 3.8, title)
     axes = figure.subplots()
     frequency = dataset["frequency"].values
     for part, dashes in zip(curves, cycle(_DASHES), strict=False):
@@ -548,7 +432,6 @@ def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None
         axes, legend=9, xlim=(0.0, frequency.max()), ylim=(0.0, 1.05),
         xlabel="frequency (cycles/mm)", ylabel="modulation transfer function",
     )  # fmt: skip
-    style.write_title(figure, title)
     return figure
 
 

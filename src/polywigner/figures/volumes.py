@@ -76,29 +76,40 @@ def draw_volume(
     Parameters
     ----------
     dataset : xarray.Dataset
-        Such as a result of :func:`polywigner.volume`: ``dataset[name]`` over x, y and z (in any
-        order) in metres, each with at least two evenly spaced samples. Axes with more than 128
+        Result of :func:`polywigner.volume`, or another dataset with a variable over x, y and z (in
+        any order) in metres, each with at least two evenly spaced samples. Axes with more than 128
         samples are decimated.
-    source : source whose outline is drawn in the plane z = 0; None: the source in the dataset.
-    obstacles : bodies and plates, as for :func:`polywigner.volume`, whose outlines are drawn.
-    name : variable to draw, a power density; None: the only variable.
-    surfaces : levels of the isosurfaces in dB, from the floor to below 0; None: four levels, evenly
+    source : Aperture or Array, optional
+        Source whose outline is drawn in the plane z = 0, by default the source in the dataset.
+    obstacles : sequence of bodies and plates, default none
+        Obstacles as of :func:`polywigner.volume`, whose outlines are drawn.
+    name : str, optional
+        Variable to draw, a power density. A dataset with one variable needs no name.
+    surfaces : tuple of float, default four levels
+        Levels of the isosurfaces in dB, from the floor to below 0. The default levels are evenly
         spaced.
-    floor_db : lowest level of the walls in dB. Lower levels are drawn at the floor.
-    reference : value of 0 dB, in the unit of the quantity; None: the largest value in the box.
-    projection : "maximum" or "mean" of the quantity along the normals of the walls.
-    title : title of the figure.
-    ax : matplotlib axes with ``projection="3d"`` to draw on, whose figure gets the colour bar;
-        None: a new figure.
+    floor_db : float, default -40
+        Lowest level of the walls in dB. Lower levels are drawn at the floor.
+    reference : float, default the largest value in the box
+        Value of 0 dB, in the unit of the variable.
+    projection : {"maximum", "mean"}
+        Projection of the quantity along the normals of the walls.
+    title : str, optional
+        Title of the figure.
+    ax : mpl_toolkits.mplot3d.Axes3D, default new axes
+        Axes to draw on, whose figure gets the colour bar.
 
     Returns
     -------
-    The axes, or the new figure if ``ax`` is None.
+    Axes3D or matplotlib.figure.Figure
+        The axes, or the new figure if ``ax`` is None.
 
     Raises
     ------
-    ArgumentError : for another dataset, wrong levels, or axes that are not 3D.
-    MissingExtraError : if scikit-image is not installed.
+    ArgumentError
+        For another dataset, wrong levels, or axes that are not 3D.
+    MissingExtraError
+        If scikit-image is not installed.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -161,9 +172,9 @@ def draw_volume(
 def check_volume_options(
     surfaces: tuple[float, ...] | None, floor_db: float, projection: str
 ) -> tuple[float, ...]:
-    """Return the levels of the isosurfaces, dB, from the lowest to the highest.
+    """Return the ascending levels of the isosurfaces in dB.
 
-    Raises ArgumentError for wrong options, MissingExtraError without scikit-image.
+    Raises ArgumentError for wrong options, and MissingExtraError without scikit-image.
     """
     require("skimage", "volume", "finds isosurfaces")
     check_floor(floor_db)
@@ -260,7 +271,7 @@ def _draw_wall(
     axes: Any, volume: _Volume, axis: int, wall: Floats, floor_db: float,
     contours: tuple[float, ...], colours: Floats,
 ) -> None:  # fmt: skip
-    """Draw levels (m, n) on the back wall normal to an axis, with contours."""
+    """Draw projected levels on the back wall normal to an axis, with contours."""
     lower, upper = volume.lower, volume.upper
     position = (lower if _towards()[axis] > 0 else upper)[axis]
     shape = volume.values.shape
@@ -280,8 +291,8 @@ def _draw_surface(
 ) -> None:  # fmt: skip
     """Draw the isosurface of a level, closed at the faces of the box.
 
-    An opaque surface is drawn, and its image is made translucent: its back and the edges of its
-    triangles are then invisible.
+    The surface is drawn opaque, and then its image is made translucent. This hides the back of the
+    surface and the edges of its triangles.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
     from skimage.measure import marching_cubes

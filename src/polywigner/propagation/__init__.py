@@ -23,8 +23,9 @@ module               what is in it
 ``array_patterns``   arrays with errors, and radars of two arrays
 ``element_patterns`` far fields known at angles: between these, and as those of apertures
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
-``datasets``         lines, planes, hemispheres, volumes, tables of W and A: lazy, or stored
-``stores``           datasets on disk: zarr stores written by chunks, NetCDF and VTK files
+``datasets``         lines, planes, hemispheres, volumes: in memory, lazy, or stored
+``phase_space_tables`` W and A over a grid of their four coordinates
+``stores``           datasets on disk: zarr stores written by chunks, NetCDF files
 ``suggestions``      how many samples a grid needs
 ===================  ==========================================================================
 """
@@ -36,22 +37,16 @@ from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.array_patterns import array_tolerance, two_way_pattern
 from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
 from polywigner.propagation.collins import psf
-from polywigner.propagation.datasets import (
-    ambiguity_table,
-    hemisphere,
-    line,
-    plane,
-    volume,
-    wigner_table,
-)
+from polywigner.propagation.datasets import hemisphere, line, plane, volume
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
 from polywigner.propagation.far_fields import radiated_power
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import read_pattern, write_pattern
 from polywigner.propagation.patterns import beam_cuts, radiation_pattern
+from polywigner.propagation.phase_space_tables import ambiguity_table, wigner_table
 from polywigner.propagation.point_grids import METHODS
 from polywigner.propagation.screens import PlaneWave, PointSource, Screen
-from polywigner.propagation.stores import write_netcdf, write_vti
+from polywigner.propagation.stores import write_netcdf
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling
 from polywigner.propagation.vector_fields import field
 
@@ -87,5 +82,4 @@ __all__ = [
     "wigner_table",
     "write_netcdf",
     "write_pattern",
-    "write_vti",
 ]

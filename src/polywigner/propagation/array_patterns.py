@@ -61,39 +61,58 @@ def array_tolerance(
 ) -> xarray.Dataset:
     """Compute mean and quantiles of the pattern of an array with random errors of its elements.
 
-    Each sample has weights w_k f_k with independent factors
-    f_k = d_k 10^(a_k/20) exp(i p_k - i k s.x_k). a_k, p_k and x_k are normally distributed; d_k is
-    0 for dead elements and 1 otherwise. With m = <f_k> and v = <|f_k|^2> - |m|^2 the mean is (RP4)
+    The weight w_k of element k is multiplied by an independent random factor
+    f_k = d_k 10^(a_k/20) exp(i p_k - i k s.x_k). The errors a_k, p_k and x_k are normally
+    distributed; d_k is 0 for dead elements and 1 otherwise. With m = <f_k>, v = <|f_k|^2> - |m|^2
+    and the far fields E_k of the elements, the mean is (RP4)
 
         <|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2
 
-    J. Ruze, Nuovo Cimento 9, Suppl. (1952) 364-380; E_k is the far field of element k.
-
     Parameters
     ----------
-    array : Array of apertures in the plane z = 0, with any fields.
-    wavelength : in m.
-    theta, phi : (n,) and (m,) angles in rad, as of :func:`radiation_pattern`.
-    amplitude : rms error of the amplitudes in dB.
-    phase : rms error of the phases in rad.
-    dead : probability from 0 to below 1 that an element does not radiate.
-    position : rms error of the positions in m, along each of x, y and z.
-    count : number of samples, 2 or more.
-    seed : seed of NumPy's default generator, or a generator.
-    obliquity : as of :func:`radiation_pattern`.
+    array : Array
+        Array of apertures in the plane z = 0, with any fields.
+    wavelength : float
+        Wavelength in m.
+    theta, phi : array_like, shapes (n,) and (m,)
+        Angles in rad, as of :func:`radiation_pattern`.
+    amplitude : float, default 0
+        Rms error of the amplitudes in dB.
+    phase : float, default 0
+        Rms error of the phases in rad.
+    dead : float, default 0
+        Probability, below 1, that an element does not radiate.
+    position : float, default 0
+        Rms error of the positions in m, along each of x, y and z.
+    count : int, default 200
+        Number of samples, 2 or more.
+    seed : int or numpy.random.Generator, default 0
+        Seed of NumPy's default generator, or a generator.
+    obliquity : str, optional
+        As of :func:`radiation_pattern`.
 
     Returns
     -------
-    xarray.Dataset over theta and phi of 4 pi |E|^2/P in dBi, at least -300 dBi, where P is the
-    radiated power without errors: ``nominal`` without errors, ``expected``, the mean in closed
-    form, and ``mean``, ``low`` and ``high`` of the samples, their mean, 5 % and 95 % quantiles.
-    Attributes: the errors, count, and ``peak_loss`` in dB, the difference of nominal and expected
-    level at the nominal peak. The time is proportional to angles x elements x count.
+    xarray.Dataset
+        Levels 4 pi |E|^2/P in dBi over theta and phi, at least -300 dBi, where P is the radiated
+        power without errors: ``nominal`` without errors, ``expected``, the mean in closed form, and
+        ``mean``, ``low`` and ``high``, the mean, 5 % and 95 % quantiles of the samples. Attributes
+        are the errors, the count, and ``peak_loss``, the nominal minus the expected level at the
+        nominal peak in dB.
 
     Raises
     ------
-    ArgumentError if ``array`` is not an Array, for errors out of range, and if all errors are zero;
-    otherwise as :func:`radiation_pattern`.
+    ArgumentError
+        If ``array`` is not an Array, for errors out of range, and if all errors are zero; otherwise
+        as :func:`radiation_pattern`.
+
+    Notes
+    -----
+    The time is proportional to angles x elements x count.
+
+    References
+    ----------
+    J. Ruze, Nuovo Cimento 9, Suppl. (1952) 364-380.
 
     >>> import polywigner as pw
     >>> positions = pw.arrays.grid_positions(8, 8, 2e-3)
@@ -180,7 +199,7 @@ def _statistics(
     factors: Complexes,
     shifts: Reals | None,
 ) -> dict[str, Reals]:
-    """Return nominal, expected, mean, low and high |E|^2 (n,) in directions (n, 3)."""
+    """Return nominal, expected, mean, low and high values of |E|^2 in directions (n, 3)."""
     square, variance = _moments(errors, wavelength)
     weighted = source.weights[:, None] * factors
     size = len(source) * (1 if shifts is None else factors.shape[1]) + factors.shape[1]
@@ -208,7 +227,7 @@ def _statistics(
 def _element_fields(
     source: Array, directions: Reals, wavelength: float, obliquity: str
 ) -> Complexes:
-    """Return the far fields (m, n) of n elements with weight 1 in directions (m, 3)."""
+    """Return the far fields (direction, element) of elements with weight 1."""
     if source.repeated is not None:
         element, positions = source.repeated
         cycles = directions[:, :2] @ positions.T / wavelength
@@ -236,20 +255,26 @@ def two_way_pattern(
 
     Parameters
     ----------
-    transmitter, receiver : Aperture, or Array of apertures in the plane z = 0, with any fields. The
-        weights of the receiver are those of the same antenna in transmission.
-    wavelength : in m.
-    theta, phi : (n,) and (m,) angles in rad, as of :func:`radiation_pattern`.
-    obliquity : as of :func:`radiation_pattern`.
+    transmitter, receiver : Aperture or Array
+        Antennas in the plane z = 0, with any fields. The weights of the receiver are those of the
+        same antenna in transmission.
+    wavelength : float
+        Wavelength in m.
+    theta, phi : array_like, shapes (n,) and (m,)
+        Angles in rad, as of :func:`radiation_pattern`.
+    obliquity : str, optional
+        As of :func:`radiation_pattern`.
 
     Returns
     -------
-    xarray.Dataset over theta and phi: ``transmit`` and ``receive`` in dBi, ``two_way``, their sum
-    in dB, and ``field``, complex, the product of both fields.
+    xarray.Dataset
+        Over theta and phi: ``transmit`` and ``receive`` in dBi, ``two_way``, their sum in dB, and
+        ``field``, the complex product of both fields.
 
     Raises
     ------
-    As :func:`radiation_pattern`.
+    PolywignerError
+        As :func:`radiation_pattern`.
 
     >>> import polywigner as pw
     >>> square = pw.shapes.square(10e-3)

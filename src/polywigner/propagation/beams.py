@@ -27,13 +27,14 @@ if TYPE_CHECKING:
 _HALF = 10 * math.log10(2.0)
 # Finite level in dBi for minus infinity: parabolas are fitted to levels.
 _DARK = -400.0
-# Largest difference in dB between samples that a parabola describes; near nulls it is larger.
+# Largest difference in dB between samples to which a parabola is fitted. Levels next to a null are
+# steeper and have another shape.
 _STEEP = 10.0
 # Level in dB below the beam at which a cut is rounding noise.
 _NOTHING = 150.0
 # Largest meaningful ratio of polarisations, in dB.
 _LINEAR = 200
-# Least level in dB of a beam above all cuts that does not lie on them.
+# A beam that exceeds all cuts by this level in dB does not lie on a cut.
 _MISSED = 0.1
 # With fewer samples within the half-power width, its error is some percent.
 _LEAST_SAMPLES = 6
@@ -210,24 +211,30 @@ def beam_metrics(
 
     Parameters
     ----------
-    pattern : result of :func:`radiation_pattern`, :func:`beam_cuts` or :func:`read_pattern`.
-    power : power accepted by the antenna, in W; None: the radiated power is the integral of |E|^2,
+    pattern : xarray.Dataset
+        Result of :func:`radiation_pattern`, :func:`beam_cuts` or :func:`read_pattern`.
+    power : float, optional
+        Power accepted by the antenna in W. Without it the radiated power is the integral of |E|^2,
         and there is no EIRP.
-    efficiency : radiated over accepted power, above 0 and up to 1, for losses outside the model.
+    efficiency : float, default 1
+        Radiated over accepted power, above 0 and up to 1, for losses outside the model.
 
     Returns
     -------
-    :class:`BeamMetrics`; angles in rad, levels in dB, powers in W.
+    BeamMetrics
+        Angles in rad, levels in dB, powers in W.
 
     Raises
     ------
-    ArgumentError if ``pattern`` is not a pattern over theta and phi with at least three angles
-    theta in front, and for a power or an efficiency out of range.
+    ArgumentError
+        If ``pattern`` is not a pattern over theta and phi with at least three angles theta in
+        front, and for a power or an efficiency out of range.
 
     Warns
     -----
-    PolywignerWarning if fewer than six samples lie within the half-power width, or the beam is
-    0.1 dB or more above all cuts.
+    PolywignerWarning
+        If fewer than six samples lie within the half-power width, or the beam is 0.1 dB or more
+        above all cuts.
 
     >>> import numpy as np, polywigner as pw
     >>> theta, phi = np.radians(np.arange(-90, 91)), np.radians([0, 90])

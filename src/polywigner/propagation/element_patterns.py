@@ -52,16 +52,16 @@ _MARGIN = 40
 
 
 class ElementPattern:
-    """Interpolated far field (n, m) of a table over evenly spaced angles.
+    """Interpolated far field of a table over evenly spaced angles theta and phi in rad.
 
     Along phi the field is a trigonometric polynomial. A meridian continues over the pole at
-    phi + pi, where E_theta and E_phi change their signs. On a full sphere it is a trigonometric
-    polynomial too, exact for band-limited fields. On a hemisphere it is interpolated by polynomials
-    of degree 11.
+    phi + pi, where E_theta and E_phi change their signs. On a full sphere the meridian is a
+    trigonometric polynomial too, exact for band-limited fields. On a hemisphere it is interpolated
+    by polynomials of degree 11.
     """
 
     def __init__(self, theta: Floats, phi: Floats, components: tuple[Complex, Complex]) -> None:
-        """Store E_theta and E_phi (n, m) over theta from 0 to pi/2 or pi, and phi, in rad."""
+        """Store E_theta and E_phi (n, m) over theta (n,), from 0 to pi/2 or pi, and phi (m,)."""
         if len(theta) > MOST_THETA or len(phi) > MOST_PHI:
             raise ArgumentError(
                 f"expected at most {MOST_THETA} angles theta and {MOST_PHI} angles phi, got "
@@ -82,13 +82,13 @@ class ElementPattern:
             raise ArgumentError("expected a far field other than zero, got zeros only")
         behind = theta > math.pi / 2 + _EVEN
         dark = not np.abs(values[:, behind]).max(initial=0.0) > _NOTHING * largest
-        self.is_whole = bool(behind.any()) and not dark
-        if self.is_whole and abs(theta[-1] - math.pi) > _EVEN:
+        self.covers_sphere = bool(behind.any()) and not dark
+        if self.covers_sphere and abs(theta[-1] - math.pi) > _EVEN:
             raise ArgumentError(
                 "expected theta up to 90 degrees, or up to 180 degrees with backward radiation, "
                 f"got {math.degrees(theta[-1]):g}"
             )
-        if not self.is_whole:
+        if not self.covers_sphere:
             theta, values = theta[~behind], values[:, ~behind]
         if len(theta) < 3 or len(phi) < 4:
             raise ArgumentError(
@@ -105,7 +105,7 @@ class ElementPattern:
         used = np.abs(waves).max(axis=(0, 1)) > 1e-15 * largest
         self._orders, waves = orders[used], waves[:, :, used]
         beyond = -waves * (-1.0) ** np.abs(self._orders)  # at -theta
-        last = len(theta) - 1 if self.is_whole else len(theta)  # pi is -pi
+        last = len(theta) - 1 if self.covers_sphere else len(theta)  # pi is -pi
         self._waves = np.concatenate([beyond[:, last - 1 : 0 : -1], waves], axis=1)
         self._step = float(theta[-1]) / (len(theta) - 1)
         self._start = float(theta[-1]) - self._step * (self._waves.shape[1] - 1)
@@ -137,14 +137,14 @@ class ElementPattern:
         return field.reshape(directions.shape)
 
     def power(self, lag: float, factor: Callable[[Floats], Complex] | None = None) -> float:
-        """Integrate |E|^2 over all directions, in W, times |factor|^2 of directions (..., 3).
+        """Integrate |E|^2, times |factor|^2 of directions (..., 3), over all directions in W.
 
-        ``lag``: 2 pi times the largest distance in the array of the factor, in wavelengths. The
-        quadrature is a Gauss rule in cos(theta), and evenly spaced in phi.
+        ``factor`` is an array factor, and ``lag`` 2 pi times the largest distance in its array in
+        wavelengths. The quadrature is a Gauss rule in cos(theta), and evenly spaced in phi.
         """
         polar, azimuthal = self.band
         node, weight = np.polynomial.legendre.leggauss(math.ceil(lag / 2) + polar + _MARGIN)
-        if not self.is_whole:
+        if not self.covers_sphere:
             node, weight = (node + 1) / 2, weight / 2
         count = math.ceil(lag) + 2 * azimuthal + _MARGIN
         phi = 2 * math.pi * np.arange(count) / count
@@ -161,9 +161,9 @@ class ElementPattern:
         return np.exp(1j * phi[:, None] * self._orders)
 
     def _along(self, theta: Floats) -> Floats:
-        """Return the matrix (n, k) that interpolates the samples of a meridian at theta (n,)."""
+        """Return the matrix (angle, sample) that interpolates a meridian at angles theta (n,)."""
         count = self._waves.shape[1]
-        if self.is_whole:  # the Dirichlet kernel of an even number of samples
+        if self.covers_sphere:  # the Dirichlet kernel of an even number of samples
             half = (theta[:, None] - (self._start + self._step * np.arange(count))) / 2
             near = np.abs(np.sin(half)) < 1e-12
             safe = np.where(near, 1.0, half)
@@ -240,7 +240,7 @@ class FittedPattern(NamedTuple):
     residual: float
     """Square root of the power of the error of the far field over the power of the pattern."""
     power_ratio: float
-    """Power int |u|^2 on the aperture over radiated power; superdirective if far above 3."""
+    """Power int |u|^2 on the aperture over radiated power; far above 3 for superdirectivity."""
 
 
 # Residual above which the fit is poor.
@@ -269,32 +269,41 @@ def fit_pattern(
 
     Parameters
     ----------
-    pattern : result of :func:`read_pattern`, or of :func:`radiation_pattern` with a polarisation.
-        Its origin lies in the plane of the aperture. Backward radiation is ignored.
-    aperture : outline of the radiating part, up to some 12 wavelengths, without a field.
-    wavelength : in m; None: the wavelength of the pattern.
-    polarisation : polarisation of the aperture, as of :func:`polywigner.field`; None: the
-        polarisation of the co-polar part. The other component contributes to the residual.
-    method : equivalent currents "huygens", "magnetic" (an opening in a metal screen) or "electric",
-        as for all polarised sources; or, for scalar fields and links without a polarisation, the
-        default method of :func:`amplitude`.
-    cut_off : fraction of the largest singular value. Smaller values give smaller residuals and less
+    pattern : xarray.Dataset
+        Result of :func:`read_pattern`, or of :func:`radiation_pattern` with a polarisation. Its
+        origin lies in the plane of the aperture. Backward radiation is ignored.
+    aperture : Aperture
+        Outline of the radiating part, up to some 12 wavelengths, without a field.
+    wavelength : float, default the wavelength of the pattern
+        Wavelength in m.
+    polarisation : str or array_like, default the polarisation of the co-polar part
+        Polarisation of the aperture, as of :func:`polywigner.field`. The other component
+        contributes to the residual.
+    method : str, default "huygens"
+        Equivalent currents "huygens", "magnetic" (an opening in a metal screen) or "electric", as
+        for all polarised sources. For scalar fields and links without a polarisation: the default
+        method of :func:`amplitude`.
+    cut_off : float, default 1e-2
+        Fraction of the largest singular value. Smaller values give smaller residuals and less
         smooth fields.
 
     Returns
     -------
-    FittedPattern : (aperture, residual, stored), the aperture with its field in the unit of the
-        pattern.
+    FittedPattern
+        The aperture with its field in the unit of the pattern, the residual, and the power ratio.
 
     Warns
     -----
-    PolywignerWarning if the residual is above 0.3: the outline or the method does not suit the
-    pattern.
+    PolywignerWarning
+        If the residual is above 0.3: the outline or the method does not suit the pattern.
 
     Raises
     ------
-    ArgumentError for other arguments, and for a pattern without a wavelength or without radiation
-    of this polarisation; GeometryError for apertures of too many wavelengths.
+    ArgumentError
+        For other arguments, and for a pattern without a wavelength or without radiation of this
+        polarisation.
+    GeometryError
+        For apertures of too many wavelengths.
 
     >>> import numpy as np, polywigner as pw
     >>> square, wavelength = pw.shapes.square(6e-3), 3.9e-3

@@ -143,7 +143,7 @@ class Column(NamedTuple):
     component: str
     """"theta", "phi" or "total" of a far field, else empty."""
     part: str
-    """"value" of an axis; "real", "imaginary", "complex", "size" or "phase" of a far field."""
+    """"value" of an axis; "real", "imaginary", "size" or "phase" of a far field."""
     unit: Unit
 
     def intensity(self, values: Floats) -> Floats:
@@ -187,8 +187,6 @@ def _column(title: str, unit: str | None, name: str | None = None) -> Column | N
         kinds, default = ("angle",), _RADIANS if function.endswith("rad") else _DEGREES
     elif function.startswith("db") or match["is_feko"]:  # FEKO writes Gain(Total) in dB
         default = Unit("field" if is_field else "ratio", 1.0, True)
-    elif not function and is_field and component != "total":
-        part = "complex"
     known = _checked_unit(label, unit, kinds, default, part == "size")
     return Column(label, quantity, component, part, known)
 
@@ -258,31 +256,23 @@ SAME_LEVEL = 0.1
 # GRASP omits the E of exponents with three digits.
 _SHORT_EXPONENT = re.compile(r"(?<=\d)([+-]\d{3})$")
 
-Cells = Sequence[tuple[Column, Complex]]
+Cells = Sequence[tuple[Column, Floats]]
 """Columns with their values (n,)."""
 
 
 def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
-    """Return the real numbers (n, columns) of lines; ``first``: number of the first line."""
-    return _cells_of([line.split() for line in lines], first, columns).real
+    """Return the numbers (line, column) of lines; ``first``: number of the first line."""
+    return _cells_of([line.split() for line in lines], first, columns)
 
 
-def _number(cell: str) -> complex:
-    text = cell.replace(" ", "").replace("i", "j")
-    try:
-        return complex(text)
-    except ValueError:
-        return complex(_SHORT_EXPONENT.sub(r"e\1", text))
-
-
-def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Complex:
-    """Return the numbers (n, columns) of rows of cells; blank rows are skipped."""
-    values: list[list[complex]] = []
+def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats:
+    """Return the numbers (row, column) of cells; blank rows are skipped."""
+    values: list[list[float]] = []
     for number, cells in enumerate(rows, start=first):
         if not any(cell.strip() for cell in cells):
             continue
         try:
-            values.append([_number(cell) for cell in cells])
+            values.append([float(_SHORT_EXPONENT.sub(r"e\1", cell.strip())) for cell in cells])
         except ValueError:
             values.append([])
         if len(values[-1]) != columns:
@@ -298,20 +288,18 @@ def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Comple
 
 
 def _tables_of(
-    columns: Sequence[Column | None], values: Complex, frequency: float = math.nan
+    columns: Sequence[Column | None], values: Floats, frequency: float = math.nan
 ) -> Iterator[FarFieldTable]:
     """Yield a table for each frequency in the column of frequencies, or one table without it."""
     known = [(c, values[:, k]) for k, c in enumerate(columns) if c is not None]
-    axes = {c.quantity: c.unit.scale * v.real for c, v in known if c.part == "value"}
+    axes = {c.quantity: c.unit.scale * v for c, v in known if c.part == "value"}
     frequencies = axes.get("frequency", np.full(len(values), frequency))
     for value in np.unique(frequencies):
         rows = slice(None) if np.isnan(value) else frequencies == value
         cells = [(column, numbers[rows]) for column, numbers in known]
         (a, columns_a), (b, columns_b) = (_component(name, cells) for name in ("theta", "phi"))
         fields, used = np.array([a, b]), [*columns_a, *columns_b]
-        repeated = [
-            (c, c.intensity(v.real)) for c, v in cells if c.part == "size" and c not in used
-        ]
+        repeated = [(c, c.intensity(v)) for c, v in cells if c.part == "size" and c not in used]
         _compare(fields, repeated, {column.quantity for column in used if column.part != "phase"})
         yield FarFieldTable(axes["theta"][rows], axes["phi"][rows], fields, float(value), repeated)
 
@@ -321,15 +309,7 @@ def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
     parts = {(c.quantity, c.part): (c, v) for c, v in cells if c.component == name}
     if ("field", "real") in parts and ("field", "imaginary") in parts:
         (x, real), (y, imaginary) = parts["field", "real"], parts["field", "imaginary"]
-        return x.unit.scale * real.real + 1j * y.unit.scale * imaginary.real, [x, y]
-    if ("field", "complex") in parts:
-        column, values = parts["field", "complex"]
-        if not values.imag.any():
-            raise FileFormatError(
-                f"expected complex numbers of E_{name}, got real ones, which have no phase; export "
-                "re and im, or mag and ang_deg"
-            )
-        return column.unit.scale * values, [column]
+        return x.unit.scale * real + 1j * y.unit.scale * imaginary, [x, y]
     sizes, phases = ([p for p in parts.values() if p[0].part == k] for k in ("size", "phase"))
     if not sizes or not phases:
         raise FileFormatError(
@@ -340,8 +320,8 @@ def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
     # preferred quantities: field, intensity, directivity, gain
     size, values = min(sizes, key=lambda pair: list(_UNITS).index(pair[0].quantity))
     phase, angles = phases[0]
-    absolute = np.sqrt(2 * FREE_SPACE * size.intensity(values.real))
-    return absolute * np.exp(1j * np.radians(phase.unit.scale * angles.real)), [size, phase]
+    absolute = np.sqrt(2 * FREE_SPACE * size.intensity(values))
+    return absolute * np.exp(1j * np.radians(phase.unit.scale * angles)), [size, phase]
 
 
 def _compare(fields: Complex, repeated: list[tuple[Column, Floats]], sources: set[str]) -> None:

@@ -366,7 +366,7 @@ def _of_elements(
     jones = None if polarisation is None else checked_polarisation(polarisation)
     return FarField(
         source, wavelength, at, (power, math.nan), {"method": "pattern of the elements"},
-        jones=jones, goes_backwards=element.is_whole, on_grid=on_grid,
+        jones=jones, goes_backwards=element.covers_sphere, on_grid=on_grid,
     )  # fmt: skip
 
 

@@ -34,18 +34,23 @@ def pyramidal(
 
     Parameters
     ----------
-    width, height : size of the mouth along x (H plane) and y (E plane), in m.
-    radius_x, radius_y : distance in m from the mouth to the apex of the walls along x and along y;
-        inf for parallel walls.
-    wavelength : in m.
+    width, height : float
+        Size of the mouth along x (H plane) and y (E plane) in m.
+    radius_x, radius_y : float
+        Distance from the mouth to the apex of the walls along x and along y in m; inf for parallel
+        walls.
+    wavelength : float
+        Wavelength in m.
 
     Returns
     -------
-    A source with a curved wave, centred at the origin, with a peak field of 1.
+    Wavefront
+        Source with a curved wave, centred at the origin, with a peak field of 1.
 
     Raises
     ------
-    ArgumentError for lengths that are not above zero.
+    ArgumentError
+        For lengths that are not above zero.
 
     >>> import polywigner as pw
     >>> horn = pw.horns.pyramidal(5.5, 2.75, 6.0, 6.0, 1.0)  # in wavelengths
@@ -97,12 +102,20 @@ def directivity(source: PlaneSource | Wavefront, wavelength: float) -> float:
 
     Parameters
     ----------
-    source : Aperture, or Array of apertures in the plane z = 0; or one with a curved wave.
-    wavelength : in m.
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0.
+    wavelength : float
+        Wavelength in m.
+
+    Returns
+    -------
+    float
+        Directivity as a ratio to an isotropic source.
 
     Raises
     ------
-    As :func:`polywigner.radiant_intensity`.
+    PolywignerError
+        As :func:`polywigner.radiant_intensity`.
 
     >>> import polywigner as pw
     >>> round(pw.horns.directivity(pw.shapes.square(1.0), 1.0) / (4 * np.pi), 12)

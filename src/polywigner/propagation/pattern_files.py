@@ -73,8 +73,8 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
     ======  =====================================================================================
     suffix  content
     ======  =====================================================================================
-    .csv    Reports of HFSS: columns Theta, Phi and rETheta, rEPhi as re and im, as mag and ang_deg,
-            or as complex numbers; levels such as dB(GainTheta) with phases; Freq.
+    .csv    Reports of HFSS: columns Theta, Phi and rETheta, rEPhi as re and im, or as mag and
+            ang_deg; levels such as dB(GainTheta) with phases; Freq.
     .txt    Far-field table of CST: Abs and Phase of Theta and Phi.
     .ffd    Far-field data of HFSS, with one or several frequencies.
     .ffe    Far fields of FEKO, with one or several frequencies.
@@ -89,11 +89,14 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
 
     Parameters
     ----------
-    path : the suffix specifies the format. Angles are evenly spaced, theta from 0 to 90 or to 180
-        degrees and phi around the full circle, or theta from -180 to 180 degrees. Cuts of .cut
-        files may be fewer. Without directions behind the plane, nothing is radiated backwards.
-    frequency : frequency in Hz to select from a file with several frequencies, or the frequency of
-        a file that contains none (.csv, .txt, .cut).
+    path : path
+        File, whose suffix specifies the format. Angles are evenly spaced, theta from 0 to 90 or to
+        180 degrees and phi around the full circle, or theta from -180 to 180 degrees. Files of the
+        format .cut may have fewer cuts. Without directions behind the plane, nothing is radiated
+        backwards.
+    frequency : float, optional
+        Frequency in Hz to select from a file with several frequencies, or the frequency of a file
+        that contains none (.csv, .txt, .cut).
 
     Returns
     -------
@@ -108,17 +111,21 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
 
     Raises
     ------
-    FileFormatError if the file is missing, larger than 64 MiB, of another format, or damaged; for
-    unsupported units, contradictory columns, angles that do not cover the front, fields that are
-    not finite or all zero, several frequencies without ``frequency``, or a ``frequency`` that is
-    not in the file. ArgumentError for an invalid path or frequency.
+    FileFormatError
+        If the file is missing, larger than 64 MiB, of another format, or damaged; for unsupported
+        units, contradictory columns, angles that do not cover the front, fields that are not finite
+        or all zero, several frequencies without ``frequency``, or a ``frequency`` that is not in
+        the file.
+    ArgumentError
+        For an invalid path or frequency.
 
     Warns
     -----
-    PolywignerWarning if the directivity in the file, which is returned, differs by more than 0.1 dB
-    from the integral over its directions (above 1 dB this is an error, unless directions are
-    missing); if a gain exceeds the directivity; and if GAIN in a .msi file has no unit, and dBd is
-    assumed.
+    PolywignerWarning
+        If the directivity in the file, which is returned, differs by more than 0.1 dB from the
+        integral over its directions (above 1 dB this is an error, unless directions are missing);
+        if a gain exceeds the directivity; and if GAIN in a .msi file has no unit, and dBd is
+        assumed.
 
     >>> import numpy as np, polywigner as pw
     >>> import pathlib, tempfile
@@ -417,18 +424,23 @@ def write_pattern(
 
     Parameters
     ----------
-    pattern : result of :func:`radiation_pattern`, or a part of it. Files have angles in ascending
-        order.
-    path : path of the file, whose suffix selects the format. The file appears complete or not at
-        all.
-    polarisation : direction "x" or "y" of the electric field on the aperture of a scalar pattern
-        (None: "y"); None for a pattern with a polarisation.
-    efficiency : radiated over accepted power, for the gain in .msi and .pln files.
+    pattern : xarray.Dataset
+        Result of :func:`radiation_pattern`, or a part of it. Files have angles in ascending order.
+    path : path
+        Path of the file, whose suffix selects the format. The file appears complete or not at all.
+    polarisation : {"y", "x"}, optional
+        Direction of the electric field on the aperture of a scalar pattern. A pattern with a
+        polarisation has its own.
+    efficiency : float, default 1
+        Radiated over accepted power, for the gain in .msi and .pln files.
 
     Raises
     ------
-    FileFormatError for another suffix; ArgumentError if ``pattern`` is not a pattern, for another
-    polarisation, for angles that the format does not support, and if the file cannot be written.
+    FileFormatError
+        For another suffix.
+    ArgumentError
+        If ``pattern`` is not a pattern, for another polarisation, for angles that the format does
+        not support, and if the file cannot be written.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile

@@ -47,7 +47,7 @@ _OPPOSITE = 1e-6
 _STEPS_PER_LOBE, _LEAST_STEPS, _MOST_STEPS = 64, 360, 32768
 # Interpolated samples per step of a table.
 _STEPS_PER_ANGLE = 4
-# If the beam exceeds the normal by less than this value in dB, the cuts go along x and y.
+# If the level along the normal is within this value in dB of the beam, cuts go along x and y.
 _NORMAL = 0.1
 _LEAST_MERIDIANS = 8
 # Rounding error of the cosine of directions on the horizon.
@@ -76,50 +76,65 @@ def radiation_pattern(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, with any fields; or one with a
-        curved wave.
-    wavelength : in m.
-    theta : (n,) angles from the normal in rad, from -pi to pi; negative angles, for cuts, lie at
-        the opposite phi.
-    phi : (m,) angles from the x axis in rad, or one angle.
-    obliquity : boundary condition for g: cos^2 ("rayleigh-sommerfeld-1", or None),
-        ((1 + cos)/2)^2 ("kirchhoff"), 1 ("rayleigh-sommerfeld-2"), or cos ("paper"); applied to
-        each wave of tapers and steering (docs/theory.md, (D2), (D3)). Not with a polarisation.
-    polarisation : polarisation of the source, as of :func:`polywigner.field`; None: scalar field.
-    method : equivalent currents of a polarised source: "huygens" (default), "magnetic" or
-        "electric".
-    element : far field of the elements of a :func:`phased_array`, which replaces their aperture,
-        field and obliquity: result of :func:`read_pattern`, or of this function with a
-        polarisation. Its origin is at the positions. The radiated power includes backward
-        radiation of the element; the aperture power is NaN. Co-polar refers to ``polarisation``;
-        None: the polarisation of the beam.
-    precision, engine : see :func:`fourier`.
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0.
+    wavelength : float
+        Wavelength in m.
+    theta : array_like, shape (n,)
+        Angles from the normal in rad, from -pi to pi. Negative angles, for cuts, lie at the
+        opposite phi.
+    phi : array_like, shape (m,) or ()
+        Angles from the x axis in rad.
+    obliquity : str, default "rayleigh-sommerfeld-1"
+        Boundary condition for g: cos^2 ("rayleigh-sommerfeld-1"), ((1 + cos)/2)^2 ("kirchhoff"), 1
+        ("rayleigh-sommerfeld-2"), or cos ("paper"). It applies to each wave of tapers and steering
+        (docs/theory.md, (D2), (D3)). Polarised sources have none.
+    polarisation : str or array_like, optional
+        Polarisation of the source, as of :func:`polywigner.field`. Without it the field is scalar.
+    method : {"huygens", "magnetic", "electric"}
+        Equivalent currents of a polarised source.
+    element : xarray.Dataset, optional
+        Far field of the elements of a :func:`phased_array`, which replaces their aperture, field
+        and obliquity: a result of :func:`read_pattern`, or of this function with a polarisation.
+        Its origin is at the positions. The radiated power includes backward radiation of the
+        element, and the aperture power is NaN. The co-polar part refers to ``polarisation``, by
+        default to the polarisation of the beam.
+    precision, engine : str, optional
+        See :func:`fourier`.
 
     Returns
     -------
-    xarray.Dataset with
-    ``directivity`` (n, m) in dBi, minus infinity without radiation, and ``field`` (n, m), complex,
-    in m times the unit of u; accurate to 1e-12 of the largest |E|. Attributes: wavelength,
-    frequency, obliquity, radiated power, aperture power int |u|^2, the largest directivity at these
-    angles, ``peak_directivity`` in dBi of the beam in all directions, at ``peak_theta`` and
-    ``peak_phi``; and ``steered_theta`` and ``steered_phi`` if the phases of the source are linear.
+    xarray.Dataset
+        ``directivity`` (n, m) in dBi, minus infinity without radiation, and complex ``field``
+        (n, m) in m times the unit of u, accurate to 1e-12 of the largest |E|. Attributes are the
+        wavelength, the frequency, the obliquity, the radiated power, the aperture power int |u|^2,
+        the largest directivity at these angles, and ``peak_directivity`` in dBi of the beam in all
+        directions, at ``peak_theta`` and ``peak_phi``. A source with linear phases also has
+        ``steered_theta`` and ``steered_phi``.
 
-    For a polarised source ``field`` is the co-polar part, and there are ``cross_field``, complex,
-    ``cross_polar_discrimination`` (co- over cross-polar) and ``axial_ratio``, (n, m) in dB. The
-    attributes contain method instead of obliquity; ``polarisation``, the Jones vector of the
-    co-polar part (real and imaginary part along x, then y; the polarisation of the beam if elements
-    differ); and ``peak_axial_ratio`` and ``peak_cross_polar_discrimination`` of the beam.
+        For a polarised source ``field`` is the co-polar part, and there are complex
+        ``cross_field``, ``cross_polar_discrimination`` (co- over cross-polar) and ``axial_ratio``,
+        both in dB. The attributes contain the method instead of the obliquity; ``polarisation``,
+        the Jones vector of the co-polar part (real and imaginary part along x, then y; the
+        polarisation of the beam if elements differ); and ``peak_axial_ratio`` and
+        ``peak_cross_polar_discrimination`` of the beam.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; IlluminationError for a source
-    that does not radiate; GeometryError for an Array whose elements do not lie in the plane z = 0;
-    EngineError if the engine is not available.
+    ArgumentError
+        For arguments of the wrong type, shape or range.
+    IlluminationError
+        For a source that does not radiate.
+    GeometryError
+        For an Array whose elements do not lie in the plane z = 0.
+    EngineError
+        If the engine is not available.
 
     Warns
     -----
-    PolywignerWarning for "kirchhoff" and "rayleigh-sommerfeld-2" if a :func:`fit_illumination` has
-    evanescent waves: the fit does not determine their normal derivatives.
+    PolywignerWarning
+        For "kirchhoff" and "rayleigh-sommerfeld-2" if a :func:`fit_illumination` has evanescent
+        waves: the fit does not determine their normal derivatives.
 
     >>> import polywigner as pw
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, 0.0, 0.0)
@@ -147,7 +162,12 @@ def beam_cuts(
 
     Parameters
     ----------
-    source, wavelength, options : as of :func:`radiation_pattern`.
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0.
+    wavelength : float
+        Wavelength in m.
+    **options
+        Options of :func:`radiation_pattern`.
 
     Returns
     -------
@@ -160,7 +180,8 @@ def beam_cuts(
 
     Raises
     ------
-    As :func:`radiation_pattern`.
+    PolywignerError
+        As :func:`radiation_pattern`.
 
     >>> import numpy as np, polywigner as pw
     >>> wave = pw.steering((0.5, 0.0, np.sqrt(0.75)), 3.2e-3)
@@ -214,7 +235,10 @@ def _great_circles(far: FarField, step: float) -> xarray.Dataset:
 def _dataset(
     far: FarField, values: Values, directions: Values, axes: dict[str, xarray.Variable]
 ) -> xarray.Dataset:
-    """Return the pattern of a far field, (...) or (..., 3), at unit vectors (..., 3)."""
+    """Return the pattern of a far field at unit vectors (..., 3).
+
+    ``values``: the field (...), or its three components (..., 3).
+    """
     power, energy = far.powers
     largest, theta, phi = far.beam
     squares = np.square(np.abs(values))
@@ -351,7 +375,7 @@ def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, flo
 
 
 def _checked_levels(pattern: Any, axes: tuple[str, str]) -> tuple[Floats, dict[str, float]]:
-    """Return directivity (n, m) in dBi over two axes, and attributes that are numbers."""
+    """Return the directivity in dBi over two axes, and attributes that are numbers."""
     try:
         for name in axes:
             len(pattern[name].values)
@@ -370,7 +394,7 @@ def _checked_levels(pattern: Any, axes: tuple[str, str]) -> tuple[Floats, dict[s
 def _cross_polar(
     pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
 ) -> Floats:
-    """Return the directivity (n, m) of the cross-polar part in dBi; ``levels`` if scalar."""
+    """Return the directivity of the cross-polar part in dBi; ``levels`` for a scalar pattern."""
     if "cross_field" not in pattern:
         return levels
     values = pattern["cross_field"].transpose(*axes).values
@@ -378,16 +402,16 @@ def _cross_polar(
 
 
 def front_of(theta: Floats, levels: Floats) -> tuple[Floats, Floats]:
-    """Return theta and levels (n, m) in front of the plane."""
+    """Return the angles theta in front of the plane, and the levels (theta, phi) there."""
     front = np.abs(theta) <= math.pi / 2 + _SAME_ANGLE
     return theta[front], levels[front]
 
 
 def cuts_of(theta: Floats, phi: Floats, levels: Floats) -> Iterator[tuple[float, Floats, Floats]]:
-    """Yield phi, theta (k,) and levels (k,) of meridians, from one horizon to the other.
+    """Yield phi, the angles theta and the levels of meridians, from one horizon to the other.
 
-    Columns of levels (n, m) at opposite phi are joined; a column without an opposite is half a
-    meridian.
+    Columns of levels (theta, phi) at opposite phi are joined. A column without an opposite one is
+    half a meridian.
     """
     order = np.argsort(theta)
     has_both_signs = theta.min() < -_SAME_ANGLE
@@ -456,7 +480,7 @@ def circles_through_beam(pattern: Any) -> list[Cut]:
     jones = np.asarray(pattern.attrs["polarisation"], np.float64).view(np.complex128)
     far = FarField(
         None, SPEED_OF_LIGHT / about["frequency"], element.vectors, (power, math.nan), {},
-        jones=jones, goes_backwards=element.is_whole,
+        jones=jones, goes_backwards=element.covers_sphere,
         known_beam=(largest, about["peak_theta"], about["peak_phi"]),
     )  # fmt: skip
     step = min(polar[1] - polar[0], turns[1] - turns[0]) / _STEPS_PER_ANGLE

@@ -1,4 +1,4 @@
-"""Datasets on disk: zarr stores written chunk by chunk, NetCDF files, and VTK image data.
+"""Datasets on disk: zarr stores written chunk by chunk, and NetCDF files.
 
 zarr's local store renames finished chunk files, so a chunk is complete or missing, and a second run
 computes the missing chunks only. The attributes and coordinates of a store are the settings of its
@@ -12,12 +12,11 @@ import math
 import os
 import sys
 import warnings
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeAlias
-from xml.sax.saxutils import quoteattr
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -35,7 +34,7 @@ from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import checked_count, checked_path
 from polywigner.interruption import atomic_path
 from polywigner.source.source_files import SOURCE_COORDINATE, source_json
-from polywigner.transforms.xarray_arguments import labelled_array
+from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:
     import dask.array
@@ -47,6 +46,10 @@ Index = tuple[int, ...]
 """One integer for each dimension: a position, or a number of samples."""
 Block = Callable[[Index, Index], NDArray[Any]]
 """(index of the first sample, shape) -> values (shape)."""
+Variable: TypeAlias = tuple[Block, DTypeLike, dict[str, Any]]
+"""Block that computes the values of a variable, their type, and attributes."""
+Chunks: TypeAlias = int | str | Sequence[int | str | Sequence[int] | None] | Mapping[int, Any]
+"""Sizes of chunks as dask accepts them."""
 Scheduler: TypeAlias = "str | Cluster | None"
 """Address of a dask.distributed scheduler, or a cluster object such as ``LocalCluster``."""
 Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
@@ -54,11 +57,8 @@ Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
 
 # Seconds to wait for a scheduler, and for its first worker.
 _PATIENCE = 10.0
-# Samples in memory while a VTK file is written.
-_SLAB = 1 << 24
-# Largest deviation of a step from the mean step of an axis of VTK image data, relative.
-_EVEN = 1e-6
-_VTK_TYPES = {"float32": "Float32", "float64": "Float64"}
+# Largest number of samples in memory: 16 GiB of float32.
+_MOST_IN_MEMORY = 1 << 32
 
 
 def required(name: str) -> ModuleType:
@@ -93,6 +93,81 @@ def source_coords(source: Any) -> dict[str, xarray.Variable]:
     return {SOURCE_COORDINATE: labelled_array(values, (), {"long_name": "source file in JSON"})}
 
 
+# ---- results on grids ---------------------------------------------------------------------------
+
+
+class StoreOptions(TypedDict, total=False):
+    """Options of results that are lazy, or written to a store."""
+
+    chunks: Chunks | None
+    scheduler: Scheduler
+    threads: int | None
+    progress: bool | None
+
+
+def check_options(options: Mapping[str, Any], kinds: type, out: object) -> None:
+    """Raise ArgumentError for unknown options, and for options that require a store."""
+    names = kinds.__annotations__
+    for name in options:
+        if name not in names:
+            raise ArgumentError(f"expected options among {', '.join(names)}, got {name!r}")
+        if out is None and name in ("scheduler", "threads") and options[name] is not None:
+            raise ArgumentError(f"expected out with {name}, got none; name a store to write to")
+
+
+def results_on_grid(
+    variables: Mapping[str, Variable],
+    axes: Mapping[str, xarray.Variable],
+    coords: Mapping[str, Any],
+    attrs: Mapping[str, Any],
+    options: Mapping[str, Any],
+    *,
+    block_size: int,
+    chunk_size: int,
+    compiled: bool,
+) -> xarray.Dataset:
+    """Return variables over ``axes``: computed now, lazy with ``chunks``, or in the store ``out``.
+
+    Values in memory are computed in blocks of up to ``block_size`` samples, by default chunks of
+    stores have up to ``chunk_size`` samples. ``compiled``: see :func:`lazy_array`.
+    """
+    shape = tuple(axis.size for axis in axes.values())
+    out, chunks, progress = (options.get(name) for name in ("out", "chunks", "progress"))
+    if out is not None and (chunks is None or chunks == "auto"):
+        chunks = chunks_within(shape, chunk_size)
+    if chunks is None and math.prod(shape) > _MOST_IN_MEMORY:
+        raise ArgumentError(
+            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
+            "use chunks, or write them to disk with out"
+        )
+    how: Any = {"compiled": compiled, "threads": options.get("threads")}
+    data = {}
+    for name, (block, dtype, about) in variables.items():
+        if chunks is None:
+            values: Any = _in_memory(name, block, shape, dtype, block_size, progress)
+        else:
+            values = lazy_array(block, shape, chunks, dtype, **how)
+        data[name] = tuple(axes), values, about
+    result = labelled_arrays(data, {**axes, **coords}, attrs)
+    if out is None:
+        return result
+    return write_store(out, result, scheduler=options.get("scheduler"), progress=progress, **how)
+
+
+def _in_memory(
+    name: str, block: Block, shape: Index, dtype: Any, block_size: int, progress: bool | None
+) -> NDArray[Any]:
+    values, size = np.empty(shape, dtype), chunks_within(shape, block_size)
+    counts = [-(-n // c) for n, c in zip(shape, size, strict=True)]
+    with progress_bar(name, math.prod(counts), show=progress) as advance:
+        for index in np.ndindex(*counts):
+            origin = tuple(i * c for i, c in zip(index, size, strict=True))
+            part = tuple(slice(o, o + c) for o, c in zip(origin, size, strict=True))
+            values[part] = block(origin, values[part].shape)
+            advance()
+    return values
+
+
 def lazy_array(
     block: Block,
     shape: Index,
@@ -102,15 +177,11 @@ def lazy_array(
     compiled: bool = True,
     threads: int | None = None,
 ) -> dask.array.Array:
-    """Return a dask array whose chunks are computed by a block.
+    """Return a dask array whose chunks are computed by a block that can be pickled.
 
-    Parameters
-    ----------
-    block : a function that can be pickled.
-    shape, dtype : of the array.
-    chunks : any specification that dask accepts.
-    compiled : whether the block uses Dr.Jit's thread pool, which computes one chunk at a time.
-    threads : size of that pool; None: its current size, or the threads of the dask worker.
+    dask defines the forms of ``chunks``. A ``compiled`` block uses Dr.Jit's thread pool, which
+    computes one chunk at a time; ``threads`` is the size of that pool. The default size is the
+    current one, or the number of threads of the dask worker.
     """
     arrays, core = required("dask.array"), required("dask.array.core")
     try:
@@ -154,22 +225,14 @@ def write_store(
     threads: int | None = None,
     progress: bool | None = None,
 ) -> xarray.Dataset:
-    """Write a lazy dataset to a zarr store (format 3), and open the store lazily.
+    """Write a dataset of lazy arrays to a zarr store (format 3), and open the store lazily.
 
-    An incomplete store of the same dataset is completed: only missing chunks are computed.
+    An incomplete store with the same attributes, coordinates and chunks is completed: only missing
+    chunks are computed. ``compiled``: compute one chunk at a time, which uses all cores, otherwise
+    ``threads`` chunks.
 
-    Parameters
-    ----------
-    path : folder of the store.
-    dataset : variables of :func:`lazy_array`. An existing store must have the same attributes,
-        coordinates and chunks.
-    compiled : compute one chunk at a time, which uses all cores; otherwise ``threads`` chunks.
-    scheduler, threads, progress : as for :func:`wigner_table`.
-
-    Raises
-    ------
-    StoreError if the path cannot be written to, or contains something else; EngineError if the
-    scheduler does not respond; MissingExtraError without zarr or dask; and errors of the blocks.
+    Raises StoreError if the path cannot be written to, or contains something else; EngineError if
+    the scheduler does not respond; MissingExtraError without zarr or dask.
     """
     require_stores(scheduler)
     folder, dataset = checked_path(path), dataset.assign_attrs(written="chunk by chunk")
@@ -305,21 +368,26 @@ def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
 
 
 def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
-    """Write a dataset to a NetCDF 4 file, which MATLAB, Julia, Panoply and xarray read.
+    """Write a dataset to a NetCDF 4 file, which MATLAB, Julia, ParaView and xarray read.
 
     NetCDF has no complex numbers: a complex variable A becomes A_real and A_imag. Needs the extra
     ``datasets``.
 
     Parameters
     ----------
-    dataset : xarray.Dataset, in memory or lazy; or the path of a zarr store. It may be larger than
-        memory.
-    path : path of the file; an existing file is replaced. The file appears complete or not at all.
+    dataset : xarray.Dataset, xarray.DataArray or path
+        Dataset in memory or lazy, or the path of a zarr store. It may be larger than memory.
+    path : path
+        Path of the file. An existing file is replaced. The file appears complete or not at all.
 
     Raises
     ------
-    ArgumentError if ``dataset`` is not a dataset, or the file cannot be written; StoreError if
-    there is no zarr store at the path; MissingExtraError without h5netcdf.
+    ArgumentError
+        If ``dataset`` is not a dataset, or the file cannot be written.
+    StoreError
+        If there is no zarr store at the path ``dataset``.
+    MissingExtraError
+        Without h5netcdf.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -345,47 +413,6 @@ def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
             _opened(dataset).to_zarr(checked_path(path), mode="w-", zarr_format=3)
     except OSError as error:
         raise _not_written(Path(path), error) from error
-
-
-def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
-    """Write a dataset of up to three evenly spaced axes to VTK image data (XML, raw binary).
-
-    ParaView, VisIt, 3D Slicer and PyVista read the file. Axes named x, y and z are the axes of the
-    image, so planes keep their positions. Other axes become x, y and z in the order of the dataset.
-    A complex variable A becomes A_real and A_imag. Needs the extra ``datasets``.
-
-    Parameters
-    ----------
-    dataset, path : as of :func:`write_netcdf`.
-
-    Raises
-    ------
-    ArgumentError if ``dataset`` is not a dataset, has more axes or unevenly spaced axes, or if the
-    file cannot be written; StoreError if there is no zarr store at the path.
-
-    >>> import polywigner as pw
-    >>> import pathlib, tempfile
-    >>> square, box = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.05), (0.02, 0.02, 0.1)]
-    >>> field = pw.volume(square, box, (3, 3, 2), 3.2e-3, method="fresnel")
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "field.vti"
-    >>> pw.write_vti(field, path)
-    >>> path.stat().st_size > 0
-    True
-    """
-    # The package vtk has 600 MB, and its writer requires the image in memory.
-    parts = _real_parts(_opened(dataset))
-    header = _vti_header(parts)
-    with in_place(checked_path(path)) as scratch, scratch.open("wb") as file:
-        file.write(header.encode())
-        for array in parts.data_vars.values():
-            file.write(array.nbytes.to_bytes(8, "little"))
-            axis = array.dims[-1]
-            thickness = max(1, _SLAB * array.sizes[axis] // max(1, array.size))
-            for start in range(0, array.sizes[axis], thickness):
-                slab = array.isel({axis: slice(start, start + thickness)}).values
-                # in VTK, x varies fastest
-                file.write(np.ascontiguousarray(slab.T, slab.dtype.newbyteorder("<")).data)
-        file.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
 @contextmanager
@@ -442,51 +469,3 @@ def _real_parts(dataset: xarray.Dataset) -> xarray.Dataset:
             for name, value in item.attrs.items()
         }
     return dataset
-
-
-def _vti_header(dataset: xarray.Dataset) -> str:
-    """Return the file up to its values; a missing axis has one sample."""
-    shapes = {name: array.dims for name, array in dataset.data_vars.items()}
-    dims = next(iter(shapes.values()), ())
-    if not 1 <= len(dims) <= 3 or any(other != dims for other in shapes.values()):
-        raise ArgumentError(
-            f"expected variables over the same one to three axes, got {shapes}; select a part by "
-            "dataset.isel, or write NetCDF"
-        )
-    in_space = tuple(sorted(dims)) == dims and set(dims) <= set("xyz")
-    axes = [_vti_axis(dataset, name) for name in ("xyz" if in_space else (*dims, None, None)[:3])]
-    origin, spacing = (" ".join(repr(axis[k]) for axis in axes) for k in (0, 1))
-    extent = " ".join(f"0 {count - 1}" for _, _, count in axes)
-    arrays, offset = [], 0
-    for name, array in dataset.data_vars.items():
-        if array.dtype.name not in _VTK_TYPES:
-            raise ArgumentError(f"expected {name} as floats, got {array.dtype}")
-        arrays.append(
-            f'<DataArray type="{_VTK_TYPES[array.dtype.name]}" Name={quoteattr(str(name))} '
-            f'format="appended" offset="{offset}"/>\n'
-        )
-        offset += 8 + array.nbytes
-    return (
-        '<?xml version="1.0"?>\n'
-        '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f'<ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}">\n'
-        f'<Piece Extent="{extent}">\n<PointData>\n{"".join(arrays)}</PointData>\n</Piece>\n'
-        '</ImageData>\n<AppendedData encoding="raw">\n_'
-    )
-
-
-def _vti_axis(dataset: xarray.Dataset, name: Hashable | None) -> tuple[float, float, int]:
-    """Return the first value, the step and the number of samples of an axis."""
-    is_scalar = name in dataset.coords and dataset[name].ndim == 0
-    if name not in dataset.dims and not is_scalar:
-        return 0.0, 1.0, 1
-    points = np.atleast_1d(np.asarray(dataset[name], np.float64))
-    if len(points) == 1:
-        return float(points[0]), 1.0, 1
-    step = (points[-1] - points[0]) / (len(points) - 1)
-    if not step > 0 or np.abs(np.diff(points) - step).max() > _EVEN * step:
-        raise ArgumentError(
-            f"expected evenly spaced ascending values of {name} for VTK image data, got others; "
-            "write NetCDF"
-        )
-    return float(points[0]), float(step), len(points)

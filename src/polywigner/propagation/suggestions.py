@@ -19,17 +19,16 @@ from polywigner.geometry.arguments import (
     takes_frequency,
 )  # fmt: skip
 from polywigner.propagation.point_grids import box_grid, line_grid, unit_vectors
-from polywigner.radiometry.directions import PlaneSource, checked_source
+from polywigner.radiometry.directions import checked_source
 from polywigner.source import Array
-from polywigner.source.support import mutual_support
-from polywigner.transforms import PhaseSpaceSource, fourier, sample_automean, wigner
+from polywigner.transforms import PhaseSpaceSource
 
 Values = NDArray[np.float64]
 Band = tuple[str, str, float, float, float, bool]
 """Name, unit, first and last value, Nyquist step, and whether the axis is band-limited."""
 
 SampledQuantity = Literal[
-    "fourier", "intensity", "wigner", "ambiguity", "pattern", "amplitude", "irradiance", "render"
+    "fourier", "intensity", "wigner", "ambiguity", "pattern", "amplitude", "irradiance"
 ]
 _PHASE_SPACE = ("fourier", "intensity", "wigner", "ambiguity")
 _FIELDS = ("amplitude", "irradiance")
@@ -43,14 +42,6 @@ _MOST_SAMPLES = 1 << 53
 _GRAZING = math.radians(89.5)
 # Number of points along each axis at which local frequencies, which vary slowly, are evaluated.
 _POINTS, _THETA, _PHI = 17, 31, 24
-
-_SEED = 20220202  # arbitrary: equal calls give equal numbers
-# Number of random frequencies, of directions at the level, and of positions for each of them.
-_TRIED, _DIRECTIONS, _POSITIONS = 1 << 14, 64, 1024
-# Largest ratio between an intensity at the level and the level: 1.5 dB.
-_NEAR = 10**0.15
-# Nulls within the band of levels are rare and require any number of samples.
-_QUANTILE = 0.9
 
 
 @dataclass(frozen=True)
@@ -102,15 +93,15 @@ class Sampling:
     quantity: SampledQuantity
     """Sampled quantity."""
     axes: tuple[AxisSampling, ...]
-    """Axes in the order of the coordinates; empty for "render"."""
+    """Axes in the order of the coordinates."""
     samples: int
-    """Number of points of the grid; for "render", independent samples per pixel."""
+    """Number of points of the grid."""
 
     def __getitem__(self, name: str) -> AxisSampling:
         for axis in self.axes:
             if axis.name == name:
                 return axis
-        names = ", ".join(axis.name for axis in self.axes) or "none at all"
+        names = ", ".join(axis.name for axis in self.axes)
         raise ArgumentError(f"expected an axis among {names}, got {name!r}")
 
 
@@ -125,10 +116,8 @@ def suggest_sampling(
     line: ArrayLike | None = None,
     radius: float | None = None,
     oversampling: float = 2.0,
-    error_db: float = 1.0,
-    level_db: float = -20.0,
 ) -> Sampling:
-    """Suggest a grid for a quantity of a source, or the samples per pixel of a render.
+    """Suggest a grid for a quantity of a source.
 
     The widths b of the source's bounding box and the largest frequency N of the grid bound the
     bands:
@@ -143,40 +132,47 @@ def suggest_sampling(
     "pattern"     theta, phi               wavelength/(2 D), D the diagonal of the box
     "amplitude"   x, y, z or theta, phi    1/(2 largest local frequency)
     "irradiance"  x, y, z or theta, phi    1/(2 largest difference of two local frequencies)
-    "render"      none                     samples per pixel
     ============  =======================  =========================================================
 
     K is the largest frequency of the waves on the source, and w the width of its narrowest part,
     2 area/perimeter. Local frequencies are direction cosines, divided by the wavelength, of the
-    rays from the source's box to a point. See docs/sampling.md, (N1) to (N7).
+    rays from the source's box to a point. See docs/sampling.md, (N1) to (N6).
 
     Parameters
     ----------
-    source : Aperture, or Array in one plane; for the first four quantities also Slits; for
-        "pattern", "amplitude" and "irradiance", which depend on the box only, also a Wavefront.
-    wavelength : in m. The first four quantities require it or ``reach``.
-    quantity : quantity to sample. "amplitude" and "irradiance" require ``box``, ``line`` or
-        ``radius``.
-    reach : N in 1/m, half the extent of the axes of nu, and a quarter of the extent of the axes of
-        upsilon. None: 1/wavelength, beyond which waves are evanescent.
-    box : ((x0, y0, z0), (x1, y1, z1)) in m, z0 > 0, as of :func:`volume`; flat along an axis
-        with two equal coordinates. At z below a wavelength, evanescent waves add finer detail.
-    line : end points ((x0, y0, z0), (x1, y1, z1)) in m, as of :func:`line`; the axis is "distance".
-    radius : radius in m of a hemisphere around the origin, up to theta = 89.5 degrees.
-    oversampling : ratio of the Nyquist step to the step, at least 1. Use 1 for sinc interpolation
-        on an infinite grid, and 2 for images and for interpolation from a dozen neighbours.
-    error_db, level_db : for "render": rms error in dB, for paths of one bounce, of pixels at
-        level_db (at most 0) relative to the brightest pixel. See docs/sampling.md, (N7).
+    source : Aperture, Array, Slits or Wavefront
+        Source in one plane. Slits have the first four quantities only, and a Wavefront the last
+        three, which depend on the box only.
+    wavelength : float, optional
+        Wavelength in m. The first four quantities require it or ``reach``.
+    quantity : str, default "intensity"
+        Quantity to sample. "amplitude" and "irradiance" require ``box``, ``line`` or ``radius``.
+    reach : float, default 1/wavelength
+        N in 1/m, half the extent of the axes of nu, and a quarter of the extent of the axes of
+        upsilon. Waves beyond the default are evanescent.
+    box : array_like, shape (2, 3), optional
+        Opposite corners in m as of :func:`volume`. Two equal coordinates make the box flat along
+        that axis. At z below a wavelength, evanescent waves add finer detail.
+    line : array_like, shape (2, 3), optional
+        End points in m as of :func:`line`. The axis is "distance".
+    radius : float, optional
+        Radius in m of a hemisphere around the origin, up to theta = 89.5 degrees.
+    oversampling : float, default 2
+        Ratio of the Nyquist step to the step, at least 1. Use 1 for sinc interpolation on an
+        infinite grid, and 2 for images and for interpolation from a dozen neighbours.
 
     Returns
     -------
     Sampling
+        Axes of the grid.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range, and for a reach, box, line or
-    radius that the quantity does not use; GeometryError for an Array whose elements do not lie in
-    the plane z = 0.
+    ArgumentError
+        For arguments of the wrong type, shape or range, and for a reach, box, line or radius that
+        the quantity does not use.
+    GeometryError
+        For an Array whose elements do not lie in the plane z = 0.
 
     >>> import polywigner as pw
     >>> axes = pw.suggest_sampling(pw.shapes.square(10e-3), 3.2e-3).axes
@@ -187,12 +183,6 @@ def suggest_sampling(
     finer = checked_number(oversampling, "oversampling", "a number of at least 1")
     if not finer >= 1:
         raise ArgumentError(f"expected oversampling as a number of at least 1, got {oversampling}")
-    error = checked_length(error_db, "error_db", meaning="decibels above zero")
-    level = checked_number(level_db, "level_db", "decibels of at most zero")
-    if not level <= 0:
-        raise ArgumentError(
-            f"expected level_db as decibels of at most zero, got {value_text(level_db)}"
-        )
     regions = {"box": box, "line": line, "radius": radius}
     for name, value in {"reach": reach, **regions}.items():
         kinds = _PHASE_SPACE if name == "reach" else _FIELDS
@@ -212,20 +202,18 @@ def suggest_sampling(
         bands = _phase_space_bands(source, wavelength, quantity, reach)
     else:
         plane, length = checked_source(source), checked_wavelength(wavelength)
-        if quantity == "render":
-            return Sampling(quantity, (), _samples_for_error(plane, length, error, level))
         if quantity == "pattern":
             step = length / (2 * float(np.linalg.norm(np.ptp(np.reshape(plane.bounds, (2, 2)), 0))))
             ends = (("theta", math.pi / 2), ("phi", 2 * math.pi))
             bands = [(name, "rad", 0.0, end, step, True) for name, end in ends]
         else:
-            given = {name: region for name, region in regions.items() if region is not None}
-            if len(given) != 1:
+            chosen = {name: region for name, region in regions.items() if region is not None}
+            if len(chosen) != 1:
                 raise ArgumentError(
-                    f"expected one of {', '.join(regions)}, got {' and '.join(given) or 'none'}; "
+                    f"expected one of {', '.join(regions)}, got {' and '.join(chosen) or 'none'}; "
                     "specify the points of the field"
                 )
-            bands = _field_bands(plane.bounds, length, quantity == "amplitude", *given.popitem())
+            bands = _field_bands(plane.bounds, length, quantity == "amplitude", *chosen.popitem())
     axes = tuple(_axis(band, finer) for band in bands)
     return Sampling(quantity, axes, math.prod(axis.count for axis in axes))
 
@@ -292,7 +280,7 @@ def _field_bands(
     bounds: tuple[float, ...], wavelength: float, coherent: bool, kind: str, region: Any
 ) -> list[Band]:
     """Return the bands of a field in a "box", on a "line", or on a hemisphere of a "radius"."""
-    metres = 1.0  # in one unit of an axis
+    metres = 1.0  # metres per unit of an axis
     if kind == "box":
         axes = [np.unique(axis.values) for axis in box_grid(region, 3 * (_POINTS,)).coords.values()]
         ends = [(n, "m", float(a[0]), float(a[-1])) for n, a in zip("xyz", axes, strict=True)]
@@ -336,54 +324,3 @@ def _rays(points: Values, bounds: tuple[float, ...]) -> Values:
     from_source = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(len(points), 9, 3)
     rays = points[:, None, :] - from_source
     return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
-
-
-# ---- renders ------------------------------------------------------------------------------------
-
-
-def _samples_for_error(source: PlaneSource, wavelength: float, error: float, level: float) -> int:
-    """Return the number of samples of a pixel for an rms error in dB at a level in dB (N7).
-
-    The estimate of |F|^2 from n uniform positions in the support S is area(S) times the mean of
-    W(x, nu). Its relative variance is (area(S) int W^2 dx/|F|^4 - 1)/n. The number suffices for
-    nine of ten directions with |F|^2 within 1.5 dB of the level.
-    """
-    rng = np.random.default_rng(_SEED)
-    nu, intensity = _at_level(source, wavelength, 10 ** (level / 10), rng)
-    support = mutual_support(source)
-    x, _ = sample_automean(support, _POSITIONS, seed=rng)
-    values = np.asarray(wigner(source, x, nu[:, None, :]))
-    spread = support.area**2 * np.mean(values**2, axis=1) / intensity**2 - 1
-    relative = 10 ** (error / 10) - 1
-    return max(1, math.ceil(float(np.quantile(np.maximum(spread, 0.0), _QUANTILE)) / relative**2))
-
-
-def _at_level(
-    source: PlaneSource, wavelength: float, level: float, rng: np.random.Generator
-) -> tuple[Values, Values]:
-    """Return frequencies (k, 2) of propagating waves at a level of |F|^2, and |F|^2 (k,)."""
-
-    def sampled(centre: Values, offsets: Values) -> tuple[Values, Values]:
-        """Return the propagating frequencies about a centre, and |F|^2."""
-        nu = centre + offsets
-        nu = np.concatenate([centre[None], nu[np.linalg.norm(nu, axis=-1) < 1 / wavelength]])
-        # sources with positions (n, 3) require a third component
-        field = fourier(source, np.pad(nu, ((0, 0), (0, 1))))
-        return nu, np.square(np.abs(np.asarray(field)))
-
-    radius, angle = rng.random(_TRIED), 2 * math.pi * rng.random(_TRIED)
-    centre, reach = np.zeros(2), 1 / wavelength
-    while reach > 1e-4 / wavelength:  # the peak: the best of random frequencies, ever closer
-        nu, intensity = sampled(centre, reach * (2 * rng.random((_TRIED // 4, 2)) - 1))
-        centre = nu[int(np.argmax(intensity))]
-        reach /= 4
-    # equally many frequencies per octave of the distance from the peak, which may be narrow
-    distance = 2 / wavelength * 10 ** (-4 * radius)
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    nu, intensity = sampled(centre, distance[:, None] * circle)
-    levels = intensity / intensity.max()
-    chosen = np.flatnonzero((levels > level / _NEAR) & (levels < level * _NEAR))
-    if not len(chosen):  # no radiation is that weak: use the nearest levels
-        chosen = np.argsort(np.abs(np.log(levels / level)))[:_DIRECTIONS]
-    chosen = rng.permutation(chosen)[:_DIRECTIONS]
-    return nu[chosen], intensity[chosen]

@@ -55,8 +55,9 @@ def receiving(scene: Any) -> Iterator[None]:
 
     Warns
     -----
-    RuntimeWarning for point, spot, projector and directional lights: ``mi.render`` does not sample
-    their direct light to a receiver.
+    RuntimeWarning
+        For point, spot, projector and directional lights: ``mi.render`` does not sample their
+        direct light to a receiver.
     """
     if any(map(is_receiver, scene.sensors())):
         for light in delta_lights(scene):
@@ -83,28 +84,35 @@ def render(
 
     Parameters
     ----------
-    scene : ``mi.Scene`` with a sensor, its film and its sampler.
-    integrator : plugin name or ``mi.Integrator``. Default: the scene's integrator, otherwise
-        ``path``, or ``volpath`` if the surface of a source shadows another source. ``stokes``, or
-        ``stokes volpath`` and the like, adds Stokes parameters of polarised light as channels; see
+    scene : mitsuba.Scene
+        Scene with a sensor, its film and its sampler.
+    integrator : str or mitsuba.Integrator, optional
+        Plugin name or integrator. The default is the scene's integrator, otherwise ``path``, or
+        ``volpath`` if the surface of a source shadows another source. ``stokes``, or ``stokes
+        volpath`` and the like, adds Stokes parameters of polarised light as channels; see
         :func:`polywigner.mitsuba.stokes_of`.
-    spp : samples per pixel, 1 to 2^30; default: sample count of the sampler. Samplers may round it
-        up.
-    seed : seed of the random numbers, zero or more.
-    sensor : index of the sensor in the scene.
-    progress : function that is called after each part with the numbers of finished and of all
-        parts.
+    spp : int, default the sample count of the sampler
+        Samples per pixel, 1 to 2^30. Samplers may round it up.
+    seed : int, default 0
+        Seed of the random numbers, zero or more.
+    sensor : int, default 0
+        Index of the sensor in the scene.
+    progress : callable, default a progress bar
+        Function that is called after each part with the numbers of finished and of all parts.
 
     Returns
     -------
-    float32 array (height, width, channels) in W/(m^2 sr). Noise can make pixels negative, and so
-    can the Wigner radiance if the aperture is directly visible.
+    ndarray, shape (height, width, channels)
+        Radiance in W/(m^2 sr), float32. Noise can make pixels negative, and so can the Wigner
+        radiance if the aperture is directly visible.
 
     Raises
     ------
-    ArgumentError for an spp, a sensor or a seed out of range; SceneError if ``scene`` is not a
-    scene, has no sensor or no pixels, if the integrator is unknown or cannot render this scene, and
-    if the radiance is not finite.
+    ArgumentError
+        For an spp, a sensor or a seed out of range.
+    SceneError
+        If ``scene`` is not a scene, has no sensor or no pixels, if the integrator is unknown or
+        cannot render this scene, and if the radiance is not finite.
 
     Notes
     -----
@@ -223,28 +231,43 @@ def render_file(
 
     Parameters
     ----------
-    path : Mitsuba XML file. Workers of a scheduler must be able to access the file, and the files
-        that it names, at the same paths.
-    integrator, spp, seed, sensor : as of :func:`render`.
-    variant, sampler, parameters : as of :func:`load_scene`.
-    store : folder of a zarr store to which finished parts of the image are written. After an
+    path : path
+        Mitsuba XML file. Workers of a scheduler must be able to access the file, and the files that
+        it names, at the same paths.
+    integrator, spp, seed, sensor : optional
+        As of :func:`render`.
+    variant, sampler, parameters : optional
+        As of :func:`load_scene`.
+    store : path, optional
+        Folder of a zarr store to which finished parts of the image are written. After an
         interruption the same call completes the store. The store of a complete image is not
         removed. Needs the extra ``datasets``.
-    scheduler : address of a dask.distributed scheduler whose workers can access the store, or a
-        cluster object such as ``LocalCluster``; None: this machine.
-    threads : number of threads, on this machine or of each worker; None: all cores, or the threads
-        of the worker.
-    progress : whether to draw a progress bar; None: on a terminal.
+    scheduler : str or cluster, default this machine
+        Address of a dask.distributed scheduler whose workers can access the store, or a cluster
+        object such as ``LocalCluster``.
+    threads : int, optional
+        Number of threads, on this machine or of each worker. The default is all cores, or the
+        threads of the worker.
+    progress : bool, optional
+        Whether to draw a progress bar. The default is to draw it on a terminal.
 
     Returns
     -------
-    The image as of :func:`render`, up to the rounding of single-precision sums.
+    ndarray, shape (height, width, channels)
+        The image as of :func:`render`, up to the rounding of single-precision sums.
 
     Raises
     ------
-    As :func:`load_scene` and :func:`render`; ArgumentError for a scheduler without a store;
-    StoreError if the path cannot be written to, or contains parts of another image; EngineError
-    if the scheduler does not respond; MissingExtraError without the extra ``datasets``.
+    ArgumentError
+        For a scheduler without a store.
+    StoreError
+        If the path cannot be written to, or contains parts of another image.
+    EngineError
+        If the scheduler does not respond.
+    MissingExtraError
+        Without the extra ``datasets``.
+    PolywignerError
+        As :func:`load_scene` and :func:`render`.
     """
     if scheduler is not None and store is None:
         raise ArgumentError("expected a store with a scheduler, got none; name one for the parts")
