@@ -48,7 +48,7 @@ from polywigner.mitsuba.plugins.source_parameters import (
     values_of,
 )
 from polywigner.mitsuba.plugins.wigner import TracedSource, Wave, WignerEstimator, WignerRadiance
-from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, ROUNDING, matrix_of, shadow_end
+from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, matrix_of, shadow_end
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
 from polywigner.source import Array
 from polywigner.source.obliquities import DEFAULT
@@ -76,12 +76,8 @@ class WignerEmitter(VariantPlugin):
         m = self.m
         props = mi.Properties("wigner_emitter")
         props.set_id(id)
-        props["sampling_weight"] = spec.sampling_weight
         self.base.__init__(self, props)
-        flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
-        if not spec.visible:  # the particle tracer would show it to the camera
-            flags |= mi.EmitterFlags.DeltaPosition
-        self.m_flags = flags
+        self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
         self.wavelength = self._adjustable(spec.wavelength)
         self.power = self._adjustable(spec.power)
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
@@ -121,22 +117,6 @@ class WignerEmitter(VariantPlugin):
             callback.put("vertices", self._traced.vertices, differentiable)
         if self._traced.weights is not None:
             callback.put("weights", self._traced.weights, differentiable)
-
-    @property
-    def vertices(self) -> Drjit:
-        """x and y of each vertex in m, the parameter of the scene; SceneError without it."""
-        return self._exposed(self._traced.vertices)
-
-    @property
-    def weights(self) -> Drjit:
-        """Real and imaginary part of each weight, the parameter; SceneError without it."""
-        return self._exposed(self._traced.weights)
-
-    def _exposed(self, values: Drjit | None) -> Drjit:
-        if values is None:
-            reason = self._traced.why_not or "an array"
-            raise SceneError(f"expected, for parameters with derivatives, {reason}")
-        return values
 
     def parameters_changed(self, keys: list[str]) -> None:
         """Use new values; a new pose moves the mesh as well."""
@@ -200,7 +180,8 @@ class WignerEmitter(VariantPlugin):
         inverse = 1.0 / self.wavelength + shift
         wave = Wave(inverse, self.m.Vector2f(tilt_x, tilt_y))
         direction = self.m.Vector3f(x, y, z)
-        value = self._radiance.integral(direction, wave, self._traced_intensity())
+        traced = self._traced.intensity if self._is_traced() else None
+        value = self._radiance.integral(direction, wave, traced)
         if self.spec.has_several:
             value = value.x
         total = dr.sum(value * inverse * inverse * z * solid_angle * weight)
@@ -218,26 +199,16 @@ class WignerEmitter(VariantPlugin):
     def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
         """Return L at positions and unit vectors of the aperture's frame."""
         traced = self._traced.wigner if self._is_traced() else None
-        return self._scale(wave.inverse) * self._radiance.at(x, direction, wave, traced)
+        scale = self._value(self.power) * (wave.inverse * wave.inverse / self._norm)
+        return scale * self._radiance.at(x, direction, wave, traced)
 
     def watts_per_norm(self) -> Drjit:
         """Return the radiated power over the power of the unscaled field."""
         return self._value(self.power) / self._norm
 
-    def intensity(self, direction: mi.Vector3f, wave: Wave) -> Drjit:
-        """Return the integral of L over positions: radiance times area."""
-        scale = self._scale(wave.inverse) / self.spec.scene_unit**2
-        return scale * self._radiance.integral(direction, wave, self._traced_intensity())
-
     def _is_traced(self) -> bool:
         """Return whether the radiance has derivatives in vertices or weights."""
         return self.jit and self._traced.has_gradients() and len(self._radiance.terms) == 1
-
-    def _traced_intensity(self) -> Callable[..., Drjit] | None:
-        return self._traced.intensity if self._is_traced() else None
-
-    def _scale(self, inverse: Drjit) -> Drjit:
-        return self._value(self.power) * (inverse * inverse / self._norm)
 
     def eval(self, si: mi.SurfaceInteraction3f, active: Drjit = True) -> Drjit:
         if not self.spec.visible:  # also while `hide_emitters` hides a source that has a surface
@@ -255,7 +226,11 @@ class WignerEmitter(VariantPlugin):
         x = self.estimator.draw(sample)
         direction, distance = self.seen_from(it, x)
         ds = self.m.DirectionSample3f()
-        self._fill(ds, x, it.time)
+        ds.p = self.frame.point(x)
+        ds.n = self.m.Normal3f(self.frame.axes[2])
+        ds.uv = x
+        ds.time = self.m.Float(it.time)
+        ds.delta = self.m.Bool(False)
         ds.d = -self.frame.to_scene(direction)
         ds.dist = distance
         ds.pdf = self._density(direction.z, distance)
@@ -301,70 +276,8 @@ class WignerEmitter(VariantPlugin):
         distance = dr.norm(r)
         return r / distance, distance
 
-    def _fill(self, sample: mi.PositionSample3f, x: mi.Point2f, time: Drjit) -> None:
-        """Set the attributes that all samples of the position x share."""
-        sample.p = self.frame.point(x)
-        sample.n = self.m.Normal3f(self.frame.axes[2])
-        sample.uv = x
-        sample.time = self.m.Float(time)
-        sample.delta = self.m.Bool(False)
-
-    # ---- sampling of the emitted field ---------------------------------------------------
-
-    def sample_position(
-        self, time: Drjit, sample: mi.Point2f, active: Drjit = True
-    ) -> tuple[mi.PositionSample3f, Drjit]:
-        ps, density = self.m.PositionSample3f(), self._radiance.positions.density
-        self._fill(ps, self._radiance.positions.sample(sample), time)
-        ps.pdf = self.m.Float(density)
-        return ps, dr.select(active, self.m.Float(1.0 / density), 0.0)
-
-    def pdf_position(self, ps: mi.PositionSample3f, active: Drjit = True) -> Drjit:
-        return dr.select(active, self.m.Float(self._radiance.positions.density), 0.0)
-
-    def sample_ray(
-        self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
-    ) -> tuple[mi.Ray3f, Drjit]:
-        """Sample positions as for receivers and directions by cosine: the mean is the power."""
-        ps, inverse_density = self.sample_position(time, sample2, active)
-        direction = self.m.warp.square_to_cosine_hemisphere(sample3)
-        wavelengths, factor = _optical_wavelengths(self.m, sample1)
-        value = self.radiance(ps.uv, direction, self.wave(ps.uv, direction))
-        value = value * inverse_density * dr.pi
-        weight = self.polariser.sent(value, direction, self.frame, active) * factor
-        start = ps.p + self.frame.axes[2] * (ROUNDING * self._reach)
-        return self.m.Ray3f(start, self.frame.to_scene(direction), time, wavelengths), weight
-
-    def sample_wavelengths(
-        self, si: mi.SurfaceInteraction3f, sample: Drjit, active: Drjit = True
-    ) -> tuple[Drjit, Drjit]:
-        """Sample for the particle tracer, which passes the direction in scene coordinates."""
-        wavelengths, factor = _optical_wavelengths(self.m, sample)
-        direction = self.frame.to_own(si.wi)
-        radiance = self.radiance(si.uv, direction, self.wave(si.uv, direction))
-        return wavelengths, self.polariser.sent(radiance, direction, self.frame, active) * factor
-
     def bbox(self) -> mi.BoundingBox3f:
         return self.get_shape().bbox()
-
-    def to_string(self) -> str:
-        return (
-            f"WignerEmitter[\n  wavelength = {self.wavelength},\n  power = {self.power},\n"
-            f"  obliquity = {self.spec.obliquity},\n  source = {self.spec.source!r}\n]"
-        )
-
-
-def _optical_wavelengths(m: Any, sample: Drjit) -> tuple[Drjit, Drjit]:
-    """Return wavelengths of the renderer's colour spectrum and their inverse density.
-
-    Only spectral variants have any. They represent colours, not the wave of the aperture, whose
-    radiance is the same at each of them.
-    """
-    zero = dr.zeros(m.Ray3f).wavelengths
-    if dr.size_v(type(zero)) == 0:
-        return zero, 1.0
-    shifts = [sample + i / len(zero) for i in range(len(zero))]
-    return m.sample_uniform_spectrum(type(zero)(*(shift - dr.floor(shift) for shift in shifts)))
 
 
 # ---- the mesh -----------------------------------------------------------------------------------
@@ -378,8 +291,8 @@ def move(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
 
 def cover(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
     """Give the mesh the shape of the region that radiates."""
-    points, triangles = triangulate(spec.region.support)
-    set_mesh(shape, vertex_texcoords=points / spec.scene_unit, faces=triangles)
+    points, triangles = triangulate(spec.outline)
+    set_mesh(shape, vertex_texcoords=points, faces=triangles)
     move(shape, pose, spec)
 
 
@@ -421,7 +334,7 @@ def _build(variant: str, props: mi.Properties) -> mi.Mesh:
     """Return the mesh for the parameters of one ``wigner`` element."""
     spec = checked_parameters(values_of(props), EMITTER, variant)
     m = getattr(mi, variant)
-    points, triangles = triangulate(spec.region.support)
+    points, triangles = triangulate(spec.outline)
     inner = nested_properties(EMITTER, props)
     if not any(isinstance(value, m.BSDF) for _, value in props.objects()):
         inner["bsdf"] = mi.load_dict({"type": "null"})
@@ -438,7 +351,7 @@ def _build(variant: str, props: mi.Properties) -> mi.Mesh:
 add_plugin("shape", EMITTER, _build)
 
 # Flags of an entry are Python's own types, also if NumPy's were passed.
-_FLAGS = ("diffraction", "control_variate", "visible", "sampling_weight")
+_FLAGS = ("diffraction", "visible")
 
 
 @takes_frequency
@@ -450,8 +363,6 @@ def aperture(
     power: float | str | None = None,
     bsdf: Mapping[str, Any] | None = None,
     scene_unit: float = 1.0,
-    sampling_weight: float = 1.0,
-    control_variate: bool = False,
     visible: bool = True,
     estimator: str = "wigner",
     bandwidth: float | str | None = None,
@@ -485,11 +396,6 @@ def aperture(
     scene_unit : float
         Metres in one unit of the scene and of the translation of ``to_world``. Use 1e-3 and
         millimetres when receivers stand within centimetres of the aperture.
-    sampling_weight : float
-        Relative number of samples spent on this source.
-    control_variate : bool
-        Reduce the noise on diffuse surfaces that see all of the source. Biased on glossy surfaces,
-        and on surfaces that see a part of the source: docs/plugin.md.
     visible : bool
         False removes the surface: it lights the scene as before and casts no shadow, but no
         camera, mirror or irradiance meter sees it.
@@ -533,9 +439,7 @@ def aperture(
         obliquity=obliquity,
         estimator=estimator,
         diffraction=diffraction,
-        control_variate=control_variate,
         visible=visible,
-        sampling_weight=sampling_weight,
         power=power,
         aperture_power=aperture_power,
         bandwidth=bandwidth,

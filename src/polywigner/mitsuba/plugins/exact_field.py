@@ -15,7 +15,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial, reduce
-from itertools import islice
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import drjit as dr
@@ -23,7 +22,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, SceneError
+from polywigner.errors import SceneError
 from polywigner.execution import Drjit, NumpyOperations, ops_for
 from polywigner.geometry import Wavefront
 from polywigner.kernels.boundary import integrals
@@ -159,8 +158,6 @@ _MOST_PANELS = 8192
 _DIGITS = math.log(3e4)
 # Panels as long as twice the distance are cheapest. At smaller distances the rules are graded.
 _LONGEST = 12.0
-# Error of means over tilts and wavelengths, relative to the largest irradiance.
-_MIXTURE_ERROR = 3e-5
 
 
 class ExactEstimator:
@@ -179,14 +176,10 @@ class ExactEstimator:
         source = spec.at_origin
         self.draw = cells_with_field(m, source, self._unit).sample
         """Return a position in proportion to |u|^2, from which rays look for obstacles."""
-        self._fields = []
-        for field, stokes in spec.fields_of(source):
-            parts = list(spec.mixture.parts(field, wavelength, _MIXTURE_ERROR))
-            exact = [
-                (ExactField(m, part, length, spec.obliquity, len(parts) > 1), weight)
-                for part, length, weight in parts
-            ]
-            self._fields.append((exact, stokes))
+        self._fields = [
+            (ExactField(m, field, wavelength, spec.obliquity), stokes)
+            for field, stokes in spec.fields_of(source)
+        ]
         self._scale = opaque(m, wavelength**2 * self._unit**2 / spec.norm)
         self._diffracts = spec.diffraction
         self._shadows: Shadows | None = None
@@ -196,15 +189,10 @@ class ExactEstimator:
     @staticmethod
     def check(spec: SourceParameters) -> None:
         """Raise SceneError for a source without exact field, or with too many edges."""
-        if spec.control_variate:
+        if not spec.mixture.is_plain:
             raise SceneError(
-                'expected no control_variate with the estimator "exact", got true; leave it out: a '
-                "point that sees the entire source has no noise"
-            )
-        if spec.diffraction and not spec.mixture.is_plain:
-            raise SceneError(
-                f"expected coherent light of one wavelength with diffraction, got {spec.mixture}; "
-                "leave diffraction out, or add the images of its waves"
+                'expected coherent light of one wavelength with the estimator "exact", got '
+                f'{spec.mixture}; use the estimator "wigner"'
             )
         if spec.diffraction and spec.has_several:
             raise SceneError(
@@ -216,18 +204,11 @@ class ExactEstimator:
                 f'expected a boundary condition as obliquity with the estimator "exact", got '
                 f'{spec.obliquity!r}; use one of {", ".join(CONDITIONS)}, or the estimator "wigner"'
             )
-        try:
-            parts = spec.mixture.parts(spec.source, spec.wavelength, _MIXTURE_ERROR)
-            first, length, _ = next(parts)
-            # every wave of a mixture has the same number
-            each = panels_in(radiator_of(plane_waves_of(first)), length, _LONGEST)
-            count = each * (1 + sum(1 for _ in islice(parts, int(_MOST_PANELS / each))))
-        except ArgumentError as error:  # too many tilts
-            raise SceneError(str(error)) from None
+        count = panels_in(radiator_of(plane_waves_of(spec.source)), spec.wavelength, _LONGEST)
         if not count <= _MOST_PANELS:
             raise SceneError(
-                f"expected at most {_MOST_PANELS} pieces of edges, once for each wave, in a sample "
-                f'with the estimator "exact", got {count:.0f} or more; use the estimator "wigner"'
+                f"expected at most {_MOST_PANELS} pieces of edges, once for each wave, with the "
+                f'estimator "exact", got {count:.0f}; use the estimator "wigner"'
             )
 
     def lit(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
@@ -263,42 +244,16 @@ class ExactEstimator:
             warnings.warn(f"{message}. Its light is NaN", RuntimeWarning, stacklevel=2)
             return self._m.Float(math.nan)
         if self._shadows is not None:
-            ((first, _),) = self._fields[0][0]
-            return self._shadows.either(point, partial(first.intensity, unit=self._unit))
-        values = [four(self._m, s, self._mean(parts, point)) for parts, s in self._fields]
+            free = partial(self._fields[0][0].intensity, unit=self._unit)
+            return self._shadows.either(point, free)
+        values = [four(self._m, s, f.intensity(point, self._unit)) for f, s in self._fields]
         return reduce(operator.add, values)
-
-    def _mean(self, parts: list[tuple[ExactField, float]], point: mi.Point3f) -> Drjit:
-        """Return |U|^2 of one field, the mean over the waves of a mixture."""
-        if len(parts) == 1:
-            return parts[0][0].intensity(point, self._unit)
-        m = self._m
-
-        def term(field: ExactField, weight: float, point: mi.Point3f) -> Drjit:
-            return opaque(m, weight) * field.intensity(point, self._unit)
-
-        terms = [partial(term, *part) for part in parts]
-        if not dr.is_jit_v(m.Float):
-            return sum(term(point) for term in terms)
-        # calls of one kind share their code, whose constants are data
-
-        def add(k: Drjit, total: Drjit) -> tuple[Drjit]:
-            return (total + dr.switch(k, terms, point),)
-
-        return ops_for(m.Float).fold(0, len(terms), (0.0,), add)[0]
 
 
 class ExactField:
-    """|U|^2 of a source in coherent light for one variant's arrays.
+    """|U|^2 of a source in coherent light for one variant's arrays."""
 
-    ``is_part`` : whether it is one wave of a mixture. Such waves share their code as sums over
-    edges, for which numbers are data: 76 tilts of a square compile in 0.3 s instead of 8 s, and
-    agree within 3e-6 of the peak.
-    """
-
-    def __init__(
-        self, m: Any, source: SceneSource, wavelength: float, obliquity: str, is_part: bool = False
-    ) -> None:
+    def __init__(self, m: Any, source: SceneSource, wavelength: float, obliquity: str) -> None:
         source, condition = plane_waves_of(source), CONDITIONS[obliquity]
         condition.warn_of_fit(source, wavelength)
         self._m, self._jit = m, dr.is_jit_v(m.Float)
@@ -310,10 +265,8 @@ class ExactField:
         )
         self._centre = [opaque(m, c) for c in (radiator.centre / wavelength).tolist()]
         self._inverse = opaque(m, 1 / wavelength)
-        self._points: EquivalentSources | None = None
-        if not is_part:
-            panels = len(self._tables.edges)
-            self._points = equivalent_sources(source, radiator, wavelength, condition, panels)
+        panels = len(self._tables.edges)
+        self._points = equivalent_sources(source, radiator, wavelength, condition, panels)
         if self._points is not None:
             self._half = [opaque(m, half) for half in self._points.half]
 

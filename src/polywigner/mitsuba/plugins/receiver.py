@@ -139,8 +139,7 @@ class WignerReceiver(VariantPlugin):
         source, wavelength = spec.at_origin, spec.wavelength
         radiance = WignerRadiance(m, spec, wavelength)
         terms = [(term.source, term.forms) for term in radiance.terms]
-        bounds, width = spec.fields_of(source)[0][0].bounds, spec.mixture.coherence_width
-        self.directions = directions_of(m, terms, bounds, wavelength, width)
+        self.directions = directions_of(m, terms, spec.fields_of(source)[0][0].bounds, wavelength)
         self.polariser = Polariser(m, spec.polarisation)
         self.estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, radiance)
         reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
@@ -280,14 +279,6 @@ class WignerReceiver(VariantPlugin):
         # scalar variants have no separate type for scalars
         box = getattr(self.m, "ScalarBoundingBox3f", self.m.BoundingBox3f)
         return box(self.spec.pose[:3, 3].tolist())
-
-    def to_string(self) -> str:
-        spec = self.spec
-        return (
-            f"WignerReceiver[\n  wavelength = {spec.wavelength},\n"
-            f"  estimator = {spec.estimator},\n  obliquity = {spec.obliquity},\n"
-            f"  source = {spec.source!r},\n  film = {self.film()}\n]"
-        )
 
 
 def _check_film(values: dict[str, Any]) -> None:

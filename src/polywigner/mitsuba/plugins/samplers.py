@@ -120,7 +120,6 @@ def directions_of(
     terms: Sequence[tuple[SceneSource, Forms]],
     bounds: Sequence[float],
     wavelength: float,
-    coherence_width: float,
 ) -> Directions:
     """Return a sampler of (alpha, psi) from the far pattern g |F|^2 and a uniform density.
 
@@ -134,9 +133,6 @@ def directions_of(
     counts = np.clip(needed, _FEWEST, _MOST).astype(int)
     within = int(np.clip(np.ceil((needed / counts).max()), 1, _MOST_WITHIN))
     pattern = _mean_pattern(terms, wavelength, counts, within)
-    spread = wavelength / (2 * math.pi * coherence_width)
-    if spread > 0:
-        pattern = _blurred(pattern, spread * counts / sides)
     kinds = (pattern, np.sqrt(pattern), np.ones_like(pattern))
     density = sum(share * kind / kind.mean() for share, kind in zip(_SHARES, kinds, strict=True))
     return Directions(m, density, sides)
@@ -164,17 +160,6 @@ def _mean_pattern(
         for source, forms in terms:
             total = total + np.abs(fourier(source, nu)) ** 2 * forms.irradiance(cosine)
     return np.maximum(total, 0.0)
-
-
-def _blurred(values: Floats, widths: Floats) -> Floats:
-    """Return values, rows along y, blurred by a normal density; widths along x and y in steps."""
-    for axis, width in ((1, widths[0]), (0, widths[1])):
-        half = min(values.shape[axis] - 1, math.ceil(4 * width))
-        weights = np.exp(-0.5 * (np.arange(-half, half + 1) / width) ** 2)
-        moved = np.moveaxis(values, axis, -1)
-        rows = [np.convolve(row, weights / weights.sum(), mode="same") for row in moved]
-        values = np.moveaxis(np.array(rows)[..., : moved.shape[-1]], -1, axis)
-    return values
 
 
 class Frame:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from numbers import Real
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -105,8 +105,6 @@ def emissions(
     return terms
 
 
-# Error of means over tilts and wavelengths, relative to the largest value.
-_MEAN_ERROR = 1e-7
 # Relative error of the mean power, and the largest lag in wavelengths: the power is an integral of
 # the correlation times an oscillating, decaying transform of g. Measured error for two slits and
 # squares of 0.5 to 100 wavelengths, coherence widths of 0.3 to 30: at most 2e-5 of the power.
@@ -138,9 +136,12 @@ class Mixture:
         return self == Mixture()
 
     def parts(
-        self, source: SceneSource, wavelength: float, error: float = _MEAN_ERROR
+        self, source: SceneSource, wavelength: float, error: float = 1e-7
     ) -> Iterator[tuple[SceneSource, float, float]]:
-        """Yield coherent sources, wavelengths in m and weights whose mean is the mixture."""
+        """Yield coherent sources, wavelengths in m and weights whose mean is the mixture.
+
+        ``error`` : error of the mean, relative to the largest value.
+        """
         return mixture_parts(self._applied_to(source), wavelength, self.bandwidth, error)
 
     def nodes(self, source: SceneSource, wavelength: float) -> Floats:
@@ -247,17 +248,8 @@ def _energy(source: Aperture | Array) -> float:
     return energy
 
 
-class Region(NamedTuple):
-    """Region of the plane where W of a source is not zero."""
-
-    centre: Floats
-    """(2,) in m, read-only."""
-    support: Aperture
-    """Outline relative to the centre."""
-
-
-def region_of(source: Any, obliquity: str) -> Region:
-    """Return the region of an aperture, or of an array of apertures in the plane z = 0.
+def support_of(source: Any, obliquity: str) -> Aperture:
+    """Return the region of the plane z = 0 where W of an aperture or array is not zero.
 
     Raises SceneError for a source that cannot radiate in a scene.
     """
@@ -265,17 +257,16 @@ def region_of(source: Any, obliquity: str) -> Region:
         raise unsuitable_source(source)
     try:
         check_slopes(source, obliquity)
-        return _region(flat_source(source))
+        return _support(flat_source(source))
     except PolywignerError as error:
         raise SceneError(str(error)) from None
 
 
 # A scene entry is checked when it is made, and read when the scene is loaded.
 @lru_cache(maxsize=16)
-def _region(source: Aperture | Array) -> Region:
+def _support(source: Aperture | Array) -> Aperture:
     _energy(source)  # raises if it is zero
-    support = mutual_support(source)
-    return Region(support.centre, support.moved(-support.centre))
+    return mutual_support(source)
 
 
 # ---- the parameters -----------------------------------------------------------------------------
@@ -296,7 +287,8 @@ class SourceParameters:
     estimator: str
     scene_unit: float
     """Metres."""
-    region: Region
+    support: Aperture
+    """Region of the plane where W of the source is not zero, in m."""
     mixture: Mixture = Mixture()
     """Mixture of the light that the source sends, or would send."""
     normalise: str = NORMALISATIONS[0]
@@ -305,8 +297,6 @@ class SourceParameters:
     """Radiated power in W; 1 for a receiver, whose power comes from the scene."""
     diffraction: bool = False
     """Whether shadows of the scene's surfaces diffract."""
-    control_variate: bool = False
-    sampling_weight: float = 1.0
     visible: bool = True
     """Whether rays meet the surface of the source."""
     noise: Mapping[str, float | None] = field(default_factory=dict)
@@ -319,13 +309,18 @@ class SourceParameters:
     @property
     def at_origin(self) -> SceneSource:
         """The source relative to its centre: single precision resolves 6e-8 of a position."""
-        moved: SceneSource = normal_form(self.source).moved(-self.region.centre).public
+        moved: SceneSource = normal_form(self.source).moved(-self.support.centre).public
         return moved
 
     @property
     def centre(self) -> Floats:
         """Centre (2,) of the region that radiates, in units of the scene."""
-        return self.region.centre / self.scene_unit
+        return self.support.centre / self.scene_unit
+
+    @property
+    def outline(self) -> Aperture:
+        """Region that radiates relative to its centre, in units of the scene."""
+        return self.support.moved(-self.support.centre).scaled(1 / self.scene_unit)
 
     @property
     def has_several(self) -> bool:
@@ -357,7 +352,7 @@ class SourceParameters:
 
     def with_source(self, source: SceneSource, wavelength: float) -> SourceParameters:
         """Return the parameters with another source."""
-        spec = replace(self, source=source, region=region_of(source, self.obliquity))
+        spec = replace(self, source=source, support=support_of(source, self.obliquity))
         return replace(spec, norm=spec.norm_at(wavelength))
 
 
@@ -369,7 +364,7 @@ _COMMON = (
 PARAMETERS = (
     *_COMMON,
     *("power", "aperture_power", "obliquity", "estimator", "diffraction"),
-    *("control_variate", "scene_unit", "sampling_weight", "visible", "bandwidth"),
+    *("scene_unit", "visible", "bandwidth"),
 )
 """Names of the ``wigner`` shape's parameters; ``docs/plugin.md`` explains them."""
 RECEIVER_PARAMETERS = (
@@ -403,7 +398,7 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
             "function of the source contains no edges of obstacles"
         )
     obliquity = given.choice("an obliquity", OBLIQUITIES, DEFAULT)
-    wavelength, weight = given.wavelength(), given.number("sampling_weight")
+    wavelength = given.wavelength()
     try:
         source, mixture = _mixture_of(
             given.source(wavelength), wavelength, given.number("bandwidth") if sends else None
@@ -418,12 +413,10 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
         obliquity=obliquity,
         estimator=estimator,
         scene_unit=given.number("scene_unit") or 1.0,
-        region=region_of(source, obliquity),
+        support=support_of(source, obliquity),
         mixture=mixture,
         normalise=checked_normalise(given.text("normalise", NORMALISATIONS[0]), SceneError),
         diffraction=diffraction,
-        control_variate=given.flag("control_variate", False),
-        sampling_weight=1.0 if weight is None else weight,
         visible=given.flag("visible", True),
         noise={} if sends else {name: given.number(name) for name in NOISE_PARSERS},
         polarisation=given.polarisation(source),
@@ -459,7 +452,6 @@ _PARSERS: dict[str, Callable[[Any], float]] = {
     "scene_unit": _parse_unit,
     "power": parse_power,
     "aperture_power": parse_power,
-    "sampling_weight": float,
     **NOISE_PARSERS,
 }
 """Readers of the numbers of an entry, by name."""

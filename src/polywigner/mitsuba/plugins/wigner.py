@@ -116,8 +116,7 @@ class WignerRadiance:
         self._m, self._jit, self._unit = m, dr.is_jit_v(m.Float), spec.scene_unit
         self._ops = ops_for(m.Float)
         source = spec.at_origin
-        rings = [ring / spec.scene_unit for ring in spec.region.support.rings]
-        self.positions = Positions(m, trapezoids(rings))
+        self.positions = Positions(m, trapezoids(spec.outline.rings))
         self.waves = DrawnWaves(m, spec.mixture)
         self.terms = []
         for part, stokes in spec.fields_of(source):
@@ -199,7 +198,7 @@ class WignerEstimator:
     def __init__(
         self, m: Any, spec: SourceParameters, wavelength: float, radiance: WignerRadiance
     ) -> None:
-        self._m, self._spec, self._radiance = m, spec, radiance
+        self._radiance = radiance
         self.draw = radiance.positions.sample
         """Return a position for a uniform point of the unit square."""
         self.density: float | None = radiance.positions.density
@@ -209,12 +208,7 @@ class WignerEstimator:
 
     @staticmethod
     def check(spec: SourceParameters) -> None:
-        """Raise SceneError for a mixture without common radiance, or a curved control variate."""
-        if isinstance(spec.source, Wavefront) and spec.control_variate:
-            raise SceneError(
-                "expected no control_variate with a curved wave, got true; leave it out: its "
-                "integral over positions would be a sum for each sample"
-            )
+        """Raise SceneError for a mixture whose waves have different obliquity factors."""
         mixture = spec.mixture
         oblique = (
             mixture.coherence_width < math.inf
@@ -228,21 +222,10 @@ class WignerEstimator:
             )
 
     def lit(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return L cos/r^2 over the density at the point ``it``.
-
-        A control variate subtracts the radiance towards the direction from the centre, and adds
-        the integral of that radiance in proportion to the density of samples.
-        """
-        wave = light.wave(x, it.p)
+        """Return L cos/r^2 over the density at the point ``it``."""
         direction, distance = light.seen_from(it, x)
-        value = light.radiance(x, direction, wave) * direction.z / (distance * distance)
-        if self._spec.control_variate:
-            central, distance = light.seen_from(it, self._m.Point2f(0.0))
-            ratio = _cosine_ratio(light.frame.to_own(it.n), direction, central)
-            change = light.intensity(central, wave) * self.density
-            change = change - light.radiance(x, central, wave)
-            value = value + central.z / (distance * distance) * ratio * change
-        return value / self.density
+        value = light.radiance(x, direction, light.wave(x, it.p)) * direction.z
+        return value / (distance * distance * self.density)
 
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
@@ -250,13 +233,6 @@ class WignerEstimator:
         """Return g W/N over the density, in units of the scene; g = h cos."""
         wave = self._radiance.waves.wave(self._inverse, x, direction)
         return self._scale * self._radiance.at(x, direction, wave) * direction.z / self.density
-
-
-def _cosine_ratio(normal: mi.Normal3f, direction: mi.Vector3f, central: mi.Vector3f) -> Drjit:
-    """Return the cosine at a receiver towards the centre over the cosine towards the sample."""
-    cosine, at_centre = dr.dot(normal, direction), dr.dot(normal, central)
-    same_side = cosine * at_centre > 0.0
-    return dr.select(same_side, at_centre / dr.select(same_side, cosine, 1.0), 1.0)
 
 
 # Overlaps below this fraction of an area are rounding errors.
@@ -267,30 +243,21 @@ _MOST_CUTS = 4096
 
 
 class TracedSource:
-    """Vertices and weights of one emitter's source as parameters of a scene."""
+    """Vertices and weights of one emitter's source as parameters of a scene.
+
+    Both are None in scalar variants, and for sources that are not uniform, overlap, have several
+    polarisations or too many edges.
+    """
 
     def __init__(self, m: Any, spec: SourceParameters) -> None:
         self._m, self._spec = m, spec
         source = spec.source
         self.vertices: Any = None
         self.weights: Any = None
-        self.why_not = ""
-        """Why the source has no such parameters; empty if it has."""
-        if not dr.is_jit_v(m.Float):
-            self.why_not = "a variant of Mitsuba that compiles, such as llvm_ad_rgb"
-        elif spec.has_several:
-            self.why_not = "an array of one polarisation"
-        elif not _is_simple(source):
-            self.why_not = "a uniform aperture, or an array of uniform apertures without overlap"
-        else:
-            self._tables = new_tables_of(flat_source(spec.at_origin), dr.itemsize_v(m.Float) == 8)
-            cuts = self._tables.clips
-            if cuts > _MOST_CUTS:
-                self.why_not = (
-                    f"a source of few edges, as code of the render's kernel, got {cuts} pairs of "
-                    "edges; gradients of pw.wigner and pw.fourier have no such limit"
-                )
-        if self.why_not:
+        if not dr.is_jit_v(m.Float) or spec.has_several or not _is_simple(source):
+            return
+        self._tables = new_tables_of(flat_source(spec.at_origin), dr.itemsize_v(m.Float) == 8)
+        if self._tables.clips > _MOST_CUTS:
             return
         self.vertices = m.Float(_corners(source).ravel().tolist())
         if isinstance(source, Array):
@@ -362,7 +329,7 @@ class TracedSource:
         return list(zip(numbers[::2], numbers[1::2], strict=True))
 
     def _centred(self) -> list[Point]:
-        cx, cy = self._spec.region.centre.tolist()
+        cx, cy = self._spec.support.centre.tolist()
         return [(x - cx, y - cy) for x, y in self._gathered(self.vertices)]
 
 

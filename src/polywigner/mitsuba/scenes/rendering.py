@@ -10,7 +10,6 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -25,7 +24,7 @@ from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.polariser import Polariser
 from polywigner.mitsuba.plugins.registration import set_mesh
 from polywigner.mitsuba.scenes import surfaces
-from polywigner.mitsuba.scenes.scenes import has_wigner_emitter, translate_error
+from polywigner.mitsuba.scenes.scenes import translate_error
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
@@ -110,22 +109,8 @@ def _quietly() -> AbstractContextManager[None]:
     return nullcontext() if dr.is_jit_v(mi.Float) else films.silent()
 
 
-def is_fog_near(scene: mi.Scene, sensor: mi.Sensor) -> bool:
-    """Return whether fog is nearer to an ``exact`` receiver than 2 D^2/wavelength (Fraunhofer)."""
-    if not surfaces.is_receiver(sensor) or sensor.spec.estimator != "exact":
-        return False
-    if sensor.get_medium() is not None:
-        return True
-    spec = sensor.spec
-    size = np.ptp(np.reshape(spec.source.bounds, (2, 2)), axis=0)
-    far = 2 * float(size @ size) / spec.wavelength / spec.scene_unit
-    centre = spec.pose[:3] @ [*spec.centre, 0.0, 1.0]
-    bounds = (shape.bbox() for shape in scene.shapes() if shape.is_medium_transition())
-    return any(float(box.distance(centre.tolist())) < far for box in bounds)
-
-
-# Integrators that trace through null surfaces, and the particle tracer, whose light passes them.
-_TRANSPARENT = ("Volumetric", "Volpath", "ParticleTracer")
+# Integrators that trace through null surfaces.
+_TRANSPARENT = ("Volumetric", "Volpath")
 
 
 def may_shadow(scene: mi.Scene) -> bool:
@@ -156,10 +141,6 @@ def _shines_on(light: mi.Emitter, points: Floats) -> bool:
     return bool(heights.max() > rounding)
 
 
-_NEVER = 2**30
-"""A depth for Russian roulette that no path reaches."""
-
-
 def exposed(
     scene: mi.Scene,
     integrator: Any = None,
@@ -174,7 +155,7 @@ def exposed(
     entropy = films.check_seed(seed)
     method, inner = _integrator(scene, integrator)
     if warn:
-        _warn_of_limits(scene, inner, camera)
+        _warn_of_shadows(scene, inner)
     return Exposure(scene, camera, method, films.tiling_of(camera, samples), entropy)
 
 
@@ -223,8 +204,7 @@ def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Int
         raise ArgumentError(f"expected an integrator or the name of its plugin, got {integrator!r}")
     try:
         if isinstance(integrator, str):
-            depth = {"rr_depth": _NEVER} if integrator == "ptracer" else {}
-            integrator = mi.load_dict({"type": integrator} | depth)
+            integrator = mi.load_dict({"type": integrator})
         if not adds_stokes or integrator.class_name() == "StokesIntegrator":
             return integrator, integrator
         return mi.load_dict({"type": _STOKES, "nested": integrator}), integrator
@@ -232,32 +212,18 @@ def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Int
         raise translate_error(error) from None
 
 
-def _warn_of_limits(scene: mi.Scene, integrator: mi.Integrator, camera: mi.Sensor) -> None:
-    warn = partial(warnings.warn, category=RuntimeWarning, stacklevel=4)
-    if is_fog_near(scene, camera):
-        warn(
-            'fog reaches into the near zone of a receiver with the estimator "exact", whose weight '
-            "for scattered light is the weight of the surface behind: light scattered within 2 "
-            'D^2/wavelength is wrong; use the estimator "wigner"'
-        )
-    if not has_wigner_emitter(scene):
-        return
+def _warn_of_shadows(scene: mi.Scene, integrator: mi.Integrator) -> None:
     # integrators written in Python share a class name in Mitsuba
     names = integrator.class_name() + type(integrator).__name__
     if may_shadow(scene) and not any(name in names for name in _TRANSPARENT):
-        warn(
+        warnings.warn(
             "the surface of a source is in the light of another source, and this integrator lets "
             "it cast shadows, although its BSDF is null: 'direct' loses that light; 'path' and "
             "'prb' lose it at the last bounce, and add noise before; use 'volpath', or "
-            "visible=False for a source that nobody looks at"
+            "visible=False for a source that nobody looks at",
+            RuntimeWarning,
+            stacklevel=4,
         )
-    if integrator.class_name() == "ParticleTracerIntegrator":
-        depths = films.depths_of(integrator)
-        if depths["rr_depth"] <= depths["max_depth"] % 2**32 and depths["rr_depth"] < _NEVER:
-            warn(
-                "Russian roulette in 'ptracer' ends the paths of negative radiance, which biases "
-                "the image: set its rr_depth above its max_depth, or use 'path'"
-            )
 
 
 # ---- temporary changes of a scene ---------------------------------------------------------------

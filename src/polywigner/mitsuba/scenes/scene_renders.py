@@ -212,7 +212,6 @@ def render_file(
     sensor: int = 0,
     *,
     variant: str | None = None,
-    sampler: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     store: str | Path | None = None,
     scheduler: Scheduler = None,
@@ -226,7 +225,7 @@ def render_file(
     path : Mitsuba XML file. Workers of a scheduler must be able to access the file, and the files
         that it names, at the same paths.
     integrator, spp, seed, sensor : as of :func:`render`.
-    variant, sampler, parameters : as of :func:`load_scene`.
+    variant, parameters : as of :func:`load_scene`.
     store : folder of a zarr store to which finished parts of the image are written. After an
         interruption the same call completes the store. The store of a complete image is not
         removed. Needs the extra ``datasets``.
@@ -255,7 +254,7 @@ def render_file(
     if threads is not None:
         checked_count(threads, "threads", 1, MOST_THREADS)
     chosen = choose_variant(mi.variant() if variant is None else variant)
-    file = SceneFile(checked_path(path), chosen, sampler, dict(parameters or {}))
+    file = SceneFile(checked_path(path), chosen, dict(parameters or {}))
     options = {"integrator": integrator, "spp": spp, "seed": seed, "sensor": sensor}
     keeping: dict[str, Any] = {"scheduler": scheduler, "threads": threads, "progress": progress}
     return render_parts(file, file.load(), options, store, **keeping)

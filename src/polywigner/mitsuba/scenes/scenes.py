@@ -8,7 +8,6 @@ meshes and images, and reports damaged ones.
 from __future__ import annotations
 
 import hashlib
-import math
 import re
 import warnings
 from collections.abc import Iterator, Mapping
@@ -20,7 +19,6 @@ from xml.etree.ElementTree import Element, ParseError
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
@@ -30,7 +28,6 @@ from polywigner.errors import (
     FileFormatError,
     PolywignerError,
     SceneError,
-    value_text,
 )
 from polywigner.geometry.arguments import checked_flag, checked_path
 from polywigner.geometry.io.limits import (
@@ -52,9 +49,6 @@ _VARIANTS = {
     True: ("llvm_ad_mono_polarized", "cuda_ad_mono_polarized", "scalar_spectral_polarized"),
 }
 _COHERENT = ("wigner", "wigner_receiver")
-_FRACTIONS = ("reflectance", "transmittance", "albedo")
-# Samplers of Mitsuba divide by the number of samples, and rounding up a larger one never ends.
-_MOST_SAMPLES = 1 << 24
 _LONGEST_MESSAGE = 600
 
 
@@ -114,8 +108,6 @@ def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
 def load_scene(
     scene: str | Path | Mapping[str, Any],
     variant: str | None = None,
-    sampler: str | None = None,
-    merge: bool = False,
     diffraction: bool = False,
     **parameters: Any,
 ) -> mi.Scene:
@@ -130,14 +122,10 @@ def load_scene(
         Path of a Mitsuba XML file, or a dictionary as for ``mi.load_dict``.
     variant : str, optional
         Mitsuba variant to set first. Default: the current variant, else :func:`choose_variant`.
-    sampler : str, optional
-        Plugin such as ``multijitter`` that replaces the sampler of every sensor.
-    merge : bool
-        True: merge meshes with equal BSDFs into one mesh without an id, as Mitsuba does.
-    diffraction : bool
-        True: all sources and receivers get the estimator ``exact`` and shadows that diffract
-        (docs/shadows.md). False: as the scene specifies.
-    parameters : str or float
+    diffraction : bool, default False
+        Give all sources and receivers the estimator ``exact`` and shadows that diffract
+        (docs/shadows.md).
+    **parameters : str or float
         Values of the file's ``$parameters``; not for a dictionary.
 
     Returns
@@ -156,13 +144,13 @@ def load_scene(
     """
     if not isinstance(scene, Mapping):
         path = checked_path(scene)
-        return SceneFile(path, variant, sampler, parameters, diffraction, None, merge).load()
+        return SceneFile(path, variant, parameters, diffraction).load()
     if parameters:
         raise ArgumentError(
             f"a scene dictionary takes no parameters, got {', '.join(parameters)}; put the values "
             "into the dictionary"
         )
-    return _load(SceneFile(None, variant, sampler, {}, diffraction, None, merge), dict(scene))
+    return _load(SceneFile(None, variant, {}, diffraction), dict(scene))
 
 
 @dataclass(frozen=True)
@@ -172,20 +160,14 @@ class SceneFile:
     path: Path | None
     """None for a scene that is a dictionary."""
     variant: str | None
-    sampler: str | None = None
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """Values of the file's ``$parameters``, with any names."""
     diffraction: bool = False
     polarisation: str | None = None
     """Polarisation of sources and receivers for which the file specifies none; None: the default.
     """
-    merge: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.sampler, str | None):
-            got = value_text(self.sampler)
-            raise ArgumentError(f"expected sampler as the name of a plugin, got {got}")
-        checked_flag(self.merge, "merge")
         checked_flag(self.diffraction, "diffraction")
 
     def load(self) -> mi.Scene:
@@ -285,8 +267,7 @@ def _translated(error: Exception, state: mi.parser.ParserState | None) -> Polywi
     last = traceback.strip().splitlines()[-1:]  # the error of a plugin in Python
     line = _printable(" ".join(" ".join([head, *last]).split()))
     names = [] if state is None or at is None else _file_names_at(state, at[1])
-    unnamed = [name for name in names if name not in line]
-    about = f" (file {_printable(unnamed[0])})" if unnamed else ""
+    about = f" (file {_printable(names[0])})" if names and names[0] not in line else ""
     return SceneError(f"expected a scene that Mitsuba can load: {line}{about}")
 
 
@@ -312,9 +293,6 @@ def _instantiate(
     """Check a parsed scene, apply the options and build it."""
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
-    _check_numbers(state)
-    if how.sampler is not None:
-        _replace_samplers(state, how.sampler)
     for node in state.nodes:
         if node.props.plugin_name() not in _COHERENT:
             continue
@@ -324,63 +302,12 @@ def _instantiate(
         if how.polarisation is not None and "polarisation" not in node.props:
             node.props["polarisation"] = how.polarisation
     mi.parser.transform_merge_equivalent(config, state)
-    if how.merge:
-        mi.parser.transform_merge_meshes(config, state)
     return mi.parser.instantiate(config, state)
 
 
 def _values_in(props: mi.Properties) -> dict[str, Any]:
     copy = mi.Properties(props)  # Mitsuba reports unread properties
     return {name: copy[name] for name in copy.keys()}  # noqa: SIM118 (not a dict)
-
-
-def _check_numbers(state: mi.parser.ParserState) -> None:
-    """Raise SceneError for NaN, fractions of light outside 0 to 1, and numbers of samples."""
-    for node in state.nodes:
-        for name, value in _values_in(node.props).items():
-            lowest, highest = -math.inf, math.inf
-            if node.type == mi.ObjectType.BSDF and name.endswith(_FRACTIONS):
-                lowest, highest = 0.0, 1.0
-            elif node.type == mi.ObjectType.Sampler and name == "sample_count":
-                lowest, highest = 1, _MOST_SAMPLES
-            values = _numbers_in(value)
-            if not all(lowest <= number <= highest for number in values):
-                limits = "" if highest == math.inf else f" from {lowest:g} to {highest}"
-                raise SceneError(
-                    f"expected the {name} of a {node.props.plugin_name()} in numbers{limits}, got "
-                    f"{', '.join(f'{number:g}' for number in values[:3])}"
-                )
-
-
-def _numbers_in(value: Any) -> list[float]:
-    """Return the numbers of a property or of a pose; none for texts and references to textures."""
-    if isinstance(value, (str, mi.Properties.ResolvedReference)):
-        return []
-    value = getattr(value, "values", value)  # of a spectrum
-    value = value if hasattr(value, "shape") else getattr(value, "matrix", value)
-    try:
-        return [float(number) for number in np.ravel(np.array(value, np.float64))]
-    except (TypeError, ValueError):
-        return []
-
-
-def _replace_samplers(state: mi.parser.ParserState, name: str) -> None:
-    kinds = [node.type for node in state.nodes]
-    for node in state.nodes:
-        if node.type == mi.ObjectType.Sampler:
-            props = mi.Properties(name)
-            props.set_id(node.props.id())
-            for key in ("sample_count", "seed"):
-                if key in node.props:
-                    props[key] = node.props[key]
-            node.props = props
-        elif node.type == mi.ObjectType.Sensor:
-            values = _values_in(node.props).values()
-            nested = [v for v in values if isinstance(v, mi.Properties.ResolvedReference)]
-            if not any(kinds[value.index()] == mi.ObjectType.Sampler for value in nested):
-                props = mi.Properties(node.props)
-                props["sampler"] = mi.load_dict({"type": name})
-                node.props = props
 
 
 # ---- scene files --------------------------------------------------------------------------------
