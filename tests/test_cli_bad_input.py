@@ -141,7 +141,7 @@ BAD: dict[str, str] = {
         --precision half => precision | half
         --db-floor 3 => --db-floor | -1
         --taper gauss => taper | gauss
-        --format zip => --format | zip | nc | zarr | vti
+        --format zip => --format | zip | nc | vti
         --format vti => --format | --plane
         --wavelength "3 mm" => both
         --obstacle absent.stl => absent.stl
@@ -212,8 +212,7 @@ BAD: dict[str, str] = {
         absent.xml => absent.xml
         "" => file
         {long} => file
-        words.csv => which is an aperture | polywigner transform words.csv
-        cut.toml => which is a source | polywigner transform cut.toml
+        words.csv => XML file of a scene | polywigner transform
         lit.xml --out out/.PNG => before the suffix
         lit.xml --out square.wkt/a => square.wkt
     """,
@@ -229,12 +228,9 @@ BAD: dict[str, str] = {
     "render lit.xml": """
         --spp 0 => --spp | 1
         --spp 99999999999999999999 => --spp
-        --spp 4 --error-db 6 => both
-        --error-db 0 => --error-db
         --seed -1 => --seed | 0
         --variant llvm_mono_ad => variant | llvm_mono_ad | scalar_rgb
         --integrator pathfinder => --integrator | pathfinder | volpath
-        --sampler dice => --sampler | dice | multijitter
         --db-floor 40 => --db-floor | -1
     """,
     "receive --variant scalar_rgb": """
@@ -324,7 +320,6 @@ FIELD = ["propagate", "square.wkt", "--frequency", "94 GHz", *shlex.split(LINE)]
     [
         ("ezdxf", "formats", ["transform", "none.dxf"]),
         ("h5netcdf", "datasets", [*FIELD, "--format", "nc"]),
-        ("zarr", "datasets", [*FIELD, "--format", "zarr"]),
         ("zarr", "datasets", ["volume", *FIELD[1:4], *shlex.split(SMALL)]),
     ],
     ids=str,

@@ -1,16 +1,12 @@
 """Suggested grids hold what lies between their points, coarser ones do not; and suggested numbers
 of samples keep the noise within what was asked for."""
 
-import json
 import math
-import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.cli import main
 from polywigner.cli.propagate import parse_region, samples_of_box, samples_of_region
 from polywigner.errors import ArgumentError
 
@@ -243,34 +239,3 @@ def test_a_box_is_as_fine_as_its_field_up_to_a_million_samples_and_then_says_so(
     with pytest.warns(RuntimeWarning, match="--shape"):
         large = samples_of_box(square, ((-0.5, -0.5, 0.01), (0.5, 0.5, 1.0)), WAVELENGTH)
     assert max(large) == 101
-
-
-@pytest.mark.slow
-@pytest.mark.drjit
-def test_a_render_takes_the_samples_that_its_error_needs(tmp_path):
-    pytest.importorskip("mitsuba")
-    example = Path(__file__).parent.parent / "examples" / "patch_above_floor"
-    small = (example / "scene.xml").read_text(encoding="utf-8")
-    for name in ("width", "height"):
-        small = re.sub(rf'(<integer name="{name}" value=")\d+', r"\g<1>8", small)
-    for file in example.iterdir():
-        if file.suffix != ".xml":
-            (tmp_path / file.name).write_bytes(file.read_bytes())
-    scene = tmp_path / "scene.xml"
-    scene.write_text(small, encoding="utf-8")
-    command = ["render", str(scene), "--out", str(tmp_path / "out"), "--error-db"]
-    assert main([*command, "6"]) == 0
-    record = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
-    assert record["used"]["spp"] == 256  # the scene's own: samples take no error off exact light
-    signed = small.replace('name="estimator" value="exact"', 'name="estimator" value="wigner"')
-    assert signed != small
-    scene.write_text(signed, encoding="utf-8")
-    assert main([*command, "6"]) == 0
-    record = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
-    square = pw.shapes.square(10e-3)
-    wanted = pw.suggest_sampling(square, WAVELENGTH, "render", error_db=6.0).samples
-    assert record["used"]["spp"] == math.ceil(wanted / 10)  # multijitter
-    assert main([*command, "6", "--sampler", "independent"]) == 0
-    record = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
-    assert record["used"]["spp"] == wanted
-    assert main([*command, "0"]) == main([*command, "6", "--spp", "4"]) == 2

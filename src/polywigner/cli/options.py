@@ -6,7 +6,6 @@ import json
 import math
 import os
 import platform
-import shlex
 import shutil
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -240,8 +239,6 @@ def _write_one(path: Path, content: Any) -> None:
 
 # ---- scenes --------------------------------------------------------------------------------------
 
-_NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".toml")
-
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
@@ -285,13 +282,10 @@ class SceneOptions:
             raise SceneError(
                 f"expected a Mitsuba scene file, got {self.scene!r}, which is not a file"
             )
-        suffix = Path(self.scene).suffix.lower()
-        if suffix in _NO_SCENES:
-            kind = "a source file" if suffix == ".toml" else "an aperture"
+        if Path(self.scene).suffix.lower() != ".xml":
             raise SceneError(
-                f"expected a scene, which is Mitsuba XML, got {self.scene!r}, which is {kind}; "
-                f"see its transforms by `polywigner transform {shlex.quote(self.scene)}`, or name "
-                'it in the <shape type="wigner"> of a scene'
+                f"expected the XML file of a scene, got {self.scene!r}; apertures and source files "
+                "are for other commands, such as `polywigner transform`"
             )
 
     @contextmanager

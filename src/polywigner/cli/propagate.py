@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import re
 import warnings
 from collections.abc import Mapping, Sequence
@@ -28,7 +26,7 @@ if TYPE_CHECKING:
     from polywigner import Array as ApertureArray
 
 Point = tuple[float, float, float]
-_Format = StrEnum("_Format", "nc zarr vti")
+_Format = StrEnum("_Format", "nc vti")
 _Projection = Literal["maximum", "mean"]
 
 _WIDEST = math.radians(80.0)  # largest angle from the axis, default of an arc
@@ -59,7 +57,7 @@ class FieldOptions(FieldSourceOptions):
     bandwidth: Annotated[Text, "Flat frequency band to average over, such as '4 GHz'."] = None
     engine: Annotated[str, "auto, numpy, llvm or cuda."] = "auto"
     precision: Annotated[Text, "double or single (default: double)."] = None
-    formats: Annotated[list[_Format] | None, "nc, zarr or vti (repeatable)."] = None
+    formats: Annotated[list[_Format] | None, "nc or vti (repeatable)."] = None
     out: options.Out = None
 
     def methods(self, *default: str) -> tuple[Methods, str]:
@@ -120,8 +118,8 @@ def propagate(
     """Compute the field of a source in front of it, by several methods.
 
     On a line, an arc, a plane or a hemisphere. Writes a figure NAME.png and the values NAME.nc
-    (or --format: nc, zarr, and of planes vti, for ParaView), and prints the differences of the
-    methods. For volumes, see `polywigner volume`.
+    (or --format: nc, and of planes vti, for ParaView), and prints the differences of the methods.
+    For volumes, see `polywigner volume`.
     """
     field.check()
     regions = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}
@@ -131,20 +129,16 @@ def propagate(
     suffixes = options.suffixes_of(field.formats or ["nc"])
     if ".vti" in suffixes and region.kind != "plane":
         raise ArgumentError(
-            f"--format: expected vti, an image, with --plane, got it with --{region.kind}; use nc "
-            "or zarr"
+            f"--format: expected vti, an image, with --plane, got it with --{region.kind}; use nc"
         )
-    stem = options.output_stem(field.out, Path(field.source).stem)
-    files = options.targets(stem, (".png", *suffixes))
-    _check_files(files)
+    files = options.files_to_write(field.out, Path(field.source).stem, (".png", *suffixes))
 
     from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
     from polywigner.propagation.stores import required
 
     methods, reference = field.methods("wigner", options.EXACT)
-    for suffix, module in ((".nc", "h5netcdf"), (".zarr", "zarr")):
-        if suffix in suffixes:
-            required(module)  # now rather than after the work
+    if ".nc" in suffixes:
+        required("h5netcdf")  # now rather than after the work
     source, wavelength = field.read_with_wavelength()
     obstacles = field.read_obstacles()
     region = region._replace(shape=samples_of_region(source, region, wavelength, amplitude))
@@ -231,8 +225,7 @@ def volume(
         "scheduler": scheduler,
     }
     stem = options.output_stem(field.out, Path(field.source).stem)
-    # the store is written in any case
-    suffixes = tuple(s for s in options.suffixes_of(field.formats or []) if s != ".zarr")
+    suffixes = options.suffixes_of(field.formats or [])
     options.check_writable(options.targets(stem, (".png", *suffixes)))
 
     import polywigner as pw
@@ -278,29 +271,6 @@ def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) ->
         left = f", {apart.negative} not above zero left out" if apart.negative else ""
         numbers = f"{apart.largest:+7.3f}  {apart.rms:7.4f}  {apart.points} of {fields[name].size}"
         print(f"  {name:{width}}  {numbers}{left}")
-
-
-def _check_files(files: Sequence[Path]) -> None:
-    """Raise ArgumentError before the work if one of the files cannot be written.
-
-    A store of an earlier `polywigner propagate` is replaced like a file. A store of `polywigner
-    volume` is not, because its computation can take hours.
-    """
-    from polywigner.geometry.io.limits import bytes_of
-
-    stores = [path for path in files if path.suffix == ".zarr" and os.path.lexists(path)]
-    options.check_writable([path for path in files if path not in stores])
-    for store in stores:
-        try:
-            attrs = json.loads(bytes_of(store / "zarr.json"))["attributes"]
-            is_replaced = "source" in attrs and "written" not in attrs
-        except (OSError, ValueError, KeyError, TypeError):
-            is_replaced = False
-        if not is_replaced:
-            raise ArgumentError(
-                f"{store} is not a store of an earlier `polywigner propagate`; choose another name "
-                "with --out"
-            )
 
 
 # ---- samples -------------------------------------------------------------------------------------

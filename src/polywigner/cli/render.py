@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 import warnings
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ import typer
 
 from polywigner.cli import options
 from polywigner.cli.sources import check_wavelength, frequency_text, short_name
-from polywigner.errors import ArgumentError, SceneError
+from polywigner.errors import SceneError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,10 +22,6 @@ if TYPE_CHECKING:
 
 
 _Integrator = Literal["path", "direct", "volpath", "volpathmis", "prb", "prbvolpath"]
-_Sampler = Literal["multijitter", "independent", "stratified", "orthogonal", "ldsampler"]
-# Factor by which a sampler needs fewer samples than the independent one. The factor was 60 on
-# floors without obstacles, and is less at the edges of shadows (docs/sampling.md).
-_GAINS = {"multijitter": 10}
 _POLARISED = ("_stokes.npz", "_stokes.png", "_polarisation.png")
 _STOKES_CHANNELS = 12
 _RADIANCE_UNIT = "W m^-2 sr^-1"
@@ -39,15 +34,7 @@ class RenderSettings(options.SceneOptions):
     spp: Annotated[
         int | None, typer.Option(min=1, max=2**30, help="Samples per pixel (default: the scene's).")
     ] = None
-    error_db: Annotated[
-        float | None,
-        typer.Option(
-            min=1e-3,
-            help="Rms error in dB at 20 dB below the peak, instead of --spp (docs/sampling.md).",
-        ),
-    ] = None
     integrator: Annotated[_Integrator | None, "path, volpath, ... (default: the scene's)."] = None
-    sampler: Annotated[_Sampler | None, "multijitter, ... (default: the scene's)."] = None
     polarised: Annotated[bool, "Also write the Stokes parameters (docs/polarisation.md)."] = False
 
 
@@ -61,8 +48,6 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     share the parts of the image, and the run is resumable.
     """
     settings.check_file()
-    if settings.spp is not None and settings.error_db is not None:
-        raise ArgumentError("expected --spp or --error-db, got both; drop one of them")
     edges = settings.edges(64)
     suffixes = [".exr", ".png", ".json"]
     suffixes += _POLARISED if settings.polarised else ()
@@ -77,7 +62,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     from polywigner.mitsuba.plugins import films, polariser
     from polywigner.mitsuba.plugins.placement import placed_emitter
     from polywigner.mitsuba.radar.range_profile import prepared_frames
-    from polywigner.mitsuba.scenes.rendering import default_spp
+    from polywigner.mitsuba.scenes.rendering import default_integrator, default_spp
     from polywigner.mitsuba.scenes.scene_renders import SceneFile, render_parts
     from polywigner.mitsuba.scenes.surfaces import is_receiver, wigner_emitters
 
@@ -85,22 +70,16 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     variant = choose_variant(settings.variant, settings.polarised)
     integrator, floor, frames = settings.integrator, settings.floor_db, None
     with settings.running(variant, files[0]) as store:
-        file = SceneFile(
-            Path(settings.scene), variant, settings.sampler, diffraction=settings.diffraction
-        )
+        file = SceneFile(Path(settings.scene), variant, diffraction=settings.diffraction)
         scene = file.load()
         specs = _checked_specs(scene, settings.scene)
-        default = default_spp(scene)  # raises for a scene without a sensor
+        samples = settings.spp or default_spp(scene)
         receives = is_receiver(scene.sensors()[0])
         if settings.polarised and receives:
             raise SceneError(
                 f"expected a camera in {settings.scene} with --polarised, got a wigner_receiver, "
                 "which defines its polarisation itself"
             )
-        sampler = settings.sampler or _plugin(scene.sensors()[0].sampler(), "Sampler")
-        samples = settings.spp or default
-        if settings.error_db is not None:
-            samples = _samples_for(specs, settings.error_db, sampler) or samples
         if edges is not None:  # a scene that cannot be sorted by range fails before the rendering
             render_frames = prepared_frames(
                 scene, edges, spp=samples, seed=settings.seed, sensor=0, integrator=integrator
@@ -120,10 +99,9 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
             image if stokes is None else image[..., :-_STOKES_CHANNELS]
         )
         reference = figures.image_peak(radiance)
-        record = settings.record(variant)
+        record, own = settings.record(variant), scene.integrator()
         record["used"] |= {
-            "integrator": integrator or _integrator_of(scene),
-            "sampler": sampler,
+            "integrator": integrator or (own.class_name() if own else default_integrator(scene)),
             "size": [radiance.shape[1], radiance.shape[0]],
             "spp": samples,
         }
@@ -157,23 +135,8 @@ def _checked_specs(scene: Any, name: str) -> list[Any]:
             "it with mitsuba itself"
         )
     for spec in specs:
-        check_wavelength(spec.wavelength, spec.region.support.diameter)
+        check_wavelength(spec.wavelength, spec.support.diameter)
     return specs
-
-
-def _samples_for(specs: Sequence[Any], error_db: float, sampler: str) -> int:
-    """Return the largest number of samples per pixel that any source needs for an error in dB.
-
-    Zero for exact fields, which have no sampling error.
-    """
-    import polywigner as pw
-
-    independent = [
-        pw.suggest_sampling(spec.source, spec.wavelength, "render", error_db=error_db).samples
-        for spec in specs
-        if spec.estimator != "exact"
-    ]
-    return math.ceil(max(independent, default=0) / _GAINS.get(sampler, 1))
 
 
 def _warn_of_darkness(radiance: NDArray[np.float64]) -> None:
@@ -213,18 +176,3 @@ def _measured(
         },
         "picture": {"zero_db": reference, "zero_db_rule": PEAK_RULE, "floor_db": floor_db},
     }
-
-
-def _integrator_of(scene: Any) -> str:
-    from polywigner.mitsuba.scenes.rendering import default_integrator
-
-    integrator = scene.integrator()
-    if integrator is None:
-        return default_integrator(scene)
-    return _plugin(integrator, "Integrator")
-
-
-def _plugin(instance: Any, kind: str) -> str:
-    """Return the plugin name of an object: ``path`` for a ``PathIntegrator``."""
-    name = str(instance.class_name()).removesuffix(kind).lower()
-    return {"particletracer": "ptracer"}.get(name, name)
