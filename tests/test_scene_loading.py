@@ -113,13 +113,6 @@ def test_mirrors_of_one_bsdf_keep_their_names_in_files_and_dictionaries(tmp_path
         assert names.tolist() == ["", "floor", "north", "south"]
 
 
-def test_merged_shapes_are_reported_with_the_loader_that_keeps_ids() -> None:
-    made = corridor()
-    for load, is_merged in ((mi.load_dict, True), (pm.load_scene, False)):
-        notes = pm.channel(load(made), reflections=1).attrs["notes"]
-        assert any("load_scene to keep ids" in note for note in notes) == is_merged
-
-
 def test_a_dictionary_is_checked_as_a_file_is() -> None:
     with pytest.raises(ArgumentError, match="no parameters, got width"):
         pm.load_scene({"type": "scene"}, width=3)

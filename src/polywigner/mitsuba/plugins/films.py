@@ -86,16 +86,8 @@ def write_exr(path: Path, image: npt.ArrayLike) -> None:
     """Write an image as OpenEXR with 32-bit floats; negative values keep their sign."""
     # Mitsuba leaves an array of floats linear by default, as radiance is
     bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
-    # through memory: Mitsuba does not report a full disk when it writes the file
-    stream = mi.MemoryStream()
     with kernel_threads(), threads_for_openexr():
-        bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
-    try:
-        path.write_bytes(stream.raw_buffer())
-    except OSError as error:
-        raise ArgumentError(
-            f"expected to write {path}, got: {error.strerror}; choose another path"
-        ) from error
+        bitmap.write(str(path), mi.Bitmap.FileFormat.OpenEXR)
 
 
 # Mitsuba adds the samples of a pixel in float32: 2^20 equal ones were 0.4 % off, 2^24 6 %.

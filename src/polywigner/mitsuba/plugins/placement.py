@@ -240,6 +240,4 @@ def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
     far = 2 * (outline.diameter + float(np.abs(heights).max()) / slope)
     foot = outline.centre - ahead * (float(outline.centre @ normal[:2]) - least) / slope
     box = [foot + aside * far * s + ahead * far * a for s, a in ((1, 0), (-1, 0), (-1, 1), (1, 1))]
-    common = shapely.intersection(outline.polygons, shapely.Polygon(box))
-    polygons = [part for part in shapely.get_parts(common) if part.area > 0]
-    return Aperture(shapely.MultiPolygon(polygons)) if polygons else None
+    return outline & Aperture(box)

@@ -64,7 +64,7 @@ def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mir
     The notes list smooth shapes and paths that up to ``reflections`` mirrors do not include.
     """
     mirrors: list[Mirror] = []
-    curved, refracting, unnamed = [], [], []
+    curved, refracting = [], []
     for number, shape in enumerate(sorted_shapes(scene)):
         flags = shape.bsdf().flags() if shape.bsdf() is not None else 0
         if not flags & _SMOOTH:
@@ -77,8 +77,6 @@ def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mir
         planes = _planes(shape)
         if not planes:
             curved.append(name)
-        elif not shape.id():
-            unnamed.append(name)
         for face, (normal, offset) in enumerate(planes):
             full_name = f"{name}[{face}]" if len(planes) > 1 else name
             mirrors.append(Mirror(full_name, shape, normal, offset * unit))
@@ -95,11 +93,6 @@ def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mir
         notes.append(
             f"not included: {limit if reflections else 'reflections from flat mirrors'}, light "
             "from mirrors to rough surfaces, and diffraction at the edges of mirrors"
-        )
-    if unnamed:
-        notes.append(
-            f"{_listed(unnamed)} has no id, as after Mitsuba merges shapes with equal BSDFs; load "
-            "the scene with polywigner.mitsuba.load_scene to keep ids"
         )
     return mirrors, notes
 
