@@ -168,7 +168,6 @@ BAD: dict[str, str] = {
         --arc far => --arc | length | far
         --arc "50 mm, 0 deg, 90 deg" => --arc | between 0 and 90 deg
         --hemisphere "0 mm" => --hemisphere | above zero
-        --hemisphere "50 mm" --linear => --linear | in dB
     """,
     f"propagate square.wkt {LINE}": "=> --frequency or --wavelength",
     'volume square.wkt --frequency "94 GHz"': f"""

@@ -70,22 +70,6 @@ def test_the_values_are_those_of_irradiance_at_the_places(place, square, capfd):
         assert result[name].attrs["units"] == "W m-2"
 
 
-def test_linear_figures_have_no_decibels(square, monkeypatch):
-    from matplotlib.figure import Figure
-
-    texts = []
-    savefig = Figure.savefig
-
-    def saved(figure, *args, **options):
-        texts.extend(axes.get_ylabel() for axes in figure.axes)
-        savefig(figure, *args, **options)
-
-    monkeypatch.setattr(Figure, "savefig", saved)
-    plane, samples = PLACES["plane"]
-    propagated(square, "--plane", plane, "--samples", samples, "--method", "kirchhoff", "--linear")
-    assert texts and not any("dB" in text for text in texts)
-
-
 def test_places_are_where_they_were_asked_for(square):
     result = propagated(square, "--arc", "50 mm, 30 deg, 60 deg", "--samples", "3",
                        "--method", "fraunhofer")  # fmt: skip

@@ -17,7 +17,7 @@ from mitsuba_scenes import (
     light,
     use,
 )
-from polywigner.mitsuba.plugins.source_parameters import Mixture
+from polywigner.mitsuba.plugins.mixtures import Mixture
 from polywigner.mitsuba.plugins.wigner import DrawnWaves
 
 pytestmark = pytest.mark.drjit

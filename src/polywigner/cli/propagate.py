@@ -105,7 +105,6 @@ def propagate(
     samples: Annotated[Text, "'201' on lines and arcs, else '101 x 81' (default: enough)."] = None,
     field: FieldOptions,
     amplitude: Annotated[bool, "Complex fields, with phases; not by wigner."] = False,
-    linear: Annotated[bool, "Linear scale instead of dB; not on hemispheres."] = False,
     floor_db: Annotated[
         float | None,
         typer.Option(
@@ -124,8 +123,6 @@ def propagate(
     field.check()
     regions = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}
     region = parse_region(regions, samples)
-    if linear and region.kind == "hemisphere":
-        raise ArgumentError("--linear: hemispheres are drawn in dB; leave it out")
     suffixes = options.suffixes_of(field.formats or ["nc"])
     if ".vti" in suffixes and region.kind != "plane":
         raise ArgumentError(
@@ -154,8 +151,6 @@ def propagate(
     drawn: dict[str, Any] = {"against": reference, "title": title}
     if floor_db is not None:
         drawn["floor_db"] = floor_db
-    if region.kind != "hemisphere":
-        drawn["linear"] = linear
     if region.kind == "plane":
         figure = draw_planes(values, obstacles=obstacles, **drawn)
     else:

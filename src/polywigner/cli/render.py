@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 _Integrator = Literal["path", "direct", "volpath", "volpathmis", "prb", "prbvolpath"]
 _POLARISED = ("_stokes.npz", "_stokes.png", "_polarisation.png")
 _STOKES_CHANNELS = 12
-_RADIANCE_UNIT = "W m^-2 sr^-1"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +57,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
 
     from polywigner import figures
     from polywigner.execution import kernel_threads
+    from polywigner.figures.levels import PEAK_RULE
     from polywigner.mitsuba import choose_variant, stokes_of
     from polywigner.mitsuba.plugins import films, polariser
     from polywigner.mitsuba.plugins.placement import placed_emitter
@@ -108,7 +108,12 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         if polariser.is_polarised(variant):
             sources = [placed_emitter(e, k) for k, e in enumerate(wigner_emitters(scene))]
             record["used"]["polarisation"] = polariser.polarisation_summary(sources, False)
-        record |= _measured(radiance, "W" if receives else _RADIANCE_UNIT, reference, floor)
+        record["figure"] = {
+            "unit": "W" if receives else "W m^-2 sr^-1",
+            "zero_db": reference,
+            "zero_db_rule": PEAK_RULE,
+            "floor_db": floor,
+        }
         record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
         _warn_of_darkness(radiance)
         if receives:
@@ -159,20 +164,3 @@ def _title(specs: Sequence[Any], name: str, variant: str, samples: int) -> str:
     return (
         f"{short_name(name)}, {listed}\n{variant}, {samples} sample{'s' * (samples > 1)} per pixel"
     )
-
-
-def _measured(
-    radiance: NDArray[np.float64], unit: str, reference: float | None, floor_db: float
-) -> dict[str, Any]:
-    """Return the range of the radiance and the scale of the figure, for NAME.json."""
-    from polywigner.figures.levels import PEAK_RULE
-
-    return {
-        "radiance": {
-            "unit": unit,
-            "largest": float(radiance.max()),
-            "smallest": float(radiance.min()),
-            "fraction_not_positive": float((~(radiance > 0)).mean()),
-        },
-        "picture": {"zero_db": reference, "zero_db_rule": PEAK_RULE, "floor_db": floor_db},
-    }

@@ -29,6 +29,7 @@ from polywigner.execution import Drjit
 from polywigner.geometry import Aperture, triangulate
 from polywigner.geometry.arguments import takes_frequency
 from polywigner.mitsuba.plugins.exact_field import ExactEstimator
+from polywigner.mitsuba.plugins.mixtures import depends_on_wavelength
 from polywigner.mitsuba.plugins.polariser import Polariser, polarised_spec
 from polywigner.mitsuba.plugins.registration import (
     VariantPlugin,
@@ -41,7 +42,6 @@ from polywigner.mitsuba.plugins.samplers import Frame, opaque, single, spectrum
 from polywigner.mitsuba.plugins.source_parameters import (
     EMITTER,
     SourceParameters,
-    depends_on_wavelength,
     read_parameters,
     rigid_pose,
     scene_entry,

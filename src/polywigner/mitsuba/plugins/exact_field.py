@@ -27,8 +27,9 @@ from polywigner.execution import Drjit, NumpyOperations, ops_for
 from polywigner.geometry import Wavefront
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.integrals import distance_of
+from polywigner.mitsuba.plugins.mixtures import SceneSource
 from polywigner.mitsuba.plugins.samplers import cells_with_field, four, opaque
-from polywigner.mitsuba.plugins.source_parameters import SceneSource, SourceParameters
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
-from polywigner.mitsuba.plugins.source_parameters import SceneSource, SourceParameters, pose_of
+from polywigner.mitsuba.plugins.mixtures import SceneSource
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters, pose_of
 from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source.normal_form import SourceElement, normal_form

@@ -20,7 +20,7 @@ from polywigner.source.polarisation import Stokes
 from polywigner.transforms import fourier
 
 if TYPE_CHECKING:
-    from polywigner.mitsuba.plugins.source_parameters import SceneSource
+    from polywigner.mitsuba.plugins.mixtures import SceneSource
 
 Floats = npt.NDArray[np.float64]
 

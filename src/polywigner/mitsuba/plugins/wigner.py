@@ -21,14 +21,14 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.convex import trapezoids
 from polywigner.kernels import FOURIER, WIGNER, kernel_for, new_outline_of, new_tables_of
 from polywigner.kernels.kernel import Kernel
-from polywigner.mitsuba.plugins.samplers import Positions, four, opaque
-from polywigner.mitsuba.plugins.source_parameters import (
+from polywigner.mitsuba.plugins.mixtures import (
     Mixture,
     SceneSource,
-    SourceParameters,
     depends_on_wavelength,
     emissions,
 )
+from polywigner.mitsuba.plugins.samplers import Positions, four, opaque
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array

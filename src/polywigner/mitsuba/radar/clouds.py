@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_path, checked_row, real_numbers, rigid_pose
-from polywigner.mitsuba.plugins.source_parameters import norm_of, support_of
+from polywigner.mitsuba.plugins.mixtures import norm_of, support_of
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.stores import in_place, write_netcdf
 from polywigner.reception.norms import NORMALISATIONS

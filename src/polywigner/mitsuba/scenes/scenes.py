@@ -172,9 +172,6 @@ class SceneFile:
 
     def load(self) -> mi.Scene:
         """Load the ``mi.Scene``; raises as :func:`load_scene` does."""
-        for name, value in self.parameters.items():
-            if value is not None and not isinstance(value, (str, int, float)):
-                raise ArgumentError(f"expected {name} as a text or a number, got {value!r}")
         if self.path is None or not self.path.is_file():
             raise SceneError(
                 f"expected a Mitsuba scene file, got {str(self.path)!r}, which is not a file"
@@ -412,7 +409,6 @@ class _CheckedFiles:
     def __init__(self, file: Path, parameters: Mapping[str, str]) -> None:
         self.values = dict(parameters)
         self.paths: set[Path] = set()
-        self.size = 0
         folders = [file.resolve().parent, *map(_resolved, parameters.values())]
         self.folders = [folder for folder in folders if folder is not None]
 
@@ -435,8 +431,6 @@ class _CheckedFiles:
         if level > _DEEPEST_INCLUDE:
             raise FileFormatError("expected scenes that do not include each other in a circle")
         content = bytes_of(file, LARGEST_SCENE)
-        self.size += len(content)  # each time that it is included
-        check_bytes(self.size, LARGEST_SCENE, "scenes, includes counted")
         self.paths.add(file.resolve())
         for element in _root_of(text_of(content)).iter():
             attributes = {name: self._filled(text) for name, text in element.items()}
