@@ -8,7 +8,6 @@ import shapely
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.cli.transform import system_from
 from polywigner.quantities import wavelength_of
 
 # Separable closed forms of a rectangle; the kernel's own bound, relative to the area.
@@ -100,31 +99,3 @@ def test_a_steered_aperture_has_its_peak_at_the_direction(rectangle):
     j, i = np.unravel_index(np.abs(values["fourier"]).argmax(), (65, 65))
     peak = values["frequency"][[i, j]]
     np.testing.assert_allclose(peak, [0.0, 500.0], atol=1e-9)  # sin(30 deg)/mm is on the grid
-
-
-SPACE, LENS = pw.FirstOrder.free_space(0.05), pw.FirstOrder.lens(0.08)
-SYSTEMS = {
-    "space 50 mm, lens 8 cm": LENS @ SPACE,
-    "lens 80 mm inf, turn 90 deg": pw.FirstOrder.rotation(np.pi / 2)
-    @ pw.FirstOrder.lens((0.08, np.inf)),
-    "magnifier -2, fourier 0.1, fractional 0.5 20 mm": pw.FirstOrder.fractional(0.5, 0.02)
-    @ pw.FirstOrder.fourier(0.1)
-    @ pw.FirstOrder.magnifier(-2),
-}
-
-
-@pytest.mark.parametrize("text", SYSTEMS)
-def test_the_light_passes_parts_in_the_order_of_the_text(text):
-    np.testing.assert_array_equal(system_from(text).matrix, SYSTEMS[text].matrix)
-
-
-def test_the_values_behind_a_system_are_those_of_its_transform(rectangle):
-    options = ("--frequency", "94 GHz", "--samples", "33", "--through", "fourier 50 mm")
-    result = transformed(rectangle, *options)
-    np.testing.assert_array_equal(result["matrix"], pw.FirstOrder.fourier(0.05).matrix)
-    scale = 0.05 * wavelength_of(94e9)
-    points = np.stack(np.meshgrid(result["across"], result["up"]), axis=-1)
-    light = abs(pw.fourier(pw.shapes.rectangle(*SIDES), points / scale)) ** 2 / scale**2
-    assert result["light"] == pytest.approx(light, rel=1e-6, abs=1e-9)
-    metadata = json.loads(str(result["metadata"]))
-    assert set(metadata["units"]) == set(result) - {"metadata", "matrix", "light"}

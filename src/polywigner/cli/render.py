@@ -149,9 +149,8 @@ def _warn_of_darkness(radiance: NDArray[np.float64]) -> None:
     negative, zero = (radiance < 0).mean(), (radiance == 0).mean()
     if negative + zero > 0.5:
         warnings.warn(
-            f"{negative + zero:.0%} of the pixels are not positive ({negative:.0%} negative, "
-            f"{zero:.0%} zero) and have the colour of the floor; negative pixels are noise, which "
-            "more samples (--spp) reduce, or negative radiance; zero pixels receive no radiation",
+            f"{negative:.0%} of the pixels are negative (noise, which a larger --spp reduces, or "
+            f"negative radiance) and {zero:.0%} zero; they have the colour of the floor",
             RuntimeWarning,
             stacklevel=2,
         )
