@@ -276,9 +276,6 @@ class WignerEmitter(VariantPlugin):
         distance = dr.norm(r)
         return r / distance, distance
 
-    def bbox(self) -> mi.BoundingBox3f:
-        return self.get_shape().bbox()
-
 
 # ---- the mesh -----------------------------------------------------------------------------------
 
@@ -349,9 +346,6 @@ def _build(variant: str, props: mi.Properties) -> mi.Mesh:
 
 
 add_plugin("shape", EMITTER, _build)
-
-# Flags of an entry are Python's own types, also if NumPy's were passed.
-_FLAGS = ("diffraction", "visible")
 
 
 @takes_frequency
@@ -445,8 +439,5 @@ def aperture(
         bandwidth=bandwidth,
         bsdf=None if bsdf is None else dict(bsdf),
     )
-    spec = checked_parameters(entry, EMITTER)
-    entry |= {name: getattr(spec, name) for name in _FLAGS}
-    if entry.pop("aperture_power", None) is not None:
-        entry["power"] = spec.power
+    checked_parameters(entry, EMITTER)
     return entry

@@ -275,11 +275,6 @@ class WignerReceiver(VariantPlugin):
         along = direction * distance
         return self.m.Point3f(x.x + along.x, x.y + along.y, self._lift + along.z), distance
 
-    def bbox(self) -> mi.BoundingBox3f:
-        # scalar variants have no separate type for scalars
-        box = getattr(self.m, "ScalarBoundingBox3f", self.m.BoundingBox3f)
-        return box(self.spec.pose[:3, 3].tolist())
-
 
 def _check_film(values: dict[str, Any]) -> None:
     """Raise SceneError without a film: Mitsuba's default has 768 x 576 pixels."""
