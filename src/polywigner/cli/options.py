@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 Text: TypeAlias = str | None
 """A text such as "94 GHz", or the default."""
 Texts: TypeAlias = list[str] | None
-CONDITIONS = "rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff"
-METHODS = f"wigner, {CONDITIONS}, fresnel or fraunhofer"
-OBLIQUITIES = f"{CONDITIONS} or paper"
+_CONDITIONS = "rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff"
+METHOD_HELP = f"wigner, {_CONDITIONS}, fresnel or fraunhofer"
+OBLIQUITY_HELP = f"{_CONDITIONS} or paper"
 EXACT = "rayleigh-sommerfeld-1"
 """Default method of exact fields."""
 FLOOR: dict[str, Any] = {"min": -300.0, "max": -1.0}

@@ -39,7 +39,7 @@ _MOST = 4_000_000
 def pattern(
     *,
     obliquity: Annotated[
-        Text, f"Obliquity of a scalar field: {options.OBLIQUITIES} (default: first)."
+        Text, f"Obliquity of a scalar field: {options.OBLIQUITY_HELP} (default: first)."
     ] = None,
     power: Annotated[Text, "Accepted power, such as '10 dBm' (default: none, no EIRP)."] = None,
     efficiency: Annotated[float, "Radiated over accepted power, up to 1."] = 1.0,

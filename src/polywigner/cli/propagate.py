@@ -48,10 +48,12 @@ class FieldOptions(FieldSourceOptions):
 
     method: Annotated[
         Texts,
-        f"{options.METHODS}; 'wigner paper' has its own obliquity (repeatable; default: wigner, "
-        f"of propagate also {options.EXACT}, behind obstacles the latter).",
+        f"{options.METHOD_HELP}; 'wigner paper' has its own obliquity (repeatable; default: "
+        f"wigner, of propagate also {options.EXACT}, behind obstacles the latter).",
     ] = None
-    obliquity: Annotated[Text, f"Obliquity of rays: {options.OBLIQUITIES} (default: first)."] = None
+    obliquity: Annotated[Text, f"Obliquity of rays: {options.OBLIQUITY_HELP} (default: first)."] = (
+        None
+    )
     against: Annotated[Text, "Reference method (default: the last exact method)."] = None
     accuracy: Annotated[float | None, "Relative error, such as 1e-3 (default: by method)."] = None
     bandwidth: Annotated[Text, "Flat frequency band to average over, such as '4 GHz'."] = None

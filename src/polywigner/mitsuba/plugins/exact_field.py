@@ -1,8 +1,8 @@
 """The exact field of a source, traced into a render kernel: the estimator ``exact``. Source: (B3).
 
-The boundary integrals are those of :func:`polywigner.amplitude` in single precision, one loop over
-pieces of edges with as many nodes as piece and point need. From three wavelengths on, a sum over
-equivalent points (B8) replaces them if it takes less time.
+The boundary integrals of :func:`polywigner.amplitude` are evaluated in single precision. One loop
+visits pieces of edges, and the number of nodes depends on the piece and the point. At distances of
+three wavelengths or more, a sum over equivalent points (B8) replaces the integrals if it is faster.
 
 Lengths are in wavelengths, relative to the centre of the source.
 """
@@ -46,15 +46,15 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# Points of the shorter side of a grid are code: each compiles in some 5 ms and runs twice as fast
-# as a loop. A panel takes as much time as 33 points (benchmarks/render_exact.py).
+# The points of the shorter side of a grid are code of the kernel: a point takes 5 ms to compile and
+# half the run time of a loop. A panel takes as long as 33 points (benchmarks/render_exact.py).
 _MOST_POINTS, _POINTS_PER_PANEL = 64, 33
 
 AWAY = 3.0
-"""Smallest distance of equivalent points from the bounds of the source in wavelengths. Measured for
-squares, an L, chevrons, tapers and arrays of up to 10 wavelengths, |U|^2 was within 7e-5 of its
-peak from there on, and within 1e-3 at a third of it."""
-# Error allowed of |F|^2 over its peak, a seventh of the error promised for |U|^2.
+"""Distance from the source's bounds, in wavelengths, at which equivalent points may be used. For
+squares, an L, chevrons, tapers and arrays of up to 10 wavelengths, the measured error of |U|^2 is
+7e-5 of its peak beyond this distance, and 1e-3 at a third of it."""
+# Error of |F|^2 relative to its peak, a seventh of the specified error of |U|^2.
 _ERROR = 1.5e-5
 # Imaginary parts of weights below this fraction of the largest weight are rounding.
 _ROUNDING = 1e-9
@@ -152,31 +152,31 @@ FIXED = (
     'expected derivatives only in the power and in reflectances with the estimator "exact", got '
     'derivatives in a position, an outline, weights or the wavelength; use the estimator "wigner"'
 )
-# A panel takes some 50 ns of a core at each sample.
+# Largest number of panels; each takes some 50 ns of one core per sample.
 _MOST_PANELS = 8192
-# Error allowed of a panel's integral relative to its integrand, a third of the error 1e-4 of the
-# sum: measured, |U|^2 is within 3e-5 of its peak.
+# Log of the inverse error of a panel's integral relative to its integrand, a third of the specified
+# error 1e-4 of |U|^2. The measured error of |U|^2 is 3e-5 of its peak.
 _DIGITS = math.log(3e4)
-# Panels as long as twice the distance are cheapest. At smaller distances the rules are graded.
+# Longest panel in wavelengths. Panels twice as long as the distance are cheapest; closer points use
+# graded rules.
 _LONGEST = 12.0
 
 
 class ExactEstimator:
-    """Lights points, and weights rays, by the exact irradiance |U|^2 of the entire source."""
+    """Estimator of irradiance and ray weights from the exact field U of the entire source."""
 
     needs_distance = True
     is_constant = True
     density: None = None
-    """None: a point receives light from all of the source at once."""
+    """None, because a point is illuminated by all of the source at once."""
     scene_is_known: ClassVar[bool] = False
-    """Whether a render has passed its scene: kernels contain the sources of other scenes as well.
-    """
+    """Whether a render has passed its scene. Kernels also contain the sources of other scenes."""
 
     def __init__(self, m: Any, spec: SourceParameters, wavelength: float, _: object) -> None:
         self._m, self._unit = m, spec.scene_unit
         source = spec.at_origin
         self.draw = cells_with_field(m, source, self._unit).sample
-        """Return a position in proportion to |u|^2, from which rays look for obstacles."""
+        """Return a position with density |u|^2, from which a ray tests for obstacles."""
         self._fields = [
             (ExactField(m, field, wavelength, spec.obliquity), stokes)
             for field, stokes in spec.fields_of(source)
@@ -185,7 +185,7 @@ class ExactEstimator:
         self._diffracts = spec.diffraction
         self._shadows: Shadows | None = None
         self.shadows_key = ""
-        """Digest of the scene of `set_shadows`; empty before."""
+        """Digest of the scene whose shadows were set; empty before."""
 
     @staticmethod
     def check(spec: SourceParameters) -> None:
@@ -241,7 +241,7 @@ class ExactEstimator:
             )
             if not dr.is_jit_v(self._m.Float):
                 raise SceneError(message)
-            # Dr.Jit traces the sources of all scenes into a kernel, not only of the one rendered
+            # no error: Dr.Jit also traces the sources of scenes that are not rendered
             warnings.warn(f"{message}. Its light is NaN", RuntimeWarning, stacklevel=2)
             return self._m.Float(math.nan)
         if self._shadows is not None:
@@ -258,7 +258,7 @@ class ExactField:
         source, condition = plane_waves_of(source), CONDITIONS[obliquity]
         condition.warn_of_fit(source, wavelength)
         self._m, self._jit = m, dr.is_jit_v(m.Float)
-        # a scalar variant has one sample: NumPy takes all panels and all nodes at once
+        # scalar variants have one sample: NumPy evaluates all panels and nodes at once
         self._ops = ops_for(m.Float) if self._jit else NumpyOperations(double=True)
         radiator = radiator_of(source)
         self._tables = boundary_tables(
@@ -296,7 +296,7 @@ class ExactField:
 
     def _near(self, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
         """Return the integrals along the edges."""
-        # coordinates, and the distance from the centre, as two floats each; no shift of the phase
+        # coordinates and distance from the centre as pairs of floats; the phase is not shifted
         if self._jit:  # the distance as two float32 numbers, from float64
             m = self._m
             wide = ops_for(m.Float64)
@@ -315,11 +315,12 @@ class ExactField:
 
 # ---- curved waves as sums of plane waves ---------------------------------------------------------
 
-# Error of a curved wave as plane waves, relative to its modulus; largest sum of the moduli, which
-# single precision multiplies by 6e-8; and periods of the waves over the size of an element: shorter
-# periods need more waves, longer periods have larger amplitudes.
+# Error of the sum of plane waves relative to the curved wave's modulus; largest sum of their moduli,
+# which rounding multiplies by 6e-8; and tested periods of the waves over the size of an element.
+# Shorter periods need more waves, longer periods have larger amplitudes.
 _CURVED_ERROR, _LARGEST_SUM, _PERIODS = 1e-5, 30.0, (1.2, 1.5, 2.0, 3.0)
-# Rounding of singular values, relative to the largest; most waves along an axis.
+# Singular values below this fraction of the largest are rounding errors; largest number of waves
+# along an axis.
 _SINGULAR, _MOST_WAVES = 1e-9, 64
 
 
@@ -356,7 +357,7 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
         count = 8 * math.ceil(min(cycles, _MOST_WAVES) + 20)
         y = -np.cos(np.linspace(0.0, math.pi, count)) * size / 2
         chirp = np.exp(1j * math.pi * q * y * y)
-        # its frequencies spread over as many steps of 1/size as it has cycles
+        # the chirp's frequencies span one step of 1/size per cycle
         fits = (
             _fit(y, chirp, np.linspace(-0.5, 0.5, n) * ((n - 1) / (period * size)))
             for n in range(3 + 2 * int(min(cycles, _MOST_WAVES) / 2), _MOST_WAVES + 1, 2)
@@ -370,14 +371,14 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
             'estimator "wigner"'
         )
     amplitudes, frequencies = waves
-    # about the centre: q y^2 = q (y - m)^2 + 2 q m (y - m) + q m^2
+    # with y relative to the centre m: q y^2 = q (y - m)^2 + 2 q m (y - m) + q m^2
     shifted = frequencies + q * centre
     phase = q * centre * centre / 2 - shifted * centre
     return amplitudes * np.exp(2j * math.pi * phase), shifted
 
 
 def _fit(y: Floats, values: Complexes, frequencies: Floats) -> tuple[Complexes, Floats] | None:
-    """Return waves that add up to values at y; None if they miss them, or are too large."""
+    """Return waves that add up to values at y; None if the error or amplitudes are too large."""
     waves = np.exp(2j * math.pi * np.outer(y, frequencies))
     fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_SINGULAR)[0], np.complex128)
     fits = np.abs(waves @ fit - values).max() <= _CURVED_ERROR

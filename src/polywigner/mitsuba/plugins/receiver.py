@@ -9,8 +9,8 @@ same power is an integral over points y of surfaces at the distance r from x,
 
     P = (lambda^2/N) int r^2 |U(y)|^2 L ds, the mean over x by |u|^2           (estimator ``exact``)
 
-with U the field that the receiver would send to y. Rays that meet nothing have the weight of a
-point far away: the far pattern. docs/received_power.md has the limits.
+with U the field that the receiver would send to y. Rays that meet no surface have the weight of a
+distant point, the far pattern. The limits are in docs/received_power.md.
 
 Rays start at positions relative to the centre of the source: see module `emitter`.
 """
@@ -111,10 +111,11 @@ def _root(value: Drjit) -> Drjit:
 
 # Cosine at the horizon, whose square is still a normal number of float32.
 _GRAZING = 1e-9
-# Distance of the point that stands for a direction, in reaches squared over wavelengths, or in
-# reaches.
+# Distance of the point that represents a direction, in units of reach^2/wavelength or of the reach,
+# the largest coordinate of the receiver.
 _FAR = 1e4
-# Most surfaces behind which rays of a receiver with diffraction start: each halves the rays.
+# Largest number of surfaces behind which rays of a receiver with diffraction start. Each surface
+# halves the number of rays.
 _MOST_PASSED = 4
 
 
@@ -133,7 +134,7 @@ class WignerReceiver(VariantPlugin):
         self.m_needs_sample_3 = True
         self.spec = spec
         self.scene: Any = None  # set while the scene is rendered, see `scene_known`
-        self.fineness = 1  # pixels of the film along each side of a pixel of the map
+        self.fineness = 1  # film pixels along each side of a pixel of the map
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
         self._set_pose()
         source, wavelength = spec.at_origin, spec.wavelength
@@ -242,7 +243,7 @@ class WignerReceiver(VariantPlugin):
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
             is_met = going & (distance < self._far)
-            if number:  # rays that start in front count the light behind the last surface
+            if number:  # rays that start in front of all surfaces account for the sky
                 weight = dr.select(going & (is_met ^ self.m.Bool(True)), 0.0, weight)
             if number == _MOST_PASSED:
                 break
@@ -332,50 +333,51 @@ def receiver(
     Parameters
     ----------
     source : Aperture, Array or array_like
-        Source whose field the receiver would send, see :func:`polywigner.mitsuba.aperture`.
+        Source whose field the receiver would send, as for :func:`polywigner.mitsuba.aperture`.
     wavelength : float
         Wavelength in metres.
-    to_world : (4, 4) array_like or Mitsuba transform, optional
+    to_world : array_like, shape (4, 4), or Mitsuba transform, optional
         Rigid pose. The receiver lies in the plane z = 0 of its frame and looks to +z. Default: the
         identity.
-    obliquity : str
-        Diffraction integral with which it would send, and so receives.
-    estimator : str
-        ``exact``: the weight of a ray is the exact irradiance that the receiver would give to the
-        surface that the ray meets; never negative. ``wigner``: the weight is the signed radiance
+    obliquity : str, default "rayleigh-sommerfeld-1"
+        Diffraction integral of the field that the receiver would send.
+    estimator : str, default "exact"
+        ``exact``: the weight of a ray is the exact irradiance, never negative, that the receiver
+        would give to the surface that the ray meets. ``wigner``: the weight is the signed radiance
         of the receiver; docs/received_power.md.
     film : (int, int) or mapping, optional
-        None: one pixel, which reads the received power in W. (n, m): a map of n x m pixels over
-        the direction cosines along the receiver's x and y, from -1 to 1, whose sum is the power.
-        Or the entry of a film, with a box filter. The entry's ``sampler`` is ``multijitter``.
+        (n, m): a map of n x m pixels over the direction cosines along the receiver's x and y, from
+        -1 to 1, whose sum is the received power. A mapping is the entry of a film with a box
+        filter. Default: one pixel, which contains the received power in W.
     bandwidth, temperature, noise_figure : float or str, optional
-        Noise of the receiver in Hz, K and dB, or texts such as "1 GHz", "290 K" and "3 dB". The
-        received power is the power at the one wavelength.
-    scene_unit : float
-        Metres in one unit of the scene and of the translation of ``to_world``.
-    normalise : str
+        Noise of the receiver in Hz, K and dB, or texts such as "1 GHz", "290 K" and "3 dB". They do
+        not change the received power.
+    scene_unit : float, default 1.0
+        Length of one unit of the scene, and of the translation of ``to_world``, in metres.
+    normalise : str, default "radiated"
         ``radiated``: the gain is the directivity, so a sky of the radiance L gives lambda^2 L to
-        any receiver. ``aperture``: the received power counts as int |u|^2 does, and is lower by
-        the evanescent fraction; docs/received_power.md.
-    diffraction : bool
-        With the estimator ``exact``: light also diffracts at the edges of the scene's opaque
-        surfaces, by reciprocity; docs/shadows.md.
+        any receiver. ``aperture``: the power is relative to int |u|^2 and lower by the evanescent
+        fraction; docs/received_power.md.
+    diffraction : bool, default False
+        With the estimator ``exact``: incoming radiation diffracts at the edges of the scene's
+        opaque surfaces; docs/shadows.md.
     polarisation : str or array_like, optional
-        Polarisation of the wave that it would send, see :func:`polywigner.mitsuba.aperture`. The
-        receiver takes all of a matched wave, nothing of the crossed wave, half of unpolarised
-        light. "unpolarised": all waves alike. Default: "y"; docs/polarisation.md.
+        Polarisation of the wave that the receiver would send, as for
+        :func:`polywigner.mitsuba.aperture`. It receives all of a matched wave, nothing of the
+        crossed wave, and half of unpolarised radiation. "unpolarised": it receives all
+        polarisations. Default: "y"; docs/polarisation.md.
 
     Returns
     -------
     dict
-        The entry. It contains a key of :func:`register_source`: load it in the process that made
-        it. Render it with :func:`polywigner.mitsuba.render`, which passes the scene to the
-        estimator ``exact``.
+        The entry, with the sampler ``multijitter``. It contains a key of :func:`register_source`,
+        so only the process that made the entry can load it. Render it with
+        :func:`polywigner.mitsuba.render`, which passes the scene to the estimator ``exact``.
 
     Raises
     ------
     ArgumentError, GeometryError, QuantityError, SceneError
-        For an unusable argument.
+        If an argument is unusable.
     """
     entry = scene_entry(
         RECEIVER,

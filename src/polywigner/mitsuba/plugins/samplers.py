@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-# Most strips across an element, and pieces of all elements, for fields that are not uniform.
+# Fields that are not uniform: largest number of strips across an element, and of pieces in all.
 _STRIPS, _PIECES = 32, 1 << 16
-# Points of the table of directions in a lobe, which is wavelength/size wide in direction cosines.
+# Points of the table of directions per lobe, which is wavelength/size wide in direction cosines.
 _IN_LOBE = 4
 _FEWEST, _MOST = 32, 1024
-# Points averaged along each side of a cell of the table, so that no narrow beam is missed.
+# Samples averaged along each side of a cell of the table, so that it contains narrow beams.
 _MOST_WITHIN = 4
-# Fractions of the samples in proportion to the far pattern, for far surfaces; to its root, for W
-# and near surfaces; and uniform in front.
+# Fractions of the samples with three densities: the far pattern, which suits far surfaces; its root,
+# which suits W and near surfaces; and a uniform density.
 _SHARES = (0.4, 0.4, 0.2)
 
 
@@ -83,7 +83,7 @@ class Positions:
         m, u, index = self._m, sample.x, 0
         if self._count > 1:
             index, u = self._choice.sample_reuse(sample.x)
-            # the remainder of a sample in a narrow cell is rounded, and may lie outside
+            # rounding may move the remainder of a sample in a narrow cell outside of [0, 1]
             u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
         if dr.is_jit_v(m.Float):
             row = [dr.gather(m.Float, column, index) for column in self._columns]
@@ -123,12 +123,25 @@ def directions_of(
 ) -> Directions:
     """Return a sampler of (alpha, psi) from the far pattern g |F|^2 and a uniform density.
 
-    ``terms`` : scalar sources with the forms of g, from `emissions`; ``bounds`` : of the source.
+    Parameters
+    ----------
+    m : module
+        Variant of Mitsuba.
+    terms : sequence of (source, Forms)
+        Terms of the radiance from `emissions`.
+    bounds : sequence of float, shape (4,)
+        Bounds of the source in metres.
+    wavelength : float
+        Wavelength in metres.
+
+    Returns
+    -------
+    Directions
     """
     low, high = np.reshape(bounds, (2, 2))
     lobes = _IN_LOBE * (high - low) / wavelength
     sides = np.array([2.0, math.pi])
-    # powers of two: each new size is a literal, which compiles the render kernel again
+    # powers of two, because each new size is a literal and compiles the render kernel again
     needed = 2.0 ** np.ceil(np.log2(lobes * sides))
     counts = np.clip(needed, _FEWEST, _MOST).astype(int)
     within = int(np.clip(np.ceil((needed / counts).max()), 1, _MOST_WITHIN))
@@ -172,7 +185,7 @@ class Frame:
         self._m = m
         self.axes = columns[:3]
         self.origin = m.Point3f(columns[0] * cx + columns[1] * cy + columns[3])
-        # each new pose as literals would compile the render kernel again
+        # opaque: each new literal would compile the render kernel again
         if dr.is_jit_v(m.Float):
             dr.make_opaque(self.axes, self.origin)
 
@@ -192,10 +205,10 @@ class Frame:
 
 
 def spectrum(m: Any, value: Drjit, active: Drjit) -> Drjit:
-    """Return a value of one narrow band: equal in every channel or at every sampled wavelength."""
+    """Return a spectrum with the same value in each channel or at each sampled wavelength."""
     return m.depolarizer(m.UnpolarizedSpectrum(dr.select(active, value, 0.0)))
 
 
 def four(m: Any, stokes: Stokes | None, value: Drjit) -> Drjit:
-    """Return a value times four Stokes numbers, or the value alone without these."""
+    """Return a value times a Stokes vector; the scalar value if ``stokes`` is None."""
     return value if stokes is None else m.Vector4f(*stokes) * value

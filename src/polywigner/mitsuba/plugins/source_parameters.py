@@ -79,22 +79,22 @@ class SourceParameters:
     """Checked parameters of a ``wigner`` shape or a ``wigner_receiver`` sensor, in SI units."""
 
     source: Any
-    """Aperture, Array, or one of these with a curved wave, in coherent light."""
+    """Coherent Aperture or Array, perhaps with a curved wave."""
     wavelength: float
     norm: float
-    """Power in W of the unscaled field: radiated, or int |u|^2."""
+    """Power in W of the unscaled field (|u|^2 in W/m^2): radiated, or int |u|^2."""
     pose: Floats
-    """(4, 4), read-only; the translation is in scene units."""
+    """Pose (4, 4), read-only; the translation is in scene units."""
     obliquity: str
     estimator: str
     scene_unit: float
-    """Metres."""
+    """Length of one unit of the scene in metres."""
     support: Aperture
     """Region of the plane where W of the source is not zero, in m."""
     mixture: Mixture
-    """Mixture of the light that the source sends, or would send."""
+    """Coherence width and bandwidth of the source; a receiver has those it would send."""
     normalise: str = NORMALISATIONS[0]
-    """Power that ``norm`` stands for: one of `NORMALISATIONS`."""
+    """Definition of ``norm``: one of `NORMALISATIONS`."""
     power: float = 1.0
     """Radiated power in W; 1 for a receiver, whose power comes from the scene."""
     diffraction: bool = False
@@ -102,26 +102,27 @@ class SourceParameters:
     visible: bool = True
     """Whether rays meet the surface of the source."""
     noise: Mapping[str, float | None] = field(default_factory=dict)
-    """Noise of a receiver, by the names of ``NOISE_PARSERS``."""
+    """Bandwidth, temperature and noise figure of a receiver, by the names of ``NOISE_PARSERS``."""
     polarisation: Complexes | None = None
-    """Unit Jones vector (2,) in the source's x and y, or (n, 2) of elements; None: unpolarised."""
+    """Unit Jones vector along the source's x and y, shape (2,), or (n, 2) with one for each
+    element; None: unpolarised."""
     states_polarisation: bool = False
     """Whether the scene specifies ``polarisation``, "unpolarised" included."""
 
     @property
     def at_origin(self) -> SceneSource:
-        """The source relative to its centre: single precision resolves 6e-8 of a position."""
+        """The source relative to its centre, where single precision resolves positions best."""
         moved: SceneSource = normal_form(self.source).moved(-self.support.centre).public
         return moved
 
     @property
     def centre(self) -> Floats:
-        """Centre (2,) of the region that radiates, in units of the scene."""
+        """Centre (2,) of the radiating region in the source's frame, in units of the scene."""
         return self.support.centre / self.scene_unit
 
     @property
     def outline(self) -> Aperture:
-        """Region that radiates relative to its centre, in units of the scene."""
+        """Radiating region relative to its centre, in units of the scene."""
         return self.support.moved(-self.support.centre).scaled(1 / self.scene_unit)
 
     @property
@@ -182,12 +183,21 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
 
     Parameters
     ----------
-    values : Mitsuba's properties as a dictionary, or an entry made in Python.
-    plugin : `EMITTER` or `RECEIVER`.
+    values : mapping
+        Mitsuba's properties as a dictionary, or an entry made in Python.
+    plugin : str
+        `EMITTER` or `RECEIVER`.
+
+    Returns
+    -------
+    SourceParameters
 
     Raises
     ------
-    SceneError for unknown names and unusable values; errors of the readers of source files.
+    SceneError
+        For unknown names and unusable values.
+    PolywignerError
+        If a source file cannot be read.
     """
     sends = plugin == EMITTER
     given = _SceneValues(values, f"{plugin} {'shape' if sends else 'sensor'}")

@@ -42,7 +42,7 @@ from polywigner.transforms.wavefronts import flat_source
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.emitter import WignerEmitter
 
-# Odd numbers whose multiples differ in all bits, for hashing; 2^32 over the golden ratio is one.
+# Odd constants for hashing, whose multiples differ in all bits; the first is 2^32/golden ratio.
 _FACTORS = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)
 _WORD = 0xFFFFFFFF
 
@@ -53,13 +53,13 @@ class Wave(NamedTuple):
     """The wave of a sample."""
 
     inverse: Drjit
-    """Inverse of its wavelength, in 1/m."""
+    """Inverse wavelength in 1/m."""
     tilt: Drjit | None
-    """Spatial frequency (2D) of its tilt in 1/m; None without a tilt."""
+    """Spatial frequency of the tilt along x and y in 1/m; None for coherent light."""
 
 
 class DrawnWaves:
-    """Sampler of the waves of a mixture, for one variant's arrays."""
+    """Sampler of waves of a partially coherent or broadband source, for one variant's arrays."""
 
     def __init__(self, m: Any, mixture: Mixture) -> None:
         self._m, self._jit, self._mixture = m, dr.is_jit_v(m.Float), mixture
@@ -67,7 +67,7 @@ class DrawnWaves:
         self._tilt = opaque(m, 1 / (2 * math.pi * mixture.coherence_width))
 
     def wave(self, inverse: Drjit, x: mi.Point2f, end: mi.Point3f) -> Wave:
-        """Return the wave of the sample at a position x for a receiver at a point or direction."""
+        """Return the wave of the sample at x for a receiver at the point or direction ``end``."""
         if self._mixture.is_plain:
             return Wave(inverse, None)
         start, end = self._hash(x.x, x.y), self._hash(end.x, end.y, end.z)
@@ -98,7 +98,7 @@ def _uniform(word: Drjit) -> Drjit:
 
 
 class _Term(NamedTuple):
-    """A source whose W, times h, is a term of the radiance."""
+    """Term h W of the radiance."""
 
     source: SceneSource
     forms: Forms
@@ -131,8 +131,8 @@ class WignerRadiance:
     ) -> Drjit:
         """Return the sum in m^2 at positions and directions of the source's frame, zero behind.
 
-        Four Stokes numbers for a source of several polarisations. ``wigner`` replaces the W of
-        every term; it takes operations and four coordinates.
+        The result has four components if elements have different polarisations. ``wigner``
+        replaces the W of every term; it takes operations and four coordinates.
         """
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
@@ -190,7 +190,7 @@ def _frequency(direction: mi.Vector3f, wave: Wave) -> Point:
 
 
 class WignerEstimator:
-    """Lights points, and weights rays, by the signed radiance of a random point of the source."""
+    """Estimator of irradiance and ray weights from the radiance of random points of the source."""
 
     needs_distance = False
     is_constant = False
@@ -237,8 +237,8 @@ class WignerEstimator:
 
 # Overlaps below this fraction of an area are rounding errors.
 _OVERLAP = 1e-9
-# Pairs of edges of a source with derivatives, which are code of every kernel of a render: a pair
-# compiles in 7 ms, and 9000 exhaust the compiler.
+# Largest number of pairs of edges of a source with derivatives. Each pair is code of the render
+# kernel and takes 7 ms to compile; 9000 pairs exhaust the compiler.
 _MOST_CUTS = 4096
 
 

@@ -55,7 +55,7 @@ class Exposure:
             done()
         return _finite(np.asarray(image))
 
-    def picture(self, done: Callable[[], None]) -> npt.NDArray[np.float32]:
+    def full_image(self, done: Callable[[], None]) -> npt.NDArray[np.float32]:
         """Render all strips: (height, width, channels)."""
         strips = [self.image(strip, done) for strip in range(self.cut.strips)]
         return np.concatenate(strips).astype(np.float32)

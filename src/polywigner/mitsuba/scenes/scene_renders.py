@@ -117,8 +117,8 @@ def render(
     done, steps = count(1), exposure.cut.steps
     if progress is None:
         with slow_bar("render", steps) as advance:
-            return with_delta_lights(exposure, exposure.picture(advance))
-    return with_delta_lights(exposure, exposure.picture(lambda: progress(next(done), steps)))
+            return with_delta_lights(exposure, exposure.full_image(advance))
+    return with_delta_lights(exposure, exposure.full_image(lambda: progress(next(done), steps)))
 
 
 # Classes of integrators that render radiance, and maximum number of reflections of delta lights.
@@ -276,7 +276,7 @@ def render_parts(
     if store is None:
         bar = progress_bar("rendering", cut.steps, show=keeping.get("progress"))
         with kernel_threads(keeping.get("threads")), bar as advance:
-            return with_delta_lights(exposure, exposure.picture(advance))
+            return with_delta_lights(exposure, exposure.full_image(advance))
     settings = {**options, "spp": cut.samples, "seed": exposure.seed}
     parts = SceneParts(file, scene, partial(strip, cut, settings))
     sizes = {"row": cut.height, "column": cut.width, "channel": exposure.channels()}
