@@ -315,9 +315,9 @@ class ExactField:
 
 # ---- curved waves as sums of plane waves ---------------------------------------------------------
 
-# Error of the sum of plane waves relative to the curved wave's modulus; largest sum of their moduli,
-# which rounding multiplies by 6e-8; and tested periods of the waves over the size of an element.
-# Shorter periods need more waves, longer periods have larger amplitudes.
+# Error of the sum of plane waves relative to the modulus of the curved wave; largest sum of their
+# moduli, which rounding multiplies by 6e-8; and tested periods of the waves over the size of an
+# element. Shorter periods need more waves, longer periods have larger amplitudes.
 _CURVED_ERROR, _LARGEST_SUM, _PERIODS = 1e-5, 30.0, (1.2, 1.5, 2.0, 3.0)
 # Singular values below this fraction of the largest are rounding errors; largest number of waves
 # along an axis.

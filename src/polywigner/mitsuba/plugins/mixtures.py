@@ -57,9 +57,9 @@ def emissions(
     return terms
 
 
-# Relative error of the mean power, and the largest lag in wavelengths: the power is an integral of
-# the correlation times an oscillating, decaying transform of g. Measured error for two slits and
-# squares of 0.5 to 100 wavelengths, coherence widths of 0.3 to 30: at most 2e-5 of the power.
+# Relative error of the mean power, and largest lag in wavelengths. The power is an integral over
+# lags of the correlation times an oscillating, decaying function. Measured errors for two slits and
+# squares of 0.5 to 100 wavelengths with coherence widths of 0.3 to 30 wavelengths: at most 2e-5.
 _POWER_ERROR, _LONGEST_LAG = 1e-5, 4.0
 
 
@@ -88,16 +88,16 @@ class Mixture:
     def parts(
         self, source: SceneSource, wavelength: float, error: float = 1e-7
     ) -> Iterator[tuple[SceneSource, float, float]]:
-        """Yield coherent sources, wavelengths in m and weights whose mean is the mixture.
+        """Yield coherent sources, wavelengths in m and weights that represent the mixture.
 
-        ``error`` : error of the mean, relative to the largest value.
+        The weighted mean of their irradiances has ``error`` relative to the largest irradiance.
         """
         return mixture_parts(self._applied_to(source), wavelength, self.bandwidth, error)
 
     def nodes(self, source: SceneSource, wavelength: float) -> Floats:
-        """Return waves (n, 4) whose mean power is the power of the mixture.
+        """Return waves whose weighted mean power is the power of the mixture, shape (n, 4).
 
-        The columns are the shift of the inverse wavelength and the tilts along x and y, all in 1/m,
+        The columns are the shift of the inverse wavelength, the tilts along x and y, all in 1/m,
         and the weight.
         """
         tilts, weights = np.zeros((1, 2)), np.ones(1)
@@ -113,7 +113,7 @@ class Mixture:
         )
 
     def power(self, source: Any, wavelength: float, obliquity: str) -> float:
-        """Return the radiated power in W of a coherent source in light of this mixture."""
+        """Return the radiated power in W of a source with this coherence and bandwidth."""
         if self.is_plain:
             return powers_of(source, wavelength, obliquity)[0]
         total = 0.0
@@ -141,7 +141,7 @@ class Mixture:
 def mixture_of(
     source: Any, wavelength: float, bandwidth: float | None
 ) -> tuple[SceneSource, Mixture]:
-    """Return the source in coherent light, and the mixture that describes its light."""
+    """Return the coherent source, and its coherence width and bandwidth."""
     if bandwidth is not None:
         bandwidth = checked_bandwidth(bandwidth, wavelength)
         if getattr(flat_source(source), "paths", None) is not None:
@@ -154,7 +154,7 @@ def mixture_of(
     return source.coherent, Mixture(source.coherence_width, bandwidth)
 
 
-# Computed when an entry is made, when its scene is loaded, and whenever a parameter changes.
+# Cached: needed when an entry is made, when its scene is loaded and when a parameter changes.
 @lru_cache(maxsize=64)
 def norm_of(
     source: SceneSource,
@@ -163,12 +163,11 @@ def norm_of(
     mixture: Mixture = Mixture(),
     normalise: str = NORMALISATIONS[0],
 ) -> float:
-    """Return the power of a source's unscaled field in W, |u|^2 in W/m^2.
+    """Return the power in W of a source's unscaled field, with |u|^2 in W/m^2.
 
-    ``normalise``: "radiated" is the power through the hemisphere in front, with the obliquity and
-    the mean over the waves of the mixture; "aperture" is int |u|^2.
-
-    Raises SceneError for a source that radiates nothing.
+    The normalisation "radiated" is the power through the hemisphere in front, with the obliquity
+    and the mean over the waves of the mixture; "aperture" is int |u|^2. Raises SceneError for a
+    source that radiates nothing.
     """
     if normalise == "aperture":
         return _energy(flat_source(source))
@@ -202,7 +201,7 @@ def support_of(source: Any, obliquity: str) -> Aperture:
         raise SceneError(str(error)) from None
 
 
-# A scene entry is checked when it is made, and read when the scene is loaded.
+# Cached: needed when a scene entry is made and when the scene is loaded.
 @lru_cache(maxsize=16)
 def _support(source: Aperture | Array) -> Aperture:
     _energy(source)  # raises if it is zero

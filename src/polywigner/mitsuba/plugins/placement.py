@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# Rounding of parameters in single precision.
+# Relative rounding error of parameters in single precision.
 _ROUNDING = 1e-6
-# x changes its sign.
+# Factors of (x, y) in a mirror image.
 _MIRROR = np.array([-1.0, 1.0])
 
 
@@ -39,9 +39,9 @@ class PlacedSource(SourceParameters):
 
     name: str = ""
     medium: Any = None
-    """Fog around the receiver, as its sensor specifies; None without fog."""
+    """Mitsuba medium (fog) around the receiver; None without fog."""
     reach: float = 0.0
-    """Largest coordinate of the flat surfaces that touch it, in m; see module `surfaces`."""
+    """Largest coordinate, in m, of itself and of touching flat surfaces; see module `surfaces`."""
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
@@ -51,7 +51,7 @@ class PlacedSource(SourceParameters):
         return stokes_fields(self.source, self.polarisation)
 
     def mirrored(self, normal: Floats, offset: float) -> PlacedSource:
-        """Return its image behind the plane of points p with ``normal`` . p = ``offset``, in m."""
+        """Return the mirror image in the plane of points p with ``normal`` . p = ``offset`` [m]."""
         reflection = np.eye(4)
         reflection[:3, :3] -= 2 * np.outer(normal, normal)
         reflection[:3, 3] = 2 * offset * normal
@@ -59,14 +59,14 @@ class PlacedSource(SourceParameters):
         return replace(self, source=_mirrored(self.source), pose=pose)
 
     def image(self, chain: Iterable[Mirror]) -> PlacedSource:
-        """Return its image in mirrors, in the order of the light's reflections."""
+        """Return the image in several mirrors, in the order of the reflections."""
         image = self
         for mirror in chain:
             image = image.mirrored(mirror.normal, mirror.offset)
         return image
 
     def points(self, positions: Floats) -> Floats:
-        """Return positions (n, 2) of its plane as points in space, (n, 3) in m."""
+        """Convert positions (n, 2) in the source's plane to points (n, 3) in space, in m."""
         result: Floats = positions @ self.pose[:3, :2].T + self.pose[:3, 3]
         return result
 
@@ -82,7 +82,7 @@ class PlacedSource(SourceParameters):
 
     @property
     def normal(self) -> Floats:
-        """Unit vector (3,) to the side to which it radiates, or from which it receives."""
+        """Unit normal (3,) on the side of the source that radiates or receives."""
         return self.pose[:3, 2]
 
     def cosines_to(self, point: Floats) -> tuple[float, float]:
@@ -100,7 +100,7 @@ class PlacedSource(SourceParameters):
 
 
 def _mirrored(source: SceneSource) -> SceneSource:
-    """Return a source with the field u(-x, y), as in a mirror."""
+    """Return the mirror image of a source, with the field u(-x, y)."""
 
     def image(element: SourceElement) -> SourceElement:
         outline: Any = element.outline
@@ -168,7 +168,7 @@ def _placed(plugin: Any, name: str) -> PlacedSource:
 
 
 def _single(value: Any, known: float) -> float:
-    """Return a number of a plugin, in double precision unless a user has changed it."""
+    """Return a number of a plugin: ``known`` in double precision unless a user has changed it."""
     number = float(np.asarray(value, dtype=np.float64).ravel()[0])
     return known if np.float32(number) == np.float32(known) else number
 
@@ -189,7 +189,7 @@ def check_obliquity(link: str, first: str, second: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FacingParts:
-    """Parts of two sources in front of each other's plane."""
+    """Parts of an emitter and a receiver that lie in front of each other's plane."""
 
     emitter: PlacedSource
     receiver: PlacedSource
@@ -198,7 +198,7 @@ class FacingParts:
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
-    """Return the parts that face each other; None if there are none, as in a common plane."""
+    """Return the parts of two sources that face each other; None for a common plane."""
     sizes = [
         max(float(np.abs(values).max()) for values in (end.pose[:3, 3], end.source.bounds))
         for end in (emitter, receiver)

@@ -31,8 +31,8 @@ _IN_LOBE = 4
 _FEWEST, _MOST = 32, 1024
 # Samples averaged along each side of a cell of the table, so that it contains narrow beams.
 _MOST_WITHIN = 4
-# Fractions of the samples with three densities: the far pattern, which suits far surfaces; its root,
-# which suits W and near surfaces; and a uniform density.
+# Fractions of the samples with three densities: the far pattern, for far surfaces; its root, for W
+# and near surfaces; and a uniform density.
 _SHARES = (0.4, 0.4, 0.2)
 
 

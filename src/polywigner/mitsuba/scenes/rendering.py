@@ -61,7 +61,7 @@ class Exposure:
         return np.concatenate(strips).astype(np.float32)
 
     def channels(self) -> int:
-        """Return the number of channels of the image; integrators add to the film's channels."""
+        """Return the number of channels of the image, including those of the integrator."""
         size = 1 if self.camera.class_name() in films.CAMERAS else self.cut.height
         with films.cropped(self.camera, 0, size, size), _quietly():
             return int(self._rendered(1, 0).shape[-1])
@@ -70,8 +70,8 @@ class Exposure:
         """Return an image that Mitsuba renders in one call."""
         scene, camera, integrator = self.scene, self.camera, self.integrator
         factor, lights = films.fineness(camera, spp), scene.emitters()
-        # zeros of matrices, and samples of delta lights, are literals, which Dr.Jit folds into
-        # loops of one sample
+        # two samples: Dr.Jit cannot record loops of one sample that contain literals, such as
+        # zeros of Mueller matrices and samples of delta lights
         is_delta = any(mi.has_flag(e.flags(), delta) for e in lights for delta in _DELTA)
         fewest = 2 if mi.is_polarized or is_delta else 1
         finer_spp = max(fewest, math.ceil(spp / factor**2))
@@ -114,10 +114,9 @@ _TRANSPARENT = ("Volumetric", "Volpath")
 
 
 def may_shadow(scene: mi.Scene) -> bool:
-    """Return whether another light than a sky illuminates the null surface of a source.
+    """Return whether the null surface of a source may shadow another light.
 
-    A source radiates in front of its plane, so sources in a common plane do not illuminate each
-    other.
+    Skies do not count, and sources in a common plane do not illuminate each other.
     """
     lights = [emitter for emitter in scene.emitters() if not emitter.is_environment()]
     for number, source in enumerate(lights):
@@ -228,13 +227,14 @@ def _warn_of_shadows(scene: mi.Scene, integrator: mi.Integrator) -> None:
 
 # ---- temporary changes of a scene ---------------------------------------------------------------
 
-# Size of a hidden surface over its size: its share of rays is the square, and these rays read zero.
+# Factor by which a hidden surface shrinks. The fraction of rays that still meet it is the square,
+# and these rays read zero.
 _SHRUNK = 1e-3
 
 
 @contextmanager
 def hide_emitters(scene: mi.Scene) -> Iterator[None]:
-    """Hide coherent sources while the block runs: they light the scene, but rays read nothing."""
+    """Hide coherent sources while the block runs: they illuminate the scene but are not seen."""
     sources = surfaces.wigner_emitters(scene)
     null = mi.BSDFFlags.Null
     visible = [source.get_shape() for source in sources if source.spec.visible]
@@ -242,7 +242,7 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
     corners = [surfaces.vertices_of(shape) for shape in shapes]
     centres = [(points.min(axis=0) + points.max(axis=0)) / 2 for points in corners]
     shrunk = [c + _SHRUNK * (points - c) for c, points in zip(centres, corners, strict=True)]
-    # meshes move while no source is visible: a mesh that is not at its emitter would be refused
+    # meshes are moved while no source is visible: a visible source checks the place of its mesh
     with films.changed([(s, "spec", replace(s.spec, visible=False)) for s in sources]):
         try:
             _move(scene, shapes, shrunk)

@@ -58,11 +58,11 @@ def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
     Parameters
     ----------
     prefer : str, optional
-        Name of a variant, which is checked. Default: ``llvm_ad_mono`` (one channel, compiled) if
+        Name of a variant to check. Default: ``llvm_ad_mono`` (one channel, compiled) if
         a usable LLVM library exists, else ``cuda_ad_mono`` if there is a GPU, else ``scalar_rgb``
         with one warning.
-    polarised : bool
-        True: a variant with polarised light, ``llvm_ad_mono_polarized`` first.
+    polarised : bool, default False
+        Return a variant with polarised light, ``llvm_ad_mono_polarized`` first.
 
     Returns
     -------
@@ -72,8 +72,8 @@ def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
     Raises
     ------
     EngineError
-        If the preferred variant is unknown to this Mitsuba, cannot run here, or is unpolarised
-        with ``polarised=True``.
+        If Mitsuba has no variant ``prefer``, if the variant cannot run on this machine, or if it
+        is unpolarised with ``polarised=True``.
     """
     status = llvm.prepare()
     fast, on_gpu, plain = _VARIANTS[checked_flag(polarised, "polarised")]
@@ -136,11 +136,11 @@ def load_scene(
     Raises
     ------
     EngineError
-        For a variant that cannot run.
+        If the variant cannot run.
     SceneError
-        For a scene that does not load; or the package's error that caused it.
+        If the scene cannot be loaded, unless another error of this package is the cause.
     ArgumentError
-        For other unusable arguments.
+        If another argument is unusable.
     """
     if not isinstance(scene, Mapping):
         path = checked_path(scene)
@@ -181,7 +181,7 @@ class SceneFile:
 
 @one_at_a_time
 def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
-    """Load the scene of a file, or the entries of a dictionary if there is no file."""
+    """Load the scene of a file, or of the entries of a dictionary."""
     if how.variant is not None or mi.variant() is None:
         mi.set_variant(choose_variant(how.variant))
     register()
@@ -222,17 +222,22 @@ def has_wigner_emitter(scene: Any) -> bool:
     Parameters
     ----------
     scene : mi.Scene
-        A scene of the current variant; other objects raise a SceneError.
+        A scene of the current variant.
 
     Returns
     -------
     bool
+
+    Raises
+    ------
+    SceneError
+        If ``scene`` is not a scene of the current variant.
     """
     return any(map(is_source, checked_scene(scene).emitters()))
 
 
 def translate_error(error: Exception) -> PolywignerError:
-    """Return an error that Mitsuba raised while loading as an error of one line.
+    """Convert an error that Mitsuba raised while loading a scene to an error of one line.
 
     Parameters
     ----------
@@ -242,14 +247,14 @@ def translate_error(error: Exception) -> PolywignerError:
     Returns
     -------
     PolywignerError
-        The package's error that caused it, after its location in the scene; else a SceneError with
-        Mitsuba's message.
+        The error of this package that is the cause, with its location in the scene; otherwise a
+        SceneError with Mitsuba's message.
     """
     return _translated(error, None)
 
 
 def _translated(error: Exception, state: mi.parser.ParserState | None) -> PolywignerError:
-    """Return the error of `translate_error`, with the file that the object reads."""
+    """Translate an error; ``state`` adds the name of the file that the object reads."""
     if isinstance(error, PolywignerError):
         return error
     text = str(error)
