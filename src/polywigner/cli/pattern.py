@@ -105,7 +105,7 @@ def pattern(
 
 
 def _degrees(wavelengths: float) -> float:
-    """Return the default step for a source of some wavelengths, with a warning if it is coarse."""
+    """Return the default step in degrees for a source; warn if it is coarse."""
     needed = math.degrees(1.0 / wavelengths) / _STEPS_PER_LOBE
     if 4 * needed < _FINEST:
         warnings.warn(

@@ -1,4 +1,4 @@
-"""``polywigner propagate`` and ``polywigner volume``: fields in front of a source by methods."""
+"""``polywigner propagate`` and ``polywigner volume``: fields in front of a source."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class FieldOptions(FieldSourceOptions):
     out: options.Out = None
 
     def methods(self, *default: str) -> tuple[Methods, str]:
-        """Return the methods, and the name of the method that the others are compared with."""
+        """Return the methods and the name of the reference method."""
         from polywigner.geometry.arguments import checked_choice
 
         texts = self.method or ([options.EXACT] if self.obstacle else default)
@@ -276,9 +276,9 @@ def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) ->
 def samples_of_region(
     source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool
 ) -> tuple[int, ...]:
-    """Return the requested samples along each axis, else the number that the field needs.
+    """Return the requested samples along each axis, or by default the number the field needs.
 
-    The default number is bounded. A warning is issued if the bounds are too narrow.
+    The default number is bounded; a warning is issued if the field needs more.
     """
     import polywigner as pw
 
@@ -327,7 +327,7 @@ def _within(
 
 
 class Region(NamedTuple):
-    """Region of the field: ``points`` of a line or plane; angles in rad of an arc or hemisphere.
+    """Region where a field is computed; angles in rad and lengths in m.
 
     ``kind`` is "line", "arc", "plane" or "hemisphere"; ``shape`` is empty without --samples.
     """
@@ -406,7 +406,7 @@ _EXPECTED_RANGES = (
 
 
 def _ranges(text: str, count: int) -> tuple[Point, Point]:
-    """Return both ends along x, y and z. ``count`` axes are ranges, the others single values."""
+    """Return the lowest and the highest point of ``count`` ranges and 3 - ``count`` coordinates."""
     parts = _split(text, ",")
     if len(parts) != 3 and count:
         raise QuantityError(f"expected x, y and z, separated by commas, got {value_text(text)}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 import warnings
 from collections.abc import Sequence
@@ -29,7 +28,6 @@ _Format = StrEnum("_Format", "csv nc")
 _STEPS, _MAP_SECONDS = (1.0, 2.0, 5.0, 10.0), 60.0
 # Directions whose time is measured.
 _TIMED = 8
-_FEW_SECONDS = 10.0
 # Directions of the map: some hours for a simple body, 0.1 GB.
 _MOST = 4_000_000
 # Steps per lobe of backscatter in the cuts, and the time that they may take [s].
@@ -108,10 +106,7 @@ def rcs(
 def _steps(
     pattern: Pattern, map_step: float | None, fine_step: float | None, lobe: float
 ) -> tuple[float, float]:
-    """Return the steps of map and cuts in degrees, and print the expected time of both.
-
-    Default steps follow from the time of a direction.
-    """
+    """Return the steps of map and cuts in degrees, by default from the time of a direction."""
     import numpy as np
 
     azimuth, elevation = np.linspace(-3.0, 3.0, _TIMED), np.linspace(-1.4, 1.5, _TIMED)
@@ -125,18 +120,11 @@ def _steps(
     if fine_step is None:
         fine_step = max(lobe / _STEPS_PER_LOBE, 360.0 * seconds / _CUT_SECONDS, _FINEST)
         fine_step = min(360.0 / math.ceil(360.0 / fine_step), _STEPS[0])
-    total = seconds * (2 * (180 / map_step) ** 2 + 720 / fine_step)
-    expected = f"about {total:.0f} s" if total > _FEW_SECONDS else "some seconds"
-    print(
-        f"polywigner: takes {expected}: a map in steps of {map_step:.3g} deg, cuts in steps of "
-        f"{fine_step:.3g} deg",
-        file=sys.stderr,
-    )
     return map_step, fine_step
 
 
 def write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
-    """Write all values of patterns as CSV, with a row for each value; nan if it failed."""
+    """Write patterns as CSV, one row per direction; failed values are nan."""
     import numpy as np
 
     for number, pattern in enumerate(patterns):

@@ -31,7 +31,7 @@ _MOST_FREQUENCIES = 1 << 16
 
 @dataclass(frozen=True, kw_only=True)
 class ReceiveSettings(options.SceneOptions):
-    """Options of ``receive``. None stands for the setting of the scene."""
+    """Options of ``receive``; None selects the setting of the scene."""
 
     spp: Annotated[
         int | None,
@@ -131,7 +131,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
 
 
 def parse_definition(text: str) -> tuple[str, str]:
-    """Return name and value of ``--define``; ArgumentError for other texts."""
+    """Return the name and value of a text NAME=VALUE; raise ArgumentError for other texts."""
     name, equals, value = text.partition("=")
     if not (name and equals):
         raise ArgumentError(
@@ -165,7 +165,7 @@ def _figure(
     titles: Sequence[str],
     floor_db: float,
 ) -> Figure:
-    """Draw the scattered power of each receiver over its directions, a panel for each receiver."""
+    """Draw the scattered power over directions, one panel per receiver."""
     from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
     from polywigner.mitsuba.receive.power_results import dbm_text
@@ -211,7 +211,7 @@ def _ranges_text(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> 
 
 
 def _draw_ranges(profile: xarray.Dataset, titles: Sequence[str], floor_db: float) -> Figure:
-    """Draw the power by range, a panel for each receiver."""
+    """Draw received power against range, one panel per receiver."""
     from polywigner.figures import draw_range_profile
     from polywigner.figures.style import new_figure
 

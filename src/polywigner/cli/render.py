@@ -28,7 +28,7 @@ _STOKES_CHANNELS = 12
 
 @dataclass(frozen=True, kw_only=True)
 class RenderSettings(options.SceneOptions):
-    """Options of ``render``. None stands for the setting of the scene."""
+    """Options of ``render``; None selects the setting of the scene."""
 
     spp: Annotated[
         int | None, typer.Option(min=1, max=2**30, help="Samples per pixel (default: the scene's).")
