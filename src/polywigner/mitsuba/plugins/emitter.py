@@ -68,7 +68,7 @@ _OVERWHELMING = 1e12
 
 
 class WignerEmitter(VariantPlugin):
-    """Emitter of a ``wigner`` shape, which makes it; not registered as a plugin."""
+    """Emitter of a ``wigner`` shape; the shape makes it, so it is not registered as a plugin."""
 
     get_shape: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -312,7 +312,7 @@ def check_place(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
 
 
 def _in_scene(points: Floats, pose: Floats, centre: Floats) -> Floats:
-    """Return points (n, 2) relative to the source's centre (2,) in the scene, (n, 3)."""
+    """Convert points (n, 2) relative to the source's centre to points (n, 3) of the scene."""
     result: Floats = (points + centre) @ pose[:3, :2].T + pose[:3, 3]
     return result
 

@@ -65,9 +65,9 @@ class EquivalentSources:
     """Points of a grid in the plane of a source, with their amplitudes."""
 
     half: tuple[float, ...]
-    """Half the sides of the bounds along x and y."""
+    """Half the width and height of the source's bounds in wavelengths."""
     along: tuple[float, ...]
-    """Positions on a line over half its length."""
+    """Positions of the points on a line, divided by half its length."""
     lines: tuple[tuple[float, ...], ...]
     """Position of a line, then the weights of its points: for the field and for the slope, if the
     condition has these, as real parts or as real and imaginary parts."""
@@ -77,7 +77,7 @@ class EquivalentSources:
     """Whether lines are along x instead of y."""
 
     def field(self, ops: Any, half: Any, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
-        """Return the field at a point, relative to the phase of the distance from the centre."""
+        """Return the field at a point, without the phase of the distance from the centre."""
         distance = ops.sqrt(x * x + (y * y + z * z))
         length = half[0] if self.is_swapped else half[1]
         aside, along = (y, x) if self.is_swapped else (x, y)
@@ -104,7 +104,7 @@ class EquivalentSources:
         return real, imag
 
     def _sent(self, cosine: Drjit, inverse: Drjit, wave: Pair, weights: tuple[Drjit, ...]) -> Pair:
-        """Return the waves of one point, with the term 1/(k r) of Rayleigh and Sommerfeld."""
+        """Return the wave of one point, including the term 1/(k r) of its near field."""
         step = 1 if self.is_real else 2
         total = Pair(0.0, 0.0)
         for k in range(0, len(weights), step):
@@ -189,7 +189,7 @@ class ExactEstimator:
 
     @staticmethod
     def check(spec: SourceParameters) -> None:
-        """Raise SceneError for a source without exact field, or with too many edges."""
+        """Raise SceneError for a source that this estimator does not support."""
         if not spec.mixture.is_plain:
             raise SceneError(
                 'expected coherent light of one wavelength with the estimator "exact", got '

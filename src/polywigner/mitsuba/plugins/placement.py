@@ -45,7 +45,7 @@ class PlacedSource(SourceParameters):
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
-        """Scalar sources, and the Stokes vectors by which their irradiances add up."""
+        """Scalar sources with Stokes vectors, which add up weighted by |U|^2."""
         if self.polarisation is None:
             return [(self.source, (1.0, 0.0, 0.0, 0.0))]
         return stokes_fields(self.source, self.polarisation)
@@ -86,13 +86,13 @@ class PlacedSource(SourceParameters):
         return self.pose[:3, 2]
 
     def cosines_to(self, point: Floats) -> tuple[float, float]:
-        """Return direction cosines from the centre to a point (3,) in m, in the source's frame."""
+        """Return the direction cosines, along x and y, from the centre to a point (3,) in m."""
         away = self.pose[:3, :3].T @ (point - self.centre)
         alpha, beta, _ = (away / np.linalg.norm(away)).tolist()
         return alpha, beta
 
     def pose_of(self, other: PlacedSource) -> Floats:
-        """Return the pose (4, 4) of the other's frame in this frame, in m."""
+        """Return the pose (4, 4) of another source or receiver in this frame, in m."""
         result = np.eye(4)
         result[:3, :3] = self.pose[:3, :3].T @ other.pose[:3, :3]
         result[:3, 3] = self.pose[:3, :3].T @ (other.pose[:3, 3] - self.pose[:3, 3])
@@ -229,7 +229,7 @@ def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSo
 
 
 def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
-    """Return the part with ``normal`` . x > ``least``; the same object if nothing is cut off."""
+    """Return the part with ``normal`` . x > ``least``, or the same object if it is complete."""
     heights = np.concatenate(outline.rings) @ normal[:2] - least
     if (heights > 0).all():
         return outline

@@ -85,7 +85,7 @@ def _step(m: Any, point: mi.Point3f) -> Drjit:
 
 
 def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
-    """Return the unit vector of (alpha, psi), in front of the receiver."""
+    """Return the unit vector of the angles (alpha, psi), in front of the receiver."""
     rho = _root(1.0 - angles.x * angles.x)
     sine, cosine = dr.sincos(angles.y)
     return m.Vector3f(angles.x, rho * sine, dr.abs(rho * cosine) + _GRAZING)
@@ -120,7 +120,7 @@ _MOST_PASSED = 4
 
 
 class WignerReceiver(VariantPlugin):
-    """Sensor whose film contains watts; docs/received_power.md."""
+    """Sensor whose film contains received power in W; see docs/received_power.md."""
 
     film: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -197,7 +197,7 @@ class WignerReceiver(VariantPlugin):
     def look_along(
         self, angles: Drjit, time: Drjit, sample1: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit, Drjit]:
-        """Return a ray, its weight in W per radiance and solid angle, and its colour weight."""
+        """Return a ray, its weight (W per radiance and solid angle), and its spectral weight."""
         direction = direction_of(self.m, angles)
         ray = self.m.RayDifferential3f()
         ray.time = time
@@ -219,7 +219,7 @@ class WignerReceiver(VariantPlugin):
         return ray, weight, colours
 
     def _looks(self, sample: mi.Point2f) -> tuple[mi.Point2f, Drjit]:
-        """Return the angles for a point of the film, and the solid angle that they stand for."""
+        """Return the angles (alpha, psi) of a sample of the film, and its solid angle."""
         film, fine = self.film(), self.fineness
         width, height = (int(n) // fine for n in film.size())
         if width * height == 1:
@@ -238,7 +238,10 @@ class WignerReceiver(VariantPlugin):
         return self._frame.axes[2] * self._lift
 
     def _pass_surfaces(self, ray: mi.RayDifferential3f, coins: Drjit, active: Drjit) -> Drjit:
-        """Start a ray behind some of the surfaces on its path: their light diffracts at edges."""
+        """Start a ray behind random surfaces on its path, whose radiation diffracts at edges.
+
+        Returns the change of the ray's weight.
+        """
         scene, going, weight = self._known_scene(), self.m.Bool(active), self.m.Float(1.0)
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
@@ -278,7 +281,7 @@ class WignerReceiver(VariantPlugin):
 
 
 def _check_film(values: dict[str, Any]) -> None:
-    """Raise SceneError without a film: Mitsuba's default has 768 x 576 pixels."""
+    """Raise SceneError if the sensor has no film, or a film without a box filter."""
     objects = (value for value in values.values() if isinstance(value, mi.Object))
     films = [
         value for value in objects if hasattr(value, "rfilter") and hasattr(value, "crop_size")
@@ -399,7 +402,7 @@ def receiver(
 
 
 def film_of(width: int, height: int) -> dict[str, Any]:
-    """Return the entry of a film that a receiver can have."""
+    """Return the dictionary entry of a film for a receiver."""
     return {
         "type": "hdrfilm",
         "width": width,

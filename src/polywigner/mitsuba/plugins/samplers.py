@@ -1,4 +1,8 @@
-"""Samplers of positions and directions for one variant's arrays, and the frame of a source."""
+"""Samplers of positions and directions for one variant's arrays, and the frame of a source.
+
+Directions have the coordinates (alpha, psi): alpha is the direction cosine along x, and psi is the
+angle in rad about the x axis, zero along the normal.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +41,7 @@ _SHARES = (0.4, 0.4, 0.2)
 
 
 def opaque(m: Any, value: float) -> Drjit:
-    """Return a number of the variant ``m``: each new literal would compile a new kernel."""
+    """Return a number of the variant ``m`` that is no literal, so kernels are not recompiled."""
     return dr.opaque(m.Float, value) if dr.is_jit_v(m.Float) else value
 
 
@@ -93,7 +97,7 @@ class Positions:
 
 
 class Directions:
-    """Sampler of (alpha, psi) from a density on the points of a grid, bilinear between them."""
+    """Sampler of (alpha, psi) from a density that is bilinear between the points of a grid."""
 
     def __init__(self, m: Any, values: Floats, sides: Floats) -> None:
         self._m = m
@@ -157,7 +161,7 @@ def _mean_pattern(
     counts: npt.NDArray[np.int_],
     within: int,
 ) -> Floats:
-    """Return g |F|^2 on a grid, each value the mean over ``within`` x ``within`` points nearby."""
+    """Return g |F|^2 on a grid, averaged over ``within`` x ``within`` points around each node."""
     steps = np.array([2.0, math.pi]) / counts
     shifts = (np.arange(within) + 0.5) / within - 0.5
     total = np.zeros(1)

@@ -92,7 +92,7 @@ class SourceParameters:
     support: Aperture
     """Region of the plane where W of the source is not zero, in m."""
     mixture: Mixture
-    """Coherence width and bandwidth of the source; a receiver has those it would send."""
+    """Coherence width and bandwidth of the field that the source sends, or a receiver would."""
     normalise: str = NORMALISATIONS[0]
     """Definition of ``norm``: one of `NORMALISATIONS`."""
     power: float = 1.0
@@ -131,7 +131,7 @@ class SourceParameters:
         return self.polarisation is not None and self.polarisation.ndim == 2
 
     def fields_of(self, source: SceneSource) -> list[tuple[SceneSource, Stokes | None]]:
-        """Return scalar sources, and the Stokes vectors by which their irradiances add up."""
+        """Return scalar sources with Stokes vectors, which add up weighted by |U|^2."""
         if self.polarisation is None or not self.has_several:
             return [(source, None)]
         return list(stokes_fields(source, self.polarisation))
@@ -266,7 +266,7 @@ _PARSERS: dict[str, Callable[[Any], float]] = {
     "aperture_power": parse_power,
     **NOISE_PARSERS,
 }
-"""Readers of the numbers of an entry, by name."""
+"""Functions that convert the numeric parameters of an entry to SI units, by name."""
 
 
 def _number(name: str, value: Any, element: str) -> float:
@@ -318,7 +318,7 @@ class _SceneValues:
 
     values: Mapping[str, Any]
     element: str
-    """Such as "wigner shape", for messages."""
+    """Name of the element in error messages, such as "wigner shape"."""
 
     def check_names(self, known: tuple[str, ...]) -> None:
         """Raise SceneError for an unknown parameter; nested objects may have any name."""
@@ -330,7 +330,7 @@ class _SceneValues:
                 )
 
     def choice(self, kind: str, known: Iterable[str], default: str | None = None) -> str:
-        """Return one of the known names, the first by default; ``kind``: "an estimator"."""
+        """Return one of the known names, by default the first; ``kind`` is "an estimator" etc."""
         known = tuple(known)
         name = self.text(kind.split()[1], default or known[0])
         if name not in known:
@@ -397,7 +397,7 @@ class _SceneValues:
         return rigid_pose(np.eye(4) if given is None else given.matrix)
 
     def number(self, name: str) -> float | None:
-        """Return a parameter of `_PARSERS` in SI units; None without a value."""
+        """Return a numeric parameter in SI units; None if it is missing."""
         if name not in self.values:
             return None
         return _number(name, self.values[name], self.element)

@@ -102,15 +102,15 @@ class _Term(NamedTuple):
 
     source: SceneSource
     forms: Forms
-    """Forms of h."""
+    """Coefficients of the obliquity factor h."""
     stokes: Stokes | None
     kernel: Kernel
     tables: Any
-    """Outline of the flat source, as the kernel takes it."""
+    """Tables of the flat source for the kernel."""
 
 
 class WignerRadiance:
-    """The sum of h W over the terms of a source (:func:`emissions`), for one variant's arrays."""
+    """Sum of h W over the terms of a source (:func:`emissions`), for one variant's arrays."""
 
     def __init__(self, m: Any, spec: SourceParameters, wavelength: float) -> None:
         self._m, self._jit, self._unit = m, dr.is_jit_v(m.Float), spec.scene_unit
@@ -222,7 +222,7 @@ class WignerEstimator:
             )
 
     def lit(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return L cos/r^2 over the density at the point ``it``."""
+        """Return L cos/r^2 at the point ``it``, divided by the density of samples."""
         direction, distance = light.seen_from(it, x)
         value = light.radiance(x, direction, light.wave(x, it.p)) * direction.z
         return value / (distance * distance * self.density)
@@ -230,7 +230,7 @@ class WignerEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return g W/N over the density, in units of the scene; g = h cos."""
+        """Return h W cos/N divided by the density of samples, in units of the scene."""
         wave = self._radiance.waves.wave(self._inverse, x, direction)
         return self._scale * self._radiance.at(x, direction, wave) * direction.z / self.density
 

@@ -105,7 +105,7 @@ def _finite(image: Floats) -> Floats:
 
 
 def _quietly() -> AbstractContextManager[None]:
-    """Suppress the log of scalar variants: one line per negative sample, and a progress bar."""
+    """Suppress the log of scalar variants, which has a line for each negative sample."""
     return nullcontext() if dr.is_jit_v(mi.Float) else films.silent()
 
 
@@ -188,7 +188,7 @@ _STOKES = "stokes"
 
 
 def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Integrator]:
-    """Return an integrator, and the integrator inside if it adds the Stokes numbers."""
+    """Return the integrator, and the nested integrator if the first adds Stokes parameters."""
     adds_stokes = isinstance(integrator, str) and integrator.split()[:1] == [_STOKES]
     if adds_stokes:
         integrator = integrator.strip()[len(_STOKES) :].strip() or None
@@ -266,7 +266,7 @@ def polarised_by_default(
 
 
 def illuminated_by(sources: Sequence[Any], lit: Any) -> AbstractContextManager[None]:
-    """Set the power of all sources but ``lit`` to zero; None: the power of all sources."""
+    """Set the power of all sources except ``lit`` to zero while the block runs."""
     dark = [(source, "power", type(source.power)(0.0)) for source in sources if source is not lit]
     for _, _, power in dark:
         if dr.is_jit_v(power):

@@ -234,7 +234,7 @@ def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) ->
 
 
 class Reaches:
-    """Largest coordinates of the shapes of a scene, for the rounding of points on them."""
+    """Largest coordinates of the shapes of a scene, which determine rounding errors of points."""
 
     def __init__(self, scene: mi.Scene) -> None:
         self._table: Any = None
@@ -434,7 +434,7 @@ def in_frame(body: Obstacle, pose: Floats, scale: float) -> Obstacle:
 
 
 def before_plane(silhouette: Silhouette) -> Silhouette:
-    """Return the parts of edges in front of the plane of the source."""
+    """Return a silhouette with the parts of its edges in front of the source's plane."""
     start, end = np.moveaxis(silhouette.edges, 1, 0)
     low, high = start[:, 2] - BEHIND, end[:, 2] - BEHIND
     with np.errstate(divide="ignore", invalid="ignore"):
