@@ -38,7 +38,6 @@ SPREAD = 1.2  # half of the image's width over the height
 MILLIMETRE = 1e-3
 METHOD = "rayleigh-sommerfeld-1"
 HEIGHTS = (0.05, 0.3)
-VARIED = "wigner + control variate"
 EXACT = (1, 4, 64)
 SIGNED = (64, 256)
 _BLOCK = 1 << 16
@@ -96,7 +95,6 @@ def floor_scene(source: Any, height: float, size: int, way: str) -> Any:
                 WAVELENGTH,
                 scene_unit=MILLIMETRE,
                 estimator="exact" if way == "exact" else "wigner",
-                control_variate=way == VARIED,
             ),
         }
     )
@@ -192,17 +190,14 @@ def measure(name: str, source: Any, height: float, size: int) -> None:
 
     own = error_of_light(source, height, size)
     goals = [(spp, decibels(exact[spp][1][0], expected)) for spp in (4, 64)] + [(1, own)]
-    for way in ("wigner", VARIED):
-        few, many = (timed(floor_scene(source, height, size, way), spp) for spp in SIGNED)
-        light = decibels(few[1][0], exact[SIGNED[0]][1][0], peak=peak)
-        noises = [decibels(*run[1], peak=peak) - _TWO for run in (few, many)]
-        slope = np.log(many[0] / few[0]) / (noises[1] - noises[0])
-        times = [
-            many[0] * np.exp(slope * (goal - noises[1])) / exact[spp][0] for spp, goal in goals
-        ]
-        row(way, SIGNED[0], few, light)
-        # with many samples their positions do not matter
-        row(way, SIGNED[1], many, decibels(many[1][0], expected), *times)
+    few, many = (timed(floor_scene(source, height, size, "wigner"), spp) for spp in SIGNED)
+    light = decibels(few[1][0], exact[SIGNED[0]][1][0], peak=peak)
+    noises = [decibels(*run[1], peak=peak) - _TWO for run in (few, many)]
+    slope = np.log(many[0] / few[0]) / (noises[1] - noises[0])
+    times = [many[0] * np.exp(slope * (goal - noises[1])) / exact[spp][0] for spp, goal in goals]
+    row("wigner", SIGNED[0], few, light)
+    # of so many samples their places do not matter
+    row("wigner", SIGNED[1], many, decibels(many[1][0], expected), *times)
     for spp in EXACT:
         row("exact", spp, exact[spp], own)
 

@@ -1,12 +1,11 @@
-"""How many samples does a pixel need for a stated error, by sampler and control variate?
+"""How many samples does a pixel need for a stated error, by sampler?
 
 A white floor under a 10 mm square at 94 GHz, near (5 wavelengths) and far (100): rms error over
 seeds at boresight, the first sidelobe and the first null along x, over the peak of the irradiance,
 against quadrature of the same integral. In the table: the error of `independent` samples
-at 1024 per pixel, how many samples other methods need for that error (log-interpolated), how many
-times fewer that is, the cost of a sample, and the mean signed error of the line over its own error.
-The last lines measure the bias of the control variate where it is not meant for: in the shadow
-edge of a screen halfway, and on a glossy floor. The figure shows errors against samples.
+at 1024 per pixel, how many samples other samplers take to that error (log-interpolated), how many
+times fewer that is, what a sample costs, and the mean signed error of the line over its own error.
+The picture shows errors against samples.
 
     python benchmarks/render_noise.py [--seeds 16] [--out docs/images/render_noise.png]
 """
@@ -15,8 +14,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -36,32 +33,7 @@ SPP = (16, 64, 256, 1024, 4096)
 SPP_OF = {"orthogonal": (25, 121, 289, 1369, 4489)}
 
 
-@dataclass(frozen=True)
-class Route:
-    """How samples are drawn."""
-
-    sampler: str
-    control_variate: bool = False
-
-    @property
-    def name(self) -> str:
-        more = " + control variate" if self.control_variate else ""
-        return f"{self.sampler}{more}"
-
-    @property
-    def options(self) -> dict[str, Any]:
-        return {"control_variate": self.control_variate}
-
-
-WAYS = (
-    Route("independent"),
-    Route("multijitter"),
-    Route("ldsampler"),
-    Route("orthogonal"),
-    Route("independent", control_variate=True),
-    Route("multijitter", control_variate=True),
-    Route("orthogonal", control_variate=True),
-)
+SAMPLERS = ("independent", "multijitter", "ldsampler", "orthogonal")
 
 
 def places(truth: np.ndarray) -> dict[str, int]:
@@ -73,10 +45,10 @@ def places(truth: np.ndarray) -> dict[str, int]:
     return {"boresight": middle, "sidelobe": middle + sidelobe, "null": middle + null}
 
 
-def errors(case: Case, way: Route, truth: np.ndarray, seeds: int) -> tuple[np.ndarray, ...]:
-    """(spp, rms errors (spp, columns), bias over its error, CPU ns a sample) of one method."""
-    scene = floor_scene(case, COLUMNS, way.sampler, **way.options)
-    counts = SPP_OF.get(way.sampler, SPP)
+def errors(case: Case, sampler: str, truth: np.ndarray, seeds: int) -> tuple[np.ndarray, ...]:
+    """(spp, rms errors (spp, columns), bias over its error, CPU ns a sample) of a sampler."""
+    scene = floor_scene(case, COLUMNS, sampler)
+    counts = SPP_OF.get(sampler, SPP)
     rms, bias, cost = [], 0.0, 0.0
     for spp in counts:
         rendered(scene, spp, 0)  # compiles
@@ -107,37 +79,6 @@ def needed(counts: np.ndarray, error: np.ndarray, wanted: float) -> float:
     return float(np.exp(x[k - 1] + slope * (goal - y[k - 1])))
 
 
-def shadow_edge(way: Route, distance: float) -> np.ndarray:
-    """Mean over seeds of a line that a screen halfway to the floor shades for x > 0."""
-    case = Case("square", pw.shapes.square(0.01), distance, 0.0)
-    z = case.z / 1e-3
-    transform = mi.ScalarTransform4f()
-    screen = {
-        "type": "rectangle",
-        "to_world": transform.translate([z, 0, 0.5 * z]).scale([z, 4 * z, 1]),
-    }
-    scene = floor_scene(case, COLUMNS, way.sampler, more={"screen": screen}, **way.options)
-    return np.mean([rendered(scene, 4096, seed) for seed in range(8)], axis=0)
-
-
-def glossy(way: Route, distance: float) -> np.ndarray:
-    """The same on a floor of rough metal."""
-    case = Case("square", pw.shapes.square(0.01), distance, 0.0)
-    bsdf = {"type": "roughconductor", "alpha": 0.1, "material": "none"}
-    scene = floor_scene(case, COLUMNS, way.sampler, bsdf=bsdf, **way.options)
-    return np.mean([rendered(scene, 4096, seed) for seed in range(8)], axis=0)
-
-
-def bias_lines() -> None:
-    """Print the bias of the control variate where receivers are shaded or glossy."""
-    plain, varied = Route("multijitter"), Route("multijitter", control_variate=True)
-    for distance in DISTANCES:
-        for name, scene in (("shadow edge", shadow_edge), ("glossy floor", glossy)):
-            own, other = scene(plain, distance), scene(varied, distance)
-            worst = np.abs(other - own).max() / np.abs(own).max()
-            print(f"control variate, {name} at {distance:.0f} wavelengths: {worst:.1e} of the peak")
-
-
 def main() -> None:
     """Measure, print Markdown tables, and draw."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -154,15 +95,15 @@ def main() -> None:
         print(f"\n{distance:.0f} wavelengths; irradiance over the peak at the sidelobe "
               f"{truth[where['sidelobe']] / truth.max():.1e}, at the null "
               f"{truth[where['null']] / truth.max():.1e}\n")  # fmt: skip
-        print("| way | " + " | ".join(where) + " | ns | bias |\n|" + "---|" * 6)
+        print("| sampler | " + " | ".join(where) + " | ns | bias |\n|" + "---|" * 6)
         wanted: dict[str, float] = {}
-        for way in WAYS:
-            counts, rms, bias, cost = errors(case, way, truth, options.seeds)
+        for sampler in SAMPLERS:
+            counts, rms, bias, cost = errors(case, sampler, truth, options.seeds)
             cells = []
             for name, column in where.items():
                 error = about(rms, column)
-                curves[distance, name, way.name] = (counts, error)
-                if way == WAYS[0]:
+                curves[distance, name, sampler] = (counts, error)
+                if sampler == SAMPLERS[0]:
                     wanted[name] = float(error[list(counts).index(REFERENCE)])
                     cells.append(f"{REFERENCE} ({wanted[name]:.1e})")
                 else:
@@ -170,8 +111,7 @@ def main() -> None:
                     fewest = ("< ", "> ") if samples <= counts[0] else ("", "")
                     ratio = f"{fewest[1]}{REFERENCE / samples:.2g}"
                     cells.append(f"{fewest[0]}{samples:.0f} ({ratio})")
-            print(f"| {way.name} | {' | '.join(cells)} | {cost:.0f} | {bias:+.1f} |", flush=True)
-    bias_lines()
+            print(f"| {sampler} | {' | '.join(cells)} | {cost:.0f} | {bias:+.1f} |", flush=True)
     if options.out:
         draw(curves, options.out)
 
@@ -180,7 +120,6 @@ SHOWN = {
     "independent": ("0.5", "o-"),
     "multijitter": ("C0", "s-"),
     "orthogonal": ("C2", "^-"),
-    "multijitter + control variate": ("C1", "D-"),
 }
 
 
@@ -192,8 +131,10 @@ def draw(curves: dict[tuple[float, str, str], tuple[np.ndarray, np.ndarray]], ou
     figure, axes = plt.subplots(2, 3, sharex=True, sharey=True, figsize=(9, 5.4))
     for row, distance in zip(axes, DISTANCES, strict=True):
         for axis, name in zip(row, names, strict=True):
-            for way, (colour, mark) in SHOWN.items():
-                axis.loglog(*curves[distance, name, way], mark, color=colour, ms=4, label=way)
+            for sampler, (colour, mark) in SHOWN.items():
+                axis.loglog(
+                    *curves[distance, name, sampler], mark, color=colour, ms=4, label=sampler
+                )
             axis.set_title(f"{name}, {distance:.0f} wavelengths", fontsize=9)
             axis.grid(alpha=0.3)
     for axis in axes[1]:

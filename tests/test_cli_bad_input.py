@@ -135,7 +135,6 @@ BAD: dict[str, str] = {
         --precision half => precision | half
         --db-floor 3 => --db-floor | -1
         --taper gauss => taper | gauss
-        --format zip => --format | zip | nc | zarr
         --wavelength "3 mm" => both
         --obstacle absent.stl => absent.stl
         --obstacle empty.csv => --obstacle
@@ -175,7 +174,6 @@ BAD: dict[str, str] = {
         {SMALL} --surfaces low => --surfaces | low
         {SMALL} --surfaces "-6, -50" => floor | -50
         {SMALL} --projection sum => projection | maximum
-        {SMALL} --format hdf4 => --format | zarr
         {SMALL} --method fdtd => method | fdtd
     """,
     "rcs square.wkt": """
@@ -204,8 +202,7 @@ BAD: dict[str, str] = {
         absent.xml => absent.xml
         "" => file
         {long} => file
-        words.csv => which is an aperture | polywigner transform words.csv
-        cut.toml => which is a source | polywigner transform cut.toml
+        words.csv => XML file of a scene | polywigner transform
         lit.xml --out out/.PNG => before the suffix
         lit.xml --out square.wkt/a => square.wkt
     """,
@@ -224,7 +221,6 @@ BAD: dict[str, str] = {
         --seed -1 => --seed | 0
         --variant llvm_mono_ad => variant | llvm_mono_ad | scalar_rgb
         --integrator pathfinder => --integrator | pathfinder | volpath
-        --sampler dice => --sampler | dice | multijitter
         --db-floor 40 => --db-floor | -1
     """,
     "receive --variant scalar_rgb": """
@@ -313,8 +309,7 @@ FIELD = ["propagate", "square.wkt", "--frequency", "94 GHz", *shlex.split(LINE)]
     ("library", "extra", "command"),
     [
         ("ezdxf", "formats", ["transform", "none.dxf"]),
-        ("h5netcdf", "datasets", [*FIELD, "--format", "nc"]),
-        ("zarr", "datasets", [*FIELD, "--format", "zarr"]),
+        ("h5netcdf", "datasets", FIELD),
         ("zarr", "datasets", ["volume", *FIELD[1:4], *shlex.split(SMALL)]),
     ],
     ids=str,

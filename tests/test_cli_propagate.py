@@ -87,40 +87,6 @@ def test_complex_fields_are_written_with_their_phase(square):
     np.testing.assert_allclose(field, expected, rtol=0, atol=1e-9)
 
 
-ARC = ("--arc", "50 mm", "--samples", "5", "--method", "kirchhoff")
-
-
-def test_a_store_holds_the_same_complex_fields_as_other_formats(square):
-    formats = ("--format", "zarr", "--format", "nc")
-    split = propagated(square, *ARC, "--amplitude", *formats)
-    store = square.parent / "out" / "field.zarr"
-    with xarray.open_zarr(store) as result:
-        whole = split["kirchhoff_real"].values + 1j * split["kirchhoff_imag"].values
-        assert np.array_equal(result["kirchhoff"].values, whole)
-        assert result.attrs["wavelength"] == split.attrs["wavelength"]
-    propagated(square, *ARC, *formats)  # an earlier run's is replaced, as files are
-    with xarray.open_zarr(store) as result:
-        assert result["kirchhoff"].dtype == np.float64
-    names = sorted(path.name for path in store.parent.iterdir())
-    assert names == ["field.nc", "field.png", "field.zarr"]
-
-
-@pytest.mark.parametrize("is_volume", [True, False])
-def test_a_store_of_hours_of_work_and_a_file_in_its_place_are_left_alone(is_volume, square, capfd):
-    store = square.parent / "out" / "field.zarr"
-    if is_volume:
-        box = ((-0.02, -0.02, 0.04), (0.02, 0.02, 0.06))
-        pw.volume(SQUARE, box, (2, 2, 2), WAVELENGTH, method="fraunhofer", out=store)
-    else:
-        store.parent.mkdir()
-        store.touch()
-    out = ("--out", str(store.parent / "field"))
-    assert main(["propagate", str(square), *FREQUENCY, *ARC, "--format", "zarr", *out]) == 2
-    assert "choose another name" in capfd.readouterr().err
-    assert not is_volume or "fraunhofer" in xarray.open_zarr(store)
-    assert list(store.parent.iterdir()) == [store]
-
-
 def test_the_table_says_how_far_methods_are_apart(square, capfd):
     result = propagated(
         square, "--line", "0 mm, 0 mm, 60 mm to 0 mm, 0 mm, 90 mm", "--samples", "4",
@@ -190,8 +156,7 @@ def run(path, *options):
 
 
 def test_the_store_holds_the_irradiance_in_the_box(square, capfd):
-    formats = ("--format", "nc", "--format", "nc", "--format", "zarr")
-    assert run(square, *SMALL, "--method", "wigner kirchhoff", *formats) == 0
+    assert run(square, *SMALL, "--method", "wigner kirchhoff", "--netcdf") == 0
     out = square.parent / "out"
     names = ("field.zarr", "field.png", "field.nc")
     assert capfd.readouterr().out.splitlines() == [str(out / name) for name in names]

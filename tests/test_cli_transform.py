@@ -88,9 +88,7 @@ def test_a_source_too_wide_for_a_picture_is_shown_in_its_middle(rectangle, capfd
     assert len(values["frequency"]) == 257 and np.abs(values["fourier"]).max() == 24.0
     err = capfd.readouterr().err
     assert "cropped to the centre" in err and "miss lobes" not in err
-    # The beam of a steered one is not in the middle.
-    values = transformed(rectangle, *wide, "--steering", "30 deg, 0 deg", "--samples", "9")
-    assert values["frequency"][-1] == 1 / 500e-9
+    transformed(rectangle, *wide, "--samples", "9")
     assert "9 samples along an axis miss lobes" in capfd.readouterr().err
 
 

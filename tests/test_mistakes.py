@@ -77,7 +77,6 @@ SCENE_MISTAKES: dict[str, tuple[Callable[[Any], Any], str]] = {
     "negative power": (lambda pm: pm.aperture(SQUARE, 0.01, power=-1.0), "power"),
     "unknown variant": (lambda pm: pm.choose_variant("llvm"), "variant"),
     "missing file": (lambda pm: pm.load_scene("a.xml", variant="scalar_rgb"), "a.xml"),
-    "sampler as a number": (lambda pm: pm.load_scene("a.xml", sampler=16), "sampler"),
     "parameters as a list": (lambda pm: pm.render_file("a.xml", parameters=["p"]), "parameters"),
 }
 

@@ -1,7 +1,6 @@
 """Powers that ``wigner_receiver`` reads of scenes, against quadrature and the radar equation."""
 
 import gc
-import warnings
 import weakref
 
 import mitsuba as mi
@@ -259,22 +258,3 @@ def test_a_receiver_moves_with_its_to_world():
     params["receiver.to_world"] = mi.Transform4f(mi.Matrix4f(np.diag([2.0, 1.0, 1.0, 1.0])))
     with pytest.raises(SceneError, match="to_world"):
         params.update()
-
-
-@pytest.mark.parametrize(("start", "warned"), [(20.0, True), (150.0, False)])
-def test_fog_in_the_near_zone_is_warned_of(start, warned):
-    """2 D^2/wavelength is 125 mm from the 10 mm square."""
-    use("scalar_rgb")
-    fog = {
-        "type": "cube",
-        "to_world": mi.ScalarTransform4f().translate([0, 0, start + 50]).scale(50),
-        "bsdf": {"type": "null"},
-        "interior": {"type": "homogeneous", "albedo": 0.5, "sigma_t": 1e-3},
-    }
-    for estimator in ("exact", "wigner"):
-        scene = mi.load_dict({**furnace(estimator=estimator), "fog": fog})
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            pwm.render(scene, integrator="volpath", spp=1)
-        result = [str(w.message) for w in caught if "near zone" in str(w.message)]
-        assert len(result) == (warned and estimator == "exact")

@@ -71,7 +71,7 @@ INTEGRATORS: list[Any] = [("direct", None), ("path", 4)]
 SLOW = pytest.param("prbvolpath", 2, marks=pytest.mark.slow)
 
 
-@pytest.mark.parametrize(("name", "depth"), [*INTEGRATORS, ("volpath", 2), ("ptracer", 2), SLOW])
+@pytest.mark.parametrize(("name", "depth"), [*INTEGRATORS, ("volpath", 2), SLOW])
 def test_sources_without_a_surface_light_a_floor_as_each_alone(name, depth, llvm):
     mi = use("llvm_ad_mono")
     entry: dict[str, Any] = {"type": name}
@@ -134,12 +134,3 @@ def test_a_source_without_a_surface_is_met_by_no_ray_and_moves():
         # the end of a visibility ray lies up to 0.1 % of the distance in front of the source
         assert np.array(ds.p, dtype=float).ravel()[2] == pytest.approx(place, abs=0.02)
         assert np.array(weight).ravel()[0] != 0
-
-
-def test_no_tracer_of_particles_shows_a_source_without_a_surface():
-    mi = use("scalar_rgb")
-    seen = camera((0, 0, 30), (0, 0, 0), 4)
-    tracer = mi.load_dict({"type": "ptracer", "max_depth": 2, "rr_depth": 100})
-    for visible in (True, False):
-        scene = scene_of(sensor=seen, a=light(visible=visible))
-        assert np.any(pwm.render(scene, tracer, 4)) == visible

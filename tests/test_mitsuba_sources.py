@@ -17,7 +17,7 @@ from mitsuba_scenes import (
     light,
     use,
 )
-from polywigner.mitsuba.plugins.source_parameters import Mixture
+from polywigner.mitsuba.plugins.mixtures import Mixture
 from polywigner.mitsuba.plugins.wigner import DrawnWaves
 
 pytestmark = pytest.mark.drjit
@@ -76,12 +76,12 @@ def test_the_radiance_is_that_of_the_wigner_function_with_complex_fields(name, v
     mi = use(variant)
     source = SOURCES[name]
     emitter = emitter_of(light(source, power=3.0))
-    radiator = emitter.spec.region
+    support = emitter.spec.support
     within, direction = draws(20 if variant == "scalar_rgb" else 1000, 1.0)
-    x = within * np.array(radiator.support.bounds[2:])
+    x = within * (support.bounds[2:] - support.centre)
     seen = evaluated(mi, emitter, x / MILLIMETRE, direction)
     nu = direction[:, :2] / WAVELENGTH
-    expected = pw.wigner(source, x + radiator.centre, nu, engine="numpy")
+    expected = pw.wigner(source, x + support.centre, nu, engine="numpy")
     expected *= direction[:, 2]  # of Rayleigh-Sommerfeld I
     expected *= 3.0 / pw.radiated_power(source, WAVELENGTH) / WAVELENGTH**2
     assert np.abs(seen - expected[:, None]).max() < RADIANCE_ERROR * 4 * 3.0 / WAVELENGTH**2
@@ -121,10 +121,10 @@ OBLIQUE = {
 def test_the_obliquity_of_several_waves_is_that_of_each_pair_of_them(source, obliquity):
     mi = use("scalar_rgb")
     emitter = emitter_of(light(source, obliquity=obliquity))
-    support = emitter.spec.region.support
+    centre = emitter.spec.support.centre
+    support = emitter.spec.support.moved(-centre)
     within, direction = draws(30, 1.0)
     x = within * np.array(support.bounds[2:])
-    centre = emitter.spec.region.centre
     inside = [support.polygons.contains(shapely.Point(place)) for place in x]
     x, direction = x[inside], direction[inside]
     seen = evaluated(mi, emitter, x / MILLIMETRE, direction)

@@ -324,5 +324,4 @@ def test_the_command_writes_stokes_numbers_and_their_pictures(tmp_path: Path) ->
     record = json.loads(out.with_suffix(".json").read_text())
     assert record["used"]["variant"].endswith("_polarized")
     assert record["used"]["polarisation"].startswith("45 deg: ")
-    assert record["radiance"]["largest"] == pytest.approx(stokes[0].max(), rel=1e-5)
     assert main(["render", str(tmp_path / "street.xml"), "--out", str(out)]) == 2

@@ -113,26 +113,15 @@ def test_mirrors_of_one_bsdf_keep_their_names_in_files_and_dictionaries(tmp_path
         assert names.tolist() == ["", "floor", "north", "south"]
 
 
-def test_merged_shapes_are_reported_with_the_loader_that_keeps_ids() -> None:
-    made = corridor()
-    for load, is_merged in ((mi.load_dict, True), (pm.load_scene, False)):
-        notes = pm.channel(load(made), reflections=1).attrs["notes"]
-        assert any("load_scene to keep ids" in note for note in notes) == is_merged
-    assert len(pm.load_scene(made, merge=True).shapes()) < len(pm.load_scene(made).shapes())
-
-
 def test_a_dictionary_is_checked_as_a_file_is() -> None:
     with pytest.raises(ArgumentError, match="no parameters, got width"):
         pm.load_scene({"type": "scene"}, width=3)
     with pytest.raises(SceneError, match='add "type": "scene"'):
         pm.load_scene({"type": "sphere"})
-    with pytest.raises(SceneError, match="expected the reflectance of a diffuse"):
-        pm.load_scene({"type": "scene", "s": {"type": "sphere", "b": WHITE | {"reflectance": 2.0}}})
     with pytest.raises(SceneError, match="polarised variant"):
         pm.load_scene({"type": "scene", "e": pm.aperture(SQUARE, WAVELENGTH, polarisation="x")})
-    changed = pm.load_scene(entries(), sampler="independent", diffraction=True)
+    changed = pm.load_scene(entries(), diffraction=True)
     assert all(sensor.spec.diffraction for sensor in changed.sensors())
-    assert "Independent" in changed.sensors()[0].sampler().class_name()
 
 
 # ---- notes and warnings -------------------------------------------------------------------------

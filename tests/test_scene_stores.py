@@ -131,7 +131,7 @@ def test_another_process_loads_the_scene_and_its_sources_itself(camera_scene):
     from polywigner.mitsuba.scenes.scene_renders import SceneFile, SceneParts, strip
 
     key = pwm.register_source(pw.shapes.square(3e-3))
-    file = SceneFile(camera_scene, "scalar_rgb", None, {"outline": key})
+    file = SceneFile(camera_scene, "scalar_rgb", {"outline": key})
     loaded = file.load()
     parts = SceneParts(file, loaded, partial(strip, exposed(loaded).cut, {}))
     copy = pickle.loads(pickle.dumps(parts))

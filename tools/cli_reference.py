@@ -31,7 +31,7 @@ def page() -> str:
     """The whole page."""
     import typer.main
 
-    from polywigner.cli.commands import app
+    from polywigner.cli import app
 
     group: Any = typer.main.get_command(app)
     parts = [HEAD]

@@ -54,7 +54,7 @@ def rendered(source: Any) -> Any:
         {
             "type": "scene",
             "integrator": {"type": "direct"},
-            "light": aperture(source, WAVELENGTH, down, visible=False, control_variate=True),
+            "light": aperture(source, WAVELENGTH, down, visible=False),
             "floor": {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": 1.0}},
             "camera": {
                 "type": "orthographic",

@@ -1,7 +1,7 @@
-"""The command line ``polywigner``; ``commands`` lists its commands.
+"""The command line ``polywigner``: its commands and exit codes.
 
-``main`` returns an exit code and, after a failure, prints one line on stderr. Each command imports
-the large libraries that it needs, so that ``--help`` is quick.
+``main`` returns an exit code and, after a failure, prints one line on stderr. Each command checks
+its options before it imports the large libraries that it needs, so that ``--help`` is quick.
 """
 
 from __future__ import annotations
@@ -10,7 +10,23 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from functools import partial
+from typing import Annotated
 
+import typer
+
+from polywigner.cli import (
+    doctor,
+    lens_commands,
+    pattern,
+    propagate,
+    rcs,
+    receive,
+    render,
+    transform,
+)
+from polywigner.cli.options import Text, with_options
+from polywigner.cli.sources import Reading, WaveOptions
 from polywigner.errors import PolywignerError
 
 __all__ = ["main"]
@@ -38,8 +54,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning
         try:
-            from polywigner.cli.commands import app
-
             code = app(args=arguments, prog_name="polywigner", standalone_mode=False)
         except (KeyboardInterrupt, Exception) as error:
             if not _is_interruption(error):
@@ -97,3 +111,63 @@ def _say(message: str, code: int) -> int:
     """Write one line on stderr, without line breaks of the message."""
     sys.stderr.write("polywigner: " + " ".join(message.split()) + "\n")
     return code
+
+
+# ---- commands ------------------------------------------------------------------------------------
+
+app = typer.Typer(
+    add_completion=True,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    # Plain help takes half the start-up time of help in boxes, and other tools can read it.
+    rich_markup_mode=None,
+)
+
+
+def _show_version(is_requested: bool) -> None:
+    if is_requested:
+        from polywigner import __version__
+
+        typer.echo(f"polywigner {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _polywigner(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    """Coherent radiation of polygonal apertures: transforms in closed form, and rendering."""
+
+
+def explore(
+    aperture: Annotated[Text, typer.Argument(help="Aperture file (default: a chevron).")] = None,
+    *,
+    reading: Reading,
+    wave: WaveOptions,
+    port: Annotated[int, "Port of the server; 0: any free port."] = 5006,
+    browser: Annotated[bool, "Open the page in a browser."] = True,
+) -> None:
+    """Serve a page to draw an aperture and see its transforms and fields (extra: explorer).
+
+    Prints the address of the page, and serves it until Ctrl-C.
+    """
+    if aperture is not None:
+        reading.check_file(aperture)
+    wave.length()  # raises for a wrong option
+    from polywigner.explorer import serve, start_state
+
+    state = start_state(aperture, wave.frequency or wave.wavelength, **reading.reading_arguments())
+    serve(state, port=port, browser=browser, say=partial(print, flush=True))
+    os._exit(0)  # does not wait for a computation in progress
+
+
+_COMMANDS = (
+    *(render.render, receive.receive, transform.transform, pattern.pattern, rcs.rcs),
+    *(propagate.propagate, propagate.volume, lens_commands.psf, lens_commands.mtf),
+    *(explore, doctor.doctor),
+)
+for command in _COMMANDS:
+    app.command()(with_options(command))

@@ -35,7 +35,7 @@ class LensOptions(SourceOptions):
         return list(parse_numbers("--defocus", self.defocus, "-1, 0, 1"))
 
     def read_lens(self) -> tuple[Aperture | ApertureArray, list[float], float, float | None]:
-        """Return the pupil; wavelengths, focal length and the radius of the pupil's edge in m."""
+        """Return the pupil, and in m the wavelengths, focal length and radius of its edge."""
         if self.wavelengths is None:
             pupil, length = self.read_with_wavelength()
             lengths = [length]

@@ -1,4 +1,4 @@
-"""Options that several commands share, and their output files: all of them or none."""
+"""Options that several commands share, and atomic writing of their output files."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import math
 import os
 import platform
-import shlex
 import shutil
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -32,11 +31,11 @@ if TYPE_CHECKING:
     Content: TypeAlias = Figure | xarray.Dataset | Mapping[str, Any] | Callable[[Path], object]
 
 Text: TypeAlias = str | None
-"""A text such as "94 GHz", or the default."""
+"""Type of an option with a text such as "94 GHz"; None: the default."""
 Texts: TypeAlias = list[str] | None
-CONDITIONS = "rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff"
-METHODS = f"wigner, {CONDITIONS}, fresnel or fraunhofer"
-OBLIQUITIES = f"{CONDITIONS} or paper"
+_CONDITIONS = "rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff"
+METHOD_HELP = f"wigner, {_CONDITIONS}, fresnel or fraunhofer"
+OBLIQUITY_HELP = f"{_CONDITIONS} or paper"
 EXACT = "rayleigh-sommerfeld-1"
 """Default method of exact fields."""
 FLOOR: dict[str, Any] = {"min": -300.0, "max": -1.0}
@@ -162,7 +161,7 @@ def suffixes_of(formats: Sequence[str]) -> tuple[str, ...]:
 
 
 def files_to_write(out: str | None, name: str, suffixes: Sequence[str]) -> tuple[Path, ...]:
-    """Return the output files with these suffixes, after a test that they can be written."""
+    """Return the paths of output files; raise ArgumentError if one cannot be written."""
     files = targets(output_stem(out, name), suffixes)
     check_writable(files)
     return files
@@ -189,7 +188,7 @@ def check_writable(paths: Sequence[Path]) -> None:
 
 @contextmanager
 def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
-    """Give a scratch path for each target, and rename all of them at the end of the block.
+    """Yield a scratch path for each target; rename them to the targets at the end of the block.
 
     Missing folders are created. A target may be a folder, such as a zarr store. If the block raises
     an exception, no target is created or changed. At the end the targets are printed.
@@ -211,7 +210,7 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
 
 
 def write(paths: Sequence[Path], contents: Sequence[Content], summary: str = "") -> None:
-    """Write all of the files, or none, and print ``summary`` before their names.
+    """Write all files or none, then print ``summary`` and the names of the files.
 
     A content is a figure, a dataset (in memory or on disk), a record for JSON, or a function of the
     path.
@@ -240,12 +239,10 @@ def _write_one(path: Path, content: Any) -> None:
 
 # ---- scenes --------------------------------------------------------------------------------------
 
-_NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".toml")
-
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
-    """Options of a command on a scene. None stands for the setting of the scene."""
+    """Options of a command on a scene; None selects the setting of the scene."""
 
     scene: Annotated[str, typer.Argument(help="Mitsuba XML file of a scene with a Wigner source.")]
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0
@@ -260,7 +257,7 @@ class SceneOptions:
 
     @property
     def cluster(self) -> dict[str, Any]:
-        """Scheduler and threads, as arguments."""
+        """Keyword arguments for the scheduler and the number of threads."""
         return {"scheduler": self.scheduler, "threads": self.threads}
 
     def edges(self, default: int) -> NDArray[np.float64] | None:
@@ -285,21 +282,18 @@ class SceneOptions:
             raise SceneError(
                 f"expected a Mitsuba scene file, got {self.scene!r}, which is not a file"
             )
-        suffix = Path(self.scene).suffix.lower()
-        if suffix in _NO_SCENES:
-            kind = "a source file" if suffix == ".toml" else "an aperture"
+        if Path(self.scene).suffix.lower() != ".xml":
             raise SceneError(
-                f"expected a scene, which is Mitsuba XML, got {self.scene!r}, which is {kind}; "
-                f"see its transforms by `polywigner transform {shlex.quote(self.scene)}`, or name "
-                'it in the <shape type="wigner"> of a scene'
+                f"expected the XML file of a scene, got {self.scene!r}; apertures and source files "
+                "are for other commands, such as `polywigner transform`"
             )
 
     @contextmanager
     def running(self, variant: str, file: Path) -> Iterator[Path | None]:
         """Prepare a run that writes ``file``: the variant, range films, and a store of parts.
 
-        Gives the store of a resumable run, which is removed at the end of the block, or None.
-        Messages of Mitsuba become warnings at the end.
+        Yields the store of a resumable run, which is removed at the end of the block, or None.
+        Messages of Mitsuba become warnings at the end of the block.
         """
         from polywigner.mitsuba.plugins.films import to_list
         from polywigner.mitsuba.radar.range_film import require_transients

@@ -8,7 +8,7 @@ from dataclasses import replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from polywigner.cli import options
 from polywigner.cli.options import (
@@ -25,15 +25,11 @@ from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_power
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    pass
 
 _Format = StrEnum("_Format", "csv txt ffd cut msi pln")
-_Cuts = Literal["beam", "principal"]
 # Steps of the map per lobe, lambda/D wide for a source D across.
 _STEPS_PER_LOBE = 8
-# Steps of the principal cuts per lobe. Between nulls, samples fall to -30 dB of a lobe.
-_CUT_STEPS_PER_LOBE, _MOST_OF_A_CUT = 64, 32769
 # Default steps in degrees. The finest makes 361 x 1440 directions, a second or two of computation.
 _FINEST, _COARSEST = 0.25, 1.0
 # Directions in front: 0.2 GB.
@@ -43,7 +39,7 @@ _MOST = 4_000_000
 def pattern(
     *,
     obliquity: Annotated[
-        Text, f"Obliquity of a scalar field: {options.OBLIQUITIES} (default: first)."
+        Text, f"Obliquity of a scalar field: {options.OBLIQUITY_HELP} (default: first)."
     ] = None,
     power: Annotated[Text, "Accepted power, such as '10 dBm' (default: none, no EIRP)."] = None,
     efficiency: Annotated[float, "Radiated over accepted power, up to 1."] = 1.0,
@@ -51,7 +47,6 @@ def pattern(
     method: Annotated[Text, "Currents: huygens (default), magnetic or electric."] = None,
     step: Annotated[Text, "Step of the angles: '0.5 deg' (default: by the lobes)."] = None,
     element: Annotated[Text, "Far-field file of each element (.csv .txt .ffd .ffe .cut)."] = None,
-    cuts: Annotated[_Cuts, "beam (great circles) or principal (phi = 0 and 90 deg)."] = "beam",
     source: SourceOptions,
     floor_db: DbFloor = -40.0,
     formats: Annotated[
@@ -98,11 +93,7 @@ def pattern(
     if element is not None:
         settings["element"] = read_nearest_pattern(element, pw.SPEED_OF_LIGHT / length)
     values = pw.radiation_pattern(radiator, length, theta, phi, **settings)
-    if cuts == "principal":
-        angles = _cut_angles(wavelengths)
-        along = pw.radiation_pattern(radiator, length, angles, [0.0, math.pi / 2], **settings)
-    else:
-        along = pw.beam_cuts(radiator, length, **settings)
+    along = pw.beam_cuts(radiator, length, **settings)
     metrics = pw.beam_metrics(along, power=watts, efficiency=efficiency)
     if source.steering is not None:  # a grating lobe may be larger than the steered beam
         metrics = replace(metrics, steering=direction_angles(source.steering))
@@ -113,16 +104,8 @@ def pattern(
     write(files, [figure, *(export for _ in suffixes)], str(metrics))
 
 
-def _cut_angles(wavelengths: float) -> NDArray[np.float64]:
-    """Return angles from -90 to 90 degrees in rad that show the nulls of a source."""
-    import numpy as np
-
-    half = math.ceil(min(_CUT_STEPS_PER_LOBE * math.pi / 2 * wavelengths, _MOST_OF_A_CUT // 2))
-    return np.linspace(-math.pi / 2, math.pi / 2, 2 * max(half, 180) + 1)
-
-
 def _degrees(wavelengths: float) -> float:
-    """Return the default step for a source of some wavelengths, with a warning if it is coarse."""
+    """Return the default step in degrees for a source; warn if it is coarse."""
     needed = math.degrees(1.0 / wavelengths) / _STEPS_PER_LOBE
     if 4 * needed < _FINEST:
         warnings.warn(

@@ -1,15 +1,12 @@
-"""``polywigner propagate`` and ``polywigner volume``: fields in front of a source by methods."""
+"""``polywigner propagate`` and ``polywigner volume``: fields in front of a source."""
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias
 
@@ -28,7 +25,6 @@ if TYPE_CHECKING:
     from polywigner import Array as ApertureArray
 
 Point = tuple[float, float, float]
-_Format = StrEnum("_Format", "nc zarr")
 _Projection = Literal["maximum", "mean"]
 
 _WIDEST = math.radians(80.0)  # largest angle from the axis, default of an arc
@@ -50,20 +46,21 @@ class FieldOptions(FieldSourceOptions):
 
     method: Annotated[
         Texts,
-        f"{options.METHODS}; 'wigner paper' has its own obliquity (repeatable; default: wigner, "
-        f"of propagate also {options.EXACT}, behind obstacles the latter).",
+        f"{options.METHOD_HELP}; 'wigner paper' has its own obliquity (repeatable; default: "
+        f"wigner, of propagate also {options.EXACT}, behind obstacles the latter).",
     ] = None
-    obliquity: Annotated[Text, f"Obliquity of rays: {options.OBLIQUITIES} (default: first)."] = None
+    obliquity: Annotated[Text, f"Obliquity of rays: {options.OBLIQUITY_HELP} (default: first)."] = (
+        None
+    )
     against: Annotated[Text, "Reference method (default: the last exact method)."] = None
     accuracy: Annotated[float | None, "Relative error, such as 1e-3 (default: by method)."] = None
     bandwidth: Annotated[Text, "Flat frequency band to average over, such as '4 GHz'."] = None
     engine: Annotated[str, "auto, numpy, llvm or cuda."] = "auto"
     precision: Annotated[Text, "double or single (default: double)."] = None
-    formats: Annotated[list[_Format] | None, "nc or zarr (repeatable)."] = None
     out: options.Out = None
 
     def methods(self, *default: str) -> tuple[Methods, str]:
-        """Return the methods, and the name of the method that the others are compared with."""
+        """Return the methods and the name of the reference method."""
         from polywigner.geometry.arguments import checked_choice
 
         texts = self.method or ([options.EXACT] if self.obstacle else default)
@@ -118,25 +115,19 @@ def propagate(
 ) -> None:
     """Compute the field of a source in front of it, by several methods.
 
-    On a line, an arc, a plane or a hemisphere. Writes a figure NAME.png and the values NAME.nc
-    (or --format zarr), and prints the differences of the methods. For volumes, see
-    `polywigner volume`.
+    On a line, an arc, a plane or a hemisphere. Writes a figure NAME.png and the values NAME.nc,
+    and prints the differences of the methods. For volumes, see `polywigner volume`.
     """
     field.check()
     regions = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}
     region = parse_region(regions, samples)
-    suffixes = options.suffixes_of(field.formats or ["nc"])
-    stem = options.output_stem(field.out, Path(field.source).stem)
-    files = options.targets(stem, (".png", *suffixes))
-    _check_files(files)
+    files = options.files_to_write(field.out, Path(field.source).stem, (".png", ".nc"))
 
     from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
     from polywigner.propagation.stores import required
 
     methods, reference = field.methods("wigner", options.EXACT)
-    for suffix, module in ((".nc", "h5netcdf"), (".zarr", "zarr")):
-        if suffix in suffixes:
-            required(module)  # now rather than after the work
+    required("h5netcdf")  # now rather than after the work
     source, wavelength = field.read_with_wavelength()
     obstacles = field.read_obstacles()
     region = region._replace(shape=samples_of_region(source, region, wavelength, amplitude))
@@ -158,7 +149,7 @@ def propagate(
         draw = draw_hemispheres if region.kind == "hemisphere" else draw_lines
         figure = draw(values, **drawn)
     print_differences(values.data_vars, reference)
-    options.write(files, [figure, *(values for _ in suffixes)])
+    options.write(files, [figure, values])
 
 
 def _values(
@@ -191,13 +182,14 @@ def volume(
     chunks: Annotated[Text, "Samples of a chunk, such as '32 x 32 x 32'."] = None,
     threads: options.Threads = None,
     scheduler: options.Scheduler = None,
+    netcdf: Annotated[bool, "Write the values also as NAME.nc."] = False,
     surfaces: Annotated[Text, "Isosurfaces in dB, such as '-6, -12, -18' (default: four)."] = None,
     projection: Annotated[_Projection, "Projection on the walls: maximum or mean."] = "maximum",
     floor_db: options.DbFloor = -40.0,
 ) -> None:
     """Compute the irradiance of a source in a box, chunk by chunk, and draw it.
 
-    Writes NAME.zarr and a figure NAME.png, and with --format nc the values also as NetCDF. The same
+    Writes NAME.zarr and a figure NAME.png, and with --netcdf the values also as NAME.nc. The same
     command continues an interrupted run. With several methods, each method has its files,
     NAME-METHOD.zarr and so on.
     """
@@ -221,8 +213,7 @@ def volume(
         "scheduler": scheduler,
     }
     stem = options.output_stem(field.out, Path(field.source).stem)
-    # the store is written in any case
-    suffixes = tuple(s for s in options.suffixes_of(field.formats or []) if s != ".zarr")
+    suffixes = (".nc",) if netcdf else ()
     options.check_writable(options.targets(stem, (".png", *suffixes)))
 
     import polywigner as pw
@@ -270,38 +261,15 @@ def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) ->
         print(f"  {name:{width}}  {numbers}{left}")
 
 
-def _check_files(files: Sequence[Path]) -> None:
-    """Raise ArgumentError before the work if one of the files cannot be written.
-
-    A store of an earlier `polywigner propagate` is replaced like a file. A store of `polywigner
-    volume` is not, because its computation can take hours.
-    """
-    from polywigner.geometry.io.limits import bytes_of
-
-    stores = [path for path in files if path.suffix == ".zarr" and os.path.lexists(path)]
-    options.check_writable([path for path in files if path not in stores])
-    for store in stores:
-        try:
-            attrs = json.loads(bytes_of(store / "zarr.json"))["attributes"]
-            is_replaced = "source" in attrs and "written" not in attrs
-        except (OSError, ValueError, KeyError, TypeError):
-            is_replaced = False
-        if not is_replaced:
-            raise ArgumentError(
-                f"{store} is not a store of an earlier `polywigner propagate`; choose another name "
-                "with --out"
-            )
-
-
 # ---- samples -------------------------------------------------------------------------------------
 
 
 def samples_of_region(
     source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool
 ) -> tuple[int, ...]:
-    """Return the requested samples along each axis, else the number that the field needs.
+    """Return the requested samples along each axis, or by default the number the field needs.
 
-    The default number is bounded. A warning is issued if the bounds are too narrow.
+    The default number is bounded; a warning is issued if the field needs more.
     """
     import polywigner as pw
 
@@ -350,7 +318,7 @@ def _within(
 
 
 class Region(NamedTuple):
-    """Region of the field: ``points`` of a line or plane; angles in rad of an arc or hemisphere.
+    """Region where a field is computed; angles in rad and lengths in m.
 
     ``kind`` is "line", "arc", "plane" or "hemisphere"; ``shape`` is empty without --samples.
     """
@@ -429,7 +397,7 @@ _EXPECTED_RANGES = (
 
 
 def _ranges(text: str, count: int) -> tuple[Point, Point]:
-    """Return both ends along x, y and z. ``count`` axes are ranges, the others single values."""
+    """Return the lowest and the highest point of ``count`` ranges and 3 - ``count`` coordinates."""
     parts = _split(text, ",")
     if len(parts) != 3 and count:
         raise QuantityError(f"expected x, y and z, separated by commas, got {value_text(text)}")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import shutil
-import sys
 import time
 import warnings
 from collections.abc import Sequence
@@ -30,7 +28,6 @@ _Format = StrEnum("_Format", "csv nc")
 _STEPS, _MAP_SECONDS = (1.0, 2.0, 5.0, 10.0), 60.0
 # Directions whose time is measured.
 _TIMED = 8
-_FEW_SECONDS = 10.0
 # Directions of the map: some hours for a simple body, 0.1 GB.
 _MOST = 4_000_000
 # Steps per lobe of backscatter in the cuts, and the time that they may take [s].
@@ -53,7 +50,6 @@ def rcs(
     smooth: Annotated[Text, "Width of a running median over the cuts, such as '2 deg'."] = None,
     open_mesh: Annotated[bool, "Read the faces of a mesh as thin plates with two sides."] = False,
     reading: Reading,
-    resumable: options.Resumable = False,
     floor_db: options.DbFloor = -60.0,
     formats: Annotated[list[_Format] | None, "csv or nc (repeatable; default: csv)."] = None,
     out: options.Out = None,
@@ -75,8 +71,8 @@ def rcs(
 
     import numpy as np
 
+    from polywigner.execution.progress import progress_bar
     from polywigner.figures import draw_rcs
-    from polywigner.propagation.stores import open_store, require_stores
     from polywigner.scattering.cross_sections import Pattern
     from polywigner.scattering.facets import facets_of
     from polywigner.scattering.near_fields import checked_channel
@@ -84,12 +80,8 @@ def rcs(
     channel = None if polarisation is None else checked_channel(polarisation)
     metal = reading.read_body(body, open_mesh)
     pattern_of = partial(Pattern, metal, length, polarisation=channel, bounces=bounces)
-    store = files[0].with_suffix(".parts.zarr") if resumable else None
-    if store is not None:
-        require_stores()
     lobe = math.degrees(length / (2 * facets_of(metal).size))
-    steps = open_store(store).attrs.get("steps") if store and store.exists() else None
-    degrees, fine = steps or _steps(pattern_of(0.0, 0.0), map_step, fine_step, lobe)
+    degrees, fine = _steps(pattern_of(0.0, 0.0), map_step, fine_step, lobe)
     count = round(90.0 / degrees)
     _warn_of_lobes("the map", 90.0 / count, lobe, "--step")
     _warn_of_lobes("the cuts", fine, lobe, "--cut-step")
@@ -102,24 +94,19 @@ def rcs(
         pattern_of(centre[0] + np.array([0.0, np.pi]), above),
         pattern_of(azimuth, elevation),
     ]
-    settings = {"requested": [map_step, fine_step, *centre], "steps": [degrees, fine]}
-    *cuts, pattern = _computed(patterns, store, settings)
+    with progress_bar("directions", sum(math.prod(one.shape) for one in patterns)) as advance:
+        *cuts, pattern = [one.dataset(one.values(advance)) for one in patterns]
     title = field_title(body, length)
     figure = draw_rcs(pattern, cuts=cuts, smooth=width, floor_db=floor_db, title=title)
     values = [pattern if name == ".nc" else partial(write_rows, [pattern]) for name in suffixes]
     contents = [figure, partial(write_rows, cuts), *values]
     options.write(files, contents, _summary([pattern, *cuts], floor_db))
-    if store is not None:
-        shutil.rmtree(store, ignore_errors=True)
 
 
 def _steps(
     pattern: Pattern, map_step: float | None, fine_step: float | None, lobe: float
 ) -> tuple[float, float]:
-    """Return the steps of map and cuts in degrees, and print the expected time of both.
-
-    Default steps follow from the time of a direction.
-    """
+    """Return the steps of map and cuts in degrees, by default from the time of a direction."""
     import numpy as np
 
     azimuth, elevation = np.linspace(-3.0, 3.0, _TIMED), np.linspace(-1.4, 1.5, _TIMED)
@@ -133,41 +120,11 @@ def _steps(
     if fine_step is None:
         fine_step = max(lobe / _STEPS_PER_LOBE, 360.0 * seconds / _CUT_SECONDS, _FINEST)
         fine_step = min(360.0 / math.ceil(360.0 / fine_step), _STEPS[0])
-    total = seconds * (2 * (180 / map_step) ** 2 + 720 / fine_step)
-    expected = f"about {total:.0f} s" if total > _FEW_SECONDS else "some seconds"
-    print(
-        f"polywigner: takes {expected}: a map in steps of {map_step:.3g} deg, cuts in steps of "
-        f"{fine_step:.3g} deg",
-        file=sys.stderr,
-    )
     return map_step, fine_step
 
 
-def _computed(
-    patterns: Sequence[Pattern], store: Path | None, settings: dict[str, Any]
-) -> list[xarray.Dataset]:
-    """Compute the datasets of patterns, in a store of complete parts unless it is None."""
-    if store is None:
-        from polywigner.execution.progress import progress_bar
-
-        with progress_bar("directions", sum(math.prod(one.shape) for one in patterns)) as advance:
-            return [one.dataset(one.values(advance)) for one in patterns]
-    from polywigner.propagation.stores import lazy_array, write_store
-    from polywigner.transforms.xarray_arguments import labelled_arrays
-
-    tables = {}
-    for k, one in enumerate(patterns):
-        one.warn()
-        chunks = one.together, len(one.elevation)
-        values = lazy_array(one.part, one.shape, chunks, "float64")
-        tables[f"rcs_{k}"] = (f"azimuth_{k}", f"elevation_{k}"), values
-    settings |= patterns[0].settings()
-    with write_store(store, labelled_arrays(tables, {}, settings)) as stored:
-        return [one.dataset(stored[f"rcs_{k}"].values) for k, one in enumerate(patterns)]
-
-
 def write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
-    """Write all values of patterns as CSV, with a row for each value; nan if it failed."""
+    """Write patterns as CSV, one row per direction; failed values are nan."""
     import numpy as np
 
     for number, pattern in enumerate(patterns):

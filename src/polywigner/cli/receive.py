@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -35,7 +31,7 @@ _MOST_FREQUENCIES = 1 << 16
 
 @dataclass(frozen=True, kw_only=True)
 class ReceiveSettings(options.SceneOptions):
-    """Options of ``receive``. None stands for the setting of the scene."""
+    """Options of ``receive``; None selects the setting of the scene."""
 
     spp: Annotated[
         int | None,
@@ -57,8 +53,8 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
 
     Prints a table, writes all of it to NAME.json, and a figure of the directions of scattered power
     NAME.png; with --range also the power over half the path length NAME_range.nc and
-    NAME_range.png; with --frequencies also the complex amplitudes of the paths NAME_channel.nc,
-    NAME_channel.csv and NAME_channel.png. With --scheduler, the workers of a cluster share the
+    NAME_range.png; with --frequencies also the complex amplitudes of the paths NAME_channel.nc and
+    NAME_channel.png. With --scheduler, the workers of a cluster share the
     batches of samples, and the run is resumable.
     """
     defined = dict(parse_definition(text) for text in settings.defined or [])
@@ -68,7 +64,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     band = parse_band(settings.frequencies)
     suffixes = [".json", ".png"]
     suffixes += ("_range.nc", "_range.png") if edges is not None else ()
-    suffixes += ("_channel.nc", "_channel.csv", "_channel.png") if band else ()
+    suffixes += ("_channel.nc", "_channel.png") if band else ()
     files = options.files_to_write(out, Path(settings.scene).stem + "_received", suffixes)
 
     from polywigner.figures import draw_channel
@@ -95,7 +91,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     response = None
     with settings.running(variant, files[0]) as store:
         file = scene_renders.SceneFile(
-            Path(settings.scene), variant, None, defined, settings.diffraction, by_scene
+            Path(settings.scene), variant, defined, settings.diffraction, by_scene
         )
         scene = file.load()
         receivers_of(scene)
@@ -130,12 +126,12 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         if response is not None:
             title = f"{short_name(settings.scene)}, {len(band)} frequencies"
             figure = draw_channel(response, floor_db=floor, title=title)
-            contents += [response, partial(_write_channel, response), figure]
+            contents += [response, figure]
         options.write(files, contents, summary)
 
 
 def parse_definition(text: str) -> tuple[str, str]:
-    """Return name and value of ``--define``; ArgumentError for other texts."""
+    """Return the name and value of a text NAME=VALUE; raise ArgumentError for other texts."""
     name, equals, value = text.partition("=")
     if not (name and equals):
         raise ArgumentError(
@@ -162,24 +158,6 @@ def parse_band(text: str | None) -> list[float]:
     return [low + (high - low) * k / (count - 1) for k in range(count)]
 
 
-def _write_channel(channel: xarray.Dataset, path: Path) -> None:
-    """Write a row for each frequency, pair and path, and for the sum of the paths of a pair."""
-    paths = [str(name) or "direct" for name in channel["mirrors"].values]
-    frequencies, receivers, emitters = (
-        channel[name].values.tolist() for name in ("frequency", "receiver", "emitter")
-    )
-    h, amplitude, delay = (channel[name].values for name in ("h", "amplitude", "delay"))
-    with path.open("w", encoding="utf-8", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(["frequency_hz", "receiver", "emitter", "path", "delay_s", "real", "imag"])
-        for i, j, k in product(*map(range, h.shape)):
-            first = frequencies[i], receivers[j], emitters[k]
-            rows.writerow([*first, "all", "", h[i, j, k].real, h[i, j, k].imag])
-            for name, value, seconds in zip(paths, amplitude[i, j, k], delay[j, k], strict=True):
-                if not math.isnan(seconds):  # the pair has this path
-                    rows.writerow([*first, name, seconds, value.real, value.imag])
-
-
 def _figure(
     received: Sequence[ReceivedPower],
     maps: Sequence[NDArray[np.float64]],
@@ -187,7 +165,7 @@ def _figure(
     titles: Sequence[str],
     floor_db: float,
 ) -> Figure:
-    """Draw the scattered power of each receiver over its directions, a panel for each receiver."""
+    """Draw the scattered power over directions, one panel per receiver."""
     from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
     from polywigner.mitsuba.receive.power_results import dbm_text
@@ -233,7 +211,7 @@ def _ranges_text(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> 
 
 
 def _draw_ranges(profile: xarray.Dataset, titles: Sequence[str], floor_db: float) -> Figure:
-    """Draw the power by range, a panel for each receiver."""
+    """Draw received power against range, one panel per receiver."""
     from polywigner.figures import draw_range_profile
     from polywigner.figures.style import new_figure
 

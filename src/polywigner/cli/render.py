@@ -22,21 +22,18 @@ if TYPE_CHECKING:
 
 
 _Integrator = Literal["path", "direct", "volpath", "volpathmis", "prb", "prbvolpath"]
-_Sampler = Literal["multijitter", "independent", "stratified", "orthogonal", "ldsampler"]
 _POLARISED = ("_stokes.npz", "_stokes.png", "_polarisation.png")
 _STOKES_CHANNELS = 12
-_RADIANCE_UNIT = "W m^-2 sr^-1"
 
 
 @dataclass(frozen=True, kw_only=True)
 class RenderSettings(options.SceneOptions):
-    """Options of ``render``. None stands for the setting of the scene."""
+    """Options of ``render``; None selects the setting of the scene."""
 
     spp: Annotated[
         int | None, typer.Option(min=1, max=2**30, help="Samples per pixel (default: the scene's).")
     ] = None
     integrator: Annotated[_Integrator | None, "path, volpath, ... (default: the scene's)."] = None
-    sampler: Annotated[_Sampler | None, "multijitter, ... (default: the scene's)."] = None
     polarised: Annotated[bool, "Also write the Stokes parameters (docs/polarisation.md)."] = False
 
 
@@ -60,11 +57,12 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
 
     from polywigner import figures
     from polywigner.execution import kernel_threads
+    from polywigner.figures.levels import PEAK_RULE
     from polywigner.mitsuba import choose_variant, stokes_of
     from polywigner.mitsuba.plugins import films, polariser
     from polywigner.mitsuba.plugins.placement import placed_emitter
     from polywigner.mitsuba.radar.range_profile import prepared_frames
-    from polywigner.mitsuba.scenes.rendering import default_spp
+    from polywigner.mitsuba.scenes.rendering import default_integrator, default_spp
     from polywigner.mitsuba.scenes.scene_renders import SceneFile, render_parts
     from polywigner.mitsuba.scenes.surfaces import is_receiver, wigner_emitters
 
@@ -72,20 +70,16 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     variant = choose_variant(settings.variant, settings.polarised)
     integrator, floor, frames = settings.integrator, settings.floor_db, None
     with settings.running(variant, files[0]) as store:
-        file = SceneFile(
-            Path(settings.scene), variant, settings.sampler, diffraction=settings.diffraction
-        )
+        file = SceneFile(Path(settings.scene), variant, diffraction=settings.diffraction)
         scene = file.load()
         specs = _checked_specs(scene, settings.scene)
-        default = default_spp(scene)  # raises for a scene without a sensor
+        samples = settings.spp or default_spp(scene)
         receives = is_receiver(scene.sensors()[0])
         if settings.polarised and receives:
             raise SceneError(
                 f"expected a camera in {settings.scene} with --polarised, got a wigner_receiver, "
                 "which defines its polarisation itself"
             )
-        sampler = settings.sampler or _plugin(scene.sensors()[0].sampler(), "Sampler")
-        samples = settings.spp or default
         if edges is not None:  # a scene that cannot be sorted by range fails before the rendering
             render_frames = prepared_frames(
                 scene, edges, spp=samples, seed=settings.seed, sensor=0, integrator=integrator
@@ -105,17 +99,21 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
             image if stokes is None else image[..., :-_STOKES_CHANNELS]
         )
         reference = figures.image_peak(radiance)
-        record = settings.record(variant)
+        record, own = settings.record(variant), scene.integrator()
         record["used"] |= {
-            "integrator": integrator or _integrator_of(scene),
-            "sampler": sampler,
+            "integrator": integrator or (own.class_name() if own else default_integrator(scene)),
             "size": [radiance.shape[1], radiance.shape[0]],
             "spp": samples,
         }
         if polariser.is_polarised(variant):
             sources = [placed_emitter(e, k) for k, e in enumerate(wigner_emitters(scene))]
             record["used"]["polarisation"] = polariser.polarisation_summary(sources, False)
-        record |= _measured(radiance, "W" if receives else _RADIANCE_UNIT, reference, floor)
+        record["figure"] = {
+            "unit": "W" if receives else "W m^-2 sr^-1",
+            "zero_db": reference,
+            "zero_db_rule": PEAK_RULE,
+            "floor_db": floor,
+        }
         record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
         _warn_of_darkness(radiance)
         if receives:
@@ -141,7 +139,7 @@ def _checked_specs(scene: Any, name: str) -> list[Any]:
             "it with mitsuba itself"
         )
     for spec in specs:
-        check_wavelength(spec.wavelength, spec.region.support.diameter)
+        check_wavelength(spec.wavelength, spec.support.diameter)
     return specs
 
 
@@ -150,9 +148,8 @@ def _warn_of_darkness(radiance: NDArray[np.float64]) -> None:
     negative, zero = (radiance < 0).mean(), (radiance == 0).mean()
     if negative + zero > 0.5:
         warnings.warn(
-            f"{negative + zero:.0%} of the pixels are not positive ({negative:.0%} negative, "
-            f"{zero:.0%} zero) and have the colour of the floor; negative pixels are noise, which "
-            "more samples (--spp) reduce, or negative radiance; zero pixels receive no radiation",
+            f"{negative:.0%} of the pixels are negative (noise, which a larger --spp reduces, or "
+            f"negative radiance) and {zero:.0%} zero; they have the colour of the floor",
             RuntimeWarning,
             stacklevel=2,
         )
@@ -165,35 +162,3 @@ def _title(specs: Sequence[Any], name: str, variant: str, samples: int) -> str:
     return (
         f"{short_name(name)}, {listed}\n{variant}, {samples} sample{'s' * (samples > 1)} per pixel"
     )
-
-
-def _measured(
-    radiance: NDArray[np.float64], unit: str, reference: float | None, floor_db: float
-) -> dict[str, Any]:
-    """Return the range of the radiance and the scale of the figure, for NAME.json."""
-    from polywigner.figures.levels import PEAK_RULE
-
-    return {
-        "radiance": {
-            "unit": unit,
-            "largest": float(radiance.max()),
-            "smallest": float(radiance.min()),
-            "fraction_not_positive": float((~(radiance > 0)).mean()),
-        },
-        "picture": {"zero_db": reference, "zero_db_rule": PEAK_RULE, "floor_db": floor_db},
-    }
-
-
-def _integrator_of(scene: Any) -> str:
-    from polywigner.mitsuba.scenes.rendering import default_integrator
-
-    integrator = scene.integrator()
-    if integrator is None:
-        return default_integrator(scene)
-    return _plugin(integrator, "Integrator")
-
-
-def _plugin(instance: Any, kind: str) -> str:
-    """Return the plugin name of an object: ``path`` for a ``PathIntegrator``."""
-    name = str(instance.class_name()).removesuffix(kind).lower()
-    return {"particletracer": "ptracer"}.get(name, name)

@@ -99,7 +99,7 @@ class Reading:
     def read_body(
         self, path: str, as_plates: bool = False
     ) -> Aperture | Polyhedron | list[PlacedAperture]:
-        """Return the body of a mesh, or its faces as plates; or the outline of a drawing."""
+        """Return a mesh as a body or as plates, or a drawing as an aperture."""
         import polywigner as pw
 
         if Path(path).suffix.lower() not in _MESHES:
@@ -138,7 +138,7 @@ class SourceOptions(Reading, WaveOptions):
         self.length()
 
     def read(self) -> tuple[Aperture | ApertureArray, float | None]:
-        """Return the source, and the wavelength in m of the options or else of the file."""
+        """Return the source, and the wavelength in m from the options or from the file."""
         from polywigner.figures import outline_of
         from polywigner.source.source_files import read_content
         from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
@@ -161,7 +161,7 @@ class SourceOptions(Reading, WaveOptions):
         return source, wavelength
 
     def _compare(self, wavelength: float, designed: float) -> None:
-        """Warn if the wavelength is not the one for which the phases of a file were designed."""
+        """Warn if the wavelength differs from the design wavelength of a file's phases."""
         if abs(wavelength - designed) > _SAME_WAVELENGTH * designed:
             warnings.warn(
                 f"the phases in {Path(self.source).name} belong to its wavelength of "
@@ -185,7 +185,7 @@ class SourceOptions(Reading, WaveOptions):
 
 
 def check_wavelength(wavelength: float, diameter: float) -> None:
-    """Warn of a wavelength in m that hardly fits the aperture; raise for an absurd one."""
+    """Warn if a wavelength in m is implausible for the aperture; raise if it is impossible."""
     from polywigner.geometry.arguments import doubt_of_wavelength
 
     doubt = doubt_of_wavelength(wavelength, diameter)
@@ -224,7 +224,7 @@ def frequency_text(wavelength: float) -> str:
 
 
 def _is_source_file(path: str) -> bool:
-    """Return whether a file is TOML, or JSON with a kind at its top, which GeoJSON lacks."""
+    """Return whether a file is TOML, or JSON with a top-level "kind" (unlike GeoJSON)."""
     from polywigner.geometry.io.limits import bytes_of
 
     suffix = Path(path).suffix.lower()
@@ -265,7 +265,7 @@ class FieldSourceOptions(SourceOptions):
     def _placed(
         self, path: str, origin: tuple[float, ...], angles: tuple[float, ...]
     ) -> Polyhedron | PlacedAperture:
-        """Return a body whose z axis is rotated by the smallest angle, and its origin moved."""
+        """Return a body with its z axis rotated towards theta, phi and its origin moved."""
         import numpy as np
 
         from polywigner import Polyhedron

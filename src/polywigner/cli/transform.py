@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 _FEWEST = 257
 _MOST_BY_DEFAULT = 513  # some ten seconds for an aperture of a hundred edges
-# Fraction of the area that radiates in phase straight ahead: 0.66 for cosine tapers.
-_STRAIGHT_AHEAD = 0.1
 
 
 def transform(
@@ -63,15 +61,14 @@ def _samples(
 ) -> tuple[int, bool]:
     """Return the number of samples along an axis, and whether the frequency axes are cropped.
 
-    The axes are cropped if a figure with all directions would be too large, and the source radiates
-    straight ahead. Too few samples raise a warning.
+    The axes are cropped if a figure with all directions would be too large. Too few samples raise a
+    warning.
     """
     from polywigner.figures import LARGEST_SAMPLES, outline_of, samples_needed
 
     aperture = outline_of(source)
     needed = samples_needed(aperture, wavelength)
-    is_too_large = needed > LARGEST_SAMPLES
-    if requested is None and is_too_large and _radiates_ahead(source, aperture.area):
+    if requested is None and needed > LARGEST_SAMPLES:
         typer.echo(
             "polywigner: the plot is cropped to the centre; all directions would take "
             f"{needed} samples along an axis",
@@ -80,23 +77,13 @@ def _samples(
         return max(samples_needed(aperture, None), _FEWEST), True
     samples = requested or min(max(needed, _FEWEST), _MOST_BY_DEFAULT)
     if samples < needed:
-        remedy = "give a longer wavelength, or none, to see the centre of the pattern"
         warnings.warn(
             f"{samples} samples along an axis miss lobes of the transforms of an aperture of "
-            f"{aperture.diameter:.3g} m: {remedy if is_too_large else f'use --samples {needed}'}",
+            f"{aperture.diameter:.3g} m; use --samples {needed}",
             RuntimeWarning,
             stacklevel=2,
         )
     return samples, False
-
-
-def _radiates_ahead(source: Aperture | ApertureArray, area: float) -> bool:
-    """Return whether |F(0)|^2 is near its maximum for the power and area of the source."""
-    import polywigner as pw
-
-    ahead = abs(complex(pw.fourier(source, (0.0, 0.0)))) ** 2
-    power = complex(pw.lag_marginal(source, (0.0, 0.0))).real
-    return ahead > _STRAIGHT_AHEAD * area * power
 
 
 def _write_values(slices: TransformSlices, path: Path) -> None:
@@ -106,20 +93,18 @@ def _write_values(slices: TransformSlices, path: Path) -> None:
 
     import polywigner as pw
 
-    arrays: dict[str, Any] = {
-        "aperture_geojson": to_geojson(slices.aperture.polygons),
-        "automean_geojson": to_geojson(slices.support.polygons),
-    }
     units = {"x": "m", "xi": "m", "frequency": "1/m"}
     units |= dict.fromkeys(("fourier", "wigner", "ambiguity"), "m^2")
-    about = {
+    arrays: dict[str, Any] = {name: getattr(slices, name) for name in units}
+    arrays["aperture_geojson"] = to_geojson(slices.aperture.polygons)
+    arrays["automean_geojson"] = to_geojson(slices.support.polygons)
+    arrays["wavelength"] = np.nan if slices.wavelength is None else slices.wavelength
+    units |= {"aperture_geojson": "m", "automean_geojson": "m", "wavelength": "m (nan: not given)"}
+    metadata = {
         "axes": "fourier[j, i] and wigner[j, i] at nu = (frequency[i], frequency[j]); "
         "ambiguity[j, i] at upsilon = (frequency[i], frequency[j])",
         "convention": "F(nu) = int u exp(-2 pi i nu.x) dx",
+        "units": units,
+        "polywigner": pw.__version__,
     }
-    arrays |= {name: getattr(slices, name) for name in units}
-    units |= {"wavelength": "m (nan: not given)"}
-    units |= {name: "m" for name in arrays if name.endswith("geojson")}
-    arrays["wavelength"] = np.nan if slices.wavelength is None else slices.wavelength
-    metadata = json.dumps({**about, "units": units, "polywigner": pw.__version__})
-    np.savez_compressed(path, metadata=metadata, **arrays)
+    np.savez_compressed(path, metadata=json.dumps(metadata), **arrays)

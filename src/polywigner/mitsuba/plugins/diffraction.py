@@ -1,8 +1,9 @@
 """Shadows that diffract in scenes: the estimator ``exact`` with ``diffraction``. Source: (SB3).
 
-A sum over points replaces the source. Each point adds its wave where no obstacle hides it, and
-boundary waves of the obstacles' edges, which are data of one loop. Lengths are in wavelengths, in
-the source's frame.
+The source is represented by radiating points. The field at an illuminated point is the sum of the
+waves of the radiating points that no obstacle hides, and of the boundary waves from the obstacles'
+edges. One compiled loop reads the edges from tables. Lengths are in wavelengths, in the source's
+frame.
 """
 
 from __future__ import annotations
@@ -41,20 +42,20 @@ Point = tuple[Drjit, Drjit, Drjit]
 Field = tuple[Drjit, Drjit]
 """Real and imaginary part."""
 
-# Error of |F|^2 over its peak: shadows of one edge at a time need no smaller error.
+# Error of |F|^2 relative to its peak; diffraction by one edge at a time is less accurate.
 _ERROR = 3e-4
-# Most points in place of a source: each of them looks for obstacles at each sample.
+# Largest number of radiating points; each sample tests one ray per point for obstacles.
 _MOST_POINTS = 1024
-# Measured for random edges: within 9e-6, most within 5e-7.
+# Quadrature along edges. Measured relative errors for random edges: most 5e-7, at most 9e-6.
 _RULE = edge_waves.EdgeRule.of(2.0, 16, 2)
-# The edge of a half plane adds 1/(sqrt(8) pi sqrt(detour)) of the free field: edges below this
-# fraction are left out.
+# The edge of a half plane adds 1/(sqrt(8) pi sqrt(detour)) of the free field, the detour in
+# wavelengths. Edges that add less than this fraction are left out.
 _FAINT = 2e-3
 _LONGEST = 1.0 / (8.0 * math.pi**2 * _FAINT**2)
-# Points are shifted by this fraction of their distance, so that single precision separates them
-# from the boundaries of shadows.
+# Illuminated points are shifted by this fraction of their distance, so that none lies on the
+# boundary of a shadow after rounding to single precision.
 _ASIDE = 1e-6
-# Fraction of a ray that is left out at its end, on a surface; in single precision.
+# Rays end this fraction of their length before a surface, more than single precision rounds.
 _ENDS = 1e-5
 # Relative error of fields in scalar variants.
 _HOST_ERROR = 1e-4
@@ -68,15 +69,16 @@ class EdgeTables(NamedTuple):
     """Edges of silhouettes in groups, with the surface that blocks the waves of each group."""
 
     groups: Floats
-    """(g, 13) midpoint of the edges; plane of the face behind; first and end of their edges, of
-    the triangles of the surface, and of the edges of its rim."""
+    """(g, 13), a row per group: midpoint of its edges (3), plane of the face behind them (4), and
+    first and end row of its edges, its blocker's triangles and its blocker's rim (6)."""
     edges: Floats
-    """(k, 12) ends, plane of the face behind, first and end of the points of the source."""
+    """(k, 12), a row per edge: its ends (6), plane of the face behind it (4), and first and end
+    number of the radiating points whose waves it diffracts (2)."""
     triangles: Floats
-    """(t, 10) normals of the planes through the midpoint and each side, and their triple
-    product."""
+    """(t, 10), a row per triangle of a blocker: normals of the planes through the group's midpoint
+    and each side (9), and the triple product of the corners (1)."""
     rims: Floats
-    """(m, 6)."""
+    """(m, 6), ends of each edge of the blockers' rims."""
 
 
 def edge_tables(
@@ -89,10 +91,14 @@ def edge_tables(
 
     Parameters
     ----------
-    obstacles : bodies, in wavelengths.
-    points : points of the source.
-    silhouettes : one for each point, or one for all.
-    margin : depth behind a face, as a fraction of its distance, up to which points lie on it.
+    obstacles : Obstacles
+        Bodies in the source's frame, in wavelengths.
+    points : sequence of RadiatingPoint
+        Points of the source.
+    silhouettes : sequence of Silhouette
+        One for each point of the source, or a single one for all points.
+    margin : float
+        Points behind a face by less than this fraction of its distance count as points on it.
     """
     centre = np.mean([point.position for point in points], axis=0)
     blocked = shadows.blocked_edges(obstacles, silhouettes, centre)
@@ -112,7 +118,7 @@ def edge_tables(
     edges, group = np.concatenate(parts), np.concatenate(groups)
     planes = edges[:, 6:10]
     planes[group == NO_SURFACE] = _NO_PLANE
-    # points on the surface count as points in front of it, which single precision rounds
+    # rounding to single precision moves points of a surface behind it; they count as in front
     planes[:, 3] += margin * np.linalg.norm(edges[:, 3:6], axis=1) * (group >= 0)
     order = np.argsort(group, kind="stable")
     edges, group = edges[order], group[order]
@@ -188,7 +194,7 @@ class Shadows:
             self._has_edges = len(tables.edges) > 0  # a body around the source has no rim
 
     def either(self, point: mi.Point3f, free: Callable[[mi.Point3f], Drjit]) -> Drjit:
-        """Return |U|^2 at a point in front; ``free`` without shadows close to the source."""
+        """Return |U|^2 at a point in front; close to the source ``free`` computes it unshadowed."""
         z, x, y = point.z, abs(point.x), abs(point.y)
         far = (z > self._near[2]) | (x > self._near[0]) | (y > self._near[1])
         if not self._jit:
@@ -199,12 +205,12 @@ class Shadows:
         """Return |U|^2 at a point in front in units of the scene, relative to |u|^2 = 1."""
         at = tuple(c * self._inverse for c in (point.x, point.y, point.z))
         if not self._jit:
-            # in front of the surface that contains the point, by more than rounding
+            # the point moves in front of its surface by more than rounding errors
             change, free, _ = self._on_host(
                 positions=(1.0 - _ENDS) * np.array([at]), engine="numpy"
             )
             return float(np.abs(free + change)[0] ** 2)
-        # off the boundaries of shadows and their corners, by more than rounding
+        # shifted off the boundaries of shadows and their corners by more than rounding errors
         away = self._ops.sqrt(sum(c * c for c in at))
         x, y, z = (c + _ASIDE * u * away for c, u in zip(at, shadows.ASIDE.tolist(), strict=True))
         real, imag = self._field((x, y, z))
@@ -257,7 +263,7 @@ class Shadows:
         return dr.if_stmt(state, condition, compute, lambda *state: state, mode="symbolic")
 
     def _transmission(self, group: Drjit, at: Point) -> Pair:
-        """Return the amplitude at a point of the waves of a group of edges, over the free one."""
+        """Return the amplitude of a group's waves at a point relative to free propagation."""
         m, ops = self._m, self._ops
         free = m.Float(1.0), m.Float(0.0)
         if not self._is_blocked:
@@ -270,7 +276,7 @@ class Shadows:
             shares = [dot(row[k : k + 3], ahead) for k in (0, 3, 6)]
             total = shares[0] + shares[1] + shares[2]
             sign = dr.select(total < 0.0, -1.0, 1.0)
-            # the triangle's plane is in front of the point, which does not lie on it
+            # the ray meets the triangle's plane clearly before the point
             hit = (row[9] * sign > 0.0) & (row[9] * sign < total * sign * (1.0 - _ENDS))
             for share in shares:
                 hit &= share * sign >= 0.0
@@ -293,7 +299,7 @@ class Shadows:
         return Pair(*self._if(dot(group[3:6], at) + group[6] < 0.0, behind, free))
 
     def _path(self, row: Drjit, at: Point) -> tuple[Point, Drjit]:
-        """Return the vector from a point of the source, and cycles beyond the origin's distance."""
+        """Return the vector from a radiating point, and its extra cycles over the origin's path."""
         ops, (x, y, z) = self._ops, at
         a, b = row[:2]
         ahead = x - a, y - b, z
@@ -343,7 +349,7 @@ class Shadows:
         def flat(*parts: Drjit) -> tuple[Drjit, ...]:
             return tuple(flattened(compute(*rebuilt(arguments, parts))))
 
-        # the values of jets and their derivatives are separate arguments and results
+        # Dr.Jit's if_stmt takes arrays: values and derivatives of jets are passed separately
         zeros = (self._m.Float(0.0),) * (4 if self._is_oblique else 2)
         state = tuple(flattened(arguments))
         parts = dr.if_stmt(state, condition, flat, lambda *_: zeros, mode="symbolic")
@@ -401,6 +407,6 @@ def scene_known(scene: mi.Scene) -> Iterator[None]:
     scenes = [
         (sensor, "scene", scene) for sensor in scene.sensors() if surfaces.is_receiver(sensor)
     ]
-    # the process ends if a scene is freed while Dr.Jit records a kernel
+    # the process crashes if a scene is freed while Dr.Jit records a kernel
     with without_collection(), changed([(ExactEstimator, "scene_is_known", True), *scenes]):
         yield

@@ -2,15 +2,17 @@
 
     L(x, s) = (power/N) W(x, s_par/lambda)/lambda^2 h(theta),    N = int g |F|^2 dOmega/lambda^2
 
-in the source's frame, for directions s on its +z side and zero on the other. N is the power that
-the unscaled field radiates; h = g/cos(theta). N is a number of the host or, with derivatives, a
-traced sum over directions. W comes from the same kernel as :func:`polywigner.wigner`, traced into
-Mitsuba's render kernel. If h differs from wave to wave, h W is a sum of terms: `emissions`.
+in the source's frame, for directions s on its +z side; L is zero on the other side. N is the power
+that the unscaled field radiates, and h = g/cos(theta). NumPy computes N, or Dr.Jit as a sum over
+directions if derivatives are enabled. W comes from the same kernel as
+:func:`polywigner.wigner`, traced into Mitsuba's render kernel. If the waves of a source have
+different h, h W is a sum of terms: `emissions`.
 
-Positions are relative to the centre of the source, and directions are formed in the source's frame
-after the reference point is transformed there. So an aperture of some millimetres keeps its pattern
-a hundred metres from the origin of the world, where single precision resolves hundredths of a
-millimetre. The mesh carries positions as texture coordinates for the same reason.
+Positions are relative to the centre of the source. Directions are computed in the source's frame,
+after the illuminated point has been transformed to it. The pattern of an aperture of some
+millimetres is therefore right even a hundred metres from the origin of the scene, where single
+precision resolves only hundredths of a millimetre. For the same reason the texture coordinates of
+the mesh are these positions.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from polywigner.execution import Drjit
 from polywigner.geometry import Aperture, triangulate
 from polywigner.geometry.arguments import takes_frequency
 from polywigner.mitsuba.plugins.exact_field import ExactEstimator
+from polywigner.mitsuba.plugins.mixtures import depends_on_wavelength
 from polywigner.mitsuba.plugins.polariser import Polariser, polarised_spec
 from polywigner.mitsuba.plugins.registration import (
     VariantPlugin,
@@ -41,14 +44,13 @@ from polywigner.mitsuba.plugins.samplers import Frame, opaque, single, spectrum
 from polywigner.mitsuba.plugins.source_parameters import (
     EMITTER,
     SourceParameters,
-    depends_on_wavelength,
     read_parameters,
     rigid_pose,
     scene_entry,
     values_of,
 )
 from polywigner.mitsuba.plugins.wigner import TracedSource, Wave, WignerEstimator, WignerRadiance
-from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, ROUNDING, matrix_of, shadow_end
+from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, matrix_of, shadow_end
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
 from polywigner.source import Array
 from polywigner.source.obliquities import DEFAULT
@@ -60,13 +62,13 @@ ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
     "exact": ExactEstimator,
 }
 
-# Finite stand-in for an infinite density; its square, and products with radiances, fit into
+# Finite stand-in for an infinite density. Its square and its products with radiances are finite in
 # float32.
 _OVERWHELMING = 1e12
 
 
 class WignerEmitter(VariantPlugin):
-    """Emitter of a ``wigner`` shape, which makes it; not registered as a plugin."""
+    """Emitter of a ``wigner`` shape; the shape makes it, so it is not registered as a plugin."""
 
     get_shape: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -76,23 +78,19 @@ class WignerEmitter(VariantPlugin):
         m = self.m
         props = mi.Properties("wigner_emitter")
         props.set_id(id)
-        props["sampling_weight"] = spec.sampling_weight
         self.base.__init__(self, props)
-        flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
-        if not spec.visible:  # the particle tracer would show it to the camera
-            flags |= mi.EmitterFlags.DeltaPosition
-        self.m_flags = flags
+        self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
         self.wavelength = self._adjustable(spec.wavelength)
         self.power = self._adjustable(spec.power)
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
-        # a literal is folded into loops, and Dr.Jit cannot record these for a single sample
+        # opaque: Dr.Jit folds a literal into loops and cannot record such loops for one sample
         self._dark = opaque(m, 0.0)
         self.polariser = Polariser(m, spec.polarisation)
         self._set_source(spec, spec.wavelength)
         self._update()
 
     def _adjustable(self, value: float) -> Drjit:
-        """Return a number that Mitsuba's ``traverse`` can change in place."""
+        """Return a number that Mitsuba's ``traverse`` can modify."""
         return dr.opaque(self.m.Float, value) if self.jit else dr.scalar.ArrayXf(value)
 
     def _set_source(self, spec: SourceParameters, wavelength: float) -> None:
@@ -114,29 +112,13 @@ class WignerEmitter(VariantPlugin):
             "wavelength", self.wavelength, constant if self._is_constant else differentiable
         )
         callback.put("power", self.power, differentiable)
-        # With `direct` alone: other integrators do not move the samples with the aperture, so
-        # their gradients lack the change of the receiver's cosine (docs/gradients.md).
+        # Gradients are complete with `direct` only: other integrators do not move the samples
+        # with the aperture and omit the change of the receiver's cosine (docs/gradients.md).
         callback.put("to_world", self.to_world, differentiable)
         if self._traced.vertices is not None:
             callback.put("vertices", self._traced.vertices, differentiable)
         if self._traced.weights is not None:
             callback.put("weights", self._traced.weights, differentiable)
-
-    @property
-    def vertices(self) -> Drjit:
-        """x and y of each vertex in m, the parameter of the scene; SceneError without it."""
-        return self._exposed(self._traced.vertices)
-
-    @property
-    def weights(self) -> Drjit:
-        """Real and imaginary part of each weight, the parameter; SceneError without it."""
-        return self._exposed(self._traced.weights)
-
-    def _exposed(self, values: Drjit | None) -> Drjit:
-        if values is None:
-            reason = self._traced.why_not or "an array"
-            raise SceneError(f"expected, for parameters with derivatives, {reason}")
-        return values
 
     def parameters_changed(self, keys: list[str]) -> None:
         """Use new values; a new pose moves the mesh as well."""
@@ -147,7 +129,7 @@ class WignerEmitter(VariantPlugin):
         source = traced.changed() if "vertices" in keys or "weights" in keys else None
         if source is not None:
             self._set_source(self.spec.with_source(source, wavelength), wavelength)
-            # the user's arrays, and their derivatives
+            # keeps the user's arrays, which contain the derivatives
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
             if shape is not None:  # the mesh covers the region that radiates
                 cover(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
@@ -171,7 +153,7 @@ class WignerEmitter(VariantPlugin):
         self.spec = replace(self.spec, norm=self.spec.norm_at(wavelength))
 
     def _update(self) -> None:
-        # each new value as a literal would compile the render kernel again
+        # opaque: each new literal would compile the render kernel again
         if self.jit:
             dr.make_opaque(self.wavelength, self.power)
         self.frame = Frame(self.m, self.to_world, self.spec.centre)
@@ -188,7 +170,7 @@ class WignerEmitter(VariantPlugin):
         return self.jit and (self._traced.has_gradients() or dr.grad_enabled(self.wavelength))
 
     def _traced_norm(self) -> Drjit:
-        """Return N with derivatives; its value is the host's."""
+        """Return the norm N with derivatives; its value is the one that NumPy computed."""
         wavelength = single(self.wavelength, "wavelength")
         source = self.spec.at_origin
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -200,7 +182,8 @@ class WignerEmitter(VariantPlugin):
         inverse = 1.0 / self.wavelength + shift
         wave = Wave(inverse, self.m.Vector2f(tilt_x, tilt_y))
         direction = self.m.Vector3f(x, y, z)
-        value = self._radiance.integral(direction, wave, self._traced_intensity())
+        traced = self._traced.intensity if self._is_traced() else None
+        value = self._radiance.integral(direction, wave, traced)
         if self.spec.has_several:
             value = value.x
         total = dr.sum(value * inverse * inverse * z * solid_angle * weight)
@@ -209,7 +192,7 @@ class WignerEmitter(VariantPlugin):
     # ---- the radiance --------------------------------------------------------------------
 
     def wave(self, x: mi.Point2f, end: mi.Point3f) -> Wave:
-        """Return the wave of the sample at x for a receiver at a point, or into a direction."""
+        """Return the wave of the sample at x for a receiver at the point or direction ``end``."""
         return self._radiance.waves.wave(1.0 / self._value(self.wavelength), x, end)
 
     def _value(self, number: Drjit) -> Drjit:
@@ -218,29 +201,19 @@ class WignerEmitter(VariantPlugin):
     def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
         """Return L at positions and unit vectors of the aperture's frame."""
         traced = self._traced.wigner if self._is_traced() else None
-        return self._scale(wave.inverse) * self._radiance.at(x, direction, wave, traced)
+        scale = self._value(self.power) * (wave.inverse * wave.inverse / self._norm)
+        return scale * self._radiance.at(x, direction, wave, traced)
 
     def watts_per_norm(self) -> Drjit:
         """Return the radiated power over the power of the unscaled field."""
         return self._value(self.power) / self._norm
 
-    def intensity(self, direction: mi.Vector3f, wave: Wave) -> Drjit:
-        """Return the integral of L over positions: radiance times area."""
-        scale = self._scale(wave.inverse) / self.spec.scene_unit**2
-        return scale * self._radiance.integral(direction, wave, self._traced_intensity())
-
     def _is_traced(self) -> bool:
         """Return whether the radiance has derivatives in vertices or weights."""
         return self.jit and self._traced.has_gradients() and len(self._radiance.terms) == 1
 
-    def _traced_intensity(self) -> Callable[..., Drjit] | None:
-        return self._traced.intensity if self._is_traced() else None
-
-    def _scale(self, inverse: Drjit) -> Drjit:
-        return self._value(self.power) * (inverse * inverse / self._norm)
-
     def eval(self, si: mi.SurfaceInteraction3f, active: Drjit = True) -> Drjit:
-        if not self.spec.visible:  # also while `hide_emitters` hides a source that has a surface
+        if not self.spec.visible:  # `hide_emitters` clears the flag of sources with a surface
             return spectrum(self.m, self._dark, active)
         along = si.to_world(si.wi)
         direction = self.frame.to_own(along)
@@ -255,11 +228,15 @@ class WignerEmitter(VariantPlugin):
         x = self.estimator.draw(sample)
         direction, distance = self.seen_from(it, x)
         ds = self.m.DirectionSample3f()
-        self._fill(ds, x, it.time)
+        ds.p = self.frame.point(x)
+        ds.n = self.m.Normal3f(self.frame.axes[2])
+        ds.uv = x
+        ds.time = self.m.Float(it.time)
+        ds.delta = self.m.Bool(False)
         ds.d = -self.frame.to_scene(direction)
         ds.dist = distance
         ds.pdf = self._density(direction.z, distance)
-        if self.spec.diffraction:  # the weight contains the effect of obstacles
+        if self.spec.diffraction:  # the weight includes the obstacles: end the shadow ray early
             away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * self.m.math.RayEpsilon)
             ds.p = it.p + ds.d * away
         else:
@@ -281,12 +258,12 @@ class WignerEmitter(VariantPlugin):
         return self.polariser.sent(value, direction, self.frame, active)
 
     def _density(self, cosine: Drjit, distance: Drjit) -> Drjit:
-        """Return the density per solid angle; overwhelming if rays never meet the light.
+        """Return the density of samples per solid angle, which integrators use as a weight.
 
-        Integrators weight samples of a light against such rays by the squares of densities. No ray
-        meets a light without a surface. Exact light must not be counted twice; mirrors take no
-        samples of lights, and show the radiance. A `delta` light, which is not weighted, would be
-        too bright in ``direct`` with several samples of lights.
+        Integrators compare this density with that of BSDF samples. It is overwhelming for sources
+        without a surface, which no ray meets, and for the estimator ``exact``, whose field must not
+        be counted twice. The flag `delta` would not do: ``direct`` makes such lights too bright if
+        it takes several samples of lights. Mirrors show the radiance in any case.
         """
         front = cosine > 0.0
         density = self.m.Float(_OVERWHELMING)
@@ -296,90 +273,25 @@ class WignerEmitter(VariantPlugin):
         return dr.select(front, density, 0.0)
 
     def seen_from(self, it: mi.Interaction3f, x: mi.Point2f) -> tuple[mi.Vector3f, Drjit]:
-        """Return the unit vector, in the frame, from x to the point ``it``; and the distance."""
+        """Return unit vector and distance from x to the point ``it``, in the source's frame."""
         r = self.frame.to_own(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
         distance = dr.norm(r)
         return r / distance, distance
-
-    def _fill(self, sample: mi.PositionSample3f, x: mi.Point2f, time: Drjit) -> None:
-        """Set the attributes that all samples of the position x share."""
-        sample.p = self.frame.point(x)
-        sample.n = self.m.Normal3f(self.frame.axes[2])
-        sample.uv = x
-        sample.time = self.m.Float(time)
-        sample.delta = self.m.Bool(False)
-
-    # ---- sampling of the emitted field ---------------------------------------------------
-
-    def sample_position(
-        self, time: Drjit, sample: mi.Point2f, active: Drjit = True
-    ) -> tuple[mi.PositionSample3f, Drjit]:
-        ps, density = self.m.PositionSample3f(), self._radiance.positions.density
-        self._fill(ps, self._radiance.positions.sample(sample), time)
-        ps.pdf = self.m.Float(density)
-        return ps, dr.select(active, self.m.Float(1.0 / density), 0.0)
-
-    def pdf_position(self, ps: mi.PositionSample3f, active: Drjit = True) -> Drjit:
-        return dr.select(active, self.m.Float(self._radiance.positions.density), 0.0)
-
-    def sample_ray(
-        self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
-    ) -> tuple[mi.Ray3f, Drjit]:
-        """Sample positions as for receivers and directions by cosine: the mean is the power."""
-        ps, inverse_density = self.sample_position(time, sample2, active)
-        direction = self.m.warp.square_to_cosine_hemisphere(sample3)
-        wavelengths, factor = _optical_wavelengths(self.m, sample1)
-        value = self.radiance(ps.uv, direction, self.wave(ps.uv, direction))
-        value = value * inverse_density * dr.pi
-        weight = self.polariser.sent(value, direction, self.frame, active) * factor
-        start = ps.p + self.frame.axes[2] * (ROUNDING * self._reach)
-        return self.m.Ray3f(start, self.frame.to_scene(direction), time, wavelengths), weight
-
-    def sample_wavelengths(
-        self, si: mi.SurfaceInteraction3f, sample: Drjit, active: Drjit = True
-    ) -> tuple[Drjit, Drjit]:
-        """Sample for the particle tracer, which passes the direction in scene coordinates."""
-        wavelengths, factor = _optical_wavelengths(self.m, sample)
-        direction = self.frame.to_own(si.wi)
-        radiance = self.radiance(si.uv, direction, self.wave(si.uv, direction))
-        return wavelengths, self.polariser.sent(radiance, direction, self.frame, active) * factor
-
-    def bbox(self) -> mi.BoundingBox3f:
-        return self.get_shape().bbox()
-
-    def to_string(self) -> str:
-        return (
-            f"WignerEmitter[\n  wavelength = {self.wavelength},\n  power = {self.power},\n"
-            f"  obliquity = {self.spec.obliquity},\n  source = {self.spec.source!r}\n]"
-        )
-
-
-def _optical_wavelengths(m: Any, sample: Drjit) -> tuple[Drjit, Drjit]:
-    """Return wavelengths of the renderer's colour spectrum and their inverse density.
-
-    Only spectral variants have any. They represent colours, not the wave of the aperture, whose
-    radiance is the same at each of them.
-    """
-    zero = dr.zeros(m.Ray3f).wavelengths
-    if dr.size_v(type(zero)) == 0:
-        return zero, 1.0
-    shifts = [sample + i / len(zero) for i in range(len(zero))]
-    return m.sample_uniform_spectrum(type(zero)(*(shift - dr.floor(shift) for shift in shifts)))
 
 
 # ---- the mesh -----------------------------------------------------------------------------------
 
 
 def move(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
-    """Move the mesh to a pose; its texture coordinates are relative to the source's centre."""
+    """Move the mesh to a pose."""
     local = np.asarray(mi.traverse(shape)["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
     set_mesh(shape, vertex_positions=_in_scene(local, pose, spec.centre))
 
 
 def cover(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
     """Give the mesh the shape of the region that radiates."""
-    points, triangles = triangulate(spec.region.support)
-    set_mesh(shape, vertex_texcoords=points / spec.scene_unit, faces=triangles)
+    points, triangles = triangulate(spec.outline)
+    set_mesh(shape, vertex_texcoords=points, faces=triangles)
     move(shape, pose, spec)
 
 
@@ -400,7 +312,7 @@ def check_place(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
 
 
 def _in_scene(points: Floats, pose: Floats, centre: Floats) -> Floats:
-    """Return points (n, 2) relative to the source's centre (2,) in the scene, (n, 3)."""
+    """Convert points (n, 2) relative to the source's centre to points (n, 3) of the scene."""
     result: Floats = (points + centre) @ pose[:3, :2].T + pose[:3, 3]
     return result
 
@@ -410,7 +322,7 @@ def checked_parameters(
 ) -> SourceParameters:
     """Return the checked parameters of a shape or sensor, from Mitsuba or from Python.
 
-    ``variant`` : variant whose default polarisation they get; None for an entry of any variant.
+    ``variant`` sets the default polarisation; None for an entry that any variant may load.
     """
     spec = read_parameters(values, plugin)
     ESTIMATORS[spec.estimator].check(spec)
@@ -421,7 +333,7 @@ def _build(variant: str, props: mi.Properties) -> mi.Mesh:
     """Return the mesh for the parameters of one ``wigner`` element."""
     spec = checked_parameters(values_of(props), EMITTER, variant)
     m = getattr(mi, variant)
-    points, triangles = triangulate(spec.region.support)
+    points, triangles = triangulate(spec.outline)
     inner = nested_properties(EMITTER, props)
     if not any(isinstance(value, m.BSDF) for _, value in props.objects()):
         inner["bsdf"] = mi.load_dict({"type": "null"})
@@ -430,15 +342,12 @@ def _build(variant: str, props: mi.Properties) -> mi.Mesh:
     name, sizes = props.id() or EMITTER, (len(points), len(triangles))
     mesh = m.Mesh(name, *sizes, props=inner, has_vertex_texcoords=True)
     cover(mesh, spec.pose, spec)
-    if not spec.visible:  # triangles of a single corner, which no ray meets
+    if not spec.visible:  # all corners coincide, so no ray meets the triangles
         set_mesh(mesh, faces=np.zeros_like(triangles))
     return mesh
 
 
 add_plugin("shape", EMITTER, _build)
-
-# Flags of an entry are Python's own types, also if NumPy's were passed.
-_FLAGS = ("diffraction", "control_variate", "visible", "sampling_weight")
 
 
 @takes_frequency
@@ -450,8 +359,6 @@ def aperture(
     power: float | str | None = None,
     bsdf: Mapping[str, Any] | None = None,
     scene_unit: float = 1.0,
-    sampling_weight: float = 1.0,
-    control_variate: bool = False,
     visible: bool = True,
     estimator: str = "wigner",
     bandwidth: float | str | None = None,
@@ -464,64 +371,60 @@ def aperture(
     Parameters
     ----------
     source : Aperture, Array or array_like
-        Aperture with its field, or the argument of `Aperture`; or Array of apertures in the plane
-        z = 0. Coordinates in metres.
+        Aperture with its field, or an outline as for `Aperture`, or an Array of apertures in the
+        plane z = 0. Coordinates in metres.
     wavelength : float
         Wavelength in metres.
-    to_world : (4, 4) array_like or Mitsuba transform, optional
+    to_world : array_like, shape (4, 4), or Mitsuba transform, optional
         Rigid pose. The aperture lies in the plane z = 0 of its frame and radiates to +z. Default:
         the identity.
-    obliquity : str
-        Diffraction integral whose |U|^2, times its cosine, a surface receives: a boundary
-        condition of :func:`polywigner.amplitude`, or ``paper`` for the paper's radiance
-        W/lambda^2.
+    obliquity : str, default "rayleigh-sommerfeld-1"
+        Diffraction integral that gives the irradiance |U|^2 of surfaces: a boundary condition of
+        :func:`polywigner.amplitude`, or ``paper`` for the paper's radiance W/lambda^2.
     power : float or str, optional
-        Radiated power in watts or a text such as "10 dBm": the power through the hemisphere in
-        front, as of :func:`polywigner.radiated_power`. Default: the power of the unscaled field,
-        |u|^2 in W/m^2.
+        Power through the hemisphere in front, as defined by :func:`polywigner.radiated_power`, in
+        watts or as a text such as "10 dBm". Default: the power of the unscaled field, with |u|^2 in
+        W/m^2.
     bsdf : mapping, optional
-        Entry of the BSDF of the surface. Default: ``null``, which transmits light, except with
-        ``direct``, ``path`` and ``prb`` when they sample a light behind: docs/plugin.md.
-    scene_unit : float
-        Metres in one unit of the scene and of the translation of ``to_world``. Use 1e-3 and
-        millimetres when receivers stand within centimetres of the aperture.
-    sampling_weight : float
-        Relative number of samples spent on this source.
-    control_variate : bool
-        Reduce the noise on diffuse surfaces that see all of the source. Biased on glossy surfaces,
-        and on surfaces that see a part of the source: docs/plugin.md.
-    visible : bool
-        False removes the surface: it lights the scene as before and casts no shadow, but no
-        camera, mirror or irradiance meter sees it.
-    estimator : str
+        Entry of the BSDF of the surface. Default: ``null``, which transmits light. The integrators
+        ``direct``, ``path`` and ``prb`` let it shadow lights behind: docs/plugin.md.
+    scene_unit : float, default 1.0
+        Length of one unit of the scene, and of the translation of ``to_world``, in metres. Use 1e-3
+        (millimetres) if receivers are within centimetres of the aperture.
+    visible : bool, default True
+        Whether the source has a surface. Without it, the source illuminates the scene as before and
+        casts no shadow, but no camera, mirror or irradiance meter sees it.
+    estimator : str, default "wigner"
         ``wigner``: points receive signed radiance from a random point of the source. ``exact``:
         points receive the exact irradiance |U|^2, to 1e-4 of its peak at any distance, without
         noise if they see all of the source; docs/plugin.md.
     bandwidth : float or str, optional
-        Bandwidth of the light, not of noise, in Hz or a text such as "4 GHz". Each sample has one
-        frequency of the band, docs/coherence.md. Default: one wavelength.
+        Bandwidth of the radiation (not of noise) in Hz or as a text such as "4 GHz", with the
+        estimator ``wigner``. Each sample has one frequency of the band, docs/coherence.md. Default:
+        one wavelength.
     aperture_power : float or str, optional
-        Integral of |u|^2 over the source in watts or a text, in place of ``power``. Small sources
+        Integral of |u|^2 over the source in watts or as a text, instead of ``power``. Small sources
         radiate little of it; the rest is evanescent.
-    diffraction : bool
+    diffraction : bool, default False
         With the estimator ``exact``: shadows of the scene's opaque surfaces diffract, one edge at
         a time, like shadows of black bodies; docs/shadows.md.
     polarisation : str or array_like, optional
         Polarisation of the field in Mitsuba's polarised variants: "x", "y", "right", "left", a
-        slant from x towards y such as "45 deg", a Jones vector (2,) along the source's x and y, or
-        "unpolarised". For an array also one for each element, (n, 2) or a list. Default: "y";
-        docs/polarisation.md.
+        slant from x towards y such as "45 deg", a Jones vector along the source's x and y, shape
+        (2,), or "unpolarised". For an array also a list or an array, shape (n, 2), with one for
+        each element. Default: "y"; docs/polarisation.md.
 
     Returns
     -------
     dict
-        The entry. It contains a key of :func:`register_source`: load it in the process that made
-        it. With a polarisation, loading it in an unpolarised variant raises a SceneError.
+        The entry. It contains a key of :func:`register_source`, so only the process that made the
+        entry can load it. An unpolarised variant raises a SceneError for an entry with a
+        polarisation.
 
     Raises
     ------
     ArgumentError, GeometryError, QuantityError, SceneError
-        For an unusable argument.
+        If an argument is unusable.
     """
     entry = scene_entry(
         EMITTER,
@@ -533,16 +436,11 @@ def aperture(
         obliquity=obliquity,
         estimator=estimator,
         diffraction=diffraction,
-        control_variate=control_variate,
         visible=visible,
-        sampling_weight=sampling_weight,
         power=power,
         aperture_power=aperture_power,
         bandwidth=bandwidth,
         bsdf=None if bsdf is None else dict(bsdf),
     )
-    spec = checked_parameters(entry, EMITTER)
-    entry |= {name: getattr(spec, name) for name in _FLAGS}
-    if entry.pop("aperture_power", None) is not None:
-        entry["power"] = spec.power
+    checked_parameters(entry, EMITTER)
     return entry

@@ -1,8 +1,8 @@
 """The exact field of a source, traced into a render kernel: the estimator ``exact``. Source: (B3).
 
-The boundary integrals are those of :func:`polywigner.amplitude` in single precision, one loop over
-pieces of edges with as many nodes as piece and point need. From three wavelengths on, a sum over
-equivalent points (B8) replaces them if it takes less time.
+The boundary integrals of :func:`polywigner.amplitude` are evaluated in single precision. One loop
+visits pieces of edges, and the number of nodes depends on the piece and the point. At distances of
+three wavelengths or more, a sum over equivalent points (B8) replaces the integrals if it is faster.
 
 Lengths are in wavelengths, relative to the centre of the source.
 """
@@ -15,7 +15,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial, reduce
-from itertools import islice
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import drjit as dr
@@ -23,13 +22,14 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, SceneError
+from polywigner.errors import SceneError
 from polywigner.execution import Drjit, NumpyOperations, ops_for
 from polywigner.geometry import Wavefront
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.integrals import distance_of
+from polywigner.mitsuba.plugins.mixtures import SceneSource
 from polywigner.mitsuba.plugins.samplers import cells_with_field, four, opaque
-from polywigner.mitsuba.plugins.source_parameters import SceneSource, SourceParameters
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
@@ -46,15 +46,15 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# Points of the shorter side of a grid are code: each compiles in some 5 ms and runs twice as fast
-# as a loop. A panel takes as much time as 33 points (benchmarks/render_exact.py).
+# The points of the shorter side of a grid are code of the kernel: a point takes 5 ms to compile and
+# half the run time of a loop. A panel takes as long as 33 points (benchmarks/render_exact.py).
 _MOST_POINTS, _POINTS_PER_PANEL = 64, 33
 
 AWAY = 3.0
-"""Smallest distance of equivalent points from the bounds of the source in wavelengths. Measured for
-squares, an L, chevrons, tapers and arrays of up to 10 wavelengths, |U|^2 was within 7e-5 of its
-peak from there on, and within 1e-3 at a third of it."""
-# Error allowed of |F|^2 over its peak, a seventh of the error promised for |U|^2.
+"""Distance from the source's bounds, in wavelengths, at which equivalent points may be used. For
+squares, an L, chevrons, tapers and arrays of up to 10 wavelengths, the measured error of |U|^2 is
+7e-5 of its peak beyond this distance, and 1e-3 at a third of it."""
+# Error of |F|^2 relative to its peak, a seventh of the specified error of |U|^2.
 _ERROR = 1.5e-5
 # Imaginary parts of weights below this fraction of the largest weight are rounding.
 _ROUNDING = 1e-9
@@ -65,9 +65,9 @@ class EquivalentSources:
     """Points of a grid in the plane of a source, with their amplitudes."""
 
     half: tuple[float, ...]
-    """Half the sides of the bounds along x and y."""
+    """Half the width and height of the source's bounds in wavelengths."""
     along: tuple[float, ...]
-    """Positions on a line over half its length."""
+    """Positions of the points on a line, divided by half its length."""
     lines: tuple[tuple[float, ...], ...]
     """Position of a line, then the weights of its points: for the field and for the slope, if the
     condition has these, as real parts or as real and imaginary parts."""
@@ -77,7 +77,7 @@ class EquivalentSources:
     """Whether lines are along x instead of y."""
 
     def field(self, ops: Any, half: Any, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
-        """Return the field at a point, relative to the phase of the distance from the centre."""
+        """Return the field at a point, without the phase of the distance from the centre."""
         distance = ops.sqrt(x * x + (y * y + z * z))
         length = half[0] if self.is_swapped else half[1]
         aside, along = (y, x) if self.is_swapped else (x, y)
@@ -104,7 +104,7 @@ class EquivalentSources:
         return real, imag
 
     def _sent(self, cosine: Drjit, inverse: Drjit, wave: Pair, weights: tuple[Drjit, ...]) -> Pair:
-        """Return the waves of one point, with the term 1/(k r) of Rayleigh and Sommerfeld."""
+        """Return the wave of one point, including the term 1/(k r) of its near field."""
         step = 1 if self.is_real else 2
         total = Pair(0.0, 0.0)
         for k in range(0, len(weights), step):
@@ -152,59 +152,48 @@ FIXED = (
     'expected derivatives only in the power and in reflectances with the estimator "exact", got '
     'derivatives in a position, an outline, weights or the wavelength; use the estimator "wigner"'
 )
-# A panel takes some 50 ns of a core at each sample.
+# Largest number of panels; each takes some 50 ns of one core per sample.
 _MOST_PANELS = 8192
-# Error allowed of a panel's integral relative to its integrand, a third of the error 1e-4 of the
-# sum: measured, |U|^2 is within 3e-5 of its peak.
+# Log of the inverse error of a panel's integral relative to its integrand, a third of the specified
+# error 1e-4 of |U|^2. The measured error of |U|^2 is 3e-5 of its peak.
 _DIGITS = math.log(3e4)
-# Panels as long as twice the distance are cheapest. At smaller distances the rules are graded.
+# Longest panel in wavelengths. Panels twice as long as the distance are cheapest; closer points use
+# graded rules.
 _LONGEST = 12.0
-# Error of means over tilts and wavelengths, relative to the largest irradiance.
-_MIXTURE_ERROR = 3e-5
 
 
 class ExactEstimator:
-    """Lights points, and weights rays, by the exact irradiance |U|^2 of the entire source."""
+    """Estimator of irradiance and ray weights from the exact field U of the entire source."""
 
     needs_distance = True
     is_constant = True
     density: None = None
-    """None: a point receives light from all of the source at once."""
+    """None, because a point is illuminated by all of the source at once."""
     scene_is_known: ClassVar[bool] = False
-    """Whether a render has passed its scene: kernels contain the sources of other scenes as well.
-    """
+    """Whether a render has passed its scene. Kernels also contain the sources of other scenes."""
 
     def __init__(self, m: Any, spec: SourceParameters, wavelength: float, _: object) -> None:
         self._m, self._unit = m, spec.scene_unit
         source = spec.at_origin
         self.draw = cells_with_field(m, source, self._unit).sample
-        """Return a position in proportion to |u|^2, from which rays look for obstacles."""
-        self._fields = []
-        for field, stokes in spec.fields_of(source):
-            parts = list(spec.mixture.parts(field, wavelength, _MIXTURE_ERROR))
-            exact = [
-                (ExactField(m, part, length, spec.obliquity, len(parts) > 1), weight)
-                for part, length, weight in parts
-            ]
-            self._fields.append((exact, stokes))
+        """Return a position with density |u|^2, from which a ray tests for obstacles."""
+        self._fields = [
+            (ExactField(m, field, wavelength, spec.obliquity), stokes)
+            for field, stokes in spec.fields_of(source)
+        ]
         self._scale = opaque(m, wavelength**2 * self._unit**2 / spec.norm)
         self._diffracts = spec.diffraction
         self._shadows: Shadows | None = None
         self.shadows_key = ""
-        """Digest of the scene of `set_shadows`; empty before."""
+        """Digest of the scene whose shadows were set; empty before."""
 
     @staticmethod
     def check(spec: SourceParameters) -> None:
-        """Raise SceneError for a source without exact field, or with too many edges."""
-        if spec.control_variate:
+        """Raise SceneError for a source that this estimator does not support."""
+        if not spec.mixture.is_plain:
             raise SceneError(
-                'expected no control_variate with the estimator "exact", got true; leave it out: a '
-                "point that sees the entire source has no noise"
-            )
-        if spec.diffraction and not spec.mixture.is_plain:
-            raise SceneError(
-                f"expected coherent light of one wavelength with diffraction, got {spec.mixture}; "
-                "leave diffraction out, or add the images of its waves"
+                'expected coherent light of one wavelength with the estimator "exact", got '
+                f'{spec.mixture}; use the estimator "wigner"'
             )
         if spec.diffraction and spec.has_several:
             raise SceneError(
@@ -216,18 +205,11 @@ class ExactEstimator:
                 f'expected a boundary condition as obliquity with the estimator "exact", got '
                 f'{spec.obliquity!r}; use one of {", ".join(CONDITIONS)}, or the estimator "wigner"'
             )
-        try:
-            parts = spec.mixture.parts(spec.source, spec.wavelength, _MIXTURE_ERROR)
-            first, length, _ = next(parts)
-            # every wave of a mixture has the same number
-            each = panels_in(radiator_of(plane_waves_of(first)), length, _LONGEST)
-            count = each * (1 + sum(1 for _ in islice(parts, int(_MOST_PANELS / each))))
-        except ArgumentError as error:  # too many tilts
-            raise SceneError(str(error)) from None
+        count = panels_in(radiator_of(plane_waves_of(spec.source)), spec.wavelength, _LONGEST)
         if not count <= _MOST_PANELS:
             raise SceneError(
-                f"expected at most {_MOST_PANELS} pieces of edges, once for each wave, in a sample "
-                f'with the estimator "exact", got {count:.0f} or more; use the estimator "wigner"'
+                f"expected at most {_MOST_PANELS} pieces of edges, once for each wave, with the "
+                f'estimator "exact", got {count:.0f}; use the estimator "wigner"'
             )
 
     def lit(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
@@ -259,50 +241,24 @@ class ExactEstimator:
             )
             if not dr.is_jit_v(self._m.Float):
                 raise SceneError(message)
-            # Dr.Jit traces the sources of all scenes into a kernel, not only of the one rendered
+            # no error: Dr.Jit also traces the sources of scenes that are not rendered
             warnings.warn(f"{message}. Its light is NaN", RuntimeWarning, stacklevel=2)
             return self._m.Float(math.nan)
         if self._shadows is not None:
-            ((first, _),) = self._fields[0][0]
-            return self._shadows.either(point, partial(first.intensity, unit=self._unit))
-        values = [four(self._m, s, self._mean(parts, point)) for parts, s in self._fields]
+            free = partial(self._fields[0][0].intensity, unit=self._unit)
+            return self._shadows.either(point, free)
+        values = [four(self._m, s, f.intensity(point, self._unit)) for f, s in self._fields]
         return reduce(operator.add, values)
-
-    def _mean(self, parts: list[tuple[ExactField, float]], point: mi.Point3f) -> Drjit:
-        """Return |U|^2 of one field, the mean over the waves of a mixture."""
-        if len(parts) == 1:
-            return parts[0][0].intensity(point, self._unit)
-        m = self._m
-
-        def term(field: ExactField, weight: float, point: mi.Point3f) -> Drjit:
-            return opaque(m, weight) * field.intensity(point, self._unit)
-
-        terms = [partial(term, *part) for part in parts]
-        if not dr.is_jit_v(m.Float):
-            return sum(term(point) for term in terms)
-        # calls of one kind share their code, whose constants are data
-
-        def add(k: Drjit, total: Drjit) -> tuple[Drjit]:
-            return (total + dr.switch(k, terms, point),)
-
-        return ops_for(m.Float).fold(0, len(terms), (0.0,), add)[0]
 
 
 class ExactField:
-    """|U|^2 of a source in coherent light for one variant's arrays.
+    """|U|^2 of a source in coherent light for one variant's arrays."""
 
-    ``is_part`` : whether it is one wave of a mixture. Such waves share their code as sums over
-    edges, for which numbers are data: 76 tilts of a square compile in 0.3 s instead of 8 s, and
-    agree within 3e-6 of the peak.
-    """
-
-    def __init__(
-        self, m: Any, source: SceneSource, wavelength: float, obliquity: str, is_part: bool = False
-    ) -> None:
+    def __init__(self, m: Any, source: SceneSource, wavelength: float, obliquity: str) -> None:
         source, condition = plane_waves_of(source), CONDITIONS[obliquity]
         condition.warn_of_fit(source, wavelength)
         self._m, self._jit = m, dr.is_jit_v(m.Float)
-        # a scalar variant has one sample: NumPy takes all panels and all nodes at once
+        # scalar variants have one sample: NumPy evaluates all panels and nodes at once
         self._ops = ops_for(m.Float) if self._jit else NumpyOperations()
         radiator = radiator_of(source)
         self._tables = boundary_tables(
@@ -310,10 +266,8 @@ class ExactField:
         )
         self._centre = [opaque(m, c) for c in (radiator.centre / wavelength).tolist()]
         self._inverse = opaque(m, 1 / wavelength)
-        self._points: EquivalentSources | None = None
-        if not is_part:
-            panels = len(self._tables.edges)
-            self._points = equivalent_sources(source, radiator, wavelength, condition, panels)
+        panels = len(self._tables.edges)
+        self._points = equivalent_sources(source, radiator, wavelength, condition, panels)
         if self._points is not None:
             self._half = [opaque(m, half) for half in self._points.half]
 
@@ -342,7 +296,7 @@ class ExactField:
 
     def _near(self, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
         """Return the integrals along the edges."""
-        # coordinates, and the distance from the centre, as two floats each; no shift of the phase
+        # coordinates and distance from the centre as pairs of floats; the phase is not shifted
         if self._jit:  # the distance as two float32 numbers, from float64
             m = self._m
             wide = ops_for(m.Float64)
@@ -361,11 +315,12 @@ class ExactField:
 
 # ---- curved waves as sums of plane waves ---------------------------------------------------------
 
-# Error of a curved wave as plane waves, relative to its modulus; largest sum of the moduli, which
-# single precision multiplies by 6e-8; and periods of the waves over the size of an element: shorter
-# periods need more waves, longer periods have larger amplitudes.
+# Error of the sum of plane waves relative to the modulus of the curved wave; largest sum of their
+# moduli, which rounding multiplies by 6e-8; and tested periods of the waves over the size of an
+# element. Shorter periods need more waves, longer periods have larger amplitudes.
 _CURVED_ERROR, _LARGEST_SUM, _PERIODS = 1e-5, 30.0, (1.2, 1.5, 2.0, 3.0)
-# Rounding of singular values, relative to the largest; most waves along an axis.
+# Singular values below this fraction of the largest are rounding errors; largest number of waves
+# along an axis.
 _SINGULAR, _MOST_WAVES = 1e-9, 64
 
 
@@ -402,7 +357,7 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
         count = 8 * math.ceil(min(cycles, _MOST_WAVES) + 20)
         y = -np.cos(np.linspace(0.0, math.pi, count)) * size / 2
         chirp = np.exp(1j * math.pi * q * y * y)
-        # its frequencies spread over as many steps of 1/size as it has cycles
+        # the chirp's frequencies span one step of 1/size per cycle
         fits = (
             _fit(y, chirp, np.linspace(-0.5, 0.5, n) * ((n - 1) / (period * size)))
             for n in range(3 + 2 * int(min(cycles, _MOST_WAVES) / 2), _MOST_WAVES + 1, 2)
@@ -416,14 +371,14 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
             'estimator "wigner"'
         )
     amplitudes, frequencies = waves
-    # about the centre: q y^2 = q (y - m)^2 + 2 q m (y - m) + q m^2
+    # with y relative to the centre m: q y^2 = q (y - m)^2 + 2 q m (y - m) + q m^2
     shifted = frequencies + q * centre
     phase = q * centre * centre / 2 - shifted * centre
     return amplitudes * np.exp(2j * math.pi * phase), shifted
 
 
 def _fit(y: Floats, values: Complexes, frequencies: Floats) -> tuple[Complexes, Floats] | None:
-    """Return waves that add up to values at y; None if they miss them, or are too large."""
+    """Return waves that add up to values at y; None if the error or amplitudes are too large."""
     waves = np.exp(2j * math.pi * np.outer(y, frequencies))
     fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_SINGULAR)[0], np.complex128)
     fits = np.abs(waves @ fit - values).max() <= _CURVED_ERROR

@@ -29,8 +29,8 @@ _DATE = len("2000-01-01 00:00:00 ")
 def to_list() -> Iterator[list[str]]:
     """Collect Mitsuba's messages of the block in a list."""
     messages: list[str] = []
-    # Mitsuba's threads write messages, so they go to a file instead of Python. An appender with a
-    # file also omits progress bars.
+    # Mitsuba's threads write messages, which is safe with a file but not with Python code. An
+    # appender with a file also omits progress bars.
     with temporary_folder() as folder:
         path = Path(folder) / "mitsuba.log"
         appender = mi.StreamAppender(str(path))
@@ -46,7 +46,7 @@ def to_list() -> Iterator[list[str]]:
 
 @contextmanager
 def silent(*appenders: mi.Appender) -> Iterator[None]:
-    """Log only to these appenders while the block runs, without progress bars."""
+    """Log only to these appenders, without progress bars, while the block runs."""
     logger = mi.logger()
     before = [logger.appender(index) for index in range(logger.appender_count())]
     logger.clear_appenders()
@@ -62,9 +62,10 @@ def silent(*appenders: mi.Appender) -> Iterator[None]:
 
 @contextmanager
 def threads_for_openexr() -> Iterator[None]:
-    """Give Dr.Jit's pool a thread in addition to the caller's; OpenEXR would wait without an end.
+    """Ensure that Dr.Jit's pool has a second thread while the block runs.
 
-    Mitsuba's OpenEXR, which also reads textures, leaves all work to the pool.
+    Mitsuba's OpenEXR, which also reads textures, leaves all work to the pool and would never
+    return without a thread in addition to the caller's.
     """
     before = dr.thread_count()
     if before < 2:
@@ -86,27 +87,17 @@ def write_exr(path: Path, image: npt.ArrayLike) -> None:
     """Write an image as OpenEXR with 32-bit floats; negative values keep their sign."""
     # Mitsuba leaves an array of floats linear by default, as radiance is
     bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
-    # through memory: Mitsuba does not report a full disk when it writes the file
-    stream = mi.MemoryStream()
     with kernel_threads(), threads_for_openexr():
-        bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
-    try:
-        path.write_bytes(stream.raw_buffer())
-    except OSError as error:
-        raise ArgumentError(
-            f"expected to write {path}, got: {error.strerror}; choose another path"
-        ) from error
+        bitmap.write(str(path), mi.Bitmap.FileFormat.OpenEXR)
 
 
-# Mitsuba adds the samples of a pixel in float32: 2^20 equal ones were 0.4 % off, 2^24 6 %.
+# Largest number of samples per film pixel. Mitsuba adds samples in float32: the mean of 2^20 equal
+# samples was 0.4 % off, the mean of 2^24 samples 6 %.
 _IN_PIXEL = 1 << 12
 
 
 def fineness(camera: mi.Sensor, samples: int) -> int:
-    """Return the number of film pixels along each side of a receiver's pixel.
-
-    The factor is 1 for cameras, whose samples are stratified in each pixel.
-    """
+    """Return the number of film pixels along each side of a receiver's pixel; 1 for cameras."""
     doublings = math.ceil(math.log2(samples / _IN_PIXEL) / 2)
     return 2 ** max(doublings, 0) if hasattr(camera, "fineness") else 1
 
@@ -133,14 +124,14 @@ def film_sizes(camera: mi.Sensor, factor: int = 1) -> list[list[int]]:
 
 @contextmanager
 def refined(camera: mi.Sensor, factor: int) -> Iterator[None]:
-    """Multiply the pixels along each side of a film; the receiver treats it as the same map."""
+    """Multiply the numbers of rows and columns of a film while the block runs."""
     finer_pixels = [(camera, "fineness", factor)] if factor > 1 else []
     with changed(finer_pixels), _film_of_size(camera, *film_sizes(camera, factor)):
         yield
 
 
 def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[np.float64]:
-    """Return the image of the original film: means over the pixels of a refined film."""
+    """Return the image of the original film from the image of a refined film."""
     rows, columns, channels = image.shape
     shape = (rows // factor, factor, columns // factor, factor, channels)
     return np.asarray(image.reshape(shape).mean(axis=(1, 3)))
@@ -171,11 +162,11 @@ def _film_of_size(camera: mi.Sensor, *sizes: Any) -> Iterator[None]:
         mi.traverse(camera).update(dict(zip(names, before, strict=True)))
 
 
-# Samples that compiled variants process at once: Mitsuba stores some 100 bytes for each.
+# Samples that compiled variants process at once. Mitsuba stores some 100 bytes per sample.
 WAVEFRONT = 2**24
 
-# Scalar variants store nothing; strips only serve to report progress. Their threads render squares
-# of 32 pixels.
+# Scalar variants store no samples, so their strips only serve to report progress. Their threads
+# render squares of 32 x 32 pixels.
 _SCALAR_STRIPS = 20
 _SCALAR_ROWS = 32
 
@@ -187,8 +178,8 @@ CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
 class Tiling:
     """Tiling of a film into strips of whole rows, and of their samples into passes.
 
-    It depends on scene, variant and samples alone, so the image does not depend on the process that
-    renders its parts.
+    The tiling depends only on the scene, the variant and the samples, so an image does not depend
+    on the processes that render its parts.
     """
 
     width: int
@@ -225,7 +216,7 @@ def tiling_of(camera: mi.Sensor, samples: int) -> Tiling:
     return Tiling(width, height, rows, samples, math.ceil(samples / longest))
 
 
-# Largest number of samples: noise falls only with its root.
+# Largest number of samples per pixel; noise falls only with its square root.
 _LARGEST_SPP = 2**30
 
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
-from polywigner.mitsuba.plugins.source_parameters import SceneSource, SourceParameters, pose_of
+from polywigner.mitsuba.plugins.mixtures import SceneSource
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters, pose_of
 from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source.normal_form import SourceElement, normal_form
@@ -26,9 +27,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# Rounding of parameters in single precision.
+# Relative rounding error of parameters in single precision.
 _ROUNDING = 1e-6
-# x changes its sign.
+# Factors of (x, y) in a mirror image.
 _MIRROR = np.array([-1.0, 1.0])
 
 
@@ -38,19 +39,19 @@ class PlacedSource(SourceParameters):
 
     name: str = ""
     medium: Any = None
-    """Fog around the receiver, as its sensor specifies; None without fog."""
+    """Mitsuba medium (fog) around the receiver; None without fog."""
     reach: float = 0.0
-    """Largest coordinate of the flat surfaces that touch it, in m; see module `surfaces`."""
+    """Largest coordinate, in m, of itself and of touching flat surfaces; see module `surfaces`."""
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
-        """Scalar sources, and the Stokes vectors by which their irradiances add up."""
+        """Scalar sources with Stokes vectors, which add up weighted by |U|^2."""
         if self.polarisation is None:
             return [(self.source, (1.0, 0.0, 0.0, 0.0))]
         return stokes_fields(self.source, self.polarisation)
 
     def mirrored(self, normal: Floats, offset: float) -> PlacedSource:
-        """Return its image behind the plane of points p with ``normal`` . p = ``offset``, in m."""
+        """Return the mirror image in the plane of points p with ``normal`` . p = ``offset`` [m]."""
         reflection = np.eye(4)
         reflection[:3, :3] -= 2 * np.outer(normal, normal)
         reflection[:3, 3] = 2 * offset * normal
@@ -58,14 +59,14 @@ class PlacedSource(SourceParameters):
         return replace(self, source=_mirrored(self.source), pose=pose)
 
     def image(self, chain: Iterable[Mirror]) -> PlacedSource:
-        """Return its image in mirrors, in the order of the light's reflections."""
+        """Return the image in several mirrors, in the order of the reflections."""
         image = self
         for mirror in chain:
             image = image.mirrored(mirror.normal, mirror.offset)
         return image
 
     def points(self, positions: Floats) -> Floats:
-        """Return positions (n, 2) of its plane as points in space, (n, 3) in m."""
+        """Convert positions (n, 2) in the source's plane to points (n, 3) in space, in m."""
         result: Floats = positions @ self.pose[:3, :2].T + self.pose[:3, 3]
         return result
 
@@ -81,17 +82,17 @@ class PlacedSource(SourceParameters):
 
     @property
     def normal(self) -> Floats:
-        """Unit vector (3,) to the side to which it radiates, or from which it receives."""
+        """Unit normal (3,) on the side of the source that radiates or receives."""
         return self.pose[:3, 2]
 
     def cosines_to(self, point: Floats) -> tuple[float, float]:
-        """Return direction cosines from the centre to a point (3,) in m, in the source's frame."""
+        """Return the direction cosines, along x and y, from the centre to a point (3,) in m."""
         away = self.pose[:3, :3].T @ (point - self.centre)
         alpha, beta, _ = (away / np.linalg.norm(away)).tolist()
         return alpha, beta
 
     def pose_of(self, other: PlacedSource) -> Floats:
-        """Return the pose (4, 4) of the other's frame in this frame, in m."""
+        """Return the pose (4, 4) of another source or receiver in this frame, in m."""
         result = np.eye(4)
         result[:3, :3] = self.pose[:3, :3].T @ other.pose[:3, :3]
         result[:3, 3] = self.pose[:3, :3].T @ (other.pose[:3, 3] - self.pose[:3, 3])
@@ -99,7 +100,7 @@ class PlacedSource(SourceParameters):
 
 
 def _mirrored(source: SceneSource) -> SceneSource:
-    """Return a source with the field u(-x, y), as in a mirror."""
+    """Return the mirror image of a source, with the field u(-x, y)."""
 
     def image(element: SourceElement) -> SourceElement:
         outline: Any = element.outline
@@ -167,7 +168,7 @@ def _placed(plugin: Any, name: str) -> PlacedSource:
 
 
 def _single(value: Any, known: float) -> float:
-    """Return a number of a plugin, in double precision unless a user has changed it."""
+    """Return a number of a plugin: ``known`` in double precision unless a user has changed it."""
     number = float(np.asarray(value, dtype=np.float64).ravel()[0])
     return known if np.float32(number) == np.float32(known) else number
 
@@ -188,7 +189,7 @@ def check_obliquity(link: str, first: str, second: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FacingParts:
-    """Parts of two sources in front of each other's plane."""
+    """Parts of an emitter and a receiver that lie in front of each other's plane."""
 
     emitter: PlacedSource
     receiver: PlacedSource
@@ -197,7 +198,7 @@ class FacingParts:
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
-    """Return the parts that face each other; None if there are none, as in a common plane."""
+    """Return the parts of two sources that face each other; None for a common plane."""
     sizes = [
         max(float(np.abs(values).max()) for values in (end.pose[:3, 3], end.source.bounds))
         for end in (emitter, receiver)
@@ -228,7 +229,7 @@ def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSo
 
 
 def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
-    """Return the part with ``normal`` . x > ``least``; the same object if nothing is cut off."""
+    """Return the part with ``normal`` . x > ``least``, or the same object if it is complete."""
     heights = np.concatenate(outline.rings) @ normal[:2] - least
     if (heights > 0).all():
         return outline
@@ -240,6 +241,4 @@ def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
     far = 2 * (outline.diameter + float(np.abs(heights).max()) / slope)
     foot = outline.centre - ahead * (float(outline.centre @ normal[:2]) - least) / slope
     box = [foot + aside * far * s + ahead * far * a for s, a in ((1, 0), (-1, 0), (-1, 1), (1, 1))]
-    common = shapely.intersection(outline.polygons, shapely.Polygon(box))
-    polygons = [part for part in shapely.get_parts(common) if part.area > 0]
-    return Aperture(shapely.MultiPolygon(polygons)) if polygons else None
+    return outline & Aperture(box)

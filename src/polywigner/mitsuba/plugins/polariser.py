@@ -1,12 +1,12 @@
-"""Polarised light of sources and receivers, as Mueller matrices of Mitsuba's polarised variants.
+"""Polarisation of sources and receivers, as Mueller matrices of Mitsuba's polarised variants.
 
-Mitsuba's light carries four Stokes numbers along the axes b = stokes_basis(d) and d x b of its
-direction of travel d. A source sends a column of Stokes numbers, a receiver has a row of weights.
-Their polarisations refer to the axes of Ludwig's third definition; this module converts them.
+Mitsuba describes light that travels along d by four Stokes parameters, which refer to the axes
+b = stokes_basis(d) and d x b. A source emits a column of Stokes parameters, and a receiver weights
+them by a row. Polarisations of this package refer to the axes of Ludwig's third definition; this
+module converts them.
 
-Sources and receivers without a polarisation have the default, along their y axis. Unpolarised
-sources send, and unpolarised receivers take, all polarisations alike: :func:`spectrum` of
-`samplers`.
+The default polarisation of a source or receiver is along its y axis. Unpolarised sources and
+receivers treat all polarisations alike: :func:`spectrum` of `samplers`.
 """
 
 from __future__ import annotations
@@ -75,9 +75,16 @@ def polarisation_summary(
 
     Parameters
     ----------
-    ends : emitters and receivers.
-    interferes : whether amplitudes add.
-    requested : Jones vector (2,) for ends without a polarisation; None: the default.
+    ends : sequence of PlacedSource
+        Emitters and receivers.
+    interferes : bool
+        Whether amplitudes add instead of powers.
+    requested : complex array, shape (2,), optional
+        Jones vector of ends without a polarisation. Default: along their y axes.
+
+    Returns
+    -------
+    str
     """
     if not is_polarised():
         if requested is not None:
@@ -95,7 +102,7 @@ def polarisation_summary(
     return "; ".join(f"{name}: {', '.join(names)}" for name, names in groups.items())
 
 
-# Four Stokes numbers of three colours: the last channels of an integrator without further channels.
+# Four Stokes parameters of three colours: the last channels of an image.
 _CHANNELS = 12
 
 
@@ -109,10 +116,11 @@ def stokes_of(image: npt.ArrayLike) -> Floats:
 
     Returns
     -------
-    (4, height, width) array
-        S0 is the radiance, S1 horizontal less vertical, S2 the difference of 45 and -45 degrees, S3
-        left less right (IEEE), as the camera sees them: 45 degrees is from its right upwards. S0
-        may be negative if the radiance is.
+    float array, shape (4, height, width)
+        S0 is the radiance, and negative where the radiance is. S1 is the horizontal less the
+        vertical part, S2 the part at 45 degrees less the part at -45 degrees, S3 the left-handed
+        less the right-handed part (IEEE), as the camera sees them. The direction of 45 degrees is
+        from the camera's right upwards.
 
     Raises
     ------
@@ -142,7 +150,7 @@ class Polariser:
     def sent(
         self, value: Drjit, direction: Drjit, frame: Frame, active: Drjit, along: Drjit = None
     ) -> Drjit:
-        """Return light that leaves a source in a direction of its frame: a column."""
+        """Return the Stokes column of a radiance that leaves a source in a direction."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = self._stokes(value, active)
@@ -152,7 +160,7 @@ class Polariser:
         return mueller_matrix(self._m, {(k, 0): value for k, value in enumerate(column)})
 
     def taken(self, value: Drjit, direction: mi.Vector3f, frame: Frame, active: Drjit) -> Drjit:
-        """Return the weight of light from a direction of a receiver's frame: half a row."""
+        """Return half the Stokes row of a receiver's weight for radiance from a direction."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = (0.5 * number for number in self._stokes(value, active))
@@ -180,9 +188,9 @@ _End = tuple[Frame, Drjit]
 
 
 def turned(m: Any, share: Drjit, arrives: _End, leaves: _End | None) -> Drjit:
-    """Return a Mueller matrix of Mitsuba's axes as one between Ludwig's axes of two antennas.
+    """Convert the Mueller matrix of a path from Mitsuba's axes to Ludwig's axes of two antennas.
 
-    ``leaves`` : None for unpolarised light, which does not depend on axes.
+    ``leaves`` is None for unpolarised light, which does not depend on axes.
     """
     ends = []
     for end, sign in ((arrives, -1.0), (leaves, 1.0)):

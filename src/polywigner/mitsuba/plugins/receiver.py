@@ -9,8 +9,8 @@ same power is an integral over points y of surfaces at the distance r from x,
 
     P = (lambda^2/N) int r^2 |U(y)|^2 L ds, the mean over x by |u|^2           (estimator ``exact``)
 
-with U the field that the receiver would send to y. Rays that meet nothing have the weight of a
-point far away: the far pattern. docs/received_power.md has the limits.
+with U the field that the receiver would send to y. Rays that meet no surface have the weight of a
+distant point, the far pattern. The limits are in docs/received_power.md.
 
 Rays start at positions relative to the centre of the source: see module `emitter`.
 """
@@ -85,7 +85,7 @@ def _step(m: Any, point: mi.Point3f) -> Drjit:
 
 
 def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
-    """Return the unit vector of (alpha, psi), in front of the receiver."""
+    """Return the unit vector of the angles (alpha, psi), in front of the receiver."""
     rho = _root(1.0 - angles.x * angles.x)
     sine, cosine = dr.sincos(angles.y)
     return m.Vector3f(angles.x, rho * sine, dr.abs(rho * cosine) + _GRAZING)
@@ -111,15 +111,16 @@ def _root(value: Drjit) -> Drjit:
 
 # Cosine at the horizon, whose square is still a normal number of float32.
 _GRAZING = 1e-9
-# Distance of the point that stands for a direction, in reaches squared over wavelengths, or in
-# reaches.
+# Distance of the point that represents a direction, in units of reach^2/wavelength or of the reach,
+# the largest coordinate of the receiver.
 _FAR = 1e4
-# Most surfaces behind which rays of a receiver with diffraction start: each halves the rays.
+# Largest number of surfaces behind which rays of a receiver with diffraction start. Each surface
+# halves the number of rays.
 _MOST_PASSED = 4
 
 
 class WignerReceiver(VariantPlugin):
-    """Sensor whose film contains watts; docs/received_power.md."""
+    """Sensor whose film contains received power in W; see docs/received_power.md."""
 
     film: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -133,14 +134,13 @@ class WignerReceiver(VariantPlugin):
         self.m_needs_sample_3 = True
         self.spec = spec
         self.scene: Any = None  # set while the scene is rendered, see `scene_known`
-        self.fineness = 1  # pixels of the film along each side of a pixel of the map
+        self.fineness = 1  # film pixels along each side of a pixel of the map
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
         self._set_pose()
         source, wavelength = spec.at_origin, spec.wavelength
         radiance = WignerRadiance(m, spec, wavelength)
         terms = [(term.source, term.forms) for term in radiance.terms]
-        bounds, width = spec.fields_of(source)[0][0].bounds, spec.mixture.coherence_width
-        self.directions = directions_of(m, terms, bounds, wavelength, width)
+        self.directions = directions_of(m, terms, spec.fields_of(source)[0][0].bounds, wavelength)
         self.polariser = Polariser(m, spec.polarisation)
         self.estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, radiance)
         reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
@@ -197,7 +197,7 @@ class WignerReceiver(VariantPlugin):
     def look_along(
         self, angles: Drjit, time: Drjit, sample1: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit, Drjit]:
-        """Return a ray, its weight in W per radiance and solid angle, and its colour weight."""
+        """Return a ray, its weight (W per radiance and solid angle), and its spectral weight."""
         direction = direction_of(self.m, angles)
         ray = self.m.RayDifferential3f()
         ray.time = time
@@ -219,7 +219,7 @@ class WignerReceiver(VariantPlugin):
         return ray, weight, colours
 
     def _looks(self, sample: mi.Point2f) -> tuple[mi.Point2f, Drjit]:
-        """Return the angles for a point of the film, and the solid angle that they stand for."""
+        """Return the angles (alpha, psi) of a sample of the film, and its solid angle."""
         film, fine = self.film(), self.fineness
         width, height = (int(n) // fine for n in film.size())
         if width * height == 1:
@@ -238,12 +238,15 @@ class WignerReceiver(VariantPlugin):
         return self._frame.axes[2] * self._lift
 
     def _pass_surfaces(self, ray: mi.RayDifferential3f, coins: Drjit, active: Drjit) -> Drjit:
-        """Start a ray behind some of the surfaces on its path: their light diffracts at edges."""
+        """Start a ray behind random surfaces on its path, whose radiation diffracts at edges.
+
+        Returns the change of the ray's weight.
+        """
         scene, going, weight = self._known_scene(), self.m.Bool(active), self.m.Float(1.0)
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
             is_met = going & (distance < self._far)
-            if number:  # rays that start in front count the light behind the last surface
+            if number:  # rays that start in front of all surfaces account for the sky
                 weight = dr.select(going & (is_met ^ self.m.Bool(True)), 0.0, weight)
             if number == _MOST_PASSED:
                 break
@@ -276,22 +279,9 @@ class WignerReceiver(VariantPlugin):
         along = direction * distance
         return self.m.Point3f(x.x + along.x, x.y + along.y, self._lift + along.z), distance
 
-    def bbox(self) -> mi.BoundingBox3f:
-        # scalar variants have no separate type for scalars
-        box = getattr(self.m, "ScalarBoundingBox3f", self.m.BoundingBox3f)
-        return box(self.spec.pose[:3, 3].tolist())
-
-    def to_string(self) -> str:
-        spec = self.spec
-        return (
-            f"WignerReceiver[\n  wavelength = {spec.wavelength},\n"
-            f"  estimator = {spec.estimator},\n  obliquity = {spec.obliquity},\n"
-            f"  source = {spec.source!r},\n  film = {self.film()}\n]"
-        )
-
 
 def _check_film(values: dict[str, Any]) -> None:
-    """Raise SceneError without a film: Mitsuba's default has 768 x 576 pixels."""
+    """Raise SceneError if the sensor has no film, or a film without a box filter."""
     objects = (value for value in values.values() if isinstance(value, mi.Object))
     films = [
         value for value in objects if hasattr(value, "rfilter") and hasattr(value, "crop_size")
@@ -346,50 +336,51 @@ def receiver(
     Parameters
     ----------
     source : Aperture, Array or array_like
-        Source whose field the receiver would send, see :func:`polywigner.mitsuba.aperture`.
+        Source whose field the receiver would send, as for :func:`polywigner.mitsuba.aperture`.
     wavelength : float
         Wavelength in metres.
-    to_world : (4, 4) array_like or Mitsuba transform, optional
+    to_world : array_like, shape (4, 4), or Mitsuba transform, optional
         Rigid pose. The receiver lies in the plane z = 0 of its frame and looks to +z. Default: the
         identity.
-    obliquity : str
-        Diffraction integral with which it would send, and so receives.
-    estimator : str
-        ``exact``: the weight of a ray is the exact irradiance that the receiver would give to the
-        surface that the ray meets; never negative. ``wigner``: the weight is the signed radiance
+    obliquity : str, default "rayleigh-sommerfeld-1"
+        Diffraction integral of the field that the receiver would send.
+    estimator : str, default "exact"
+        ``exact``: the weight of a ray is the exact irradiance, never negative, that the receiver
+        would give to the surface that the ray meets. ``wigner``: the weight is the signed radiance
         of the receiver; docs/received_power.md.
     film : (int, int) or mapping, optional
-        None: one pixel, which reads the received power in W. (n, m): a map of n x m pixels over
-        the direction cosines along the receiver's x and y, from -1 to 1, whose sum is the power.
-        Or the entry of a film, with a box filter. The entry's ``sampler`` is ``multijitter``.
+        (n, m): a map of n x m pixels over the direction cosines along the receiver's x and y, from
+        -1 to 1, whose sum is the received power. A mapping is the entry of a film with a box
+        filter. Default: one pixel, which contains the received power in W.
     bandwidth, temperature, noise_figure : float or str, optional
-        Noise of the receiver in Hz, K and dB, or texts such as "1 GHz", "290 K" and "3 dB". The
-        received power is the power at the one wavelength.
-    scene_unit : float
-        Metres in one unit of the scene and of the translation of ``to_world``.
-    normalise : str
+        Noise of the receiver in Hz, K and dB, or texts such as "1 GHz", "290 K" and "3 dB". They do
+        not change the received power.
+    scene_unit : float, default 1.0
+        Length of one unit of the scene, and of the translation of ``to_world``, in metres.
+    normalise : str, default "radiated"
         ``radiated``: the gain is the directivity, so a sky of the radiance L gives lambda^2 L to
-        any receiver. ``aperture``: the received power counts as int |u|^2 does, and is lower by
-        the evanescent fraction; docs/received_power.md.
-    diffraction : bool
-        With the estimator ``exact``: light also diffracts at the edges of the scene's opaque
-        surfaces, by reciprocity; docs/shadows.md.
+        any receiver. ``aperture``: the power is relative to int |u|^2 and lower by the evanescent
+        fraction; docs/received_power.md.
+    diffraction : bool, default False
+        With the estimator ``exact``: incoming radiation diffracts at the edges of the scene's
+        opaque surfaces; docs/shadows.md.
     polarisation : str or array_like, optional
-        Polarisation of the wave that it would send, see :func:`polywigner.mitsuba.aperture`. The
-        receiver takes all of a matched wave, nothing of the crossed wave, half of unpolarised
-        light. "unpolarised": all waves alike. Default: "y"; docs/polarisation.md.
+        Polarisation of the wave that the receiver would send, as for
+        :func:`polywigner.mitsuba.aperture`. It receives all of a matched wave, nothing of the
+        crossed wave, and half of unpolarised radiation. "unpolarised": it receives all
+        polarisations. Default: "y"; docs/polarisation.md.
 
     Returns
     -------
     dict
-        The entry. It contains a key of :func:`register_source`: load it in the process that made
-        it. Render it with :func:`polywigner.mitsuba.render`, which passes the scene to the
-        estimator ``exact``.
+        The entry, with the sampler ``multijitter``. It contains a key of :func:`register_source`,
+        so only the process that made the entry can load it. Render it with
+        :func:`polywigner.mitsuba.render`, which passes the scene to the estimator ``exact``.
 
     Raises
     ------
     ArgumentError, GeometryError, QuantityError, SceneError
-        For an unusable argument.
+        If an argument is unusable.
     """
     entry = scene_entry(
         RECEIVER,
@@ -411,7 +402,7 @@ def receiver(
 
 
 def film_of(width: int, height: int) -> dict[str, Any]:
-    """Return the entry of a film that a receiver can have."""
+    """Return the dictionary entry of a film for a receiver."""
     return {
         "type": "hdrfilm",
         "width": width,

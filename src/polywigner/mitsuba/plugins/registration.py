@@ -28,11 +28,11 @@ from polywigner.source.source_files import source_json
 Logic = TypeVar("Logic")
 _Build = Callable[[str, mi.Properties], mi.Object]
 
-# Mitsuba wraps an exception of a plugin into a RuntimeError with a traceback in its text. The
-# exceptions are cached here for the scene's loader. Loaders may run in parallel.
+# Mitsuba wraps an exception of a plugin into a RuntimeError with a traceback in its text. This list
+# lets the loader of a scene return the original exception. Several loaders may run in parallel.
 _recent_errors: deque[PolywignerError] = deque(maxlen=8)
-# Each kernel is traced through all living emitters and shapes, including the unfinished ones of
-# another thread: values would be wrong without an error.
+# Mitsuba traces each kernel through all emitters and shapes in memory, including unfinished ones of
+# another thread, which would give wrong values without an error.
 _alone = threading.RLock()
 _plugins: dict[tuple[str, str], _Build] = {}
 
@@ -52,13 +52,21 @@ class VariantPlugin:
 def variant_class(logic: type[Logic], base: str | type, variant: str) -> type[Logic]:
     """Return the class of a plugin for one variant; the same class on every call.
 
+    The methods are copied, because a Python class cannot have a class of Mitsuba and another class
+    as bases.
+
     Parameters
     ----------
-    logic : class with the methods, a `VariantPlugin`.
-    base : name of Mitsuba's base class, such as "Emitter", or a class of the variant.
-    variant : name of the variant.
+    logic : type
+        `VariantPlugin` with the methods.
+    base : str or type
+        Name of Mitsuba's base class, such as "Emitter", or a class of the variant.
+    variant : str
+        Name of the variant.
 
-    The methods are copied: a class of Mitsuba can be the only base of a Python class.
+    Returns
+    -------
+    type
     """
     m = getattr(mi, variant)
     parent: type = getattr(m, base) if isinstance(base, str) else base
@@ -77,9 +85,9 @@ def variant_class(logic: type[Logic], base: str | type, variant: str) -> type[Lo
 def exclusive() -> Iterator[None]:
     """Block other threads from loading or rendering scenes with this package.
 
-    Mitsuba does not support loading a scene in one thread while another thread renders. The
-    functions of this package wait for each other. Use this context around calls of Mitsuba itself
-    (``mi.load_dict``, ``mi.render``) in several threads.
+    Mitsuba cannot load a scene in one thread while another thread renders. The functions of this
+    package block each other. In programs with several threads, use this context around direct calls
+    of Mitsuba such as ``mi.load_dict`` and ``mi.render``.
 
     Examples
     --------
@@ -128,7 +136,7 @@ def _built(build: _Build, variant: str, props: mi.Properties) -> mi.Object:
             return build(variant, props)
     except PolywignerError as error:
         _recent_errors.append(error)
-        # Mitsuba puts the traceback before the message, where frames of this package do not help.
+        # Mitsuba prints the traceback before the message; frames of this package do not help users.
         raise error.with_traceback(None) from None
 
 
@@ -179,8 +187,8 @@ add_plugin("shape", STL, _build_stl)
 
 KEY_PREFIX = "memory:"
 
-# Bounds the memory of a process that makes a scene for each of many apertures, such as an
-# optimiser. A scene needs its key only while it is being loaded.
+# Number of registered sources. An optimiser may make thousands of apertures, and a scene needs its
+# key only while Mitsuba loads it.
 _CAPACITY = 1024
 
 _sources: OrderedDict[str, Aperture | Array | Wavefront] = OrderedDict()
@@ -223,7 +231,7 @@ def is_key(name: str) -> bool:
 
 
 def registered_source(key: str) -> Aperture | Array | Wavefront:
-    """Return the source of a key; raise SceneError if there is none."""
+    """Return the source with a key; raise SceneError for an unknown key."""
     with _lock:
         source = _sources.get(key)
     if source is None:

@@ -1,4 +1,8 @@
-"""Samplers of positions and directions for one variant's arrays, and the frame of a source."""
+"""Samplers of positions and directions for one variant's arrays, and the frame of a source.
+
+Directions have the coordinates (alpha, psi): alpha is the direction cosine along x, and psi is the
+angle in rad about the x axis, zero along the normal.
+"""
 
 from __future__ import annotations
 
@@ -20,24 +24,24 @@ from polywigner.source.polarisation import Stokes
 from polywigner.transforms import fourier
 
 if TYPE_CHECKING:
-    from polywigner.mitsuba.plugins.source_parameters import SceneSource
+    from polywigner.mitsuba.plugins.mixtures import SceneSource
 
 Floats = npt.NDArray[np.float64]
 
-# Most strips across an element, and pieces of all elements, for fields that are not uniform.
+# Fields that are not uniform: largest number of strips across an element, and of pieces in all.
 _STRIPS, _PIECES = 32, 1 << 16
-# Points of the table of directions in a lobe, which is wavelength/size wide in direction cosines.
+# Points of the table of directions per lobe, which is wavelength/size wide in direction cosines.
 _IN_LOBE = 4
 _FEWEST, _MOST = 32, 1024
-# Points averaged along each side of a cell of the table, so that no narrow beam is missed.
+# Samples averaged along each side of a cell of the table, so that it contains narrow beams.
 _MOST_WITHIN = 4
-# Fractions of the samples in proportion to the far pattern, for far surfaces; to its root, for W
-# and near surfaces; and uniform in front.
+# Fractions of the samples with three densities: the far pattern, for far surfaces; its root, for W
+# and near surfaces; and a uniform density.
 _SHARES = (0.4, 0.4, 0.2)
 
 
 def opaque(m: Any, value: float) -> Drjit:
-    """Return a number of the variant ``m``: each new literal would compile a new kernel."""
+    """Return a number of the variant ``m`` that is no literal, so kernels are not recompiled."""
     return dr.opaque(m.Float, value) if dr.is_jit_v(m.Float) else value
 
 
@@ -83,7 +87,7 @@ class Positions:
         m, u, index = self._m, sample.x, 0
         if self._count > 1:
             index, u = self._choice.sample_reuse(sample.x)
-            # the remainder of a sample in a narrow cell is rounded, and may lie outside
+            # rounding may move the remainder of a sample in a narrow cell outside of [0, 1]
             u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
         if dr.is_jit_v(m.Float):
             row = [dr.gather(m.Float, column, index) for column in self._columns]
@@ -93,7 +97,7 @@ class Positions:
 
 
 class Directions:
-    """Sampler of (alpha, psi) from a density on the points of a grid, bilinear between them."""
+    """Sampler of (alpha, psi) from a density that is bilinear between the points of a grid."""
 
     def __init__(self, m: Any, values: Floats, sides: Floats) -> None:
         self._m = m
@@ -120,23 +124,32 @@ def directions_of(
     terms: Sequence[tuple[SceneSource, Forms]],
     bounds: Sequence[float],
     wavelength: float,
-    coherence_width: float,
 ) -> Directions:
     """Return a sampler of (alpha, psi) from the far pattern g |F|^2 and a uniform density.
 
-    ``terms`` : scalar sources with the forms of g, from `emissions`; ``bounds`` : of the source.
+    Parameters
+    ----------
+    m : module
+        Variant of Mitsuba.
+    terms : sequence of (source, Forms)
+        Terms of the radiance from `emissions`.
+    bounds : sequence of float, shape (4,)
+        Bounds of the source in metres.
+    wavelength : float
+        Wavelength in metres.
+
+    Returns
+    -------
+    Directions
     """
     low, high = np.reshape(bounds, (2, 2))
     lobes = _IN_LOBE * (high - low) / wavelength
     sides = np.array([2.0, math.pi])
-    # powers of two: each new size is a literal, which compiles the render kernel again
+    # powers of two, because each new size is a literal and compiles the render kernel again
     needed = 2.0 ** np.ceil(np.log2(lobes * sides))
     counts = np.clip(needed, _FEWEST, _MOST).astype(int)
     within = int(np.clip(np.ceil((needed / counts).max()), 1, _MOST_WITHIN))
     pattern = _mean_pattern(terms, wavelength, counts, within)
-    spread = wavelength / (2 * math.pi * coherence_width)
-    if spread > 0:
-        pattern = _blurred(pattern, spread * counts / sides)
     kinds = (pattern, np.sqrt(pattern), np.ones_like(pattern))
     density = sum(share * kind / kind.mean() for share, kind in zip(_SHARES, kinds, strict=True))
     return Directions(m, density, sides)
@@ -148,7 +161,7 @@ def _mean_pattern(
     counts: npt.NDArray[np.int_],
     within: int,
 ) -> Floats:
-    """Return g |F|^2 on a grid, each value the mean over ``within`` x ``within`` points nearby."""
+    """Return g |F|^2 on a grid, averaged over ``within`` x ``within`` points around each node."""
     steps = np.array([2.0, math.pi]) / counts
     shifts = (np.arange(within) + 0.5) / within - 0.5
     total = np.zeros(1)
@@ -166,17 +179,6 @@ def _mean_pattern(
     return np.maximum(total, 0.0)
 
 
-def _blurred(values: Floats, widths: Floats) -> Floats:
-    """Return values, rows along y, blurred by a normal density; widths along x and y in steps."""
-    for axis, width in ((1, widths[0]), (0, widths[1])):
-        half = min(values.shape[axis] - 1, math.ceil(4 * width))
-        weights = np.exp(-0.5 * (np.arange(-half, half + 1) / width) ** 2)
-        moved = np.moveaxis(values, axis, -1)
-        rows = [np.convolve(row, weights / weights.sum(), mode="same") for row in moved]
-        values = np.moveaxis(np.array(rows)[..., : moved.shape[-1]], -1, axis)
-    return values
-
-
 class Frame:
     """Rigid frame of one variant's arrays, with its origin at the centre of a source."""
 
@@ -187,7 +189,7 @@ class Frame:
         self._m = m
         self.axes = columns[:3]
         self.origin = m.Point3f(columns[0] * cx + columns[1] * cy + columns[3])
-        # each new pose as literals would compile the render kernel again
+        # opaque: each new literal would compile the render kernel again
         if dr.is_jit_v(m.Float):
             dr.make_opaque(self.axes, self.origin)
 
@@ -207,10 +209,10 @@ class Frame:
 
 
 def spectrum(m: Any, value: Drjit, active: Drjit) -> Drjit:
-    """Return a value of one narrow band: equal in every channel or at every sampled wavelength."""
+    """Return a spectrum with the same value in each channel or at each sampled wavelength."""
     return m.depolarizer(m.UnpolarizedSpectrum(dr.select(active, value, 0.0)))
 
 
 def four(m: Any, stokes: Stokes | None, value: Drjit) -> Drjit:
-    """Return a value times four Stokes numbers, or the value alone without these."""
+    """Return a value times a Stokes vector; the scalar value if ``stokes`` is None."""
     return value if stokes is None else m.Vector4f(*stokes) * value

@@ -8,19 +8,18 @@ from a dictionary entry; `scene_entry` makes the entry from the arguments of a P
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from numbers import Real
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
 from polywigner import geometry
-from polywigner.errors import ArgumentError, GeometryError, PolywignerError, SceneError
+from polywigner.errors import ArgumentError, GeometryError, SceneError
 from polywigner.geometry import (
     Aperture,
     PlacedAperture,
@@ -29,15 +28,19 @@ from polywigner.geometry import (
     Wavefront,
     read_aperture,
 )
+from polywigner.mitsuba.plugins.mixtures import (
+    Mixture,
+    SceneSource,
+    mixture_of,
+    norm_of,
+    support_of,
+)
 from polywigner.mitsuba.plugins.registration import (
     is_key,
     register_source,
     registered_source,
-    unsuitable_source,
 )
 from polywigner.mitsuba.scenes.surfaces import matrix_of, reach_at
-from polywigner.propagation.far_fields import check_slopes, powers_of
-from polywigner.propagation.irradiances import mixture_parts
 from polywigner.quantities import (
     NOISE_PARSERS,
     parse_frequency,
@@ -45,18 +48,10 @@ from polywigner.quantities import (
     parse_power,
     wavelength_of,
 )
-from polywigner.radiometry.directions import (
-    checked_bandwidth,
-    checked_radiator,
-    directions_and_weights,
-    largest_lag,
-    longest_path,
-    wavelengths_of_band,
-)
 from polywigner.reception.norms import NORMALISATIONS, checked_normalise
 from polywigner.source import Array, read_source
 from polywigner.source.normal_form import PublicSource, normal_form
-from polywigner.source.obliquities import DEFAULT, OBLIQUITIES, Forms, grazing_error
+from polywigner.source.obliquities import DEFAULT, OBLIQUITIES
 from polywigner.source.polarisation import (
     Stokes,
     checked_polarisation,
@@ -65,217 +60,15 @@ from polywigner.source.polarisation import (
     stokes_fields,
 )
 from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
-from polywigner.source.support import mutual_support
-from polywigner.transforms import fourier
-from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.wavefronts import flat_source, tilts_of
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
-SceneSource = Aperture | Array | Wavefront
-"""A source that can radiate in a scene."""
-
 EMITTER, RECEIVER = "wigner", "wigner_receiver"
 """Names of the shape and of the sensor."""
 ESTIMATORS = ("wigner", "exact")
 RECEIVER_ESTIMATOR = "exact"
 UNPOLARISED = "unpolarised"
 """Value of ``polarisation`` for unpolarised light, and for receivers of all polarisations."""
-
-
-# ---- radiance terms, mixtures and powers of a source --------------------------------------------
-
-
-def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
-    """Return whether the terms of `emissions` change with the wavelength."""
-    waves = normal_form(flat_source(source)).frequencies
-    return OBLIQUITIES[obliquity].needs_normal_derivative and bool(waves.any())
-
-
-def emissions(
-    source: SceneSource, wavelength: float, obliquity: str
-) -> list[tuple[SceneSource, Forms]]:
-    """Return terms (source, h) such that the sum of h W is the radiance times wavelength^2."""
-    check_slopes(source, obliquity)
-    terms = OBLIQUITIES[obliquity].terms(flat_source(source), wavelength)
-    if not any(any(forms) for _, forms in terms):
-        raise grazing_error(wavelength)
-    if isinstance(source, Wavefront):
-        return [(source.on(flat), forms) for flat, forms in terms]
-    return terms
-
-
-# Error of means over tilts and wavelengths, relative to the largest value.
-_MEAN_ERROR = 1e-7
-# Relative error of the mean power, and the largest lag in wavelengths: the power is an integral of
-# the correlation times an oscillating, decaying transform of g. Measured error for two slits and
-# squares of 0.5 to 100 wavelengths, coherence widths of 0.3 to 30: at most 2e-5 of the power.
-_POWER_ERROR, _LONGEST_LAG = 1e-5, 4.0
-# Values of F in a block: 16 MB.
-_BLOCK = 1 << 20
-
-
-@dataclass(frozen=True)
-class Mixture:
-    """Coherence width and bandwidth of a source."""
-
-    coherence_width: float = math.inf
-    """Coherence width in m; infinite for coherent light."""
-    bandwidth: float | None = None
-    """Bandwidth of the light in Hz; None for one wavelength."""
-
-    def __str__(self) -> str:
-        parts = []
-        if self.coherence_width < math.inf:
-            parts.append(f"a coherence width of {self.coherence_width:g} m")
-        if self.bandwidth is not None:
-            parts.append(f"a bandwidth of {self.bandwidth:g} Hz")
-        return " and ".join(parts) or "coherent light of one wavelength"
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether the light is coherent and has one wavelength."""
-        return self == Mixture()
-
-    def parts(
-        self, source: SceneSource, wavelength: float, error: float = _MEAN_ERROR
-    ) -> Iterator[tuple[SceneSource, float, float]]:
-        """Yield coherent sources, wavelengths in m and weights whose mean is the mixture."""
-        return mixture_parts(self._applied_to(source), wavelength, self.bandwidth, error)
-
-    def nodes(self, source: SceneSource, wavelength: float) -> Floats:
-        """Return waves (n, 4) whose mean power is the power of the mixture.
-
-        The columns are the shift of the inverse wavelength and the tilts along x and y, all in 1/m,
-        and the weight.
-        """
-        tilts, weights = np.zeros((1, 2)), np.ones(1)
-        wave = self._applied_to(source)
-        if isinstance(wave, Wavefront) and not wave.is_coherent:
-            tilts, weights = tilts_of(wave, _POWER_ERROR, _LONGEST_LAG * wavelength)
-        return np.array(
-            [
-                (1 / length - 1 / wavelength, *tilt, tilt_weight * weight)
-                for tilt, tilt_weight in zip(tilts.tolist(), weights.tolist(), strict=True)
-                for length, weight in self._band(source, wavelength)
-            ]
-        )
-
-    def power(self, source: SceneSource, wavelength: float, obliquity: str) -> float:
-        """Return the radiated power in W of a coherent source in light of this mixture."""
-        if self.is_plain:
-            return powers_of(source, wavelength, obliquity)[0]
-        waves = self.nodes(source, wavelength)
-        return sum(
-            self._power_at(source, wavelength, obliquity, waves[waves[:, 0] == shift])
-            for shift in np.unique(waves[:, 0])
-        )
-
-    def _power_at(self, source: Any, wavelength: float, obliquity: str, waves: Floats) -> float:
-        """Return the part of the power of `nodes` (n, 4) of one wavelength."""
-        inverse = 1 / wavelength + float(waves[0, 0])
-        terms = OBLIQUITIES[obliquity].terms(source.at_wavelength(1 / inverse), wavelength)
-        total = 0.0
-        for s, solid_angles in directions_and_weights(largest_lag(source), 1 / inverse):
-            step = max(1, _BLOCK // len(s))
-            for some in (waves[first : first + step] for first in range(0, len(waves), step)):
-                nu = s[:, :2] * inverse - some[:, None, 1:3]
-                weights = some[:, 3] * inverse**2
-                for term, forms in terms:
-                    far = np.square(np.abs(fourier(term, nu)))
-                    total += float(weights @ far @ (forms.irradiance(s[:, 2]) * solid_angles))
-        return total
-
-    def _applied_to(self, source: SceneSource) -> SceneSource:
-        if self.coherence_width == math.inf:
-            return source
-        return source.partially_coherent(self.coherence_width)
-
-    def _band(self, source: SceneSource, wavelength: float) -> list[tuple[float, float]]:
-        if self.bandwidth is None:
-            return [(wavelength, 1.0)]
-        return wavelengths_of_band(wavelength, self.bandwidth, longest_path(source), _POWER_ERROR)
-
-
-def _mixture_of(
-    source: Any, wavelength: float, bandwidth: float | None
-) -> tuple[SceneSource, Mixture]:
-    """Return the source in coherent light, and the mixture that describes its light."""
-    if bandwidth is not None:
-        bandwidth = checked_bandwidth(bandwidth, wavelength)
-        if getattr(flat_source(source), "paths", None) is not None:
-            raise SceneError(
-                "pistons and tilts of segments are not supported with a bandwidth in scenes; "
-                "compute wavelengths one by one, or use polywigner.irradiance(bandwidth=)"
-            )
-    if not isinstance(source, Wavefront) or source.is_coherent:
-        return source, Mixture(bandwidth=bandwidth)
-    return source.coherent, Mixture(source.coherence_width, bandwidth)
-
-
-# Computed when an entry is made, when its scene is loaded, and whenever a parameter changes.
-@lru_cache(maxsize=64)
-def norm_of(
-    source: SceneSource,
-    wavelength: float,
-    obliquity: str,
-    mixture: Mixture = Mixture(),
-    normalise: str = NORMALISATIONS[0],
-) -> float:
-    """Return the power of a source's unscaled field in W, |u|^2 in W/m^2.
-
-    ``normalise``: "radiated" is the power through the hemisphere in front, with the obliquity and
-    the mean over the waves of the mixture; "aperture" is int |u|^2.
-
-    Raises SceneError for a source that radiates nothing.
-    """
-    if normalise == "aperture":
-        return _energy(flat_source(source))
-    try:
-        return mixture.power(checked_radiator(source), wavelength, obliquity)
-    except PolywignerError as error:
-        raise SceneError(str(error)) from None
-
-
-def _energy(source: Aperture | Array) -> float:
-    """Return int |u|^2 dx in m^2 for |u|^2 = 1."""
-    energy = energy_of(source)
-    if not energy > 0:
-        raise SceneError(
-            "expected a source with a field, got elements that cancel each other everywhere"
-        )
-    return energy
-
-
-class Region(NamedTuple):
-    """Region of the plane where W of a source is not zero."""
-
-    centre: Floats
-    """(2,) in m, read-only."""
-    support: Aperture
-    """Outline relative to the centre."""
-
-
-def region_of(source: Any, obliquity: str) -> Region:
-    """Return the region of an aperture, or of an array of apertures in the plane z = 0.
-
-    Raises SceneError for a source that cannot radiate in a scene.
-    """
-    if not isinstance(flat_source(source), Aperture | Array):
-        raise unsuitable_source(source)
-    try:
-        check_slopes(source, obliquity)
-        return _region(flat_source(source))
-    except PolywignerError as error:
-        raise SceneError(str(error)) from None
-
-
-# A scene entry is checked when it is made, and read when the scene is loaded.
-@lru_cache(maxsize=16)
-def _region(source: Aperture | Array) -> Region:
-    _energy(source)  # raises if it is zero
-    support = mutual_support(source)
-    return Region(support.centre, support.moved(-support.centre))
 
 
 # ---- the parameters -----------------------------------------------------------------------------
@@ -286,46 +79,51 @@ class SourceParameters:
     """Checked parameters of a ``wigner`` shape or a ``wigner_receiver`` sensor, in SI units."""
 
     source: Any
-    """Aperture, Array, or one of these with a curved wave, in coherent light."""
+    """Coherent Aperture or Array, perhaps with a curved wave."""
     wavelength: float
     norm: float
-    """Power in W of the unscaled field: radiated, or int |u|^2."""
+    """Power in W of the unscaled field (|u|^2 in W/m^2): radiated, or int |u|^2."""
     pose: Floats
-    """(4, 4), read-only; the translation is in scene units."""
+    """Pose (4, 4), read-only; the translation is in scene units."""
     obliquity: str
     estimator: str
     scene_unit: float
-    """Metres."""
-    region: Region
-    mixture: Mixture = Mixture()
-    """Mixture of the light that the source sends, or would send."""
+    """Length of one unit of the scene in metres."""
+    support: Aperture
+    """Region of the plane where W of the source is not zero, in m."""
+    mixture: Mixture
+    """Coherence width and bandwidth of the field that the source sends, or a receiver would."""
     normalise: str = NORMALISATIONS[0]
-    """Power that ``norm`` stands for: one of `NORMALISATIONS`."""
+    """Definition of ``norm``: one of `NORMALISATIONS`."""
     power: float = 1.0
     """Radiated power in W; 1 for a receiver, whose power comes from the scene."""
     diffraction: bool = False
     """Whether shadows of the scene's surfaces diffract."""
-    control_variate: bool = False
-    sampling_weight: float = 1.0
     visible: bool = True
     """Whether rays meet the surface of the source."""
     noise: Mapping[str, float | None] = field(default_factory=dict)
-    """Noise of a receiver, by the names of ``NOISE_PARSERS``."""
+    """Bandwidth, temperature and noise figure of a receiver, by the names of ``NOISE_PARSERS``."""
     polarisation: Complexes | None = None
-    """Unit Jones vector (2,) in the source's x and y, or (n, 2) of elements; None: unpolarised."""
+    """Unit Jones vector along the source's x and y, shape (2,), or (n, 2) with one for each
+    element; None: unpolarised."""
     states_polarisation: bool = False
     """Whether the scene specifies ``polarisation``, "unpolarised" included."""
 
     @property
     def at_origin(self) -> SceneSource:
-        """The source relative to its centre: single precision resolves 6e-8 of a position."""
-        moved: SceneSource = normal_form(self.source).moved(-self.region.centre).public
+        """The source relative to its centre, where single precision resolves positions best."""
+        moved: SceneSource = normal_form(self.source).moved(-self.support.centre).public
         return moved
 
     @property
     def centre(self) -> Floats:
-        """Centre (2,) of the region that radiates, in units of the scene."""
-        return self.region.centre / self.scene_unit
+        """Centre (2,) of the radiating region in the source's frame, in units of the scene."""
+        return self.support.centre / self.scene_unit
+
+    @property
+    def outline(self) -> Aperture:
+        """Radiating region relative to its centre, in units of the scene."""
+        return self.support.moved(-self.support.centre).scaled(1 / self.scene_unit)
 
     @property
     def has_several(self) -> bool:
@@ -333,7 +131,7 @@ class SourceParameters:
         return self.polarisation is not None and self.polarisation.ndim == 2
 
     def fields_of(self, source: SceneSource) -> list[tuple[SceneSource, Stokes | None]]:
-        """Return scalar sources, and the Stokes vectors by which their irradiances add up."""
+        """Return scalar sources with Stokes vectors, which add up weighted by |U|^2."""
         if self.polarisation is None or not self.has_several:
             return [(source, None)]
         return list(stokes_fields(source, self.polarisation))
@@ -357,7 +155,7 @@ class SourceParameters:
 
     def with_source(self, source: SceneSource, wavelength: float) -> SourceParameters:
         """Return the parameters with another source."""
-        spec = replace(self, source=source, region=region_of(source, self.obliquity))
+        spec = replace(self, source=source, support=support_of(source, self.obliquity))
         return replace(spec, norm=spec.norm_at(wavelength))
 
 
@@ -369,7 +167,7 @@ _COMMON = (
 PARAMETERS = (
     *_COMMON,
     *("power", "aperture_power", "obliquity", "estimator", "diffraction"),
-    *("control_variate", "scene_unit", "sampling_weight", "visible", "bandwidth"),
+    *("scene_unit", "visible", "bandwidth"),
 )
 """Names of the ``wigner`` shape's parameters; ``docs/plugin.md`` explains them."""
 RECEIVER_PARAMETERS = (
@@ -385,12 +183,21 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
 
     Parameters
     ----------
-    values : Mitsuba's properties as a dictionary, or an entry made in Python.
-    plugin : `EMITTER` or `RECEIVER`.
+    values : mapping
+        Mitsuba's properties as a dictionary, or an entry made in Python.
+    plugin : str
+        `EMITTER` or `RECEIVER`.
+
+    Returns
+    -------
+    SourceParameters
 
     Raises
     ------
-    SceneError for unknown names and unusable values; errors of the readers of source files.
+    SceneError
+        For unknown names and unusable values.
+    PolywignerError
+        If a source file cannot be read.
     """
     sends = plugin == EMITTER
     given = _SceneValues(values, f"{plugin} {'shape' if sends else 'sensor'}")
@@ -403,9 +210,9 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
             "function of the source contains no edges of obstacles"
         )
     obliquity = given.choice("an obliquity", OBLIQUITIES, DEFAULT)
-    wavelength, weight = given.wavelength(), given.number("sampling_weight")
+    wavelength = given.wavelength()
     try:
-        source, mixture = _mixture_of(
+        source, mixture = mixture_of(
             given.source(wavelength), wavelength, given.number("bandwidth") if sends else None
         )
     except ArgumentError as error:
@@ -418,12 +225,10 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
         obliquity=obliquity,
         estimator=estimator,
         scene_unit=given.number("scene_unit") or 1.0,
-        region=region_of(source, obliquity),
+        support=support_of(source, obliquity),
         mixture=mixture,
         normalise=checked_normalise(given.text("normalise", NORMALISATIONS[0]), SceneError),
         diffraction=diffraction,
-        control_variate=given.flag("control_variate", False),
-        sampling_weight=1.0 if weight is None else weight,
         visible=given.flag("visible", True),
         noise={} if sends else {name: given.number(name) for name in NOISE_PARSERS},
         polarisation=given.polarisation(source),
@@ -459,10 +264,9 @@ _PARSERS: dict[str, Callable[[Any], float]] = {
     "scene_unit": _parse_unit,
     "power": parse_power,
     "aperture_power": parse_power,
-    "sampling_weight": float,
     **NOISE_PARSERS,
 }
-"""Readers of the numbers of an entry, by name."""
+"""Functions that convert the numeric parameters of an entry to SI units, by name."""
 
 
 def _number(name: str, value: Any, element: str) -> float:
@@ -514,7 +318,7 @@ class _SceneValues:
 
     values: Mapping[str, Any]
     element: str
-    """Such as "wigner shape", for messages."""
+    """Name of the element in error messages, such as "wigner shape"."""
 
     def check_names(self, known: tuple[str, ...]) -> None:
         """Raise SceneError for an unknown parameter; nested objects may have any name."""
@@ -526,7 +330,7 @@ class _SceneValues:
                 )
 
     def choice(self, kind: str, known: Iterable[str], default: str | None = None) -> str:
-        """Return one of the known names, the first by default; ``kind``: "an estimator"."""
+        """Return one of the known names, by default the first; ``kind`` is "an estimator" etc."""
         known = tuple(known)
         name = self.text(kind.split()[1], default or known[0])
         if name not in known:
@@ -593,7 +397,7 @@ class _SceneValues:
         return rigid_pose(np.eye(4) if given is None else given.matrix)
 
     def number(self, name: str) -> float | None:
-        """Return a parameter of `_PARSERS` in SI units; None without a value."""
+        """Return a numeric parameter in SI units; None if it is missing."""
         if name not in self.values:
             return None
         return _number(name, self.values[name], self.element)

@@ -21,14 +21,14 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.convex import trapezoids
 from polywigner.kernels import FOURIER, WIGNER, kernel_for, new_outline_of, new_tables_of
 from polywigner.kernels.kernel import Kernel
-from polywigner.mitsuba.plugins.samplers import Positions, four, opaque
-from polywigner.mitsuba.plugins.source_parameters import (
+from polywigner.mitsuba.plugins.mixtures import (
     Mixture,
     SceneSource,
-    SourceParameters,
     depends_on_wavelength,
     emissions,
 )
+from polywigner.mitsuba.plugins.samplers import Positions, four, opaque
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
@@ -42,7 +42,7 @@ from polywigner.transforms.wavefronts import flat_source
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.emitter import WignerEmitter
 
-# Odd numbers whose multiples differ in all bits, for hashing; 2^32 over the golden ratio is one.
+# Odd constants for hashing, whose multiples differ in all bits; the first is 2^32/golden ratio.
 _FACTORS = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)
 _WORD = 0xFFFFFFFF
 
@@ -53,13 +53,13 @@ class Wave(NamedTuple):
     """The wave of a sample."""
 
     inverse: Drjit
-    """Inverse of its wavelength, in 1/m."""
+    """Inverse wavelength in 1/m."""
     tilt: Drjit | None
-    """Spatial frequency (2D) of its tilt in 1/m; None without a tilt."""
+    """Spatial frequency of the tilt along x and y in 1/m; None for coherent light."""
 
 
 class DrawnWaves:
-    """Sampler of the waves of a mixture, for one variant's arrays."""
+    """Sampler of waves of a partially coherent or broadband source, for one variant's arrays."""
 
     def __init__(self, m: Any, mixture: Mixture) -> None:
         self._m, self._jit, self._mixture = m, dr.is_jit_v(m.Float), mixture
@@ -67,7 +67,7 @@ class DrawnWaves:
         self._tilt = opaque(m, 1 / (2 * math.pi * mixture.coherence_width))
 
     def wave(self, inverse: Drjit, x: mi.Point2f, end: mi.Point3f) -> Wave:
-        """Return the wave of the sample at a position x for a receiver at a point or direction."""
+        """Return the wave of the sample at x for a receiver at the point or direction ``end``."""
         if self._mixture.is_plain:
             return Wave(inverse, None)
         start, end = self._hash(x.x, x.y), self._hash(end.x, end.y, end.z)
@@ -98,26 +98,25 @@ def _uniform(word: Drjit) -> Drjit:
 
 
 class _Term(NamedTuple):
-    """A source whose W, times h, is a term of the radiance."""
+    """Term h W of the radiance."""
 
     source: SceneSource
     forms: Forms
-    """Forms of h."""
+    """Coefficients of the obliquity factor h."""
     stokes: Stokes | None
     kernel: Kernel
     tables: Any
-    """Outline of the flat source, as the kernel takes it."""
+    """Tables of the flat source for the kernel."""
 
 
 class WignerRadiance:
-    """The sum of h W over the terms of a source (:func:`emissions`), for one variant's arrays."""
+    """Sum of h W over the terms of a source (:func:`emissions`), for one variant's arrays."""
 
     def __init__(self, m: Any, spec: SourceParameters, wavelength: float) -> None:
         self._m, self._jit, self._unit = m, dr.is_jit_v(m.Float), spec.scene_unit
         self._ops = ops_for(m.Float)
         source = spec.at_origin
-        rings = [ring / spec.scene_unit for ring in spec.region.support.rings]
-        self.positions = Positions(m, trapezoids(rings))
+        self.positions = Positions(m, trapezoids(spec.outline.rings))
         self.waves = DrawnWaves(m, spec.mixture)
         self.terms = []
         for part, stokes in spec.fields_of(source):
@@ -132,8 +131,8 @@ class WignerRadiance:
     ) -> Drjit:
         """Return the sum in m^2 at positions and directions of the source's frame, zero behind.
 
-        Four Stokes numbers for a source of several polarisations. ``wigner`` replaces the W of
-        every term; it takes operations and four coordinates.
+        The result has four components if elements have different polarisations. ``wigner``
+        replaces the W of every term; it takes operations and four coordinates.
         """
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
@@ -191,7 +190,7 @@ def _frequency(direction: mi.Vector3f, wave: Wave) -> Point:
 
 
 class WignerEstimator:
-    """Lights points, and weights rays, by the signed radiance of a random point of the source."""
+    """Estimator of irradiance and ray weights from the radiance of random points of the source."""
 
     needs_distance = False
     is_constant = False
@@ -199,7 +198,7 @@ class WignerEstimator:
     def __init__(
         self, m: Any, spec: SourceParameters, wavelength: float, radiance: WignerRadiance
     ) -> None:
-        self._m, self._spec, self._radiance = m, spec, radiance
+        self._radiance = radiance
         self.draw = radiance.positions.sample
         """Return a position for a uniform point of the unit square."""
         self.density: float | None = radiance.positions.density
@@ -209,12 +208,7 @@ class WignerEstimator:
 
     @staticmethod
     def check(spec: SourceParameters) -> None:
-        """Raise SceneError for a mixture without common radiance, or a curved control variate."""
-        if isinstance(spec.source, Wavefront) and spec.control_variate:
-            raise SceneError(
-                "expected no control_variate with a curved wave, got true; leave it out: its "
-                "integral over positions would be a sum for each sample"
-            )
+        """Raise SceneError for a mixture whose waves have different obliquity factors."""
         mixture = spec.mixture
         oblique = (
             mixture.coherence_width < math.inf
@@ -228,69 +222,42 @@ class WignerEstimator:
             )
 
     def lit(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return L cos/r^2 over the density at the point ``it``.
-
-        A control variate subtracts the radiance towards the direction from the centre, and adds
-        the integral of that radiance in proportion to the density of samples.
-        """
-        wave = light.wave(x, it.p)
+        """Return L cos/r^2 at the point ``it``, divided by the density of samples."""
         direction, distance = light.seen_from(it, x)
-        value = light.radiance(x, direction, wave) * direction.z / (distance * distance)
-        if self._spec.control_variate:
-            central, distance = light.seen_from(it, self._m.Point2f(0.0))
-            ratio = _cosine_ratio(light.frame.to_own(it.n), direction, central)
-            change = light.intensity(central, wave) * self.density
-            change = change - light.radiance(x, central, wave)
-            value = value + central.z / (distance * distance) * ratio * change
-        return value / self.density
+        value = light.radiance(x, direction, light.wave(x, it.p)) * direction.z
+        return value / (distance * distance * self.density)
 
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return g W/N over the density, in units of the scene; g = h cos."""
+        """Return h W cos/N divided by the density of samples, in units of the scene."""
         wave = self._radiance.waves.wave(self._inverse, x, direction)
         return self._scale * self._radiance.at(x, direction, wave) * direction.z / self.density
 
 
-def _cosine_ratio(normal: mi.Normal3f, direction: mi.Vector3f, central: mi.Vector3f) -> Drjit:
-    """Return the cosine at a receiver towards the centre over the cosine towards the sample."""
-    cosine, at_centre = dr.dot(normal, direction), dr.dot(normal, central)
-    same_side = cosine * at_centre > 0.0
-    return dr.select(same_side, at_centre / dr.select(same_side, cosine, 1.0), 1.0)
-
-
 # Overlaps below this fraction of an area are rounding errors.
 _OVERLAP = 1e-9
-# Pairs of edges of a source with derivatives, which are code of every kernel of a render: a pair
-# compiles in 7 ms, and 9000 exhaust the compiler.
+# Largest number of pairs of edges of a source with derivatives. Each pair is code of the render
+# kernel and takes 7 ms to compile; 9000 pairs exhaust the compiler.
 _MOST_CUTS = 4096
 
 
 class TracedSource:
-    """Vertices and weights of one emitter's source as parameters of a scene."""
+    """Vertices and weights of one emitter's source as parameters of a scene.
+
+    Both are None in scalar variants, and for sources that are not uniform, overlap, have several
+    polarisations or too many edges.
+    """
 
     def __init__(self, m: Any, spec: SourceParameters) -> None:
         self._m, self._spec = m, spec
         source = spec.source
         self.vertices: Any = None
         self.weights: Any = None
-        self.why_not = ""
-        """Why the source has no such parameters; empty if it has."""
-        if not dr.is_jit_v(m.Float):
-            self.why_not = "a variant of Mitsuba that compiles, such as llvm_ad_rgb"
-        elif spec.has_several:
-            self.why_not = "an array of one polarisation"
-        elif not _is_simple(source):
-            self.why_not = "a uniform aperture, or an array of uniform apertures without overlap"
-        else:
-            self._tables = new_tables_of(flat_source(spec.at_origin), dr.itemsize_v(m.Float) == 8)
-            cuts = self._tables.clips
-            if cuts > _MOST_CUTS:
-                self.why_not = (
-                    f"a source of few edges, as code of the render's kernel, got {cuts} pairs of "
-                    "edges; gradients of pw.wigner and pw.fourier have no such limit"
-                )
-        if self.why_not:
+        if not dr.is_jit_v(m.Float) or spec.has_several or not _is_simple(source):
+            return
+        self._tables = new_tables_of(flat_source(spec.at_origin), dr.itemsize_v(m.Float) == 8)
+        if self._tables.clips > _MOST_CUTS:
             return
         self.vertices = m.Float(_corners(source).ravel().tolist())
         if isinstance(source, Array):
@@ -362,7 +329,7 @@ class TracedSource:
         return list(zip(numbers[::2], numbers[1::2], strict=True))
 
     def _centred(self) -> list[Point]:
-        cx, cy = self._spec.region.centre.tolist()
+        cx, cy = self._spec.support.centre.tolist()
         return [(x - cx, y - cy) for x, y in self._gathered(self.vertices)]
 
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_path, checked_row, real_numbers, rigid_pose
-from polywigner.mitsuba.plugins.source_parameters import norm_of, region_of
+from polywigner.mitsuba.plugins.mixtures import norm_of, support_of
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.stores import in_place, write_netcdf
 from polywigner.reception.norms import NORMALISATIONS
@@ -135,7 +135,7 @@ def _responses(
         return result
     wavelength, obliquity = attrs["wavelength"], attrs["obliquity"]
     for row, source in zip(result, sources, strict=True):
-        region_of(source, obliquity)  # raises SceneError for sources that cannot radiate
+        support_of(source, obliquity)  # raises SceneError for sources that cannot radiate
         norm = norm_of(source, wavelength, obliquity, normalise=attrs["normalise"])
         field = amplitude(source, local[front], wavelength, obliquity, tolerance=_TOLERANCE)
         row[front] = field * (wavelength / math.sqrt(norm))

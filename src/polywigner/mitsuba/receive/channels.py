@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry.arguments import checked_callable, checked_row
+from polywigner.mitsuba.plugins.mixtures import norm_of
 from polywigner.mitsuba.plugins.placement import (
     FacingParts,
     PlacedSource,
@@ -33,7 +34,6 @@ from polywigner.mitsuba.plugins.placement import (
 )
 from polywigner.mitsuba.plugins.polariser import DEFAULT_POLARISATION, polarisation_summary
 from polywigner.mitsuba.plugins.registration import one_at_a_time
-from polywigner.mitsuba.plugins.source_parameters import norm_of
 from polywigner.mitsuba.receive.power_results import ReceiveOptions, described
 from polywigner.mitsuba.receive.specular_paths import (
     CentralPath,

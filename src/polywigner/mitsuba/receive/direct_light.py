@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.execution import Drjit
+from polywigner.mitsuba.plugins.mixtures import norm_of
 from polywigner.mitsuba.plugins.placement import (
     FacingParts,
     PlacedSource,
     check_obliquity,
     facing_parts,
 )
-from polywigner.mitsuba.plugins.source_parameters import norm_of
 from polywigner.mitsuba.receive.power_results import DirectPath
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
 from polywigner.mitsuba.receive.specular_paths import (

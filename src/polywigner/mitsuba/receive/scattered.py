@@ -251,7 +251,7 @@ class Scattering:
         for light in lights_of(scene):
             with illuminated_by(wigner_emitters(scene), light):
                 if self.edges is None:
-                    image = exposure.picture(lambda: None)
+                    image = exposure.full_image(lambda: None)
                     check_is_whole(exposure.integrator)
                     power = mean_of_colours(image).sum()
                 else:

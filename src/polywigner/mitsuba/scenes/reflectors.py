@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# A body with more planes than this counts as curved.
+# A shape with more planes than this counts as curved.
 MOST_FACES = 32
-# Most chains of mirrors, which take some milliseconds each.
+# Largest number of chains of mirrors, which take some milliseconds each.
 _MOST_CHAINS = 5000
-# Departure from a plane, relative to the coordinates: rounding of single precision.
+# Largest distance from a plane, relative to the coordinates, that counts as rounding error.
 _FLAT = 1e-5
-# Rounding of cosines in a normal, which is removed from walls along an axis. A hundred metres away
-# the image in a wall that leans by it would be 10 um off, a radian of phase in the terahertz.
+# Smaller components of a normal are rounding errors and set to zero. A wall that leans by this
+# angle would shift an image 100 m away by 10 um, a radian of phase at terahertz frequencies.
 _AXIS = 2e-7
 _SMOOTH = int(mi.BSDFFlags.DeltaReflection) | int(mi.BSDFFlags.DeltaTransmission)
 
 
 @dataclass(frozen=True, eq=False)
 class Mirror:
-    """A plane of the points p with ``normal`` . p = ``offset``, in m."""
+    """Flat mirror: the plane of the points p with ``normal`` . p = ``offset``, in m."""
 
     name: str
     shape: mi.Shape
@@ -55,16 +55,17 @@ class Mirror:
 
 
 Chain = tuple[Mirror, ...]
-"""Mirrors of a path, in the order of the light's reflections."""
+"""Mirrors of a path, in the order of the reflections."""
 
 
 def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
-    """Return the flat mirrors of a scene in units of ``unit`` metres, and notes on other shapes.
+    """Return the flat mirrors of a scene, and notes on reflections that are not included.
 
-    The notes list smooth shapes and paths that up to ``reflections`` mirrors do not include.
+    One unit of the scene is ``unit`` metres. The notes name curved and refracting shapes, and paths
+    with more than ``reflections`` reflections.
     """
     mirrors: list[Mirror] = []
-    curved, refracting, unnamed = [], [], []
+    curved, refracting = [], []
     for number, shape in enumerate(sorted_shapes(scene)):
         flags = shape.bsdf().flags() if shape.bsdf() is not None else 0
         if not flags & _SMOOTH:
@@ -77,8 +78,6 @@ def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mir
         planes = _planes(shape)
         if not planes:
             curved.append(name)
-        elif not shape.id():
-            unnamed.append(name)
         for face, (normal, offset) in enumerate(planes):
             full_name = f"{name}[{face}]" if len(planes) > 1 else name
             mirrors.append(Mirror(full_name, shape, normal, offset * unit))
@@ -95,11 +94,6 @@ def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mir
         notes.append(
             f"not included: {limit if reflections else 'reflections from flat mirrors'}, light "
             "from mirrors to rough surfaces, and diffraction at the edges of mirrors"
-        )
-    if unnamed:
-        notes.append(
-            f"{_listed(unnamed)} has no id, as after Mitsuba merges shapes with equal BSDFs; load "
-            "the scene with polywigner.mitsuba.load_scene to keep ids"
         )
     return mirrors, notes
 
@@ -171,7 +165,7 @@ def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
 MASK, THIN = "MaskBSDF", "ThinDielectric"
 _TWO_SIDED, _CONDUCTOR = "TwoSidedBRDF", "SmoothConductor"
 _SURFACES = (_CONDUCTOR, THIN, "SmoothDielectric", "SmoothPlastic")
-# |n x k| of a wave along the normal, for which any vector in the surface serves.
+# |n x k| below which a wave travels along the normal, so that any plane of incidence serves.
 _ALONG = 1e-9
 
 
@@ -192,9 +186,9 @@ class Surface:
     def coefficients(self, cosine: Any) -> tuple[Complexes, Complexes]:
         """Return the reflection coefficients of E across the plane of incidence and of E in it.
 
-        Waves go as exp(-i omega t); both vectors in the plane are s x k, so that a perfect
-        conductor has -1 and +1 at any angle. A sheet has the root of 2R/(1 + R) with the sign of
-        the coefficient of its first face.
+        The time factor is exp(-i omega t). The vectors in the plane are s x k before and after the
+        reflection, so a perfect conductor has the coefficients -1 and +1 at any angle. A sheet has
+        the square root of 2R/(1 + R), with the sign of the coefficient of its first face.
         """
         if self.index is None:
             return -np.ones_like(cosine, complex), np.ones_like(cosine, complex)
@@ -206,7 +200,7 @@ class Surface:
         return across, along
 
     def reflectance_in_mitsuba(self, cosine: Any) -> Floats:
-        """Return the reflectance of Mitsuba's BSDF, which has no polarisation in a sheet."""
+        """Return the reflectance of Mitsuba's BSDF, which ignores polarisation inside a sheet."""
         faces = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
         mean = np.mean([np.square(np.abs(r)) for r in faces], axis=0)
         return _of_sheet(mean) if self.is_thin else mean
@@ -266,10 +260,10 @@ def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -
 
 # ---- conducting bodies --------------------------------------------------------------------------
 
-# Error of an echo relative to the sum of all illuminated parts in phase, far below the error of
-# physical optics.
+# Error of an echo relative to the sum of all illuminated parts in phase. Physical optics itself is
+# far less accurate.
 OF_ECHO = 1e-3
-# Most paths, which take some milliseconds each.
+# Largest number of paths by bodies, which take some milliseconds each.
 _MOST_PATHS = 5000
 
 
@@ -283,7 +277,10 @@ class Body:
     """Number of reflections on it that are included."""
 
     def standing_in(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
-        """Return a square at its centre that faces the image of a source, for rays between both."""
+        """Return a square at the body's centre that faces the image of a source.
+
+        Rays between the source and this square test the path for obstacles.
+        """
         z = image.centre - self.facets.centre
         z /= np.linalg.norm(z)
         x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
@@ -293,7 +290,7 @@ class Body:
         return replace(like, source=square(self.facets.size / 2), pose=pose)
 
     def antenna(self, image: PlacedSource, wavelength: float) -> Antenna:
-        """Return the image of a source in the frame of the body's facets."""
+        """Return the image of a source in the frame of the body's facets, as an antenna."""
         pose: Floats = np.asarray(np.linalg.inv(image.pose), np.float64)
         pose[:3, 3] += pose[:3, :3] @ self.facets.centre
         condition: Any = image.obliquity
@@ -302,12 +299,12 @@ class Body:
         )
 
     def is_in_front(self, image: PlacedSource) -> bool:
-        """Return whether all of it is in front of the plane of the image of a source."""
+        """Return whether the whole body is in front of the plane of the image of a source."""
         corners = self.facets.corners + self.facets.centre
         return bool(((corners - image.pose[:3, 3]) @ image.normal > 0.0).all())
 
     def doubts(self, wavelength: float, paths: list[Floats]) -> list[str]:
-        """Return notes on the accuracy of the paths (n, 3) from both ends to the body."""
+        """Return notes on the accuracy, for the points (n, 3) of the paths from both ends."""
         last = [path[-1] - path[-2] for path in paths]
         near, far = min(map(np.linalg.norm, last)), 2 * self.facets.size**2 / wavelength
         notes = []
@@ -328,7 +325,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Echo:
-    """A path by a body, with mirrors before it and after it in the order of the light."""
+    """Path that a body scatters, with the mirrors before and after the body."""
 
     before: Chain
     body: Body
@@ -340,7 +337,7 @@ class Echo:
 
     @property
     def position(self) -> Floats:
-        """Centre (3,) of the body as the receiver sees it."""
+        """Centre (3,) of the body's last mirror image, which the receiver sees."""
         point = self.body.facets.centre
         for mirror in self.after:
             point = mirror.image_of(point)
@@ -351,12 +348,12 @@ Route = Chain | Echo
 
 
 def names_of(path: Route) -> tuple[str, ...]:
-    """Return the names of mirrors and bodies in the order of the light."""
+    """Return the names of a path's mirrors and body in the order of the reflections."""
     return path.names if isinstance(path, Echo) else tuple(mirror.name for mirror in path)
 
 
 def checked_bodies(bodies: Any) -> tuple[Body, ...]:
-    """Return bodies by their names, each alone or in a pair with its number of reflections."""
+    """Return the bodies of a mapping from names to bodies or pairs (body, reflections)."""
     if bodies is None:
         return ()
     if not isinstance(bodies, Mapping) or not all(isinstance(name, str) for name in bodies):
@@ -380,7 +377,7 @@ def _body(name: str, value: Any) -> Body:
 
 
 def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: int) -> list[Echo]:
-    """Return paths by one body, with at most one of the mirrors before it and one after it."""
+    """Return the paths by one body, with at most one mirror before and one mirror after it."""
     for name in {body.name for body in bodies} & {mirror.name for mirror in mirrors}:
         raise SceneError(
             f"expected bodies with other names than mirrors, got {name!r} for both; rename the body"
@@ -398,9 +395,9 @@ def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: i
 def routes_in(
     scene: mi.Scene, unit: float, reflections: int, bodies: Sequence[Body] = ()
 ) -> tuple[list[Chain], list[Echo], list[str]]:
-    """Return paths by up to ``reflections`` mirrors, paths by bodies, and notes on other paths.
+    """Return paths by mirrors, paths by bodies, and notes on paths that are not included.
 
-    Raises SceneError for too many paths.
+    Paths have up to ``reflections`` mirrors. Raises SceneError for too many paths.
     """
     mirrors, notes = mirrors_in(scene, unit, reflections)
     chains: list[Chain] = [(), *chains_of(mirrors, reflections)]
@@ -411,15 +408,16 @@ Result = TypeVar("Result")
 
 
 def paths_by(
-    ways: Iterable[Route], link: str, find: Callable[[Any], tuple[Result, list[str]] | str]
+    routes: Iterable[Route], link: str, find: Callable[[Any], tuple[Result, list[str]] | str]
 ) -> tuple[list[Result], list[str]]:
-    """Collect the results of ``find`` for paths between two ends, and notes on the link.
+    """Return the results of ``find`` for routes between two ends, and notes on the link.
 
-    ``find`` returns a result with its notes, or the reason why nothing arrives. The reason is noted
-    for the line of sight and for echoes without mirrors: most chains of mirrors lead nowhere.
+    ``find`` returns a result and its notes, or the reason why nothing arrives along a route. Such
+    reasons become notes only for the line of sight and for echoes without mirrors, because most
+    chains of mirrors lead nowhere.
     """
     results, notes = [], []
-    for path in ways:
+    for path in routes:
         result = find(path)
         if isinstance(result, str):
             reasons = [result] if len(names_of(path)) == isinstance(path, Echo) else []

@@ -10,7 +10,6 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -25,7 +24,7 @@ from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.polariser import Polariser
 from polywigner.mitsuba.plugins.registration import set_mesh
 from polywigner.mitsuba.scenes import surfaces
-from polywigner.mitsuba.scenes.scenes import has_wigner_emitter, translate_error
+from polywigner.mitsuba.scenes.scenes import translate_error
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
@@ -56,13 +55,13 @@ class Exposure:
             done()
         return _finite(np.asarray(image))
 
-    def picture(self, done: Callable[[], None]) -> npt.NDArray[np.float32]:
+    def full_image(self, done: Callable[[], None]) -> npt.NDArray[np.float32]:
         """Render all strips: (height, width, channels)."""
         strips = [self.image(strip, done) for strip in range(self.cut.strips)]
         return np.concatenate(strips).astype(np.float32)
 
     def channels(self) -> int:
-        """Return the number of channels of the image; integrators add to the film's channels."""
+        """Return the number of channels of the image, including those of the integrator."""
         size = 1 if self.camera.class_name() in films.CAMERAS else self.cut.height
         with films.cropped(self.camera, 0, size, size), _quietly():
             return int(self._rendered(1, 0).shape[-1])
@@ -71,8 +70,8 @@ class Exposure:
         """Return an image that Mitsuba renders in one call."""
         scene, camera, integrator = self.scene, self.camera, self.integrator
         factor, lights = films.fineness(camera, spp), scene.emitters()
-        # zeros of matrices, and samples of delta lights, are literals, which Dr.Jit folds into
-        # loops of one sample
+        # two samples: Dr.Jit cannot record loops of one sample that contain literals, such as
+        # zeros of Mueller matrices and samples of delta lights
         is_delta = any(mi.has_flag(e.flags(), delta) for e in lights for delta in _DELTA)
         fewest = 2 if mi.is_polarized or is_delta else 1
         finer_spp = max(fewest, math.ceil(spp / factor**2))
@@ -106,33 +105,18 @@ def _finite(image: Floats) -> Floats:
 
 
 def _quietly() -> AbstractContextManager[None]:
-    """Suppress the log of scalar variants: one line per negative sample, and a progress bar."""
+    """Suppress the log of scalar variants, which has a line for each negative sample."""
     return nullcontext() if dr.is_jit_v(mi.Float) else films.silent()
 
 
-def is_fog_near(scene: mi.Scene, sensor: mi.Sensor) -> bool:
-    """Return whether fog is nearer to an ``exact`` receiver than 2 D^2/wavelength (Fraunhofer)."""
-    if not surfaces.is_receiver(sensor) or sensor.spec.estimator != "exact":
-        return False
-    if sensor.get_medium() is not None:
-        return True
-    spec = sensor.spec
-    size = np.ptp(np.reshape(spec.source.bounds, (2, 2)), axis=0)
-    far = 2 * float(size @ size) / spec.wavelength / spec.scene_unit
-    centre = spec.pose[:3] @ [*spec.centre, 0.0, 1.0]
-    bounds = (shape.bbox() for shape in scene.shapes() if shape.is_medium_transition())
-    return any(float(box.distance(centre.tolist())) < far for box in bounds)
-
-
-# Integrators that trace through null surfaces, and the particle tracer, whose light passes them.
-_TRANSPARENT = ("Volumetric", "Volpath", "ParticleTracer")
+# Integrators that trace through null surfaces.
+_TRANSPARENT = ("Volumetric", "Volpath")
 
 
 def may_shadow(scene: mi.Scene) -> bool:
-    """Return whether another light than a sky illuminates the null surface of a source.
+    """Return whether the null surface of a source may shadow another light.
 
-    A source radiates in front of its plane, so sources in a common plane do not illuminate each
-    other.
+    Skies do not count, and sources in a common plane do not illuminate each other.
     """
     lights = [emitter for emitter in scene.emitters() if not emitter.is_environment()]
     for number, source in enumerate(lights):
@@ -156,10 +140,6 @@ def _shines_on(light: mi.Emitter, points: Floats) -> bool:
     return bool(heights.max() > rounding)
 
 
-_NEVER = 2**30
-"""A depth for Russian roulette that no path reaches."""
-
-
 def exposed(
     scene: mi.Scene,
     integrator: Any = None,
@@ -174,7 +154,7 @@ def exposed(
     entropy = films.check_seed(seed)
     method, inner = _integrator(scene, integrator)
     if warn:
-        _warn_of_limits(scene, inner, camera)
+        _warn_of_shadows(scene, inner)
     return Exposure(scene, camera, method, films.tiling_of(camera, samples), entropy)
 
 
@@ -208,7 +188,7 @@ _STOKES = "stokes"
 
 
 def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Integrator]:
-    """Return an integrator, and the integrator inside if it adds the Stokes numbers."""
+    """Return the integrator, and the nested integrator if the first adds Stokes parameters."""
     adds_stokes = isinstance(integrator, str) and integrator.split()[:1] == [_STOKES]
     if adds_stokes:
         integrator = integrator.strip()[len(_STOKES) :].strip() or None
@@ -223,8 +203,7 @@ def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Int
         raise ArgumentError(f"expected an integrator or the name of its plugin, got {integrator!r}")
     try:
         if isinstance(integrator, str):
-            depth = {"rr_depth": _NEVER} if integrator == "ptracer" else {}
-            integrator = mi.load_dict({"type": integrator} | depth)
+            integrator = mi.load_dict({"type": integrator})
         if not adds_stokes or integrator.class_name() == "StokesIntegrator":
             return integrator, integrator
         return mi.load_dict({"type": _STOKES, "nested": integrator}), integrator
@@ -232,43 +211,30 @@ def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Int
         raise translate_error(error) from None
 
 
-def _warn_of_limits(scene: mi.Scene, integrator: mi.Integrator, camera: mi.Sensor) -> None:
-    warn = partial(warnings.warn, category=RuntimeWarning, stacklevel=4)
-    if is_fog_near(scene, camera):
-        warn(
-            'fog reaches into the near zone of a receiver with the estimator "exact", whose weight '
-            "for scattered light is the weight of the surface behind: light scattered within 2 "
-            'D^2/wavelength is wrong; use the estimator "wigner"'
-        )
-    if not has_wigner_emitter(scene):
-        return
+def _warn_of_shadows(scene: mi.Scene, integrator: mi.Integrator) -> None:
     # integrators written in Python share a class name in Mitsuba
     names = integrator.class_name() + type(integrator).__name__
     if may_shadow(scene) and not any(name in names for name in _TRANSPARENT):
-        warn(
+        warnings.warn(
             "the surface of a source is in the light of another source, and this integrator lets "
             "it cast shadows, although its BSDF is null: 'direct' loses that light; 'path' and "
             "'prb' lose it at the last bounce, and add noise before; use 'volpath', or "
-            "visible=False for a source that nobody looks at"
+            "visible=False for a source that nobody looks at",
+            RuntimeWarning,
+            stacklevel=4,
         )
-    if integrator.class_name() == "ParticleTracerIntegrator":
-        depths = films.depths_of(integrator)
-        if depths["rr_depth"] <= depths["max_depth"] % 2**32 and depths["rr_depth"] < _NEVER:
-            warn(
-                "Russian roulette in 'ptracer' ends the paths of negative radiance, which biases "
-                "the image: set its rr_depth above its max_depth, or use 'path'"
-            )
 
 
 # ---- temporary changes of a scene ---------------------------------------------------------------
 
-# Size of a hidden surface over its size: its share of rays is the square, and these rays read zero.
+# Factor by which a hidden surface shrinks. The fraction of rays that still meet it is the square,
+# and these rays read zero.
 _SHRUNK = 1e-3
 
 
 @contextmanager
 def hide_emitters(scene: mi.Scene) -> Iterator[None]:
-    """Hide coherent sources while the block runs: they light the scene, but rays read nothing."""
+    """Hide coherent sources while the block runs: they illuminate the scene but are not seen."""
     sources = surfaces.wigner_emitters(scene)
     null = mi.BSDFFlags.Null
     visible = [source.get_shape() for source in sources if source.spec.visible]
@@ -276,7 +242,7 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
     corners = [surfaces.vertices_of(shape) for shape in shapes]
     centres = [(points.min(axis=0) + points.max(axis=0)) / 2 for points in corners]
     shrunk = [c + _SHRUNK * (points - c) for c, points in zip(centres, corners, strict=True)]
-    # meshes move while no source is visible: a mesh that is not at its emitter would be refused
+    # meshes are moved while no source is visible: a visible source checks the place of its mesh
     with films.changed([(s, "spec", replace(s.spec, visible=False)) for s in sources]):
         try:
             _move(scene, shapes, shrunk)
@@ -300,7 +266,7 @@ def polarised_by_default(
 
 
 def illuminated_by(sources: Sequence[Any], lit: Any) -> AbstractContextManager[None]:
-    """Set the power of all sources but ``lit`` to zero; None: the power of all sources."""
+    """Set the power of all sources except ``lit`` to zero while the block runs."""
     dark = [(source, "power", type(source.power)(0.0)) for source in sources if source is not lit]
     for _, _, power in dark:
         if dr.is_jit_v(power):

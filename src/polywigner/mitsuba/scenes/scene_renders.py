@@ -125,8 +125,8 @@ def render(
     done, steps = count(1), exposure.cut.steps
     if progress is None:
         with slow_bar("render", steps) as advance:
-            return with_delta_lights(exposure, exposure.picture(advance))
-    return with_delta_lights(exposure, exposure.picture(lambda: progress(next(done), steps)))
+            return with_delta_lights(exposure, exposure.full_image(advance))
+    return with_delta_lights(exposure, exposure.full_image(lambda: progress(next(done), steps)))
 
 
 # Classes of integrators that render radiance, and maximum number of reflections of delta lights.
@@ -220,7 +220,6 @@ def render_file(
     sensor: int = 0,
     *,
     variant: str | None = None,
-    sampler: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     store: str | Path | None = None,
     scheduler: Scheduler = None,
@@ -236,7 +235,7 @@ def render_file(
         it names, at the same paths.
     integrator, spp, seed, sensor : optional
         As of :func:`render`.
-    variant, sampler, parameters : optional
+    variant, parameters : optional
         As of :func:`load_scene`.
     store : path, optional
         Folder of a zarr store to which finished parts of the image are written. After an
@@ -278,7 +277,7 @@ def render_file(
     if threads is not None:
         checked_count(threads, "threads", 1, MOST_THREADS)
     chosen = choose_variant(mi.variant() if variant is None else variant)
-    file = SceneFile(checked_path(path), chosen, sampler, dict(parameters or {}))
+    file = SceneFile(checked_path(path), chosen, dict(parameters or {}))
     options = {"integrator": integrator, "spp": spp, "seed": seed, "sensor": sensor}
     keeping: dict[str, Any] = {"scheduler": scheduler, "threads": threads, "progress": progress}
     return render_parts(file, file.load(), options, store, **keeping)
@@ -300,7 +299,7 @@ def render_parts(
     if store is None:
         bar = progress_bar("rendering", cut.steps, show=keeping.get("progress"))
         with kernel_threads(keeping.get("threads")), bar as advance:
-            return with_delta_lights(exposure, exposure.picture(advance))
+            return with_delta_lights(exposure, exposure.full_image(advance))
     settings = {**options, "spp": cut.samples, "seed": exposure.seed}
     parts = SceneParts(file, scene, partial(strip, cut, settings))
     sizes = {"row": cut.height, "column": cut.width, "channel": exposure.channels()}

@@ -8,7 +8,6 @@ meshes and images, and reports damaged ones.
 from __future__ import annotations
 
 import hashlib
-import math
 import re
 import warnings
 from collections.abc import Iterator, Mapping
@@ -20,7 +19,6 @@ from xml.etree.ElementTree import Element, ParseError
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
@@ -30,7 +28,6 @@ from polywigner.errors import (
     FileFormatError,
     PolywignerError,
     SceneError,
-    value_text,
 )
 from polywigner.geometry.arguments import checked_flag, checked_path
 from polywigner.geometry.io.limits import (
@@ -52,9 +49,6 @@ _VARIANTS = {
     True: ("llvm_ad_mono_polarized", "cuda_ad_mono_polarized", "scalar_spectral_polarized"),
 }
 _COHERENT = ("wigner", "wigner_receiver")
-_FRACTIONS = ("reflectance", "transmittance", "albedo")
-# Samplers of Mitsuba divide by the number of samples, and rounding up a larger one never ends.
-_MOST_SAMPLES = 1 << 24
 _LONGEST_MESSAGE = 600
 
 
@@ -64,11 +58,11 @@ def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
     Parameters
     ----------
     prefer : str, optional
-        Name of a variant, which is checked. Default: ``llvm_ad_mono`` (one channel, compiled) if
+        Name of a variant to check. Default: ``llvm_ad_mono`` (one channel, compiled) if
         a usable LLVM library exists, else ``cuda_ad_mono`` if there is a GPU, else ``scalar_rgb``
         with one warning.
-    polarised : bool
-        True: a variant with polarised light, ``llvm_ad_mono_polarized`` first.
+    polarised : bool, default False
+        Return a variant with polarised light, ``llvm_ad_mono_polarized`` first.
 
     Returns
     -------
@@ -78,8 +72,8 @@ def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
     Raises
     ------
     EngineError
-        If the preferred variant is unknown to this Mitsuba, cannot run here, or is unpolarised
-        with ``polarised=True``.
+        If Mitsuba has no variant ``prefer``, if the variant cannot run on this machine, or if it
+        is unpolarised with ``polarised=True``.
     """
     status = llvm.prepare()
     fast, on_gpu, plain = _VARIANTS[checked_flag(polarised, "polarised")]
@@ -114,8 +108,6 @@ def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
 def load_scene(
     scene: str | Path | Mapping[str, Any],
     variant: str | None = None,
-    sampler: str | None = None,
-    merge: bool = False,
     diffraction: bool = False,
     **parameters: Any,
 ) -> mi.Scene:
@@ -130,14 +122,10 @@ def load_scene(
         Path of a Mitsuba XML file, or a dictionary as for ``mi.load_dict``.
     variant : str, optional
         Mitsuba variant to set first. Default: the current variant, else :func:`choose_variant`.
-    sampler : str, optional
-        Plugin such as ``multijitter`` that replaces the sampler of every sensor.
-    merge : bool
-        True: merge meshes with equal BSDFs into one mesh without an id, as Mitsuba does.
-    diffraction : bool
-        True: all sources and receivers get the estimator ``exact`` and shadows that diffract
-        (docs/shadows.md). False: as the scene specifies.
-    parameters : str or float
+    diffraction : bool, default False
+        Give all sources and receivers the estimator ``exact`` and shadows that diffract
+        (docs/shadows.md).
+    **parameters : str or float
         Values of the file's ``$parameters``; not for a dictionary.
 
     Returns
@@ -148,21 +136,21 @@ def load_scene(
     Raises
     ------
     EngineError
-        For a variant that cannot run.
+        If the variant cannot run.
     SceneError
-        For a scene that does not load; or the package's error that caused it.
+        If the scene cannot be loaded, unless another error of this package is the cause.
     ArgumentError
-        For other unusable arguments.
+        If another argument is unusable.
     """
     if not isinstance(scene, Mapping):
         path = checked_path(scene)
-        return SceneFile(path, variant, sampler, parameters, diffraction, None, merge).load()
+        return SceneFile(path, variant, parameters, diffraction).load()
     if parameters:
         raise ArgumentError(
             f"a scene dictionary takes no parameters, got {', '.join(parameters)}; put the values "
             "into the dictionary"
         )
-    return _load(SceneFile(None, variant, sampler, {}, diffraction, None, merge), dict(scene))
+    return _load(SceneFile(None, variant, {}, diffraction), dict(scene))
 
 
 @dataclass(frozen=True)
@@ -172,27 +160,18 @@ class SceneFile:
     path: Path | None
     """None for a scene that is a dictionary."""
     variant: str | None
-    sampler: str | None = None
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """Values of the file's ``$parameters``, with any names."""
     diffraction: bool = False
     polarisation: str | None = None
     """Polarisation of sources and receivers for which the file specifies none; None: the default.
     """
-    merge: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.sampler, str | None):
-            got = value_text(self.sampler)
-            raise ArgumentError(f"expected sampler as the name of a plugin, got {got}")
-        checked_flag(self.merge, "merge")
         checked_flag(self.diffraction, "diffraction")
 
     def load(self) -> mi.Scene:
         """Load the ``mi.Scene``; raises as :func:`load_scene` does."""
-        for name, value in self.parameters.items():
-            if value is not None and not isinstance(value, (str, int, float)):
-                raise ArgumentError(f"expected {name} as a text or a number, got {value!r}")
         if self.path is None or not self.path.is_file():
             raise SceneError(
                 f"expected a Mitsuba scene file, got {str(self.path)!r}, which is not a file"
@@ -202,7 +181,7 @@ class SceneFile:
 
 @one_at_a_time
 def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
-    """Load the scene of a file, or the entries of a dictionary if there is no file."""
+    """Load the scene of a file, or of the entries of a dictionary."""
     if how.variant is not None or mi.variant() is None:
         mi.set_variant(choose_variant(how.variant))
     register()
@@ -243,17 +222,22 @@ def has_wigner_emitter(scene: Any) -> bool:
     Parameters
     ----------
     scene : mi.Scene
-        A scene of the current variant; other objects raise a SceneError.
+        A scene of the current variant.
 
     Returns
     -------
     bool
+
+    Raises
+    ------
+    SceneError
+        If ``scene`` is not a scene of the current variant.
     """
     return any(map(is_source, checked_scene(scene).emitters()))
 
 
 def translate_error(error: Exception) -> PolywignerError:
-    """Return an error that Mitsuba raised while loading as an error of one line.
+    """Convert an error that Mitsuba raised while loading a scene to an error of one line.
 
     Parameters
     ----------
@@ -263,14 +247,14 @@ def translate_error(error: Exception) -> PolywignerError:
     Returns
     -------
     PolywignerError
-        The package's error that caused it, after its location in the scene; else a SceneError with
-        Mitsuba's message.
+        The error of this package that is the cause, with its location in the scene; otherwise a
+        SceneError with Mitsuba's message.
     """
     return _translated(error, None)
 
 
 def _translated(error: Exception, state: mi.parser.ParserState | None) -> PolywignerError:
-    """Return the error of `translate_error`, with the file that the object reads."""
+    """Translate an error; ``state`` adds the name of the file that the object reads."""
     if isinstance(error, PolywignerError):
         return error
     text = str(error)
@@ -285,8 +269,7 @@ def _translated(error: Exception, state: mi.parser.ParserState | None) -> Polywi
     last = traceback.strip().splitlines()[-1:]  # the error of a plugin in Python
     line = _printable(" ".join(" ".join([head, *last]).split()))
     names = [] if state is None or at is None else _file_names_at(state, at[1])
-    unnamed = [name for name in names if name not in line]
-    about = f" (file {_printable(unnamed[0])})" if unnamed else ""
+    about = f" (file {_printable(names[0])})" if names and names[0] not in line else ""
     return SceneError(f"expected a scene that Mitsuba can load: {line}{about}")
 
 
@@ -312,9 +295,6 @@ def _instantiate(
     """Check a parsed scene, apply the options and build it."""
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
-    _check_numbers(state)
-    if how.sampler is not None:
-        _replace_samplers(state, how.sampler)
     for node in state.nodes:
         if node.props.plugin_name() not in _COHERENT:
             continue
@@ -324,63 +304,12 @@ def _instantiate(
         if how.polarisation is not None and "polarisation" not in node.props:
             node.props["polarisation"] = how.polarisation
     mi.parser.transform_merge_equivalent(config, state)
-    if how.merge:
-        mi.parser.transform_merge_meshes(config, state)
     return mi.parser.instantiate(config, state)
 
 
 def _values_in(props: mi.Properties) -> dict[str, Any]:
     copy = mi.Properties(props)  # Mitsuba reports unread properties
     return {name: copy[name] for name in copy.keys()}  # noqa: SIM118 (not a dict)
-
-
-def _check_numbers(state: mi.parser.ParserState) -> None:
-    """Raise SceneError for NaN, fractions of light outside 0 to 1, and numbers of samples."""
-    for node in state.nodes:
-        for name, value in _values_in(node.props).items():
-            lowest, highest = -math.inf, math.inf
-            if node.type == mi.ObjectType.BSDF and name.endswith(_FRACTIONS):
-                lowest, highest = 0.0, 1.0
-            elif node.type == mi.ObjectType.Sampler and name == "sample_count":
-                lowest, highest = 1, _MOST_SAMPLES
-            values = _numbers_in(value)
-            if not all(lowest <= number <= highest for number in values):
-                limits = "" if highest == math.inf else f" from {lowest:g} to {highest}"
-                raise SceneError(
-                    f"expected the {name} of a {node.props.plugin_name()} in numbers{limits}, got "
-                    f"{', '.join(f'{number:g}' for number in values[:3])}"
-                )
-
-
-def _numbers_in(value: Any) -> list[float]:
-    """Return the numbers of a property or of a pose; none for texts and references to textures."""
-    if isinstance(value, (str, mi.Properties.ResolvedReference)):
-        return []
-    value = getattr(value, "values", value)  # of a spectrum
-    value = value if hasattr(value, "shape") else getattr(value, "matrix", value)
-    try:
-        return [float(number) for number in np.ravel(np.array(value, np.float64))]
-    except (TypeError, ValueError):
-        return []
-
-
-def _replace_samplers(state: mi.parser.ParserState, name: str) -> None:
-    kinds = [node.type for node in state.nodes]
-    for node in state.nodes:
-        if node.type == mi.ObjectType.Sampler:
-            props = mi.Properties(name)
-            props.set_id(node.props.id())
-            for key in ("sample_count", "seed"):
-                if key in node.props:
-                    props[key] = node.props[key]
-            node.props = props
-        elif node.type == mi.ObjectType.Sensor:
-            values = _values_in(node.props).values()
-            nested = [v for v in values if isinstance(v, mi.Properties.ResolvedReference)]
-            if not any(kinds[value.index()] == mi.ObjectType.Sampler for value in nested):
-                props = mi.Properties(node.props)
-                props["sampler"] = mi.load_dict({"type": name})
-                node.props = props
 
 
 # ---- scene files --------------------------------------------------------------------------------
@@ -485,7 +414,6 @@ class _CheckedFiles:
     def __init__(self, file: Path, parameters: Mapping[str, str]) -> None:
         self.values = dict(parameters)
         self.paths: set[Path] = set()
-        self.size = 0
         folders = [file.resolve().parent, *map(_resolved, parameters.values())]
         self.folders = [folder for folder in folders if folder is not None]
 
@@ -508,8 +436,6 @@ class _CheckedFiles:
         if level > _DEEPEST_INCLUDE:
             raise FileFormatError("expected scenes that do not include each other in a circle")
         content = bytes_of(file, LARGEST_SCENE)
-        self.size += len(content)  # each time that it is included
-        check_bytes(self.size, LARGEST_SCENE, "scenes, includes counted")
         self.paths.add(file.resolve())
         for element in _root_of(text_of(content)).iter():
             attributes = {name: self._filled(text) for name, text in element.items()}

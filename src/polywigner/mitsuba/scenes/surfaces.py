@@ -142,15 +142,15 @@ def faces_of(mesh: mi.Mesh) -> Indices:
 # ---- where rays start and end -------------------------------------------------------------------
 
 ROUNDING = 2.0**-20
-"""Height within which a ray may meet the surface at its end, relative to the coordinates: eight
-times the last digit of single precision."""
+"""Height above a surface, relative to the coordinates, at which rays start and end: eight units in
+the last place of single precision."""
 
-# Error of positions in single precision, relative to the largest coordinate: rotation and
-# translation round by 6e-8 each, the positions once more.
+# Error of positions in single precision, relative to the largest coordinate. Rotation, translation
+# and the positions themselves are each rounded by 6e-8.
 PLACE_ERROR = 5e-7
 
 
-# Shapes whose bounds represent their faces; a curved shape touches a plane in one point.
+# Flat shapes and instances, whose bounds represent them; curved shapes touch a plane in one point.
 _FLAT = ("Rectangle", "Disk", "Instance")
 
 
@@ -159,8 +159,15 @@ def reach_at(scene: mi.Scene, corners: Floats) -> float:
 
     Parameters
     ----------
-    scene : the ``mi.Scene``.
-    corners : (n, 3) points that bound the end, in units of the scene.
+    scene : mi.Scene
+        The scene.
+    corners : float array, shape (n, 3)
+        Corners of the source or receiver at the end of the path, in units of the scene.
+
+    Returns
+    -------
+    float
+        The largest absolute coordinate in units of the scene.
     """
     low, high = corners.min(axis=0), corners.max(axis=0)
     result = float(np.abs(corners).max())
@@ -205,20 +212,29 @@ def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) ->
 
     Parameters
     ----------
-    it : interaction at the start of the ray.
-    end, normal : point of the source, and the unit vector on its front.
-    reach : largest coordinate of the source, as of :func:`reach_at`.
+    it : mi.Interaction3f
+        Start of the ray.
+    end : mi.Point3f
+        Point of the source.
+    normal : mi.Vector3f
+        Unit normal on the front of the source.
+    reach : Float
+        Largest coordinate of the source, see :func:`reach_at`.
+
+    Returns
+    -------
+    mi.Point3f
     """
     p = dr.detach(it.p)
     short = end + normal * (ROUNDING * (largest(p) + reach))
     start = it.spawn_ray_to(short).o if dr.width(it.n) else p  # a point without a surface
     longer = 1.0 / (1.0 - float(mi.math.ShadowEpsilon))
-    # a shift without derivatives: the derivatives of the direction come from the point
+    # detached: the derivatives of the direction come from the point
     return end + dr.detach(start + (short - start) * longer - end)
 
 
 class Reaches:
-    """Largest coordinates of the shapes of a scene, for the rounding of points on them."""
+    """Largest coordinates of the shapes of a scene, which determine rounding errors of points."""
 
     def __init__(self, scene: mi.Scene) -> None:
         self._table: Any = None
@@ -260,10 +276,10 @@ def _number(pointer: Drjit) -> Drjit:
 
 # ---- opaque bodies ------------------------------------------------------
 
-# In wavelengths: largest distance of a chord from a curved shape, and largest radius of a sphere
-# that chords resolve. Largest number of chords around a rim.
+# Largest distance of a chord from a curved shape, and largest radius of a sphere that chords
+# resolve, in wavelengths. Largest number of chords around a circle.
 _SAGITTA, _LARGEST_SPHERE, _MOST_CHORDS = 0.01, 170.0, 1024
-# Most faces of obstacles: they take a gigabyte.
+# Largest number of faces of obstacles, which take a gigabyte.
 _MOST_FACES = 1 << 21
 _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 
@@ -397,7 +413,7 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     inner = points - points.mean(axis=0)
     if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:  # inside out
         return _body(points, faces[:, ::-1], -normals)
-    # convex if no corner opposite to an edge is in front of the face at its other side
+    # convex if no edge has a neighbouring face that rises in front of its other face
     order, other = np.argsort(forth), np.argsort(back)
     face = np.tile(np.arange(len(faces)), 3)
     opposite = np.concatenate([faces[:, (k + 2) % 3] for k in range(3)])
@@ -407,18 +423,18 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     return Obstacle(points, faces, owner, normals[first], True, convex)
 
 
-# Height above the plane of a source in wavelengths below which edges are no obstacles.
+# Edges lower than this height above the plane of a source, in wavelengths, are ignored.
 BEHIND = 1e-3
 
 
 def in_frame(body: Obstacle, pose: Floats, scale: float) -> Obstacle:
-    """Return a body in the frame of a pose, then scaled."""
+    """Return a body in the frame of a pose, with lengths multiplied by ``scale``."""
     vertices = (body.vertices - pose[:3, 3]) @ pose[:3, :3] * scale
     return replace(body, vertices=vertices, normals=body.normals @ pose[:3, :3])
 
 
 def before_plane(silhouette: Silhouette) -> Silhouette:
-    """Return the parts of edges in front of the plane of the source."""
+    """Return a silhouette with the parts of its edges in front of the source's plane."""
     start, end = np.moveaxis(silhouette.edges, 1, 0)
     low, high = start[:, 2] - BEHIND, end[:, 2] - BEHIND
     with np.errstate(divide="ignore", invalid="ignore"):
