@@ -1,9 +1,7 @@
 """Clouds of scatterers: their sum against received powers, their paths against geometry."""
 
-import base64
 import csv
 import math
-import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
@@ -186,23 +184,13 @@ def test_files_hold_the_cloud(plain, tmp_path):
     assert [float(row["position_z"]) for row in rows] == cloud["position"].values[:, 2].tolist()
     assert [row["shape"] for row in rows] == cloud["shape"].values.tolist()
 
-    pm.write_scatterers(cloud, tmp_path / "cloud.vtp")
-    root = ET.parse(tmp_path / "cloud.vtp").getroot()
-    arrays = {array.get("Name"): array.text or "" for array in root.iter("DataArray")}
-    for name in ("power", "position"):
-        _, *values = np.frombuffer(base64.b64decode(arrays[name]), "<f8").tolist()
-        assert values == cloud[name].values.ravel().tolist()
-    names = bytes(map(int, arrays["shape_names"].split())).decode().split("\0")
-    size, *numbers = np.frombuffer(base64.b64decode(arrays["shape"]), "<i8").tolist()
-    assert size == 8 * len(numbers)
-    assert [names[k] for k in numbers] == cloud["shape"].values.tolist()
     assert not list(tmp_path.glob("*.partial*"))
 
 
 def test_other_files_and_other_data_are_refused(plain, tmp_path):
     scene = on_floor()
     cloud = pm.scatterers(scene, 5, rays=16)
-    with pytest.raises(ArgumentError, match=r"expected a file of \.vtp, \.csv, \.nc"):
+    with pytest.raises(ArgumentError, match=r"expected a file of \.csv or \.nc"):
         pm.write_scatterers(cloud, tmp_path / "cloud.ply")
     with pytest.raises(ArgumentError, match="expected a cloud"):
         pm.write_scatterers({"power": 1}, tmp_path / "cloud.csv")
