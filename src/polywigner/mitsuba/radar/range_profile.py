@@ -165,7 +165,7 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
 
 def _profile_of(scene: Any, received_batches: Received, edges: Floats) -> xarray.Dataset:
     """See :func:`range_profile`."""
-    powers, parties, batches = received_batches
+    powers, placed, batches = received_batches
     shares = [shares_of(scene, each) for each in batches]
     names = [part.name for part in powers[0].contributions]
     by_light = np.array([[*own, other][: len(names)] for own, other in shares])
@@ -174,7 +174,7 @@ def _profile_of(scene: Any, received_batches: Received, edges: Floats) -> xarray
     values = _bins_of(by_light, direct) | _noise_of(powers)
     labels, paths = _paths_of(lights)
     coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
-    receivers = [position.name for position in parties.receivers]
+    receivers = [receiver.name for receiver in placed]
     values |= paths
     if is_single := len(receivers) == 1:
         values = {name: (array[0], *rest) for name, (array, *rest) in values.items()}
@@ -184,7 +184,7 @@ def _profile_of(scene: Any, received_batches: Received, edges: Floats) -> xarray
     meaning = "light and mirrors in the order of light; none: line of sight"
     about = {
         "receiver": receivers[0] if is_single else "several",
-        "wavelength": parties.receivers[0].wavelength,
+        "wavelength": placed[0].wavelength,
         "polarisation": "; ".join(dict.fromkeys(power.polarisation for power in powers)),
         "samples": powers[0].samples,
         "seed": powers[0].seed,

@@ -240,8 +240,8 @@ def scatterers(
     receivers = receivers_of(scene)
     number = chosen(receivers, receiver)
     sensor = receivers[number][1]
-    parties = matched(scene, [number], options)
-    (placed,) = parties.receivers
+    (taker,), emitters = matched(scene, [number], options)
+    placed = taker.source
     if sensor.spec.has_several:
         raise SceneError(
             "scatterers require the same polarisation for all elements of a receiver; set one "
@@ -265,7 +265,7 @@ def scatterers(
         "to_world": placed.pose.ravel().tolist(),
         "obliquity": placed.obliquity,
         "normalise": sensor.spec.normalise,
-        "polarisation": polarisation_summary([*parties.emitters, placed], False),
+        "polarisation": polarisation_summary([*emitters, placed], False),
         "estimator": sensor.spec.estimator,
         "rays": -(-launched // BATCHES) * BATCHES,
         "seed": options.seed,

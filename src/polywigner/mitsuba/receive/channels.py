@@ -184,6 +184,10 @@ class CoherentPath:
     echo: Callable[[float], complex] | None = None
     """b of a body at a wavelength in m, instead of links."""
 
+    def transmission_at(self, wavelength: float) -> complex:
+        """Return the amplitude transmission at a wavelength in m, with diffraction."""
+        return self.transmission * (1.0 if self.edges is None else self.edges(wavelength))
+
 
 @dataclass(frozen=True, eq=False)
 class NormalisedSource:
@@ -402,7 +406,7 @@ def _slow(
             values[k] += turned * next(couplings) * math.prod(roots)
         if path.echo is not None:
             values[k] = path.echo(wavelength)
-        values[k] *= path.transmission * (1.0 if path.edges is None else path.edges(wavelength))
+        values[k] *= path.transmission_at(wavelength)
     return values * np.exp(-2j * math.pi * frequency * delays)
 
 
