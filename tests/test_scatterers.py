@@ -17,6 +17,12 @@ import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM li
 WAVELENGTH = 3.19e-3
 SQUARE = pw.shapes.square(3e-3)
 
+
+@pytest.fixture(autouse=True)
+def mono(llvm):
+    mi.set_variant("llvm_ad_mono")
+
+
 # Standard errors of clouds and renders are known to 18 %.
 SIGMAS = 5.0
 # Places of a scene come in single precision, rays start a little off surfaces.
@@ -68,7 +74,7 @@ def apart(cloud, expected, error=0.0):
 
 
 @pytest.mark.parametrize("estimator", [pytest.param("exact", marks=pytest.mark.slow), "wigner"])
-def test_powers_add_up_to_the_received_power(plain, estimator):
+def test_powers_add_up_to_the_received_power(estimator):
     scene = on_floor(estimator)
     result = pm.received_power(scene, spp=128)
     cloud = pm.scatterers(scene, 100, rays=256)
@@ -79,7 +85,7 @@ def test_powers_add_up_to_the_received_power(plain, estimator):
         assert (cloud["power"].values > 0).all()
 
 
-def test_one_seed_gives_one_cloud(plain):
+def test_one_seed_gives_one_cloud():
     scene = on_floor()
     first, again, other = (pm.scatterers(scene, 50, seed=s, rays=256) for s in (3, 3, 4))
     for name in first.data_vars:
@@ -90,7 +96,7 @@ def test_one_seed_gives_one_cloud(plain):
 # ---- places and paths --------------------------------------------------------------------------
 
 
-def test_places_and_paths_are_those_of_the_geometry(plain):
+def test_places_and_paths_are_those_of_the_geometry():
     cloud = pm.scatterers(on_floor("exact"), 60, rays=128)
     place = cloud["position"].values
     assert np.allclose(place[:, 2], 1.0, atol=SINGLE)
@@ -101,7 +107,7 @@ def test_places_and_paths_are_those_of_the_geometry(plain):
     assert np.abs(cloud["path_length"].values - way_by(place)).max() < 4.3e-3
 
 
-def test_a_null_surface_is_no_scatterer_and_lets_paths_pass(plain):
+def test_a_null_surface_is_no_scatterer_and_lets_paths_pass():
     veil = plate([0, 0, 0.4], [1, 0, 0], 180, 3.0, type="null")
     open_cloud = pm.scatterers(on_floor(), 400, rays=128)
     behind = pm.scatterers(on_floor(veil=veil), 400, rays=128)
@@ -113,7 +119,7 @@ def test_a_null_surface_is_no_scatterer_and_lets_paths_pass(plain):
     assert np.abs(behind["path_length"].values - ways).max() < 4.3e-3
 
 
-def test_a_path_of_two_bounces_stands_where_the_receiver_sees_it(plain):
+def test_a_path_of_two_bounces_stands_where_the_receiver_sees_it():
     scene = in_corner()
     cloud = pm.scatterers(scene, 4000, rays=256)
     twice = cloud["bounces"].values == 2
@@ -127,7 +133,7 @@ def test_a_path_of_two_bounces_stands_where_the_receiver_sees_it(plain):
     assert (cloud["path_length"].values[twice] > straight[twice] + 1e-4).mean() > 0.95
 
 
-def test_the_second_bounce_needs_its_depth(plain):
+def test_the_second_bounce_needs_its_depth():
     scene = in_corner()
     assert set(pm.scatterers(scene, 400, rays=64, max_depth=2)["bounces"].values) == {1}
     assert len(pm.scatterers(scene, 400, rays=64, max_depth=1)["power"].values) == 0
@@ -138,7 +144,7 @@ def test_the_second_bounce_needs_its_depth(plain):
 # ---- velocity ----------------------------------------------------------------------------------
 
 
-def test_paths_grow_as_geometry_says(plain):
+def test_paths_grow_as_geometry_says():
     speeds = {"floor": (1.0, 2.0, 3.0), "tx": (0.5, 0.0, -1.0), "rx": (0.0, -2.0, 0.25)}
     cloud = pm.scatterers(on_floor(), 100, rays=64, velocities=speeds)
     place = cloud["position"].values
@@ -154,7 +160,7 @@ def test_paths_grow_as_geometry_says(plain):
     assert np.abs(cloud["path_rate"].values - rate).max() < 3e-3 * 2 * 4
 
 
-def test_a_mirror_that_comes_nearer_shifts_the_path_by_twice_its_speed(plain):
+def test_a_mirror_that_comes_nearer_shifts_the_path_by_twice_its_speed():
     """Rough floor behind the receiver, seen in a mirror ahead: only the mirror moves."""
     mirror = plate([0, 0, 1.0], [1, 0, 0], 180, 2.0, type="conductor", material="none")
     back = plate([0, 0, -0.5], [1, 0, 0], 0, 2.0)
@@ -172,7 +178,7 @@ def test_a_mirror_that_comes_nearer_shifts_the_path_by_twice_its_speed(plain):
 # ---- files -------------------------------------------------------------------------------------
 
 
-def test_files_hold_the_cloud(plain, tmp_path):
+def test_files_hold_the_cloud(tmp_path):
     scene = in_corner()
     cloud = pm.scatterers(scene, 20, rays=64, velocities={"wall": (1, 0, 0)})
     pm.write_scatterers(cloud, tmp_path / "cloud.csv")
@@ -187,7 +193,7 @@ def test_files_hold_the_cloud(plain, tmp_path):
     assert not list(tmp_path.glob("*.partial*"))
 
 
-def test_other_files_and_other_data_are_refused(plain, tmp_path):
+def test_other_files_and_other_data_are_refused(tmp_path):
     scene = on_floor()
     cloud = pm.scatterers(scene, 5, rays=16)
     with pytest.raises(ArgumentError, match=r"expected a file of \.csv or \.nc"):
@@ -213,13 +219,13 @@ def test_other_files_and_other_data_are_refused(plain, tmp_path):
         ({"count": 10, "velocities": {"floor": (1, 0)}}, "three finite numbers"),
     ],
 )
-def test_arguments_out_of_range_are_refused(plain, options, message):
+def test_arguments_out_of_range_are_refused(options, message):
     scene = on_floor()
     with pytest.raises(ArgumentError, match=message):
         pm.scatterers(scene, **options)
 
 
-def test_fog_and_darkness_are_refused_and_emptiness_is_not(plain):
+def test_fog_and_darkness_are_refused_and_emptiness_is_not():
     fog = {"type": "homogeneous", "sigma_t": 0.1}
     box = {"type": "cube", "bsdf": {"type": "null"}, "interior": fog}
     with pytest.raises(SceneError, match="without fog"):

@@ -57,12 +57,7 @@ def require_transients(variant: str | None = None) -> ModuleType:
     """Return mitransient with its plugins registered for the current variant."""
     if variant is not None:
         mi.set_variant(variant)
-    variant = mi.variant()
-    if variant is None or variant.startswith("scalar"):
-        raise EngineError(
-            f"expected a compiled variant such as llvm_ad_mono, got {variant}: ranges need "
-            "mitransient, which has no integrators for scalar variants"
-        )
+    check_is_compiled("ranges")
     loaded, films = (sys.modules.get(name) for name in (_NAME, f"{_NAME}.films.transient_hdr_film"))
     if loaded is not None:
         if films is not None and issubclass(films.TransientHDRFilm, mi.Film):
@@ -76,6 +71,16 @@ def require_transients(variant: str | None = None) -> ModuleType:
     finally:
         if chosen is None:
             os.environ.pop("MI_DEFAULT_VARIANT", None)
+
+
+def check_is_compiled(purpose: str) -> None:
+    """Raise EngineError for scalar variants, which trace one ray at a time."""
+    variant = mi.variant()
+    if variant is None or variant.startswith("scalar"):
+        raise EngineError(
+            f"{purpose} require a compiled variant such as llvm_ad_mono, got {variant}; set one "
+            "with mi.set_variant(polywigner.mitsuba.choose_variant())"
+        )
 
 
 def is_transient(integrator: Any) -> bool:

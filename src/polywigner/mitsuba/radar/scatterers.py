@@ -16,9 +16,10 @@ from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import depths_of
-from polywigner.mitsuba.plugins.placement import placed_emitter
+from polywigner.mitsuba.plugins.placement import PlacedSource, placed_emitter
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
 from polywigner.mitsuba.plugins.registration import one_at_a_time
+from polywigner.mitsuba.radar.range_film import check_is_compiled
 from polywigner.mitsuba.receive.power_results import ReceiveOptions, described
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
 from polywigner.mitsuba.receive.received_power import chosen, matched
@@ -127,18 +128,16 @@ def _batch(
     return events.view(np.recarray), power, intensity
 
 
-def _paths(sensor: Any, draws: Floats) -> tuple[list[Paths], Floats, Floats]:
+def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
     """Return paths that leave a receiver, W per radiance and solid angle, and solid angles."""
-    rows = []
-    for direction, position, others in point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:]):
-        angles, density = sensor.directions.sample(direction)
-        ray, watts, weight = sensor.look_along(angles, 0.0, others.x, position)
-        if sensor.spec.polarisation is not None:
-            weight = sensor.weigh(weight, 1.0, angles)
-        rows.append((Paths.along(mi.Ray3f(ray), weight, 0.0 * density), watts, density))
-    dr.eval(rows)
-    paths, watts, densities = zip(*rows, strict=True)
-    return list(paths), joined(watts), 1.0 / joined(densities)
+    ((direction, position, others),) = point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:])
+    angles, density = sensor.directions.sample(direction)
+    ray, watts, weight = sensor.look_along(angles, 0.0, others.x, position)
+    if sensor.spec.polarisation is not None:
+        weight = sensor.weigh(weight, 1.0, angles)
+    paths = Paths.along(mi.Ray3f(ray), weight, 0.0 * density)
+    dr.eval(paths, watts, density)
+    return paths, joined([watts]), 1.0 / joined([density])
 
 
 def _probabilities(measure: Floats, count: int) -> Floats:
@@ -192,41 +191,58 @@ def scatterers(
 
     Parameters
     ----------
-    scene : a ``mi.Scene`` with a ``wigner_receiver`` sensor and lights, without fog.
-    count : largest number of scatterers; fewer if fewer paths reach a light.
-    seed : seed of the random numbers, zero or more.
-    velocities : (3,) in m/s by the ids of shapes, emitters and the receiver; default: zero. Load
-        the scene with :func:`load_scene`, which keeps ids; ``mi.load_dict`` merges meshes of equal
+    scene : mi.Scene
+        Scene of a compiled variant with a ``wigner_receiver`` sensor and lights, without fog.
+    count : int
+        Largest number of scatterers; fewer if fewer paths reach a light.
+    seed : int, default 0
+        Seed of the random numbers, zero or more.
+    velocities : mapping of str to array_like, shape (3,), optional
+        Velocities in m/s by the ids of shapes, emitters and the receiver; default: zero. Load the
+        scene with :func:`load_scene`, which keeps ids; ``mi.load_dict`` merges meshes of equal
         BSDFs into a mesh without an id.
-    max_depth : longest path as in Mitsuba's integrators, 2 is one reflection; -1: no limit.
-        Default: the value of the scene's integrator.
-    receiver : as for :func:`received_power`.
-    rays : number of rays from the receiver; default: four times ``count``, at least 4096.
+    max_depth : int, optional
+        Longest path as in Mitsuba's integrators: 2 is one reflection, -1 has no limit. Default:
+        the value of the scene's integrator.
+    receiver : int or str, optional
+        As for :func:`received_power`.
+    rays : int, optional
+        Number of rays from the receiver. Default: four times ``count``, at least 4096.
 
     Returns
     -------
-    xarray.Dataset over ``scatterer`` with
+    xarray.Dataset
+        Dataset over ``scatterer`` with
 
-    - ``position``, ``normal`` (scatterer, axis): position in m and normal of the first surface; the
-      normal is on the receiver's side
-    - ``power``: received power in W; with the estimator ``wigner`` some are negative
-    - ``intensity``: radiant intensity in W/sr towards the receiver, for :func:`element_responses`
-    - ``path_length`` in m, from the emitter through all bounces to the receiver; the range is half
-      of it. Infinite for the light of an environment
-    - ``bounces``: number of surfaces on the path; 0 for a light in view of the receiver
-    - ``shape``, ``emitter``: ids of the first surface and of the light
-    - with ``velocities``: ``velocity`` (scatterer, axis) of the first surface, and ``path_rate``,
-      the growth rate of the path in m/s: minus the Doppler shift times the wavelength
+        - ``position``, ``normal`` (scatterer, axis): position in m and normal of the first surface;
+          the normal is on the receiver's side
+        - ``power``: received power in W; with the estimator ``wigner`` some are negative
+        - ``intensity``: radiant intensity in W/sr towards the receiver, for
+          :func:`element_responses`
+        - ``path_length`` in m, from the emitter through all bounces to the receiver; the range is
+          half of it. Infinite for the light of an environment
+        - ``bounces``: number of surfaces on the path; 0 for a light in view of the receiver
+        - ``shape``, ``emitter``: ids of the first surface and of the light
+        - with ``velocities``: ``velocity`` (scatterer, axis) of the first surface, and
+          ``path_rate``, the growth rate of the path in m/s: minus the Doppler shift times the
+          wavelength
 
-    Attributes: wavelength, frequency, receiver, to_world (16 numbers, the translation in m),
-    obliquity, normalise, estimator, rays, seed, and ``standard_error`` of the sum of powers in W.
+        Attributes: wavelength, frequency, receiver, to_world (16 numbers, the translation in m),
+        obliquity, normalise, estimator, rays, seed, and ``standard_error`` of the sum of powers in
+        W.
 
     Raises
     ------
-    SceneError : no receiver, no light, fog; an emitter with a different wavelength, obliquity or
-        scene unit; infinite radiance. ArgumentError : no scene, several receivers without a choice,
-        unknown ids, other arguments out of range.
+    SceneError
+        If the scene has no receiver, no light or fog, if an emitter differs in wavelength,
+        obliquity or scene unit, or if a radiance is infinite.
+    ArgumentError
+        If ``scene`` is not a scene, if there are several receivers and none is chosen, if an id is
+        unknown, or if another argument is out of range.
+    EngineError
+        If the variant is scalar.
     """
+    check_is_compiled("scatterers")
     size = checked_count(count, "count", 1, _MOST)
     launched = max(_RAYS * size, _FEWEST_RAYS)
     if rays is not None:
@@ -252,8 +268,10 @@ def scatterers(
             "expected a scene without fog, got a medium, which scatterers do not support; remove "
             "it, or use received_power"
         )
-    names = _Names.of(scene, placed.name)
-    motion = None if velocities is None else names.motion(velocities, placed.scene_unit)
+    shapes, lights = _ids_in(scene)
+    motion = None
+    if velocities is not None:
+        motion = _motion(velocities, shapes, lights, placed)
     depth = _longest_path(scene.integrator()) if depth is None else depth
     with hide_emitters(scene), aimed(scene), scene_known(scene):
         cloud = cloud_of(scene, sensor, launched, depth, rng, motion)
@@ -271,58 +289,55 @@ def scatterers(
         "seed": options.seed,
         "standard_error": cloud.standard_error,
     }
-    return _described(cloud, names, motion, placed.scene_unit, about)
+    return _described(cloud, shapes, lights, motion, placed.scene_unit, about)
 
 
-@dataclass(frozen=True)
-class _Names:
-    """Ids of shapes and lights by their numbers in rays."""
-
-    shapes: dict[int, str]
-    lights: dict[int, str]
-    receiver: str
-
-    @classmethod
-    def of(cls, scene: Any, receiver: str) -> _Names:
-        shapes = {
-            _number("Shape", shape): shape.id() or f"shape {k}"
-            for k, shape in enumerate(sorted_shapes(scene))
-        }
-        lights, coherent = {}, 0
-        for k, light in enumerate(sorted_emitters(scene)):
-            name = light.id() or f"light {k}"
-            if is_source(light):
-                name = placed_emitter(light, coherent).name
-                coherent += 1
-            elif light.get_shape() is not None:
-                name = light.get_shape().id() or name
-            lights[_number("Emitter", light)] = name
-        return cls(shapes, lights, receiver)
-
-    def motion(self, velocities: Mapping[str, ArrayLike], unit: float) -> Motion:
-        """Return velocities in scene units by numbers; ArgumentError for unknown ids."""
-        if not isinstance(velocities, Mapping):
-            raise ArgumentError(
-                f"expected velocities as a mapping of ids to (vx, vy, vz), got {velocities!r}"
-            )
-        speeds = {name: _velocity(name, value) / unit for name, value in velocities.items()}
-        known = {*self.shapes.values(), *self.lights.values(), self.receiver}
-        for name in speeds:
-            if name not in known:
-                raise ArgumentError(
-                    f"expected velocities of {', '.join(map(repr, sorted(known)))}, got one of "
-                    f"{name!r}; mi.load_dict merges meshes of equal BSDFs: load the scene with "
-                    "polywigner.mitsuba.load_scene, which keeps ids"
-                )
-        return Motion(
-            {number: speeds[name] for number, name in self.shapes.items() if name in speeds},
-            {number: speeds[name] for number, name in self.lights.items() if name in speeds},
-            speeds.get(self.receiver, np.zeros(3)),
-        )
+def _ids_in(scene: Any) -> tuple[dict[int, str], dict[int, str]]:
+    """Return the ids of shapes and of lights by their numbers in rays."""
+    shapes = {
+        _number("Shape", shape): shape.id() or f"shape {k}"
+        for k, shape in enumerate(sorted_shapes(scene))
+    }
+    lights, coherent = {}, 0
+    for k, light in enumerate(sorted_emitters(scene)):
+        name = light.id() or f"light {k}"
+        if is_source(light):
+            name = placed_emitter(light, coherent).name
+            coherent += 1
+        elif light.get_shape() is not None:
+            name = light.get_shape().id() or name
+        lights[_number("Emitter", light)] = name
+    return shapes, lights
 
 
 def _number(kind: str, thing: Any) -> int:
     return int(np.ravel(np.array(number_of(kind, thing)))[0])
+
+
+def _motion(
+    velocities: Mapping[str, ArrayLike],
+    shapes: dict[int, str],
+    lights: dict[int, str],
+    receiver: PlacedSource,
+) -> Motion:
+    """Return velocities in scene units by numbers; ArgumentError for unknown ids."""
+    if not isinstance(velocities, Mapping):
+        raise ArgumentError(
+            f"expected velocities as a mapping of ids to (vx, vy, vz), got {velocities!r}"
+        )
+    speeds = {n: _velocity(n, value) / receiver.scene_unit for n, value in velocities.items()}
+    known = {*shapes.values(), *lights.values(), receiver.name}
+    if unknown := [name for name in speeds if name not in known]:
+        raise ArgumentError(
+            f"expected velocities of {', '.join(map(repr, sorted(known)))}, got one of "
+            f"{unknown[0]!r}; mi.load_dict merges meshes of equal BSDFs: load the scene with "
+            "polywigner.mitsuba.load_scene, which keeps ids"
+        )
+    of_shapes, of_lights = (
+        {number: speeds[name] for number, name in ids.items() if name in speeds}
+        for ids in (shapes, lights)
+    )
+    return Motion(of_shapes, of_lights, speeds.get(receiver.name, np.zeros(3)))
 
 
 def _velocity(name: str, value: ArrayLike) -> Floats:
@@ -348,10 +363,15 @@ def _longest_path(integrator: Any) -> int:
 
 
 def _described(
-    cloud: Cloud, names: _Names, motion: Motion | None, unit: float, about: dict[str, Any]
+    cloud: Cloud,
+    shapes: dict[int, str],
+    lights: dict[int, str],
+    motion: Motion | None,
+    unit: float,
+    about: dict[str, Any],
 ) -> xarray.Dataset:
+    """Return the dataset of a cloud in scene units of ``unit`` metres."""
     events, along, in_space = cloud.events, ("scatterer",), ("scatterer", "axis")
-    shapes, lights = _named(names.shapes, events.first_shape), _named(names.lights, events.light)
     values: dict[str, tuple[Any, tuple[str, ...], str, str]] = {
         "position": (unit * events.position, in_space, "m", "position on the first surface"),
         "normal": (events.normal, in_space, "1", "normal of the first surface"),
@@ -366,8 +386,8 @@ def _described(
         "intensity": (cloud.intensity, along, "W/sr", "radiant intensity towards the receiver"),
         "path_length": (unit * events.length, along, "m", "path from emitter to receiver"),
         "bounces": (events.bounces, along, "1", "surfaces on the path"),
-        "shape": (shapes, along, "", "id of the first surface"),
-        "emitter": (lights, along, "", "id of the light"),
+        "shape": (_named(shapes, events.first_shape), along, "", "id of the first surface"),
+        "emitter": (_named(lights, events.light), along, "", "id of the light"),
     }
     if motion is not None:
         values["path_rate"] = (unit * events.rate, along, "m/s", "growth of the path per second")
