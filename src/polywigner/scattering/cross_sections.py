@@ -24,7 +24,13 @@ from polywigner.geometry.arguments import (
 from polywigner.propagation.point_grids import checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.scattering.facet_beams import sums_of_beams
-from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_reflections
+from polywigner.scattering.facets import (
+    Body,
+    Facets,
+    axes_across,
+    facets_of,
+    warn_of_reflections,
+)
 from polywigner.scattering.near_fields import (
     Channel,
     Polarisation,
@@ -237,18 +243,11 @@ def _power(
         q, p = polarisations
         return np.asarray(np.abs((q * field(np.cross(k, p))).sum(axis=1)) ** 2)
     total = np.zeros(len(k))
-    for h in _across(k):
+    for h in np.moveaxis(axes_across(k), 1, 0):
         there = field(h)
         there -= s * (s * there).sum(axis=1, keepdims=True)
         total += (np.abs(there) ** 2).sum(axis=1)
     return total / 2
-
-
-def _across(directions: Floats) -> tuple[Floats, Floats]:
-    """Return two orthogonal unit vectors (n, 3) normal to each direction (n, 3)."""
-    first = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)])
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return first, np.cross(directions, first)
 
 
 # ---- patterns -----------------------------------------------------------------------------------

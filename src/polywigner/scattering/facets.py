@@ -279,9 +279,10 @@ def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> Sides:
 
 
 def axes_across(direction: Floats) -> Floats:
-    """Return the image axes (2, 3) of an observer who looks along a direction (3,)."""
-    _, _, axes = np.linalg.svd(direction[None])
-    return axes[1:] * np.array([[1.0], [-np.sign(np.linalg.det([*axes[1:], direction]))]])
+    """Return the image axes (..., 2, 3) of observers who look along directions (..., 3)."""
+    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin(axis=-1)])
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, np.cross(first, direction)], axis=-2)
 
 
 def seen_along(facets: Facets, direction: Floats) -> Visible:
