@@ -16,7 +16,7 @@ from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import depths_of
-from polywigner.mitsuba.plugins.placement import PlacedSource, placed_emitter
+from polywigner.mitsuba.plugins.placement import placed_emitter
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.range_film import check_is_compiled
@@ -256,8 +256,8 @@ def scatterers(
     receivers = receivers_of(scene)
     number = chosen(receivers, receiver)
     sensor = receivers[number][1]
-    (taker,), emitters = matched(scene, [number], options)
-    placed = taker.source
+    parties = matched(scene, [number], options)
+    (placed,) = parties.receivers
     if sensor.spec.has_several:
         raise SceneError(
             "scatterers require the same polarisation for all elements of a receiver; set one "
@@ -268,10 +268,8 @@ def scatterers(
             "expected a scene without fog, got a medium, which scatterers do not support; remove "
             "it, or use received_power"
         )
-    shapes, lights = _ids_in(scene)
-    motion = None
-    if velocities is not None:
-        motion = _motion(velocities, shapes, lights, placed)
+    names = _Names.of(scene, placed.name)
+    motion = None if velocities is None else names.motion(velocities, placed.scene_unit)
     depth = _longest_path(scene.integrator()) if depth is None else depth
     with hide_emitters(scene), aimed(scene), scene_known(scene):
         cloud = cloud_of(scene, sensor, launched, depth, rng, motion)
@@ -283,64 +281,67 @@ def scatterers(
         "to_world": placed.pose.ravel().tolist(),
         "obliquity": placed.obliquity,
         "normalise": sensor.spec.normalise,
-        "polarisation": polarisation_summary([*emitters, placed], False),
+        "polarisation": polarisation_summary([*parties.emitters, placed], False),
         "estimator": sensor.spec.estimator,
         "rays": -(-launched // BATCHES) * BATCHES,
         "seed": options.seed,
         "standard_error": cloud.standard_error,
     }
-    return _described(cloud, shapes, lights, motion, placed.scene_unit, about)
+    return _described(cloud, names, motion, placed.scene_unit, about)
 
 
-def _ids_in(scene: Any) -> tuple[dict[int, str], dict[int, str]]:
-    """Return the ids of shapes and of lights by their numbers in rays."""
-    shapes = {
-        _number("Shape", shape): shape.id() or f"shape {k}"
-        for k, shape in enumerate(sorted_shapes(scene))
-    }
-    lights, coherent = {}, 0
-    for k, light in enumerate(sorted_emitters(scene)):
-        name = light.id() or f"light {k}"
-        if is_source(light):
-            name = placed_emitter(light, coherent).name
-            coherent += 1
-        elif light.get_shape() is not None:
-            name = light.get_shape().id() or name
-        lights[_number("Emitter", light)] = name
-    return shapes, lights
+@dataclass(frozen=True)
+class _Names:
+    """Ids of shapes and lights by their numbers in rays."""
+
+    shapes: dict[int, str]
+    lights: dict[int, str]
+    receiver: str
+
+    @classmethod
+    def of(cls, scene: Any, receiver: str) -> _Names:
+        shapes = {
+            _number("Shape", shape): shape.id() or f"shape {k}"
+            for k, shape in enumerate(sorted_shapes(scene))
+        }
+        lights, coherent = {}, 0
+        for k, light in enumerate(sorted_emitters(scene)):
+            name = light.id() or f"light {k}"
+            if is_source(light):
+                name = placed_emitter(light, coherent).name
+                coherent += 1
+            elif light.get_shape() is not None:
+                name = light.get_shape().id() or name
+            lights[_number("Emitter", light)] = name
+        return cls(shapes, lights, receiver)
+
+    def motion(self, velocities: Mapping[str, ArrayLike], unit: float) -> Motion:
+        """Return velocities in scene units by numbers; ArgumentError for unknown ids."""
+        if not isinstance(velocities, Mapping):
+            raise ArgumentError(
+                f"expected velocities as a mapping of ids to (vx, vy, vz), got {velocities!r}"
+            )
+        speeds = {name: checked_velocity(name, value) / unit for name, value in velocities.items()}
+        known = {*self.shapes.values(), *self.lights.values(), self.receiver}
+        for name in speeds:
+            if name not in known:
+                raise ArgumentError(
+                    f"expected velocities of {', '.join(map(repr, sorted(known)))}, got one of "
+                    f"{name!r}; mi.load_dict merges meshes of equal BSDFs: load the scene with "
+                    "polywigner.mitsuba.load_scene, which keeps ids"
+                )
+        return Motion(
+            {number: speeds[name] for number, name in self.shapes.items() if name in speeds},
+            {number: speeds[name] for number, name in self.lights.items() if name in speeds},
+            speeds.get(self.receiver, np.zeros(3)),
+        )
 
 
 def _number(kind: str, thing: Any) -> int:
     return int(np.ravel(np.array(number_of(kind, thing)))[0])
 
 
-def _motion(
-    velocities: Mapping[str, ArrayLike],
-    shapes: dict[int, str],
-    lights: dict[int, str],
-    receiver: PlacedSource,
-) -> Motion:
-    """Return velocities in scene units by numbers; ArgumentError for unknown ids."""
-    if not isinstance(velocities, Mapping):
-        raise ArgumentError(
-            f"expected velocities as a mapping of ids to (vx, vy, vz), got {velocities!r}"
-        )
-    speeds = {n: _velocity(n, value) / receiver.scene_unit for n, value in velocities.items()}
-    known = {*shapes.values(), *lights.values(), receiver.name}
-    if unknown := [name for name in speeds if name not in known]:
-        raise ArgumentError(
-            f"expected velocities of {', '.join(map(repr, sorted(known)))}, got one of "
-            f"{unknown[0]!r}; mi.load_dict merges meshes of equal BSDFs: load the scene with "
-            "polywigner.mitsuba.load_scene, which keeps ids"
-        )
-    of_shapes, of_lights = (
-        {number: speeds[name] for number, name in ids.items() if name in speeds}
-        for ids in (shapes, lights)
-    )
-    return Motion(of_shapes, of_lights, speeds.get(receiver.name, np.zeros(3)))
-
-
-def _velocity(name: str, value: ArrayLike) -> Floats:
+def checked_velocity(name: str, value: ArrayLike) -> Floats:
     try:
         velocity = real_numbers(value)
     except (TypeError, ValueError):
@@ -363,15 +364,10 @@ def _longest_path(integrator: Any) -> int:
 
 
 def _described(
-    cloud: Cloud,
-    shapes: dict[int, str],
-    lights: dict[int, str],
-    motion: Motion | None,
-    unit: float,
-    about: dict[str, Any],
+    cloud: Cloud, names: _Names, motion: Motion | None, unit: float, about: dict[str, Any]
 ) -> xarray.Dataset:
-    """Return the dataset of a cloud in scene units of ``unit`` metres."""
     events, along, in_space = cloud.events, ("scatterer",), ("scatterer", "axis")
+    shapes, lights = _named(names.shapes, events.first_shape), _named(names.lights, events.light)
     values: dict[str, tuple[Any, tuple[str, ...], str, str]] = {
         "position": (unit * events.position, in_space, "m", "position on the first surface"),
         "normal": (events.normal, in_space, "1", "normal of the first surface"),
@@ -386,8 +382,8 @@ def _described(
         "intensity": (cloud.intensity, along, "W/sr", "radiant intensity towards the receiver"),
         "path_length": (unit * events.length, along, "m", "path from emitter to receiver"),
         "bounces": (events.bounces, along, "1", "surfaces on the path"),
-        "shape": (_named(shapes, events.first_shape), along, "", "id of the first surface"),
-        "emitter": (_named(lights, events.light), along, "", "id of the light"),
+        "shape": (shapes, along, "", "id of the first surface"),
+        "emitter": (lights, along, "", "id of the light"),
     }
     if motion is not None:
         values["path_rate"] = (unit * events.rate, along, "m/s", "growth of the path per second")

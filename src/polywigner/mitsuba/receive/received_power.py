@@ -193,14 +193,15 @@ def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
     )
 
 
-class Taker(NamedTuple):
-    """A receiver of a scene."""
+class Parties(NamedTuple):
+    """Receivers of a scene and the coherent sources that they receive."""
 
-    sensor: int
-    """Number among the scene's sensors."""
-    source: PlacedSource
-    noise: dict[str, Any]
-    """Bandwidth, temperature and noise figure."""
+    sensors: list[int]
+    """Numbers of the receivers among the scene's sensors."""
+    receivers: list[PlacedSource]
+    noises: list[dict[str, Any]]
+    """Bandwidth, temperature and noise figure of each receiver."""
+    emitters: list[PlacedSource]
 
 
 class Received(NamedTuple):
@@ -224,40 +225,40 @@ def received(
     ``edges``: edges in m of the range bins by which scattered light is sorted; None: one bin.
     """
     with polarised_by_default(scene, options.polarisation), hide_emitters(scene), aimed(scene):
-        takers, emitters = matched(scene, numbers, options)
-        plans = [_scattering(scene, taker, options, edges) for taker in takers]
+        parties = matched(scene, numbers, options)
+        ends = list(zip(parties.sensors, parties.receivers, strict=True))
+        plans = [_scattering(scene, k, options, end.scene_unit, edges) for k, end in ends]
         # direct light first: its errors should come before the slow renders
-        direct = [_direct(scene, taker, emitters, options) for taker in takers]
+        direct = [_direct(scene, *end, parties.emitters, options) for end in ends]
         batches = np.asarray(sample(plans), np.float64)
         batches = batches.reshape(*batches.shape[:3], -1)
-        rows = zip(takers, direct, plans, batches.sum(axis=-1), strict=True)
-        powers = [_result(scene, emitters, options, *row) for row in rows]
-    return Received(powers, [taker.source for taker in takers], batches)
+        rows = zip(
+            parties.receivers, parties.noises, direct, plans, batches.sum(axis=-1), strict=True
+        )
+        powers = [_result(scene, parties.emitters, options, *row) for row in rows]
+    return Received(powers, parties.receivers, batches)
 
 
-def matched(
-    scene: Any, numbers: list[int], options: ReceiveOptions
-) -> tuple[list[Taker], list[PlacedSource]]:
-    """Return receivers by their numbers, and all sources; SceneError for mismatched pairs."""
+def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
+    """Return receivers by their numbers, and the sources; SceneError for mismatched pairs."""
     if not scene.emitters():
         raise SceneError("expected a scene with light, got no emitters; add one")
-    sensors = receivers_of(scene)
+    sensors = [receivers_of(scene)[number] for number in numbers]
     emitters = [placed_emitter(e, k).touching(scene) for k, e in enumerate(wigner_emitters(scene))]
-    takers = []
-    for number in numbers:
-        index, sensor = sensors[number]
-        placed = placed_receiver(sensor, number).touching(scene)
-        takers.append(Taker(index, placed, options.noise_of(sensor.spec)))
+    receivers = [
+        placed_receiver(s, n).touching(scene) for n, (_, s) in zip(numbers, sensors, strict=True)
+    ]
+    noises = [options.noise_of(sensor.spec) for _, sensor in sensors]
+    for receiver, noise in zip(receivers, noises, strict=True):
         for emitter in emitters:
-            check_match(emitter, placed, takers[-1].noise["bandwidth"])
-    return takers, emitters
+            check_match(emitter, receiver, noise["bandwidth"])
+    return Parties([index for index, _ in sensors], receivers, noises, emitters)
 
 
 def _scattering(
-    scene: Any, taker: Taker, options: ReceiveOptions, edges: Floats | None
+    scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
-    """Return how light scattered to a receiver is sampled."""
-    sensor = taker.sensor
+    """Return how light scattered to the sensor of this index is sampled."""
     name = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator.class_name()
     if name in _NO_RADIANCE:
         raise SceneError(
@@ -265,7 +266,7 @@ def _scattering(
             f'{name}; use "path" or, with fog, "volpath"'
         )
     spp = default_spp(scene, sensor) if options.spp is None else options.spp
-    lengths = None if edges is None else tuple((2.0 * edges / taker.source.scene_unit).tolist())
+    lengths = None if edges is None else tuple((2.0 * edges / unit).tolist())
     return Scattering(sensor, options.integrator, spp, options.seed, lengths)
 
 
@@ -281,10 +282,13 @@ def scattered_here(
 
 
 def _direct(
-    scene: Any, taker: Taker, emitters: list[PlacedSource], options: ReceiveOptions
+    scene: Any,
+    sensor: int,
+    receiver: PlacedSource,
+    emitters: list[PlacedSource],
+    options: ReceiveOptions,
 ) -> list[DirectLight]:
     """Return the direct light of each emitter, then of other lights. Sources are hidden."""
-    receiver = taker.source
     chains, echoes, notes = routes_in(
         scene, receiver.scene_unit, options.reflections, options.bodies
     )
@@ -294,7 +298,7 @@ def _direct(
         else direct_light(scene, emitter, receiver, chains, options.tolerance)
         for emitter in emitters
     ]
-    method = exposed(scene, options.integrator, 1, 0, taker.sensor, warn=False).integrator
+    method = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator
     others = DirectLight() if method.hide_emitters else light_of_points(scene, receiver, chains)
     return [*links, replace(others, notes=(*others.notes, *notes))]
 
@@ -335,7 +339,8 @@ def _result(
     scene: Any,
     emitters: list[PlacedSource],
     options: ReceiveOptions,
-    taker: Taker,
+    receiver: PlacedSource,
+    noise: dict[str, Any],
     direct: list[DirectLight],
     plan: Scattering,
     scattered: Floats,
@@ -346,8 +351,8 @@ def _result(
     if len(lights_of(scene)) > len(emitters):
         rows.append((OTHER_LIGHTS, others, direct[-1]))
     return ReceivedPower(
-        receiver=taker.source.name,
-        wavelength=taker.source.wavelength,
+        receiver=receiver.name,
+        wavelength=receiver.wavelength,
         contributions=tuple(
             Contribution(
                 name, link.power, float(part.mean()), float(standard_error(part)), link.paths
@@ -359,9 +364,9 @@ def _result(
         seed=plan.seed,
         notes=tuple(dict.fromkeys(note for link in direct for note in link.notes)),
         polarisation=polarisation_summary(
-            [*emitters, taker.source], options.coherent, options.polarisation
+            [*emitters, receiver], options.coherent, options.polarisation
         ),
-        **taker.noise,
+        **noise,
     )
 
 
