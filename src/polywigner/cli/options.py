@@ -131,7 +131,7 @@ def _option(name: str, default: Any, kind: Any) -> Parameter:
 # ---- output files --------------------------------------------------------------------------------
 
 _KNOWN_SUFFIXES = (
-    ".png", ".exr", ".json", ".npz", ".nc", ".vti", ".zarr",
+    ".png", ".exr", ".json", ".npz", ".nc", ".vti", ".vtp", ".zarr",
     ".csv", ".txt", ".ffd", ".cut", ".msi", ".pln", ".dat",
 )  # fmt: skip
 
