@@ -91,35 +91,45 @@ def channel(
 
     Parameters
     ----------
-    scene : a ``mi.Scene`` with ``wigner`` shapes and ``wigner_receiver`` sensors.
-    frequencies : (n,) in Hz, or a number; None: the frequencies of the emitters. Apertures, fields,
-        weights and refractive indices do not change with frequency.
-    reflections : maximum number of specular reflections per path, 0 to 3.
-    polarisation : of ends without a polarisation in the scene: "x", "y", "45 deg", "right", ... or
-        a Jones vector in the x and y of each end. Default: "y"; in unpolarised variants the
-        line-of-sight path then counts as matched (docs/polarisation.md).
-    bodies : perfect conductors, as in :func:`polywigner.rcs`, by their names, in the scene's frame,
-        in m, each alone or as a pair (body, reflections on it, 1 to 3), such as
-        ``{"corner": (plates, 3)}``.
-        Their echoes are additional paths (docs/channel.md). Do not add the bodies to the scene.
-    tolerance : tolerance of couplings, as in :func:`polywigner.coupling`.
-    progress : called after each pair of ends with the number done and the total number.
+    scene : mi.Scene
+        Scene with ``wigner`` shapes and ``wigner_receiver`` sensors.
+    frequencies : array_like, shape (n,), or float, optional
+        Frequencies in Hz, also as texts. Default: the frequencies of the emitters. Apertures,
+        fields, weights and refractive indices do not change with frequency.
+    reflections : int, default 2
+        Maximum number of specular reflections per path, 0 to 3.
+    polarisation : str or array_like, optional
+        Polarisation of ends without a polarisation in the scene: "x", "y", "45 deg", "right", ...
+        or a Jones vector in the x and y axes of each end. Default: "y"; in unpolarised variants
+        the line-of-sight path then counts as matched (docs/polarisation.md).
+    bodies : mapping, optional
+        Perfect conductors, as in :func:`polywigner.rcs`, by their names, in the scene's frame, in
+        m. Each is a body or a pair (body, number of reflections on it, 1 to 3), such as
+        ``{"corner": (plates, 3)}``. Their echoes are additional paths (docs/channel.md). Do not
+        add the bodies to the scene.
+    tolerance : float, default 1e-6
+        Tolerance of couplings, as in :func:`polywigner.coupling`.
+    progress : callable, optional
+        Function that is called after each pair of ends with the numbers of finished and of all
+        pairs.
 
     Returns
     -------
     xarray.Dataset
-        ``h`` (frequency, receiver, emitter) complex. For each path (dimension ``path``) its
-        ``amplitude`` (frequency, receiver, emitter, path) complex, ``delay`` (receiver, emitter,
-        path) in s between the centres of both ends, and ``mirrors`` (path): names of shapes and
-        bodies in the order of light, joined by ", ". Pairs without the path have amplitude zero and
-        delay NaN. ``attrs["polarisation"]``: polarisations of the ends; ``attrs["notes"]``: effects
-        that are not included.
+        ``h`` (frequency, receiver, emitter), complex. For each path (dimension ``path``) its
+        ``amplitude`` (frequency, receiver, emitter, path), complex, its ``delay`` (receiver,
+        emitter, path) in s between the centres of both ends, and ``mirrors`` (path): the names of
+        shapes and bodies in the order of their reflections, joined by ", ". A pair of ends without
+        a path has the amplitude zero and the delay NaN. ``attrs["polarisation"]``: polarisations
+        of the ends; ``attrs["notes"]``: effects that are not included.
 
     Raises
     ------
-    SceneError : no emitter or receiver, several scene units or obliquities, partially coherent
-        sources, a mirror whose reflection has no phase, too many paths. ArgumentError,
-        QuantityError : other arguments out of range.
+    SceneError
+        If the scene has no emitter or receiver, several scene units or obliquities, partially
+        coherent sources, a mirror whose reflection has no phase, or too many paths.
+    ArgumentError, QuantityError
+        If another argument is out of range.
     """
     requested = None if frequencies is None else checked_frequencies(frequencies)
     waves: dict[str, Any] = {"polarisation": polarisation, "bodies": bodies}

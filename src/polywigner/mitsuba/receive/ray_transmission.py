@@ -114,9 +114,13 @@ class RayTracer:
 
     Parameters
     ----------
-    scene : the ``mi.Scene``, whose sources are hidden.
-    polarised : whether to return Mueller matrices.
-    coherent : whether mirrors and thin panes act on field vectors, outside of ``share``.
+    scene : mi.Scene
+        Scene whose sources are hidden.
+    polarised : bool
+        Whether to return Mueller matrices.
+    coherent : bool
+        Whether mirrors and thin panes act on field vectors. Their effect is then not part of the
+        transmitted fraction.
     """
 
     def __init__(self, scene: Any, polarised: bool, coherent: bool) -> None:

@@ -332,17 +332,25 @@ def traced(
 
     Parameters
     ----------
-    scene : the ``mi.Scene``, whose sources are hidden.
-    points : (n, 3) each in m: on the receiver, on the mirrors from the last to the first, on the
-        emitter.
-    receiver, emitter : rays start and end slightly in front of the planes of both; None: the last
-        point is not on a plane.
-    chain : mirrors in the order of light.
-    coherent : as for :func:`passing_rays`.
+    scene : mi.Scene
+        Scene whose sources are hidden.
+    points : list of ndarray, shape (n, 3)
+        Points in m on the receiver, on the mirrors from the last to the first, and on the emitter.
+    receiver : PlacedSource
+        Rays start slightly in front of its plane.
+    emitter : PlacedSource or None
+        Rays end slightly in front of its plane. None: the last point is not on a plane.
+    chain : sequence of Mirror
+        Mirrors in the order of the reflections.
+    coherent : bool, default False
+        As for :func:`passing_rays`.
 
     Returns
     -------
-    The transmission (n, k, k), and the matrices of thin panes as in :class:`PassingRays`.
+    transmission : ndarray, shape (n, k, k)
+        Transmission of each ray; a Mueller matrix with k = 4 in polarised variants, else k = 1.
+    panes : list of ndarray, shape (3, 3)
+        Matrices of thin panes as in :class:`PassingRays`.
     """
     unit = receiver.scene_unit
     ends = [receiver] if emitter is None else [receiver, emitter]
