@@ -213,8 +213,9 @@ class _Link:
                 for start in starts:
                     some = slice(start, start + _BLOCK)
                     terms = self._between(sent, received, poses[some], floor)
-                    for total, term in zip((values, errors, limits), terms, strict=True):
-                        total[some] += term
+                    values[some] += terms[0]
+                    errors[some] += terms[1]
+                    limits[some] += terms[2]
         # the norm comes last: sums that would take too long raise at once
         norm = self.norm(self.normalise)
         return values / norm, errors / norm, limits / norm
@@ -297,15 +298,12 @@ def _check_heights(
     z = float(heights[pose, lowest])
     if not behind[pose].all():
         advice = "move it forwards, or cut off the part behind the plane"
-    elif not heights[pose].any() and faces[pose]:
-        advice = "both lie in one plane; add a distance along z to the pose"
-    elif faces[pose]:
+    elif not faces[pose]:
+        advice = "both radiate along their own +z; rotate one by 180 degrees about its x or y axis"
+    elif heights[pose].any():
         advice = "the axes are opposed already; change the sign of the distance along z"
     else:
-        advice = (
-            "both radiate along their own +z; rotate one of them by 180 degrees about its x or y "
-            "axis"
-        )
+        advice = "both lie in one plane; add a distance along z to the pose"
     number = f" in pose {pose}" if len(heights) > 1 else ""
     raise GeometryError(
         f"expected all of the {one} in front of the {other}'s plane, got its point ({x:.6g}, "

@@ -100,13 +100,16 @@ class _Pane:
         """
         cosine = dr.abs(dr.dot(si.to_world(si.wi), si.n))
         covered = _opacity(self.masks, si, active)
-        mean = _on_host(lambda c: 1.0 - self.surface.reflectance_in_mitsuba(c), cosine)
+        mean, across, along = _on_host(self._without_masks, cosine)
         # factor of the texture and of the part of the surface that is glass
         scale = dr.select(mean > 0.0, (total - 1.0 + covered) / dr.select(mean > 0.0, mean, 1.0), 0)
-        across, along = (
-            _on_host(partial(_transmittance, number, self.surface), cosine) for number in (0, 1)
-        )
         return 1.0 - covered + scale * across, 1.0 - covered + scale * along
+
+    def _without_masks(self, cosine: Floats) -> list[Floats]:
+        """Return the transmittance in Mitsuba, and normal to and in the plane of incidence."""
+        fields = self.surface.coefficients(cosine)
+        mean = 1.0 - self.surface.reflectance_in_mitsuba(cosine)
+        return [mean, *(1.0 - np.abs(field) ** 2 for field in fields)]
 
 
 class RayTracer:
@@ -256,44 +259,36 @@ class RayTracer:
                 weight = si.to_world_mueller(weight, -sample.wo, si.wi)
             return covered * _mean(weight, self._polarised)
         # the factor of Mitsuba's reflectance in addition to Fresnel's coefficients
-        cosine = dr.dot(arrived, si.n)
-        scale = covered * _mean(weight, False) * _on_sides(_inverse, plane, cosine)
+        inverse, *roots = _on_host(partial(_both_sides, *plane.surfaces), dr.dot(arrived, si.n))
+        scale = covered * _mean(weight, False) * inverse
         if self._coherent:
             return scale
-        roots = [_on_sides(partial(_coefficient, number), plane, cosine) for number in (0, 1)]
         if not self._polarised:
             return scale * (roots[0] * roots[0] + roots[1] * roots[1]) / 2
         return scale * _mueller(roots, _across(si.n, arrived), -mirrored, arrived)
 
 
-def _transmittance(number: int, surface: Surface, cosine: Floats) -> Floats:
-    return np.asarray(1.0 - np.abs(surface.coefficients(cosine)[number]) ** 2)
+def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats]:
+    """Return the inverse reflectance in Mitsuba, and the real coefficients of both polarisations.
+
+    ``before``, ``behind``: surfaces for positive and for negative cosines.
+    """
+
+    def values(surface: Surface) -> list[Floats]:
+        reflectance = surface.reflectance_in_mitsuba(np.abs(cosine))
+        fields = surface.coefficients(np.abs(cosine))
+        return [1.0 / np.where(reflectance > 0.0, reflectance, 1.0), *(r.real for r in fields)]
+
+    pairs = zip(values(before), values(behind), strict=True)
+    return [np.where(cosine > 0.0, one, other) for one, other in pairs]
 
 
-def _coefficient(number: int, surface: Surface, cosine: Floats) -> Floats:
-    return surface.coefficients(cosine)[number].real
-
-
-def _inverse(surface: Surface, cosine: Floats) -> Floats:
-    reflectance = surface.reflectance_in_mitsuba(cosine)
-    return 1.0 / np.where(reflectance > 0.0, reflectance, 1.0)
-
-
-def _on_sides(function: Callable[[Surface, Floats], Floats], plane: Plane, cosine: Any) -> Drjit:
-    """Evaluate a function of the surface that a ray meets, and of the cosine there."""
-    before, behind = plane.surfaces  # type: ignore[misc]
-
-    def both(value: Floats) -> Floats:
-        ahead = np.abs(value)
-        return np.where(value > 0.0, function(before, ahead), function(behind, ahead))
-
-    return _on_host(both, cosine)
-
-
-def _on_host(function: Callable[[Floats], Floats], value: Any) -> Drjit:
+def _on_host(function: Callable[[Floats], list[Floats]], value: Any) -> list[Drjit]:
     """Evaluate a function of NumPy arrays for numbers of Mitsuba."""
-    result = function(np.array(value, np.float64))
-    return mi.Float(result.tolist()) if dr.is_jit_v(mi.Float) else float(result)
+    results = function(np.array(value, np.float64))
+    if dr.is_jit_v(mi.Float):
+        return [mi.Float(result.tolist()) for result in results]
+    return [float(result) for result in results]
 
 
 def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
