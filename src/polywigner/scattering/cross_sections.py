@@ -97,11 +97,12 @@ def rcs(
           this is the co-polar cross section, which does not depend on the polarisation.
         - "vv", "hh", "vh" or "hv", receiver first: v is along the polar angle from +z of the body's
           frame, h along the azimuth, at the direction of each end (along z at azimuth 0).
-        - A pair of unit vectors (..., 3), receiver first, normal to the direction of each end;
-          complex for circular polarisations, as the receiver's antenna would radiate them.
-        - With ``source`` also a polarisation of the antennas: "x", "45 deg", "right" or a Jones
-          vector, as in :func:`polywigner.field` along the axes of the source, or a pair of these,
-          receiver first. The vector fields of Huygens' currents are then used.
+        - Without ``source`` a pair of unit vectors (..., 3), receiver first, normal to the
+          direction of each end; complex for circular polarisations, as the receiver's antenna
+          would radiate them.
+        - With ``source`` a polarisation of the antennas: "x", "45 deg", "right" or a Jones vector,
+          as in :func:`polywigner.field` along the axes of the source, or a pair of these, receiver
+          first. The vector fields of Huygens' currents are then used.
     source : Aperture or Array, optional
         Antenna of a radar near the body, in the plane z = 0 of its frame. Its exact field
         (:func:`amplitude`) illuminates the body and receives, as in :func:`coupling` (docs/rcs.md,
@@ -275,7 +276,7 @@ def _power(
 _REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections"}
 # Directions computed together: beams of several directions are traced at once.
 _TOGETHER = 200
-# Directions checked for the warning of further reflections.
+# Number of directions, approximately, that are searched for further reflections.
 _MOST_WARNED = 4096
 # cos(pi/2) is 6e-17. Along the z axis backscatter of one reflection is independent of azimuth.
 # Other cross sections depend on it through polarisations and visible walls. They are computed at
@@ -461,12 +462,11 @@ class Pattern:
         return labelled_arrays(table, angles, about)
 
     def _some_directions(self) -> Floats:
-        """Return directions of travel (k, 3) of the incident waves, at most 4096."""
+        """Return directions of travel (k, 3) of the incident waves, some thousand at most."""
         if self.to_transmitter is not None:
             return -self.to_transmitter[None]
-        step = math.ceil(math.prod(self.shape) / _MOST_WARNED)
-        some = np.unravel_index(np.arange(0, math.prod(self.shape), step), self.shape)
-        return -self._towards(self.azimuth[some[0]], self.elevation[some[1]])
+        step = math.ceil(math.sqrt(math.prod(self.shape) / _MOST_WARNED))
+        return -self._towards(self.azimuth[::step, None], self.elevation[::step]).reshape(-1, 3)
 
     def _towards(self, azimuth: Floats, elevation: Floats) -> Floats:
         """Return unit vectors (..., 3) of angles that broadcast."""

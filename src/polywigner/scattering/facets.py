@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 Sides = NDArray[np.int8]
-"""1 for the outer side of a triangle, -1 for the other side of a plate, 0 for neither."""
+"""Side of a triangle: 1 is the outer side, -1 the other side of a plate, 0 means none."""
 
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 

@@ -35,7 +35,7 @@ from polywigner.mitsuba.receive.received_power import (
     received,
     scattered_here,
 )
-from polywigner.mitsuba.receive.scattered import shares_of, standard_error
+from polywigner.mitsuba.receive.scattered import by_source, standard_error
 from polywigner.mitsuba.scenes.rendering import default_spp, exposed
 from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of, wigner_emitters
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-# For 16 batches these take 0.1 GB for each light and receiver, and temporarily a few times as much.
+# Bins of 16 batches take 0.1 GB for each light and receiver, and temporarily a few times as much.
 _MOST_BINS = 2**20
 
 
@@ -138,12 +138,8 @@ def range_profile(
     noise = bandwidth, temperature, noise_figure
     waves = coherent, polarisation, bodies
     options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, *noise, *waves)
-    received_batches = receivers_of(scene)
-    numbers = (
-        list(range(len(received_batches)))
-        if receiver is None
-        else [chosen(received_batches, receiver)]
-    )
+    receivers = receivers_of(scene)
+    numbers = list(range(len(receivers))) if receiver is None else [chosen(receivers, receiver)]
     sample = partial(scattered_here, scene, progress)
     return received_by_range(scene, numbers, options, edges, sample)[1]
 
@@ -152,8 +148,8 @@ def received_by_range(
     scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
     """Return received powers of receivers by their numbers, and the same by range."""
-    received_batches = received(scene, numbers, options, sample, edges)
-    return received_batches.powers, _profile_of(scene, received_batches, edges)
+    result = received(scene, numbers, options, sample, edges)
+    return result.powers, _profile_of(scene, result, edges)
 
 
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
@@ -180,14 +176,14 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
     return edges
 
 
-def _profile_of(scene: Any, received_batches: Received, edges: Floats) -> xarray.Dataset:
-    """See :func:`range_profile`."""
-    powers, placed, batches = received_batches
-    shares = [shares_of(scene, each) for each in batches]
+def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
+    """Return the dataset of :func:`range_profile`."""
+    powers, placed, batches = result
     names = [part.name for part in powers[0].contributions]
-    by_light = np.array([[*own, other][: len(names)] for own, other in shares])
+    pairs = [by_source(scene, of_receiver) for of_receiver in batches]
+    by_light = np.array([[*of_sources, others][: len(names)] for of_sources, others in pairs])
     lights = [[part.paths for part in power.contributions] for power in powers]
-    direct = np.array([[_direct_of(paths, edges) for paths in own] for own in lights])
+    direct = np.array([[_direct_of(paths, edges) for paths in row] for row in lights])
     values = _bins_of(by_light, direct) | _noise_of(powers)
     labels, paths = _paths_of(lights)
     coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}

@@ -111,7 +111,7 @@ def _batch(
     """Return events with powers and intensities, whose sums estimate the totals."""
     meets_lights = len(wigner_emitters(scene)) < len(scene.emitters())
     unit = sensor.spec.scene_unit
-    # six of seven columns, so that seeds keep their draws
+    # the seventh dimension is not used; it keeps the clouds of earlier seeds the same
     draws = even_points(count, 7, np.append(rng.random(6), 0.0))[:, :6]
     draws = np.minimum(draws, np.nextafter(np.float32(1.0), np.float32(0.0)))
     parts = []

@@ -187,7 +187,7 @@ class CoherentPath:
     transmission: float
     """Mean over rays of the root of the transmitted power."""
     links: tuple[tuple[complex, FacingParts], ...]
-    """e_r . E, with image and receiver, for each pair of polarised components of both ends."""
+    """The factor e_r . E, the emitter's image and the receiver, for each pair of polarisations."""
     ends: Ends
     edges: Callable[[float], complex] | None = None
     """b/b_0 over the edges of obstacles at a wavelength in m; None: by rays alone."""
@@ -210,7 +210,7 @@ class NormalisedSource:
     """False: neither scene nor caller specifies a polarisation, in an unpolarised variant."""
 
     def root(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
-        """Return the root of the power radiated by a part over the normalising power."""
+        """Return the root of the power of a part, relative to the power that the source counts."""
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
         norm = partial(norm_of, wavelength=wavelength, obliquity=self.source.obliquity)
@@ -284,7 +284,7 @@ def _path(
         return result
     facing, taking, rays = result.facing, result.parts.receiver, result.rays
     leg = CentralPath.between(facing, taking, chain, rays)
-    # without polarisations the line-of-sight path is the scalar link of `coupling`
+    # without polarisations the line-of-sight path is the scalar coupling
     is_scalar = not chain and not (ends[0].is_polarised or ends[1].is_polarised)
     links = []
     for (sent, p), (taken, q) in product(*(end.parts for end in ends)):
@@ -402,7 +402,7 @@ def amplitudes_of(
 def _slow(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
 ) -> Complexes:
-    """Return amplitudes (paths,) at a frequency, without the phase of the delays."""
+    """Return amplitudes (paths,) at a frequency without the phases of the delays."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
     couplings = iter(_couplings(links, wavelength, tolerance))

@@ -75,8 +75,8 @@ class Plane(NamedTuple):
 class Transmission(NamedTuple):
     """Transmission of rays along a path."""
 
-    share: Drjit
-    """Transmitted fraction; a Mueller matrix between Mitsuba's axes for polarised rays."""
+    fraction: Drjit
+    """Transmitted fraction of power; for polarised rays a Mueller matrix between Mitsuba's axes."""
     first: Drjit
     """Direction of a ray at the first point."""
     last: Drjit
@@ -144,7 +144,7 @@ class RayTracer:
 
         ``medium``: fog at the first point. ``planes``: planes of the mirrors at the points between.
         """
-        share, panes = self._all(), []
+        fraction, panes = self._all(), []
         first = direction = dr.normalize(points[1] - points[0])
         ray = mi.Ray3f(points[0], direction)
         if dr.size_v(type(ray.wavelengths)):
@@ -156,16 +156,16 @@ class RayTracer:
             met = _is(si.shape, plane.shape) & (_is_apart(si.p, plane) == mi.Bool(False))
             panes.append(columns)
             if not dr.any(met):
-                return Transmission(0.0 * share, first, first, panes)
-            share = share * dr.select(met, passed * self._reflectance(si, met, plane), 0.0)
+                return Transmission(0.0 * fraction, first, first, panes)
+            fraction = fraction * dr.select(met, passed * self._reflectance(si, met, plane), 0.0)
             direction = dr.normalize(end - si.p)
             ray = self._reaches.leave(si, direction)
         ray.maxt = dr.norm(points[-1] - ray.o)
         ray.d = direction = (points[-1] - ray.o) / ray.maxt
         si, passed, _, columns = self._first_surface(ray, medium)
         panes.append(columns)
-        share = dr.select(si.is_valid(), 0.0, share * passed)
-        return Transmission(share, first, direction, panes)
+        fraction = dr.select(si.is_valid(), 0.0, fraction * passed)
+        return Transmission(fraction, first, direction, panes)
 
     def unobstructed(self, si: Any, point: Any) -> Drjit:
         """Return the transmission from a sampled point of a light to a surface, without fog."""
@@ -185,11 +185,11 @@ class RayTracer:
         Returns the interaction, the transmission up to it, the fog behind it, and the images of x,
         y and z under the transmission of thin panes.
         """
-        share, moves = self._all(), mi.Bool(True)
+        fraction, moves = self._all(), mi.Bool(True)
         columns = [mi.Vector3f(*axis) for axis in np.eye(3).tolist()]
         for _ in range(_MOST_PASSED):
             si = self._scene.ray_intersect(ray)
-            share = dr.select(moves, share * _through_fog(medium, ray, si), share)
+            fraction = dr.select(moves, fraction * _through_fog(medium, ray, si), fraction)
             moves = moves & si.is_valid()
             if plane is not None:
                 moves = moves & _is_apart(si.p, plane)
@@ -199,12 +199,12 @@ class RayTracer:
             if not dr.any(moves):
                 break
             passed, columns = self._passed(si, ray.d, columns, moves)
-            share = dr.select(moves, share * passed, share)
+            fraction = dr.select(moves, fraction * passed, fraction)
             medium = _behind(si, ray.d, medium, moves)
             onwards = self._reaches.leave(si, ray.d)
             onwards.maxt = ray.maxt - dr.dot(onwards.o - ray.o, ray.d)
             ray = dr.select(moves, onwards, ray)
-        return si, share, medium, columns
+        return si, fraction, medium, columns
 
     def _passed(
         self, si: Any, d: Any, columns: list[Any], active: Any
@@ -214,7 +214,7 @@ class RayTracer:
         total = _mean(passed, False)
         if self._polarised:
             passed = si.to_world_mueller(passed, si.wi, si.wi)
-        share = _mean(passed, self._polarised)
+        fraction = _mean(passed, self._polarised)
         for shape in self._filters if self._coherent else ():
             if dr.any(active & _is(si.shape, shape)):
                 raise SceneError(
@@ -239,8 +239,8 @@ class RayTracer:
                 of_pane = _mueller(roots, normal, -d, -d)
             else:
                 of_pane = (across + along) / 2
-            share = dr.select(here, of_pane, share)
-        return share, columns
+            fraction = dr.select(here, of_pane, fraction)
+        return fraction, columns
 
     def _reflectance(self, si: Any, active: Any, plane: Plane) -> Drjit:
         """Return the reflectance of the smooth lobe; zero if a normal map changes its direction."""

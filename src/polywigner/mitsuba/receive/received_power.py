@@ -44,8 +44,8 @@ from polywigner.mitsuba.receive.scattered import (
     Scattering,
     aimed,
     batches_of,
+    by_source,
     lights_of,
-    shares_of,
     standard_error,
 )
 from polywigner.mitsuba.receive.scattering_steps import number_of
@@ -346,7 +346,7 @@ def _result(
     scattered: Floats,
 ) -> ReceivedPower:
     """Return the power at one receiver from its direct light and its batches in W."""
-    of_sources, others = shares_of(scene, scattered)
+    of_sources, others = by_source(scene, scattered)
     rows = [*zip([emitter.name for emitter in emitters], of_sources, direct[:-1], strict=True)]
     if len(lights_of(scene)) > len(emitters):
         rows.append((OTHER_LIGHTS, others, direct[-1]))
@@ -407,10 +407,10 @@ def shapes_in(
     axis = (np.arange(len(image)) + 0.5) * 2 / len(image) - 1
     x, y = (part.ravel() for part in np.meshgrid(axis, axis))
     power = np.where(x * x + y * y < 1, image.ravel(), 0.0).clip(min=0)
-    lit = np.flatnonzero(power)
-    if not len(lit):  # arrays without elements crash Dr.Jit
+    bright = np.flatnonzero(power)
+    if not len(bright):  # arrays without elements crash Dr.Jit
         return {}
-    x, y, power = x[lit], y[lit], power[lit]
+    x, y, power = x[bright], y[bright], power[bright]
     directions = placed.pose[:3, :3] @ [x, y, np.sqrt(1 - x * x - y * y)]
     with hide_emitters(scene):
         numbers = _first_shapes(scene, placed.pose[:3, 3] / placed.scene_unit, directions)

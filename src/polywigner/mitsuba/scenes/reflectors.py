@@ -350,9 +350,9 @@ class Echo:
 Route = Chain | Echo
 
 
-def names_of(path: Route) -> tuple[str, ...]:
+def names_of(route: Route) -> tuple[str, ...]:
     """Return the names of mirrors and bodies in the order of the light."""
-    return path.names if isinstance(path, Echo) else tuple(mirror.name for mirror in path)
+    return route.names if isinstance(route, Echo) else tuple(mirror.name for mirror in route)
 
 
 def checked_bodies(bodies: Any) -> tuple[Body, ...]:
@@ -411,7 +411,7 @@ Result = TypeVar("Result")
 
 
 def paths_by(
-    ways: Iterable[Route], link: str, find: Callable[[Any], tuple[Result, list[str]] | str]
+    routes: Iterable[Route], link: str, find: Callable[[Any], tuple[Result, list[str]] | str]
 ) -> tuple[list[Result], list[str]]:
     """Collect the results of ``find`` for paths between two ends, and notes on the link.
 
@@ -419,14 +419,14 @@ def paths_by(
     for the line of sight and for echoes without mirrors: most chains of mirrors lead nowhere.
     """
     results, notes = [], []
-    for path in ways:
-        result = find(path)
+    for route in routes:
+        result = find(route)
         if isinstance(result, str):
-            reasons = [result] if len(names_of(path)) == isinstance(path, Echo) else []
+            reasons = [result] if len(names_of(route)) == isinstance(route, Echo) else []
         else:
             results.append(result[0])
             reasons = result[1]
         if reasons:
-            by = link + "".join(f" by {name!r}" for name in names_of(path))
+            by = link + "".join(f" by {name!r}" for name in names_of(route))
             notes.append(f"{by}: {' and '.join(reasons)}")
     return results, notes
