@@ -59,7 +59,7 @@ def in_corner(depth=3):
     return on_floor(depth=depth, wall=plate([0.5, 0, 0], [0, 1, 0], -90, 2.0, **rough(0.8)))
 
 
-def way_by(place):
+def path_length(place):
     """Lengths from the transmitter by places (n, 3) to the receiver."""
     return np.linalg.norm(place, axis=1) + np.linalg.norm(place - [0.1, 0, 0], axis=1)
 
@@ -104,7 +104,7 @@ def test_places_and_paths_are_those_of_the_geometry():
     assert set(cloud["shape"].values) == {"floor"} and set(cloud["emitter"].values) == {"tx"}
     assert set(cloud["bounces"].values) == {1}
     # both apertures are 3 mm wide
-    assert np.abs(cloud["path_length"].values - way_by(place)).max() < 4.3e-3
+    assert np.abs(cloud["path_length"].values - path_length(place)).max() < 4.3e-3
 
 
 def test_a_null_surface_is_no_scatterer_and_lets_paths_pass():
@@ -115,8 +115,8 @@ def test_a_null_surface_is_no_scatterer_and_lets_paths_pass():
     power, error = float(open_cloud["power"].values.sum()), open_cloud.attrs["standard_error"]
     assert apart(behind, power, error) < SIGMAS and error < 0.2 * power
     # the same rays; lights at the end of each are drawn anew
-    ways = way_by(behind["position"].values)
-    assert np.abs(behind["path_length"].values - ways).max() < 4.3e-3
+    lengths = path_length(behind["position"].values)
+    assert np.abs(behind["path_length"].values - lengths).max() < 4.3e-3
 
 
 def test_a_path_of_two_bounces_stands_where_the_receiver_sees_it():
@@ -127,8 +127,8 @@ def test_a_path_of_two_bounces_stands_where_the_receiver_sees_it():
     place = cloud["position"].values
     on_wall = cloud["shape"].values == "wall"
     assert np.allclose(place[on_wall, 0], 0.5, atol=SINGLE)
-    straight = way_by(place)
-    # the way by a second surface is longer
+    straight = path_length(place)
+    # the path by a second surface is longer
     assert (cloud["path_length"].values > straight - 4.3e-3).all()
     assert (cloud["path_length"].values[twice] > straight[twice] + 1e-4).mean() > 0.95
 
