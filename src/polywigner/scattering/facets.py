@@ -430,10 +430,10 @@ def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
 
 # Distance that counts as zero, as a fraction of the body's size: STL files round vertices to 1e-7.
 _NEAR = 1e-6
-# Directions that are tested, and rays of each; rays times triangles of all directions, about a
-# second, and of one step.
+# Directions that are tested, and rays of each; rays of all directions times triangles, a second or
+# two, and of one step.
 _MOST_DIRECTIONS, _FEWEST_RAYS, _MOST_RAYS = 256, 16, 128
-_MOST_TESTS, _BLOCK = 1 << 22, 1 << 18
+_MOST_TESTS, _BLOCK = 1 << 21, 1 << 18
 # Steps of points along both sides of a parallelogram, which fill it evenly: M. Roberts, "The
 # unreasonable effectiveness of quasirandom sequences" (2018).
 _STEPS = 0.7548776662466927, 0.5698402909980532
@@ -451,17 +451,17 @@ def warn_of_reflections(facets: Facets, travelling: Floats) -> None:
 def lights_itself(facets: Facets, travelling: Floats) -> bool:
     """Return whether rays along one of k (m, 3) go from one face of a body to another.
 
-    Up to 256 directions are tested, with 16 to 128 rays each.
+    Up to 256 directions are tested, with 16 to 128 rays each; fewer for bodies of many triangles.
     """
     if not facets.casts_shadows or not len(travelling):
         return False
     directions = np.unique(travelling, axis=0)
-    directions = directions[:: math.ceil(len(directions) / _MOST_DIRECTIONS)]
+    tests = _MOST_TESTS // len(facets.corner)
+    most = min(max(tests // _FEWEST_RAYS, 1), _MOST_DIRECTIONS)
+    directions = directions[:: math.ceil(len(directions) / most)]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    triangles = len(facets.corner)
-    affordable = _MOST_TESTS // (triangles * len(directions))
-    rays = np.arange(min(max(affordable, _FEWEST_RAYS), _MOST_RAYS))
-    blocks = np.array_split(rays, math.ceil(len(rays) * triangles / _BLOCK))
+    rays = np.arange(min(max(tests // len(directions), _FEWEST_RAYS), _MOST_RAYS))
+    blocks = np.array_split(rays, math.ceil(len(rays) * len(facets.corner) / _BLOCK))
     return any(_reflects_to_another(facets, k, b, len(rays)) for k in directions for b in blocks)
 
 
