@@ -70,14 +70,14 @@ def below(pose: np.ndarray) -> np.ndarray:
     return np.diag([1.0, 1.0, -1.0, 1.0]) @ pose @ np.diag([1.0, -1.0, 1.0, 1.0])
 
 
-def way(result: Any, *mirrors: str) -> complex:
-    """The amplitude of one way of the first pair, zero without it."""
+def path_amplitude(result: Any, *mirrors: str) -> complex:
+    """Amplitude of a path of the first pair of ends; zero without the path."""
     here = result["mirrors"].values == ", ".join(mirrors)
     return complex(result["amplitude"].values[0, 0, 0, here].sum())
 
 
 def chains_of(result: Any) -> list[list[str]]:
-    """Names of the mirrors of each way."""
+    """Names of the mirrors of each path."""
     return [names.split(", ") if names else [] for names in result["mirrors"].values]
 
 
@@ -135,7 +135,7 @@ def test_a_floor_reflects_both_polarisations_as_fresnel_says(
     along = (permittivity * cosine - root) / (permittivity * cosine + root)
     scene = scene_of(tx=emitter(pose=one), rx=receiver(pose=other), floor=floor(**bsdf))
     for polarisation, expected in (("x", -across), ("y", along)):  # x of both ends differ
-        result = way(pm.channel(scene, polarisation=polarisation), "floor")
+        result = path_amplitude(pm.channel(scene, polarisation=polarisation), "floor")
         assert abs(result / straight) == pytest.approx(abs(share * expected), abs=SINGLE)
         assert result / straight == pytest.approx(share * expected, abs=PLACES)
 
@@ -176,7 +176,7 @@ def test_a_corner_of_three_mirrors_returns_the_source_turned_inside_out() -> Non
     other = looking(np.add(place, (0.02, -0.03, 0.01)), -place)
     scene = scene_of(tx=emitter(HANDED, one), rx=receiver(SQUARE, other), **corner())
     result = pm.channel(scene, reflections=3, polarisation=ELLIPTIC)
-    total = sum(way(result, *chain) for chain in chains_of(result) if len(chain) == 3)
+    total = sum(path_amplitude(result, *chain) for chain in chains_of(result) if len(chain) == 3)
     image = np.diag([-1.0, -1.0, -1.0, 1.0]) @ one @ np.diag([1.0, -1.0, 1.0, 1.0])
     b = coupled(flipped(), image, SQUARE, other)
     # both look alike, to the corner: e.e, without a conjugate
@@ -208,7 +208,9 @@ def test_exchange_of_both_ends_changes_nothing(plain: None) -> None:
     assert len(result[0]["path"]) == 4
     assert complex(result[0].h[0, 0, 0]) == pytest.approx(complex(result[1].h[0, 0, 0]), rel=1e-6)
     for chain in chains_of(result[0]):
-        assert way(result[0], *chain) == pytest.approx(way(result[1], *chain[::-1]), rel=1e-6)
+        assert path_amplitude(result[0], *chain) == pytest.approx(
+            path_amplitude(result[1], *chain[::-1]), rel=1e-6
+        )
 
 
 @SLOW
@@ -220,14 +222,16 @@ def test_sources_in_polarised_variants_have_the_channel_of_the_others(plain: Non
     result = pm.channel(between_glass_and_metal(polarisation=ELLIPTIC), [FREQUENCY])
     assert len(result["path"]) == 4
     for chain in chains_of(result):
-        assert way(result, *chain) == pytest.approx(way(expected, *chain), rel=SINGLE)
+        assert path_amplitude(result, *chain) == pytest.approx(
+            path_amplitude(expected, *chain), rel=SINGLE
+        )
 
 
-# ---- what stands in the way ---------------------------------------------------------------------
+# ---- obstacles ----------------------------------------------------------------------------------
 
 
 def screen(x: float, low: float, high: float, **bsdf: Any) -> dict[str, Any]:
-    """Across the way, from one height to another."""
+    """A screen across the line of sight, from one height to another."""
     to_world = (
         mi.ScalarTransform4f()
         .translate([x, 0, (low + high) / 2])
@@ -237,11 +241,11 @@ def screen(x: float, low: float, high: float, **bsdf: Any) -> dict[str, Any]:
     return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf or BLACK}
 
 
-def test_a_wall_before_the_direct_way_leaves_the_way_by_the_floor(plain: None) -> None:
+def test_a_wall_in_the_line_of_sight_leaves_the_path_by_the_floor(plain: None) -> None:
     scene = between(ONE, OTHER, floor=floor(), wall=screen(1.0, 0.3, 2.0))
     result = pm.channel(scene)
     assert result["mirrors"].values.tolist() == ["floor"]
-    assert complex(result.h[0, 0, 0]) == way(result, "floor") != 0
+    assert complex(result.h[0, 0, 0]) == path_amplitude(result, "floor") != 0
     assert any("obstacles block it" in note for note in result.attrs["notes"])
 
 
@@ -431,7 +435,9 @@ def between(one: np.ndarray, other: np.ndarray, **parts: Any) -> Any:
 def test_a_wide_plate_is_a_mirror_with_its_phase(plain: None, polarisation: str) -> None:
     echo = pm.channel(between(*ASKANCE), polarisation=polarisation, bodies={"plate": plate(0.6)})
     mirror = pm.channel(between(*ASKANCE, floor=floor()), polarisation=polarisation)
-    assert way(echo, "plate") == pytest.approx(way(mirror, "floor"), rel=PIECES)
+    assert path_amplitude(echo, "plate") == pytest.approx(
+        path_amplitude(mirror, "floor"), rel=PIECES
+    )
     assert echo.delay.values == pytest.approx(mirror.delay.values)
 
 
@@ -439,14 +445,14 @@ def test_a_wide_plate_is_a_mirror_with_its_phase(plain: None, polarisation: str)
 def test_the_echo_of_a_body_in_the_way_is_its_shadow(
     plain: None, side: float, shift: float
 ) -> None:
-    """Both ways together are the field behind the edges of an obstacle."""
+    """Line of sight and echo add up to the field behind the edges of an obstacle."""
     pose = looking((1.0, shift, 0.5), (1, 0, 0))
     result = pm.channel(between(ONE, OTHER), bodies={"plate": plate(side, pose)})
     shade = rectangle(pose[:3, 3], (0, 1, 0), 90, side / 2, BLACK)
     sent = emitter(SQUARE, ONE, estimator="exact", diffraction=True)
     edges = pm.channel(scene_of(tx=sent, rx=receiver(SQUARE, OTHER), shade=shade))
     difference = complex(result.h[0, 0, 0] - edges.h[0, 0, 0])
-    assert abs(difference) < PIECES * abs(way(result))
+    assert abs(difference) < PIECES * abs(path_amplitude(result))
 
 
 def test_a_corner_reflector_far_away_obeys_the_radar_equation(plain: None) -> None:
@@ -459,7 +465,7 @@ def test_a_corner_reflector_far_away_obeys_the_radar_equation(plain: None) -> No
     gain = 10 ** (pattern.attrs["peak_directivity"] / 10)
     distance = 20.0 - math.sqrt(3) * 5 * WAVELENGTH
     expected = gain**2 * WAVELENGTH**2 * sigma / ((4 * math.pi) ** 3 * distance**4)
-    assert 20 * math.log10(abs(way(result, "corner"))) == pytest.approx(
+    assert 20 * math.log10(abs(path_amplitude(result, "corner"))) == pytest.approx(
         10 * math.log10(expected), abs=0.02
     )
     assert "corner" not in "".join(result.attrs["notes"])
@@ -477,14 +483,14 @@ def test_echoes_by_the_floor_are_those_of_images(plain: None) -> None:
         scene_of(tx=emitter(HANDED, one), rx=receiver(SQUARE, other), floor=floor()), bodies=body
     )
     image = scene_of(tx=emitter(flipped(), below(one)), rx=receiver(SQUARE, other))
-    assert way(result, "floor", "plate") == pytest.approx(
-        way(pm.channel(image, bodies=body), "plate"), rel=ROUNDING
+    assert path_amplitude(result, "floor", "plate") == pytest.approx(
+        path_amplitude(pm.channel(image, bodies=body), "plate"), rel=ROUNDING
     )
     image = scene_of(tx=emitter(HANDED, one), rx=receiver(SQUARE, below(other)))
-    assert way(result, "plate", "floor") == pytest.approx(
-        way(pm.channel(image, bodies=body), "plate"), rel=ROUNDING
+    assert path_amplitude(result, "plate", "floor") == pytest.approx(
+        path_amplitude(pm.channel(image, bodies=body), "plate"), rel=ROUNDING
     )
-    assert way(result, "floor", "plate", "floor") != 0
+    assert path_amplitude(result, "floor", "plate", "floor") != 0
 
 
 def test_echoes_over_a_band_are_those_of_each_frequency(plain: None) -> None:
@@ -503,7 +509,9 @@ def test_what_stands_before_a_body_takes_its_share(plain: None) -> None:
     body = {"plate": plate(0.05, looking((2.0, 0.0, 0.5), (-1, 0, 0)))}
     free = pm.channel(between(ONE, ONE), bodies=body)
     half = pm.channel(between(ONE, ONE, screen=screen(1.0, 0.5, 1.0)), bodies=body)
-    assert abs(way(half, "plate") / way(free, "plate")) == pytest.approx(0.25, abs=RAYS)
+    assert abs(path_amplitude(half, "plate") / path_amplitude(free, "plate")) == pytest.approx(
+        0.25, abs=RAYS
+    )
     assert any("25.0%" in note for note in half.attrs["notes"])
     none = pm.channel(between(ONE, ONE, screen=screen(1.0, -4.0, 5.0)), bodies=body)
     assert len(none["path"]) == 0 and any("'plate'" in note for note in none.attrs["notes"])

@@ -76,14 +76,14 @@ def test_couplings_have_their_reference_values(name, method):
         assert abs(result - expected) <= tolerance * abs(expected)
 
 
-@pytest.mark.parametrize("method", [*EXACT, "fraunhofer", "wigner"])
+@pytest.mark.parametrize("method", [*EXACT, "fraunhofer"])
 def test_powers_of_a_link_are_those_that_its_sources_radiate(method):
     pair, place = (STEERED, COSINE), pose(4e-3, -3e-3, 41e-3, 0.0, 0.5)
     counts = ("radiated", "aperture")
     by = {n: pw.coupling(*pair, place, WAVELENGTH, method, 1e-4, normalise=n) for n in counts}
     expected = math.prod(norm(source) / radiated(source, method).real for source in pair)
     result = by["radiated"] / by["aperture"]
-    assert result == pytest.approx(expected if method == "wigner" else expected**0.5, rel=ROUNDING)
+    assert result == pytest.approx(expected**0.5, rel=ROUNDING)
     assert abs(expected - 1) > 0.03
 
 
@@ -119,28 +119,6 @@ def test_phases_are_right_at_any_distance(distance):
     far = pw.coupling(COSINE, L_SHAPE, to_transmitter, WAVELENGTH, "fraunhofer")
     # what Fraunhofer's approximation misses falls with the distance
     assert abs(exact / far - 1) < max(1e-9, 0.1 / distance)
-
-
-def fresnel(transmitter, receiver, to_transmitter):
-    """Fresnel's field, from the package, summed over a parallel receiver."""
-    places, weights = nodes_on(receiver, 24)
-    points = places @ to_transmitter[:3, :2].T + to_transmitter[:3, 3]
-    field = pw.amplitude(transmitter, points, WAVELENGTH, "fresnel", tolerance=1e-12)
-    return complex(field @ weights / math.sqrt(norm(transmitter) * norm(receiver)))
-
-
-@pytest.mark.parametrize(
-    ("pair", "place"),
-    [
-        ((SQUARE, SQUARE), (4e-3, -3e-3, 31.4e-3, 0.0, 0.5)),
-        ((STEERED, pw.Aperture(HOLED.rings[0])), (9e-3, 0.0, 40e-3, 0.0, 2.0)),
-    ],
-)
-def test_the_overlap_in_phase_space_is_fresnels_coupling(pair, place):
-    to_transmitter = pose(*place)
-    result = pw.coupling(*pair, to_transmitter, WAVELENGTH, "wigner", 1e-5, **APERTURE)
-    assert isinstance(result, float)
-    assert result == pytest.approx(abs(fresnel(*pair, to_transmitter)) ** 2, rel=1e-5, abs=0)
 
 
 @pytest.mark.parametrize("normalise", ["radiated", "aperture"])
@@ -184,7 +162,6 @@ def test_poses_broadcast_and_a_pose_gives_a_number():
     assert isinstance(alone, complex)
     assert abs(alone - result[1, 2]) <= 1e-6 * abs(alone)
     assert pw.coupling(SQUARE, COSINE, poses[:0], WAVELENGTH).shape == (0, 3)
-    assert pw.coupling(SQUARE, SQUARE, poses[0, :1], WAVELENGTH, "wigner", 1e-2).shape == (1,)
 
 
 def _changed(**entries):
@@ -199,7 +176,7 @@ def _changed(**entries):
     [
         (np.diag([-1.0, 1.0, -1.0, 1.0]), "add a distance along z"),
         (pose(0, 0, -0.1), "all of the receiver in front of the transmitter's plane"),
-        (pose(0, 0, 0.1, math.pi), "rotate one of them by 180 degrees"),
+        (pose(0, 0, 0.1, math.pi), "rotate one by 180 degrees"),
         (pose(0.1, 0, 2e-3, 0.7), "got its point .* move it forwards"),
         (pose(10e-3, 0, 9e-3, -0.6), "all of the transmitter in front of the receiver's plane"),
         ([pose(0, 0, 1), pose(0, 0, -1)], "in pose 1"),
@@ -223,8 +200,6 @@ def test_poses_that_make_no_link_are_refused(place, message):
         ({"wavelength": 0.0}, ArgumentError, "wavelength"),
         ({"tolerance": 1e-14}, ArgumentError, "tolerance"),
         ({"wavelength": 1e-9, "to_transmitter": pose(0, 0, 1e-5)}, ArgumentError, "fewer"),
-        ({"to_transmitter": pose(0, 0, 0.1, 0.1), "method": "wigner"}, ArgumentError, "parallel"),
-        ({"receiver": SQUARE.curved(1.0, WAVELENGTH), "method": "wigner"}, ArgumentError, "flat"),
         ({"polarisation": ("x", "y", "x")}, ArgumentError, "Jones"),
         ({"polarisation": (1.0, math.nan)}, ArgumentError, "Jones"),
         ({"polarisation": ("x", "up")}, ArgumentError, "45 deg"),

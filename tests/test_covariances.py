@@ -39,6 +39,7 @@ def cloud(place, intensity, path=None, **attrs):
             "wavelength": WAVELENGTH,
             "obliquity": "rayleigh-sommerfeld-1",
             "to_world": np.eye(4).ravel().tolist(),
+            "normalise": "radiated",
             **attrs,
         },
     )

@@ -59,6 +59,7 @@ WEDGE = pw.Polyhedron(  # an L of 90 degrees inside, with a fan of many facets
 )
 GROUND = pw.shapes.square(8.0)
 WALL = [GROUND, pw.shapes.square(1.0).placed(turned(0, z=0.5))]
+SLAB, FIN = moved(block(2, 2, 0.2), 0, 0, -0.2), block(0.2, 1, 1)
 # A turned box with vertices of single precision, as in an STL file.
 _TURN = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
 _BLOCK = joined([block(1, 2, 3)])
@@ -337,6 +338,9 @@ def test_wrong_arguments_are_refused(arguments: Any, message: str) -> None:
         (WALL, towards(60, 0), True),
         (WALL, towards(60, 180), True),  # from behind
         (WALL, towards(60, 90), False),
+        ([SLAB, moved(FIN, 0, 0, -0.01)], towards(60, 0), True),  # its edge lies in the slab
+        (joined([SLAB, moved(FIN, 0, 0, 0.3)]), towards(60, 40), True),  # and above it, one mesh
+        ([SLAB, FIN], towards(180, 0), False),  # hidden by the slab
         (TRIHEDRAL, -INWARDS, False),  # its outside
         (TRIHEDRAL, np.eye(3)[2], False),  # along two of its plates
         (L_BODY, towards(90, 300), False),

@@ -170,31 +170,3 @@ def test_directions_beyond_the_limits_are_nan_and_leave_the_others() -> None:
         pattern = pw.rcs_pattern(body, 0.03, 0.0, np.array([0.0, math.pi / 2]))
     np.testing.assert_array_equal(np.isnan(pattern["rcs"].values), [[False, True]])
     assert pattern.attrs["largest_rcs"] == pattern["rcs"].values[0, 0]
-
-
-def warns_of_reflections(body: Any, s: Any) -> bool:
-    with warnings.catch_warnings(record=True) as result:
-        warnings.simplefilter("always")
-        pw.rcs(body, s, 0.01)
-    return any("illuminate each other" in str(warning.message) for warning in result)
-
-
-FLOOR, WALL = moved(block(2, 2, 0.02), 0, 0, -0.02), block(0.02, 1, 1)
-
-
-@pytest.mark.parametrize("together", [joined, list], ids=["one mesh", "a list"])
-@pytest.mark.parametrize(
-    "parts",
-    [
-        [FLOOR, WALL],  # the wall's edge lies inside the floor
-        [FLOOR, moved(WALL, 0, 0, 0.3)],  # and above it
-        [FLOOR, moved(WALL, 0, 0, -0.01)],  # and in it
-        [moved(block(0.3, 0.3, 0.005), 0.15, 0, -0.005), moved(block(0.005, 0.3, 0.3), 0, 0, 0)],
-        [FLOOR, moved(rotated(moved(WALL, 0, 0, -0.5), 3)[0], 0, 0, 0.9)],
-    ],
-    ids=["standing", "above", "inside", "two boxes", "tilted"],
-)
-def test_bodies_that_light_each_other_are_warned_of(parts: Any, together: Any) -> None:
-    s = np.array([[1, 0, 1], [0.6, 0.5, 0.3], [-0.5, 0.2, 0.6]])
-    assert warns_of_reflections(together(parts), s / np.linalg.norm(s, axis=1, keepdims=True))
-    assert not warns_of_reflections(together(parts), (0.0, 0.0, -1.0))  # the floor hides the wall

@@ -98,18 +98,6 @@ def test_a_small_body_has_its_section_near_an_antenna_too() -> None:
     )
 
 
-@pytest.mark.slow
-def test_a_large_plate_couples_an_antenna_to_its_image() -> None:
-    wavelength, source = 0.0125, pw.shapes.square(0.1)
-    image = np.diag([-1.0, 1.0, -1.0, 1.0])
-    image[2, 3] = 2.0
-    expected = abs(pw.coupling(source, source, image, wavelength)) ** 2
-    plate = pw.shapes.square(2.0)
-    _, power = pw.rcs(plate, (0.0, 0.0, 1.0), wavelength, source=source, return_power=True)
-    # its edges send back 1e-3 of that
-    assert power == pytest.approx(expected, rel=2e-3)
-
-
 def test_shadows_near_a_radar_are_those_of_rays() -> None:
     small = pw.Aperture([(-0.02, -0.03), (0.03, -0.02), (0.01, 0.03)])
     pose = np.eye(4)

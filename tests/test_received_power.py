@@ -80,13 +80,6 @@ def test_partly_coherent_light_of_a_band_is_received_as_the_mean_of_its_waves(pl
     assert float(result) == pytest.approx(density * area, rel=1e-3)
 
 
-def test_a_scene_in_millimetres_has_the_link_of_one_in_metres(plain):
-    in_mm = facing(200.0, x=30.0)
-    result = power_of(tx=emitter(scene_unit=1e-3), rx=receiver(SQUARE, in_mm, scene_unit=1e-3))
-    expected = coupled(SQUARE, np.eye(4), SQUARE, facing(0.2, x=0.03))
-    assert float(result) == pytest.approx(expected, rel=SINGLE)
-
-
 def test_a_plate_before_half_of_the_aperture_takes_half_of_the_light(plain):
     black = plate(1.0, 0, 2e-3, [0, 0, 1], 0, type="diffuse", reflectance=0.0)
     result = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), half=black)

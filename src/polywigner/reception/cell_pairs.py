@@ -167,8 +167,8 @@ def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
     """Return real and imaginary part of K (...) with a boundary condition at both ends: (RX1)."""
     cosine, sine = sight.wave
     nr, mr, nm = sight.rise, sight.away, sight.lean
-    # 1/(kR) and all factors of its powers are real, so real and imaginary parts are computed
-    # separately; in place, since allocation takes longer than the sums
+    # real and imaginary parts are computed separately, since all factors are real, and in place:
+    # couplings take a third to a fifth of the time of complex arrays
     a, b = condition.field, condition.slope
     inverse = 1.0 / sight.distance
     near = inverse * (0.5 / math.pi)

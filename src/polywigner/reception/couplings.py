@@ -28,12 +28,6 @@ from polywigner.kernels.boundary.integrals import distance_of, point_in_waveleng
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field
 from polywigner.propagation.point_grids import checked_method, warn_of_missed
-from polywigner.propagation.quadrature import (
-    gauss_rule,
-    has_few_kinks,
-    node_count,
-    smooth_triangles,
-)
 from polywigner.propagation.vector_fields import polarised_parts
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.reception.cell_pairs import (
@@ -48,109 +42,12 @@ from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition
 from polywigner.source.polarisation import MODELS, CurrentModel, checked_pair
-from polywigner.transforms import wigner
-from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import flat_source
 
 Floats = NDArray[np.float64]
 
-# Largest sine of the angle between parallel planes: the rounding error of poses.
-_PARALLEL = 1e-9
-# Nodes along a side of a triangle in addition to the nodes for the phase, for each rule.
-_LEVELS = (2.0, 3.0, 5.0, 7.0, 10.0, 14.0)
-# Pairs of points: limit, a minute's work; number in one step.
-_MOST_PAIRS, _PAIRS_AT_ONCE = 1 << 24, 1 << 18
-
-
-def overlap(
-    sources: tuple[Any, ...], poses: Floats, wavelength: float, tolerance: float, floor: float
-) -> tuple[Floats, Floats, Floats]:
-    """Return |b|^2 of poses (n, 4, 4) by Wigner functions, errors and allowed errors, (n,) each.
-
-    Raises ArgumentError for planes that are not parallel, and for too many pairs of points.
-    """
-    values, errors, limits = (np.empty(len(poses)) for _ in range(3))
-    for source in sources:
-        if not has_few_kinks(source):
-            raise ArgumentError(
-                'expected sources of few edges with "wigner", got a source whose Wigner function '
-                f"has too many kinks; use {DEFAULT!r}"
-            )
-    norm = math.prod(map(energy_of, sources))
-    for k, pose in enumerate(poses):
-        lean = float(np.hypot(*pose[:2, 2]))
-        if lean > _PARALLEL:
-            raise ArgumentError(
-                'expected parallel planes with "wigner", which uses the Fresnel approximation, got '
-                f"an angle of {math.degrees(math.asin(lean)):.3g} degrees; use {DEFAULT!r}"
-            )
-        values[k], errors[k] = _adapted(sources, pose, wavelength, tolerance, floor, norm)
-        limits[k] = tolerance * max(abs(values[k]), floor**2)
-    return values, errors, limits
-
-
-def _adapted(
-    sources: tuple[Any, ...],
-    pose: Floats,
-    wavelength: float,
-    tolerance: float,
-    floor: float,
-    norm: float,
-) -> tuple[float, float]:
-    """Refine the rules on both sources until the overlap changes by less than the tolerance."""
-    spread = wavelength * float(pose[2, 3])
-    rate = _rate(sources, pose, spread)
-    triangles = [smooth_triangles(source) for source in sources]
-    value, error = math.nan, math.inf
-    for extra in _LEVELS:
-        count = math.prod(node_count(part, rate, extra) for part in triangles)
-        if count > _MOST_PAIRS:
-            if math.isnan(value):
-                raise ArgumentError(
-                    f'too many pairs of points for "wigner", {count:.2g}; use {DEFAULT!r}, which '
-                    "sums fields"
-                )
-            break
-        rules = [gauss_rule(part, rate, extra) for part in triangles]
-        before, value = value, _summed(sources, rules, pose, spread) / (norm * spread**2)
-        error = abs(value - before)
-        if error <= tolerance * max(abs(value), floor**2):
-            break
-    return value, error if math.isfinite(error) else math.inf
-
-
-def _rate(sources: tuple[Aperture | Array, ...], pose: Floats, spread: float) -> float:
-    """Return the largest |nu - kappa| of rays between both sources, in cycles per metre."""
-    here, there = (np.array(list(product(*np.reshape(s.bounds, (2, 2)).T))) for s in sources)
-    there = there @ pose[:2, :2].T + pose[:2, 3]
-    nu = ((there[:, None] - here) / spread).reshape(-1, 2)
-    rates = [
-        np.linalg.norm(frequencies[:, None] - normal_form(source).frequencies, axis=-1).max()
-        for source, frequencies in zip(sources, (nu, -nu @ pose[:2, :2]), strict=True)
-    ]
-    return float(max(rates))
-
-
-def _summed(
-    sources: tuple[Any, ...], rules: list[tuple[Floats, Floats]], pose: Floats, spread: float
-) -> float:
-    """Return int int W_t(x, nu) W_r(y, -R^T nu) dx dy with nu = (y' - x)/(wavelength z)."""
-    (x, x_weights), (y, y_weights) = rules
-    turn = pose[:2, :2]
-    there = y @ turn.T + pose[:2, 3]
-    total = 0.0
-    step = max(1, _PAIRS_AT_ONCE // len(y))
-    for start in range(0, len(x), step):
-        some = slice(start, start + step)
-        nu = (there[None] - x[some, None]) / spread
-        sent = wigner(sources[0], x[some, None], nu)
-        taken = wigner(sources[1], y[None], -nu @ turn)
-        total += float(x_weights[some] @ (sent * taken) @ y_weights)
-    return total
-
-
-LinkMethod = Literal[BoundaryCondition, "fraunhofer", "wigner", CurrentModel]
+LinkMethod = Literal[BoundaryCondition, "fraunhofer", CurrentModel]
 
 Complex = NDArray[np.complex128]
 
@@ -195,47 +92,62 @@ def coupling(
 
     Parameters
     ----------
-    transmitter, receiver : Apertures, or Arrays of apertures in the plane z = 0, with any
-        illumination or curved wavefront. Each radiates along +z of its frame.
-    to_transmitter : (..., 4, 4) rigid poses, in m, that map the receiver's frame into the
-        transmitter's frame. The nearest rigid pose is used.
-    wavelength : in m; or ``frequency=`` in Hz.
-    method : "rayleigh-sommerfeld-1" (None), "rayleigh-sommerfeld-2" or "kirchhoff"; "fraunhofer",
-        Friis' formula with phase and the Rayleigh-Sommerfeld I patterns; or "wigner", the overlap
-        of both Wigner functions along rays, which is |b|^2 in the Fresnel approximation, for
-        parallel planes; its cost grows with the number of pairs of points.
-        For polarised sources "huygens" (None), "magnetic" or "electric", as in
+    transmitter, receiver : Aperture, Array or Wavefront
+        Sources in the plane z = 0 of their frames, with any illumination or curved wavefront.
+        Each radiates along +z of its frame.
+    to_transmitter : array_like, shape (..., 4, 4)
+        Rigid poses that map the receiver's frame into the transmitter's frame, translations in m.
+        The nearest rigid pose is used.
+    wavelength : float
+        Wavelength in m. Pass ``frequency`` in Hz instead if that is known.
+    method : str, optional
+        "rayleigh-sommerfeld-1" (default), "rayleigh-sommerfeld-2" or "kirchhoff"; or
+        "fraunhofer": Friis' formula with phase and the patterns of "rayleigh-sommerfeld-1".
+        For polarised sources "huygens" (default), "magnetic" or "electric", as in
         :func:`polywigner.field`, with the kernel (RX9).
-    tolerance : error allowed, from 1e-12 to 0.1, relative to |b| ("wigner": to |b|^2), or to a
-        thousandth of the largest coupling of sources of these areas at that distance,
-        min(1, sqrt(A_t A_r)/(wavelength R)), if that is larger. Not used by "fraunhofer".
-    polarisation : a pair for transmitter and receiver, each as in :func:`polywigner.field` along
-        the axes of its frame, and as if it transmitted; or one polarisation for both; None: scalar
-        fields.
-    return_error : also return the estimated absolute error of each value; "fraunhofer": rounding
-        only.
-    normalise : "radiated": N as above, with the boundary condition ("fraunhofer" and "wigner":
-        Rayleigh-Sommerfeld I); "aperture": N = int |u|^2, which exceeds the radiated power of
-        small sources.
+    tolerance : float, default 1e-6
+        Allowed error, from 1e-12 to 0.1, relative to |b| or to a thousandth of the largest
+        coupling of sources of these areas at that distance, min(1, sqrt(A_t A_r)/(wavelength R)),
+        whichever is larger. Not used by "fraunhofer".
+    polarisation : str, array_like or pair, optional
+        Polarisations of transmitter and receiver, or one for both, as in
+        :func:`polywigner.field`: along the axes of each frame, and as if the end transmitted.
+        Default: scalar fields.
+    return_error : bool, default False
+        Whether to return also the estimated absolute error of each value; for "fraunhofer" this
+        is the rounding error only.
+    normalise : {"radiated", "aperture"}, default "radiated"
+        "radiated": N is the power radiated with the boundary condition of the method.
+        "aperture": N = int |u|^2, which exceeds the radiated power of small sources.
 
     Returns
     -------
-    (...) complex; for "wigner" float, |b|^2. With ``return_error`` a pair of values and (...)
-    floats.
+    b : complex or ndarray of complex, shape (...)
+        Amplitude of each pose. With ``return_error`` a pair of amplitudes and errors.
 
     Warns
     -----
-    PolywignerWarning if the estimated error exceeds the tolerance.
+    PolywignerWarning
+        If the estimated error exceeds the tolerance.
 
     Raises
     ------
-    ArgumentError : arguments of the wrong type or range, Dr.Jit arrays, planes that are not
-        parallel with "wigner", links that take longer than minutes. GeometryError : poses that are
-        not rigid, sources that are not in front of each other's plane, an Array with elements
-        outside its plane. IlluminationError : a source that cancels itself.
+    ArgumentError
+        If an argument has the wrong type or range, is a Dr.Jit array, or if the sum would take
+        longer than minutes.
+    GeometryError
+        If a pose is not rigid, if part of a source is not in front of the other's plane, or if an
+        Array has elements outside its plane.
+    IlluminationError
+        If the elements of a source cancel.
 
-    Source: J. H. Richmond, IRE Trans. Antennas Propag. 9, 515 (1961). The paper has no links.
+    Notes
+    -----
+    Source: J. H. Richmond, IRE Trans. Antennas Propag. 9, 515 (1961). The paper of polywigner has
+    no links.
 
+    Examples
+    --------
     >>> import numpy as np
     >>> import polywigner as pw
     >>> facing = np.diag([-1.0, 1.0, -1.0, 1.0])
@@ -254,9 +166,14 @@ def coupling(
     counted = checked_normalise(normalise)
     checked_flag(return_error, "return_error")
     jones = None if polarisation is None else checked_pair(polarisation, *sources)
-    link = _Link(sources, length, name, allowed, counted, jones)
-    values, errors = link.couplings(to_transmitter)
-    return (values[()], errors[()]) if return_error else values[()]
+    poses = rigid_poses(to_transmitter, "to_transmitter")
+    flat = poses.reshape(-1, 4, 4)
+    _check_facing(flat, *(cells_of(source, length).corners for source in sources))
+    warn_of_distance(sources, flat[:, :3, 3], length)
+    terms = _Link(sources, length, name, allowed, counted, jones).summed(flat)
+    warn_of_missed(*terms[1:], "couplings")
+    values, errors = (part.reshape(poses.shape[:-2])[()] for part in terms[:2])
+    return (values, errors) if return_error else values
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +186,7 @@ class _Link:
     tolerance: float
     normalise: str
     jones: tuple[Complex, Complex] | None
-    """Jones vectors of both; None: fields are scalar."""
+    """Jones vectors of transmitter and receiver; None: scalar fields."""
 
     def norm(self, normalise: str) -> float:
         """Return the square root of the product of both powers."""
@@ -279,32 +196,11 @@ class _Link:
             for source, jones in zip(self.sources, vectors, strict=True)
         )
 
-    def couplings(self, to_transmitter: Any) -> tuple[Floats | Complex, Floats]:
-        """Return couplings (...) and their errors."""
-        poses = rigid_poses(to_transmitter, "to_transmitter")
-        flat = poses.reshape(-1, 4, 4)
-        _check_facing(flat, *(cells_of(s, self.wavelength).corners for s in self.sources))
-        warn_of_distance(self.sources, flat[:, :3, 3], self.wavelength)
-        compute = self._overlap if self.method == "wigner" else self._summed
-        values, errors, limits = compute(flat)
-        warn_of_missed(errors, limits, "couplings")
-        return values.reshape(poses.shape[:-2]), errors.reshape(poses.shape[:-2])
+    def summed(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
+        """Return couplings (n,) of poses, their errors and the allowed errors.
 
-    def _overlap(self, poses: Floats) -> tuple[Floats, Floats, Floats]:
-        if any(isinstance(source, Wavefront) for source in self.sources):
-            raise ArgumentError(
-                'expected a flat wave with method="wigner", got a curved wave; use '
-                f"{DEFAULT!r}, which supports both"
-            )
-        results = overlap(self.sources, poses, self.wavelength, self.tolerance, _FLOOR)
-        scale = (self.norm("aperture") / self.norm(self.normalise)) ** 2
-        values, errors, limits = (scale * part for part in results)
-        return values, errors, limits
-
-    def _summed(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
-        """Return couplings (n,), errors and allowed errors: sums over parts of both sources.
-
-        Parts are the sources, or their elements of one polarisation each.
+        Each source is the sum of its parts: elements of one polarisation each, or the complete
+        source of scalar fields.
         """
         values: Complex = np.zeros(len(poses), np.complex128)
         errors, limits = np.zeros((2, len(poses)))
@@ -320,7 +216,7 @@ class _Link:
                     values[some] += terms[0]
                     errors[some] += terms[1]
                     limits[some] += terms[2]
-        # after the sums, which raise at once if they would take too long
+        # the norm comes last: sums that would take too long raise at once
         norm = self.norm(self.normalise)
         return values / norm, errors / norm, limits / norm
 
@@ -402,15 +298,12 @@ def _check_heights(
     z = float(heights[pose, lowest])
     if not behind[pose].all():
         advice = "move it forwards, or cut off the part behind the plane"
-    elif not heights[pose].any() and faces[pose]:
-        advice = "both lie in one plane; add a distance along z to the pose"
-    elif faces[pose]:
+    elif not faces[pose]:
+        advice = "both radiate along their own +z; rotate one by 180 degrees about its x or y axis"
+    elif heights[pose].any():
         advice = "the axes are opposed already; change the sign of the distance along z"
     else:
-        advice = (
-            "both radiate along their own +z; rotate one of them by 180 degrees about its x or y "
-            "axis"
-        )
+        advice = "both lie in one plane; add a distance along z to the pose"
     number = f" in pose {pose}" if len(heights) > 1 else ""
     raise GeometryError(
         f"expected all of the {one} in front of the {other}'s plane, got its point ({x:.6g}, "

@@ -24,7 +24,13 @@ from polywigner.geometry.arguments import (
 from polywigner.propagation.point_grids import checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.scattering.facet_beams import sums_of_beams
-from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_reflections
+from polywigner.scattering.facets import (
+    Body,
+    Facets,
+    axes_across,
+    facets_of,
+    warn_of_reflections,
+)
 from polywigner.scattering.near_fields import (
     Channel,
     Polarisation,
@@ -75,66 +81,87 @@ def rcs(
 
     Parameters
     ----------
-    body : a Polyhedron; an Aperture or placed Aperture, which is a plate with two sides and may
-        have holes; or an Array (without weights) or a list of these, which shadow each other.
-    to_radar : (..., 3) unit vectors from the body towards the radar's receiver.
-    wavelength : (...) in m; or ``frequency=``, one number in Hz.
-    to_transmitter : (..., 3) unit vectors towards the transmitter; None: monostatic.
-    polarisation : received part of the scattered field, and incident polarisation.
-        None: the total scattered field, mean over incident polarisations; for a monostatic radar
-        this is the co-polar cross section, which does not depend on the polarisation.
-        "vv", "hh", "vh" or "hv": receiver first, v along the polar angle from +z of the body's
-        frame, h along the azimuth, at the direction of each end (along z at azimuth 0).
-        Or a pair of unit vectors (..., 3), receiver first, normal to the direction of each end;
-        complex for circular polarisations, as the receiver's antenna would radiate them.
-        With ``source`` also a polarisation of the antennas: "x", "45 deg", "right" or a Jones
-        vector, as in :func:`polywigner.field` along the axes of the source, or a pair of these,
-        receiver first. The vector fields of Huygens' currents are then used.
-    source : antenna of the radar for a body near it, an Aperture or Array in the plane z = 0 of
-        its frame: its exact field (:func:`amplitude`) illuminates the body and receives, as in
-        :func:`coupling` (docs/rcs.md, (SC3)). ``to_radar`` and ``to_transmitter`` are then vectors
-        (..., 3) in m from the centre of the body's bounding box to the source, which faces the
-        centre with its y axis upwards (towards +z of the body); or poses (..., 4, 4) that map the
-        body's frame into the source's frame. The source radiates along its +z. None: the antennas
-        are far away.
-    receiver : a different receiving antenna; None: the same as ``source``.
-    tolerance : with ``source``: error allowed by splitting illuminated parts into pieces of plane
-        waves, relative to the amplitude of all illuminated parts in phase, from 1e-6 to 0.1.
-    return_power : with ``source``: also return the received over the transmitted power.
-    normalise : power that counts, as in :func:`coupling`: "radiated" or "aperture".
-    bounces : number of reflections included, 1, 2 or 3; corner reflectors need 2 or 3. Reflected
-        beams illuminate exact polygons on other faces (docs/rcs.md, (SC6)). Not with ``source``.
+    body : Polyhedron, Aperture, PlacedAperture, Array or list
+        Body, or plate with two sides, which may have holes; or several of them, which shadow each
+        other. The weights of an Array must be 1.
+    to_radar : array_like, shape (..., 3)
+        Unit vectors from the body towards the radar's receiver.
+    wavelength : array_like, shape (...)
+        Wavelengths in m. Pass ``frequency``, one number in Hz, instead if that is known.
+    to_transmitter : array_like, shape (..., 3), optional
+        Unit vectors towards the transmitter. Default: ``to_radar`` (monostatic).
+    polarisation : str or pair, optional
+        Received part of the scattered field, and incident polarisation:
+
+        - None: the total scattered field, mean over incident polarisations. For a monostatic radar
+          this is the co-polar cross section, which does not depend on the polarisation.
+        - "vv", "hh", "vh" or "hv", receiver first: v is along the polar angle from +z of the body's
+          frame, h along the azimuth, at the direction of each end (along z at azimuth 0).
+        - Without ``source`` a pair of unit vectors (..., 3), receiver first, normal to the
+          direction of each end; complex for circular polarisations, as the receiver's antenna
+          would radiate them.
+        - With ``source`` a polarisation of the antennas: "x", "45 deg", "right" or a Jones vector,
+          as in :func:`polywigner.field` along the axes of the source, or a pair of these, receiver
+          first. The vector fields of Huygens' currents are then used.
+    source : Aperture or Array, optional
+        Antenna of a radar near the body, in the plane z = 0 of its frame. Its exact field
+        (:func:`amplitude`) illuminates the body and receives, as in :func:`coupling` (docs/rcs.md,
+        (SC3)). ``to_radar`` and ``to_transmitter`` are then vectors (..., 3) in m from the centre
+        of the body's bounding box to the source, which faces the centre with its y axis upwards
+        (towards +z of the body); or poses (..., 4, 4) that map the body's frame into the source's
+        frame. The source radiates along its +z. Default: antennas far away.
+    receiver : Aperture or Array, optional
+        Receiving antenna. Default: ``source``.
+    tolerance : float, default 1e-3
+        With ``source``: error due to splitting the illuminated parts into pieces of plane waves,
+        relative to the amplitude of all illuminated parts in phase, from 1e-6 to 0.1.
+    return_power : bool, default False
+        With ``source``: whether to return also the received over the transmitted power.
+    normalise : {"radiated", "aperture"}, default "radiated"
+        Power of an antenna that counts as transmitted, as in :func:`coupling`.
+    bounces : {1, 2, 3}, default 1
+        Maximum number of reflections; corner reflectors need 2 or 3. Reflected beams illuminate
+        exact polygons on other faces (docs/rcs.md, (SC6)). Not with ``source``.
 
     Returns
     -------
-    (...) floats in m^2; NaN, with a warning, in directions whose polygons cannot be computed.
-    With ``source``, the cross section of a small body at the centre of the bounding box that would
-    return the same power; it tends to the far-field cross section. With ``return_power`` a pair of
-    cross section and |b|^2 (...). The error is about 1e-15 of the amplitude of a plate of all
-    illuminated faces, times the body's size in wavelengths if that is above 1; for partly shadowed
-    faces 1e-12 of it. A face seen edge-on, within 1e-12 rad, counts as dark.
+    rcs : float or ndarray, shape (...)
+        Cross section in m^2; NaN, with a warning, in directions whose polygons cannot be computed.
+        With ``source``, the cross section of a small body at the centre of the bounding box that
+        would return the same power; it tends to the far-field cross section. With ``return_power``
+        a pair of cross section and power ratio |b|^2.
 
     Warns
     -----
-    PolywignerWarning if a face is smaller than a square wavelength (facets that join smoothly are
-    one face), and with ``bounces=1`` if the wave goes from one face to another, as in corner
-    reflectors.
+    PolywignerWarning
+        If a face is smaller than a square wavelength (facets that join smoothly count as one
+        face), or with ``bounces=1`` if the wave goes from one face to another, as in corner
+        reflectors.
 
     Raises
     ------
-    ArgumentError : other bodies, vectors that are not of unit length, polarisations not normal to
-        the directions, too many beams. GeometryError : poses that are not rigid, bodies behind
-        the plane of an antenna.
+    ArgumentError
+        If ``body`` is of another kind, a vector is not of unit length, a polarisation is not
+        normal to its direction, or there are too many beams.
+    GeometryError
+        If a pose is not rigid, or part of the body is behind the plane of an antenna.
 
     Notes
     -----
+    The error is about 1e-15 of the amplitude of a plate of all illuminated faces, times the body's
+    size in wavelengths if that is above 1; for partly shadowed faces 1e-12 of it. A face within
+    1e-12 rad of edge-on counts as dark.
+
     The time is linear in the triangles that faces are split into, times directions and wavelengths.
     Concave bodies need polygon operations for each direction; each further reflection of 500
     triangles takes about 0.1 s per direction (docs/rcs.md).
 
     Source: E. F. Knott, "Radar cross section", ch. 14 of M. I. Skolnik (ed.), "Radar Handbook", 3rd
-    ed. (2008); W. B. Gordon, IEEE Trans. Antennas Propag. 23, 590 (1975). The paper has none.
+    ed. (2008); W. B. Gordon, IEEE Trans. Antennas Propag. 23, 590 (1975). The paper of polywigner
+    has no cross sections.
 
+    Examples
+    --------
     >>> import numpy as np
     >>> import polywigner as pw
     >>> sigma = pw.rcs(pw.shapes.square(5.0), (0.0, 0.0, 1.0), frequency=1e9)
@@ -237,18 +264,11 @@ def _power(
         q, p = polarisations
         return np.asarray(np.abs((q * field(np.cross(k, p))).sum(axis=1)) ** 2)
     total = np.zeros(len(k))
-    for h in _across(k):
+    for h in np.moveaxis(axes_across(k), 1, 0):
         there = field(h)
         there -= s * (s * there).sum(axis=1, keepdims=True)
         total += (np.abs(there) ** 2).sum(axis=1)
     return total / 2
-
-
-def _across(directions: Floats) -> tuple[Floats, Floats]:
-    """Return two orthogonal unit vectors (n, 3) normal to each direction (n, 3)."""
-    first = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)])
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return first, np.cross(directions, first)
 
 
 # ---- patterns -----------------------------------------------------------------------------------
@@ -256,7 +276,7 @@ def _across(directions: Floats) -> tuple[Floats, Floats]:
 _REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections"}
 # Directions computed together: beams of several directions are traced at once.
 _TOGETHER = 200
-# Directions checked for the warning of further reflections.
+# Number of directions, approximately, that are searched for further reflections.
 _MOST_WARNED = 4096
 # cos(pi/2) is 6e-17. Along the z axis backscatter of one reflection is independent of azimuth.
 # Other cross sections depend on it through polarisations and visible walls. They are computed at
@@ -282,25 +302,37 @@ def rcs_pattern(
 
     Parameters
     ----------
-    body : as for :func:`rcs`.
-    wavelength : in m; or ``frequency=`` in Hz.
-    azimuth : (n,) angles in rad about z, from +x towards +y; or a number.
-    elevation : (m,) angles in rad above the plane z = 0, from -pi/2 to pi/2; or a number. At -pi/2
-        and pi/2 the value is the limit for each azimuth, and polarisations follow the azimuth.
-    to_transmitter : unit vector (3,) towards a fixed transmitter; None: monostatic.
-    polarisation : None, "vv", "hh", "vh" or "hv", as for :func:`rcs`.
-    bounces : number of reflections, 1, 2 or 3, as for :func:`rcs`.
-    progress : whether to show a progress bar; None: if stderr is a terminal.
+    body : Polyhedron, Aperture, PlacedAperture, Array or list
+        As for :func:`rcs`.
+    wavelength : float
+        Wavelength in m. Pass ``frequency`` in Hz instead if that is known.
+    azimuth : array_like, shape (n,), or float
+        Angles in rad about z, from +x towards +y.
+    elevation : array_like, shape (m,), or float
+        Angles in rad above the plane z = 0, from -pi/2 to pi/2. At -pi/2 and pi/2 the value is the
+        limit for each azimuth, and polarisations follow the azimuth.
+    to_transmitter : array_like, shape (3,), optional
+        Unit vector towards a fixed transmitter. Default: monostatic.
+    polarisation : {"vv", "hh", "vh", "hv"}, optional
+        As for :func:`rcs`.
+    bounces : {1, 2, 3}, default 1
+        Maximum number of reflections, as for :func:`rcs`.
+    progress : bool, optional
+        Whether to show a progress bar. Default: if stderr is a terminal.
 
     Returns
     -------
-    xarray.Dataset with ``rcs`` (azimuth, elevation) in m^2. Attributes: wavelength, frequency,
-    polarisation, bounces, number of triangles, largest cross section, and the fixed transmitter.
+    xarray.Dataset
+        ``rcs`` (azimuth, elevation) in m^2. Attributes: wavelength, frequency, polarisation,
+        bounces, number of triangles, largest cross section, and the fixed transmitter.
 
     Raises
     ------
-    ArgumentError : arguments of the wrong type, shape or range, as for :func:`rcs`.
+    ArgumentError
+        If an argument has the wrong type, shape or range, as for :func:`rcs`.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pattern = pw.rcs_pattern(pw.shapes.square(5.0), 0.3, 0.0, 1.5707963267948966)
     >>> round(pattern["rcs"].values.item())  # 4 pi 5^4/0.3^2
@@ -430,12 +462,11 @@ class Pattern:
         return labelled_arrays(table, angles, about)
 
     def _some_directions(self) -> Floats:
-        """Return directions of travel (k, 3) of the incident waves, at most 4096."""
+        """Return directions of travel (k, 3) of the incident waves, some thousand at most."""
         if self.to_transmitter is not None:
             return -self.to_transmitter[None]
-        step = math.ceil(math.prod(self.shape) / _MOST_WARNED)
-        some = np.unravel_index(np.arange(0, math.prod(self.shape), step), self.shape)
-        return -self._towards(self.azimuth[some[0]], self.elevation[some[1]])
+        step = math.ceil(math.sqrt(math.prod(self.shape) / _MOST_WARNED))
+        return -self._towards(self.azimuth[::step, None], self.elevation[::step]).reshape(-1, 3)
 
     def _towards(self, azimuth: Floats, elevation: Floats) -> Floats:
         """Return unit vectors (..., 3) of angles that broadcast."""

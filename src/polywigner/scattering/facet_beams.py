@@ -153,7 +153,7 @@ class Ends:
         self.lit: list[Visible] = [views[j].lit for j in of_transmitter]
         self.k: Floats = k[[views[j].rows[0] for j in of_transmitter]]
         """Directions of travel (m, 3) of the incident waves."""
-        self.across: Floats = np.stack([axes_across(direction) for direction in self.k])
+        self.across: Floats = axes_across(self.k)
         """Image axes (m, 2, 3) of each transmitter."""
         self.s: Floats = s[[view.rows[0] for view in views]]
         """Directions (n, 3) towards the receivers."""

@@ -39,15 +39,14 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 Sides = NDArray[np.int8]
-"""1 for the outer side of a triangle, -1 for the other side of a plate, 0 for neither."""
+"""Side of a triangle: 1 is the outer side, -1 the other side of a plate, 0 means none."""
 
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 
 _EXPECTED = "expected a body (Polyhedron, Aperture, placed Aperture, or an Array or list of these)"
 # Facets that meet at less than this angle belong to one curved face, as in meshes of smooth bodies.
 SMOOTH = math.cos(math.radians(30))
-# Sine of the angle by which faces in one plane may be concave after rounding. So shallow a dent
-# shadows at most this fraction of a body.
+# Depth of dents that are due to rounding, as a fraction of the body's size.
 _FLAT = 1e-9
 # Grid of normals and of heights over the body's size, by which planes are compared. The phase error
 # is this many cycles per wavelength of the body's size.
@@ -68,8 +67,8 @@ class Facets:
     """Vectors (n, 3) to the third corners."""
     is_plate: NDArray[np.bool_]
     """Whether each triangle (n,) has two outer sides."""
-    casts_shadows: bool
-    """Whether one triangle may hide another."""
+    is_single: bool
+    """Whether the body is one plate or one polyhedron."""
     centre: Floats
     """Centre (3,) of the bounding box in the body's frame, in m."""
 
@@ -98,8 +97,8 @@ class Facets:
         return np.asarray(np.unique(rows + 0.0, axis=0, return_inverse=True)[1].ravel())
 
     @cached_property
-    def surface(self) -> Indices:
-        """Numbers (n,) of surfaces, equal for triangles that join smoothly at common edges."""
+    def neighbours(self) -> tuple[Indices, Indices]:
+        """Pairs (m,) of numbers of triangles that have an edge in common."""
         points = np.round(self.corners.reshape(-1, 3) / (_ONE_VERTEX * self.size)).astype(np.int64)
         number = np.zeros(len(points), np.int64)
         for column in points.T:
@@ -110,11 +109,21 @@ class Facets:
         keys = (edges[..., 0] * len(points) + edges[..., 1]).ravel()
         order = np.argsort(keys, kind="stable")
         (same,) = np.nonzero(keys[order][1:] == keys[order][:-1])
-        one, other = order[same] // 3, order[same + 1] // 3
+        return order[same] // 3, order[same + 1] // 3
+
+    @cached_property
+    def casts_shadows(self) -> bool:
+        """Whether one triangle may hide another."""
+        return not (self.is_single and (self.is_plate.all() or _is_convex(self)))
+
+    @cached_property
+    def surface(self) -> Indices:
+        """Numbers (n,) of surfaces, equal for triangles that join smoothly at common edges."""
+        one, other = self.neighbours
         cosine = (self.normal[one] * self.normal[other]).sum(axis=1)
         both_sides = self.is_plate[one] & self.is_plate[other]
         smooth = np.where(both_sides, np.abs(cosine), cosine) > SMOOTH
-        return connected(len(begin), one[smooth], other[smooth])
+        return connected(len(self.corner), one[smooth], other[smooth])
 
     @cached_property
     def least_face(self) -> float:
@@ -172,14 +181,12 @@ def _facets(parts: tuple[Polyhedron | Aperture | PlacedAperture, ...]) -> Facets
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     centre = low + (high - low) / 2
     triangles = triangles - centre
-    (single,) = parts if len(parts) == 1 else (None,)
-    shadows = single is None or (isinstance(single, Polyhedron) and not _is_convex(single))
     return Facets(
         triangles[:, 0],
         triangles[:, 1] - triangles[:, 0],
         triangles[:, 2] - triangles[:, 0],
         np.concatenate(plates),
-        shadows,
+        len(parts) == 1,
         centre,
     )
 
@@ -196,40 +203,22 @@ def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
     return placed[triangles]
 
 
-def _is_convex(body: Polyhedron) -> bool:
-    """Return whether no face can hide another; False if rounding leaves it undecided."""
-    faces, points = body.faces, body.vertices
-    counts = np.array([len(face) for face in faces])
-    owner = np.repeat(np.arange(len(faces)), counts)
-    begin = np.array([vertex for face in faces for vertex in face])
-    last = np.cumsum(counts) - 1
-    end = np.append(begin[1:], 0)
-    end[last] = begin[last - counts + 1]
-    first = points[begin[last - counts + 1]]
-    origin = first[owner]
-    crosses = np.cross(points[begin] - origin, points[end] - origin)
-    sums = np.stack([np.bincount(owner, crosses[:, k], len(faces)) for k in range(3)], axis=1)
-    along = points[end] - points[begin]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        normals = sums / np.linalg.norm(sums, axis=1, keepdims=True)
-        along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    # pairs of faces at common edges, in both orders
-    keys, reverse = begin * len(points) + end, end * len(points) + begin
-    here, there = np.argsort(keys, kind="stable"), np.argsort(reverse, kind="stable")
-    if not ((np.diff(keys[here]) != 0).all() and np.isfinite(normals).all()):
+def _is_convex(solid: Facets) -> bool:
+    """Return whether no face of a solid can hide another; False if rounding leaves it undecided."""
+    pairs = solid.neighbours
+    if 2 * len(pairs[0]) != 3 * len(solid.corner):  # each edge belongs to two triangles
         return False
-    # the direction from an edge into the other face rises above this face if the edge is concave
-    inwards = np.cross(normals[owner[there]], along[there])
-    if ((normals[owner[here]] * inwards).sum(axis=1) > _FLAT).any():
-        return False
-    centre = points.mean(axis=0)
-    depth = ((first - centre) * normals).sum(axis=1)
+    for here, there in (pairs, pairs[::-1]):
+        away = solid.corners[there] - solid.corner[here, None]
+        if (away @ solid.normal[here, :, None]).max() > _FLAT * solid.size:  # a concave edge
+            return False
+    corners = solid.corners - solid.corners.mean(axis=(0, 1))
     # the surface covers each direction once if a ray through the centroid of the first triangle,
     # between three planes through the centre, meets no other triangle
-    corners = points[body.triangles] - centre
     ray = corners[0].mean(axis=0)
     sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray >= 0 for k in range(3)]
-    return bool((depth > 0).all()) and int(np.all(sides, axis=0).sum()) == 1
+    is_star_shaped = ((corners[:, 0] * solid.normal).sum(axis=1) > 0).all()
+    return bool(is_star_shaped) and int(np.all(sides, axis=0).sum()) == 1
 
 
 # ---- visible parts ------------------------------------------------------------------------------
@@ -290,9 +279,10 @@ def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> Sides:
 
 
 def axes_across(direction: Floats) -> Floats:
-    """Return the image axes (2, 3) of an observer who looks along a direction (3,)."""
-    _, _, axes = np.linalg.svd(direction[None])
-    return axes[1:] * np.array([[1.0], [-np.sign(np.linalg.det([*axes[1:], direction]))]])
+    """Return the image axes (..., 2, 3) of observers who look along directions (..., 3)."""
+    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin(axis=-1)])
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, np.cross(first, direction)], axis=-2)
 
 
 def seen_along(facets: Facets, direction: Floats) -> Visible:
@@ -439,17 +429,14 @@ def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
 # ---- mutual illumination of faces ---------------------------------------------------------------
 
 # Distance that counts as zero, as a fraction of the body's size: STL files round vertices to 1e-7.
-# Beams narrower than the same fraction of its square are ignored.
 _NEAR = 1e-6
-# Number of triangles compared in pairs, half of them the largest; comparisons of one step.
-_MOST_TRIANGLES, _BLOCK = 1500, 1 << 18
-# Limits of directions and of pairs of triangles for each: a second or two in all.
-_MOST_DIRECTIONS, _MOST_BEAMS = 256, 4096
-# Rays tested for obstacles in one step.
-_RAYS = 64
-# Points of a beam: the centroid of its cross section, and points at this fraction of the distance
-# to its corners.
-_NEAR_CORNER = 0.9
+# Directions that are tested, and rays of each; rays of all directions times triangles, a second or
+# two, and of one step.
+_MOST_DIRECTIONS, _FEWEST_RAYS, _MOST_RAYS = 256, 16, 128
+_MOST_TESTS, _BLOCK = 1 << 21, 1 << 18
+# Steps of points along both sides of a parallelogram, which fill it evenly: M. Roberts, "The
+# unreasonable effectiveness of quasirandom sequences" (2018).
+_STEPS = 0.7548776662466927, 0.5698402909980532
 
 
 def warn_of_reflections(facets: Facets, travelling: Floats) -> None:
@@ -462,133 +449,57 @@ def warn_of_reflections(facets: Facets, travelling: Floats) -> None:
 
 
 def lights_itself(facets: Facets, travelling: Floats) -> bool:
-    """Return whether a wave that travels along one of k (m, 3) goes from one face to another.
+    """Return whether rays along one of k (m, 3) go from one face of a body to another.
 
-    Faces that join smoothly, or whose planes are parallel within 30 degrees, do not count: they
-    are curved, or send waves on rather than back. At most 256 directions are tested.
+    Up to 256 directions are tested, with 16 to 128 rays each; fewer for bodies of many triangles.
     """
     if not facets.casts_shadows or not len(travelling):
         return False
-    pairs = _facing_pairs(facets)
-    if not len(pairs[0]):
-        return False
     directions = np.unique(travelling, axis=0)
+    tests = _MOST_TESTS // len(facets.corner)
+    most = min(max(tests // _FEWEST_RAYS, 1), _MOST_DIRECTIONS)
+    directions = directions[:: math.ceil(len(directions) / most)]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    step = math.ceil(len(directions) / _MOST_DIRECTIONS)
-    return any(_lights(facets, pairs, k) for k in directions[::step])
+    rays = np.arange(min(max(tests // len(directions), _FEWEST_RAYS), _MOST_RAYS))
+    blocks = np.array_split(rays, math.ceil(len(rays) * len(facets.corner) / _BLOCK))
+    return any(_reflects_to_another(facets, k, b, len(rays)) for k in directions for b in blocks)
 
 
-_Pairs = tuple[Indices, Indices, Floats, Floats]
-"""Numbers (n,) of triangles in front of each other's planes, and the normals (n, 3) there."""
+def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -> bool:
+    """Return whether some of ``count`` rays along k (3,), spread over the body, meet two faces.
+
+    Two faces that join smoothly, or whose planes are parallel within 30 degrees, count as one: they
+    are curved, or reflect the wave onwards rather than back.
+    """
+    signs = facing(facets, k)
+    if not signs.any():
+        return False
+    # half of the rays in proportion to the area, and the same number for each triangle
+    area = np.abs((facets.vector @ k) * signs)
+    weights = np.cumsum(area / area.sum() + (signs != 0) / np.count_nonzero(signs))
+    facet = np.searchsorted(weights, (rays + 0.5) / count * weights[-1])
+    a, b = (np.outer(_STEPS, rays + 0.5) % 1)[..., None]
+    a, b = np.where(a + b > 1, [1 - a, 1 - b], [a, b])  # from the parallelogram to the triangle
+    point = facets.corner[facet] + a * facets.first[facet] + b * facets.second[facet]
+    lit = _first_met(facets, point, np.broadcast_to(-k, point.shape)) < 0
+    facet, point, normal = facet[lit], point[lit], facets.normal[facet[lit]]
+    other = _first_met(facets, point, k - 2 * (normal @ k)[:, None] * normal)
+    facet, normal, other = (part[other >= 0] for part in (facet, normal, other))
+    is_bent = np.abs((normal * facets.normal[other]).sum(axis=1)) < SMOOTH
+    return bool((is_bent & (facets.surface[facet] != facets.surface[other])).any())
 
 
-@lru_cache(maxsize=16)
-def _facing_pairs(facets: Facets) -> _Pairs:
-    """Return pairs of triangles of different surfaces that face each other."""
-    rows, small = _representatives(facets), _NEAR * facets.size
-    normal, surface, is_plate = facets.normal[rows], facets.surface[rows], facets.is_plate[rows]
-    corners = facets.corners[rows]
-    level = (normal * corners[:, 0]).sum(axis=1)
-    columns: list[list[Indices]] = []
-    for start in range(0, len(rows), max(1, _BLOCK // len(rows))):
-        some = slice(start, start + max(1, _BLOCK // len(rows)))
-        bent = np.abs(normal[some] @ normal.T) < SMOOTH
-        bent &= surface[some, None] != surface
-        # heights of the others over the planes of some, and of some over the planes of the others
-        heights = np.einsum("ik,jck->ijc", normal[some], corners) - level[some, None, None]
-        back = np.einsum("jk,ick->ijc", normal, corners[some]) - level[None, :, None]
-        for one, other in product((1, -1), repeat=2):
-            faces = bent & ((one * heights).max(axis=2) > small)
-            faces &= (other * back).max(axis=2) > small
-            faces &= (is_plate[some, None] if one < 0 else True) & (is_plate if other < 0 else True)
-            first, second = np.nonzero(faces)
-            sides = np.full(len(first), one), np.full(len(first), other)
-            columns.append([first + start, second, *sides])
-    first, second, one_side, other_side = (
-        np.concatenate(column) for column in zip(*columns, strict=True)
-    )
-    normals = one_side[:, None] * normal[first], other_side[:, None] * normal[second]
-    return rows[first], rows[second], *normals
-
-
-def _representatives(facets: Facets) -> Indices:
-    """Return the numbers of all triangles, or of the largest ones and some of the others."""
-    order = np.argsort(-np.linalg.norm(facets.vector, axis=1), kind="stable")
-    if len(order) <= _MOST_TRIANGLES:
-        return order
-    half = _MOST_TRIANGLES // 2
-    return np.concatenate([order[:half], order[half :: math.ceil(len(order) / half)]])
-
-
-def _lights(facets: Facets, pairs: _Pairs, k: Floats) -> bool:
-    """Return whether a wave along k (3,) goes from one triangle of a pair to the other."""
-    one, other, normal, other_normal = pairs
-    onto = normal @ k
-    after = other_normal @ k - 2 * onto * (normal * other_normal).sum(axis=1)
-    (rows,) = np.nonzero((onto < -_NEAR) & (after < -_NEAR))
-    some = rows[:: math.ceil(max(1, len(rows)) / _MOST_BEAMS)]
-    points, rays, lengths = _beams(facets, one[some], other[some], normal[some], k)
-    for start in range(0, len(points), _RAYS):
-        few = slice(start, start + _RAYS)
-        free = ~_blocked(facets, points[few], np.broadcast_to(-k, points[few].shape), np.inf)
-        free[free] = ~_blocked(facets, points[few][free], rays[few][free], lengths[few][free])
-        if free.any():
-            return True
-    return False
-
-
-def _beams(
-    facets: Facets, one: Indices, other: Indices, normal: Floats, k: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Return points (m, 3) whose reflected rays meet the other triangle, rays and lengths."""
-    rays = k - 2 * (normal @ k)[:, None] * normal
-    across = np.cross(rays, np.eye(3)[np.abs(rays).argmin(axis=1)])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    axes = np.stack([across, np.cross(rays, across), rays], axis=2)
-    both = [facets.corners[rows] @ axes for rows in (one, other)]
-    low = np.maximum(*(part[..., :2].min(axis=1) for part in both))
-    high = np.minimum(*(part[..., :2].max(axis=1) for part in both))
-    (near,) = np.nonzero((low < high).all(axis=1))
-    flat = [np.asarray(shapely.polygons(part[near, :, :2])) for part in both]
-    shared = shapely.intersection(*flat)
-    wide = shapely.area(shared) > _NEAR * facets.size**2
-    shared, near = shared[wide], near[wide]
-    centroids = shapely.get_coordinates(shapely.centroid(shared))
-    corners, owner = shapely.get_coordinates(shared, return_index=True)
-    inner = centroids[owner] + _NEAR_CORNER * (corners - centroids[owner])
-    points = np.concatenate([centroids, inner])
-    rows = near[np.concatenate([np.arange(len(near)), owner])]
-    depths = [_depths(part[rows], points) for part in both]
-    lengths = depths[1] - depths[0]
-    ahead = lengths > _NEAR * facets.size
-    rows, lengths = rows[ahead], lengths[ahead]
-    there = np.column_stack([points[ahead], depths[0][ahead]])
-    return (axes[rows] @ there[:, :, None])[..., 0], rays[rows], lengths
-
-
-def _depths(triangles: Floats, points: Floats) -> Floats:
-    """Return third coordinates (n,) of the planes of triangles (n, 3, 3) at points (n, 2)."""
-    first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    normal = np.cross(first, second)
-    beyond = ((points - triangles[:, 0, :2]) * normal[:, :2]).sum(axis=1)
-    return np.asarray(triangles[:, 0, 2] - beyond / normal[:, 2])
-
-
-def _blocked(
-    facets: Facets, start: Floats, along: Floats, lengths: Floats | float
-) -> NDArray[np.bool_]:
-    """Return whether rays (n, 3) of lengths (n,) meet a triangle beyond their start."""
-    small = _NEAR * facets.size
+def _first_met(facets: Facets, start: Floats, along: Floats) -> Indices:
+    """Return the number (n,) of the triangle that each ray (n, 3) meets first; -1: none."""
+    # duals: vectors whose products with a point are its coordinates along both sides of a triangle
+    squared = np.square(facets.vector).sum(axis=1, keepdims=True)
+    duals = np.cross(facets.second, facets.vector), np.cross(facets.vector, facets.first)
+    vectors = facets.normal, *(dual / squared for dual in duals)
+    height, u, v = (start @ w.T - (facets.corner * w).sum(axis=1) for w in vectors)
+    slope, u_rate, v_rate = (along @ w.T for w in vectors)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slope = along @ facets.normal.T
-        height = (facets.normal * facets.corner).sum(axis=1) - start @ facets.normal.T
-        distance = height / slope
-        meets = (distance > small) & (distance < np.reshape(lengths, (-1, 1)) - small)
-        ray, facet = np.nonzero(meets)
-        point = start[ray] + distance[ray, facet][:, None] * along[ray]
-    corners = facets.corners[facet]
-    sides = np.roll(corners, -1, axis=1) - corners
-    inside = np.cross(sides, point[:, None] - corners) @ facets.normal[facet][:, :, None]
-    blocked = np.zeros(len(start), np.bool_)
-    blocked[ray[(inside[..., 0] > 0).all(axis=1)]] = True
-    return blocked
+        distance = -height / slope
+        u, v = u + distance * u_rate, v + distance * v_rate
+        met = (distance > _NEAR * facets.size) & (u > 0) & (v > 0) & (u + v < 1)
+    distance = np.where(met, distance, np.inf)
+    return np.where(met.any(axis=1), distance.argmin(axis=1), -1)

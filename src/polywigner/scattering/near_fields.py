@@ -38,7 +38,7 @@ from polywigner.scattering.facets import (
 )
 from polywigner.source import Array
 from polywigner.source.obliquities import DEFAULT, DERIVATIVE_OF, OBLIQUITIES, BoundaryCondition
-from polywigner.source.polarisation import checked_pair, is_pair
+from polywigner.source.polarisation import checked_pair
 from polywigner.source.tapers import checked_unit_vectors as unit_vectors_as_given
 
 Floats = NDArray[np.float64]
@@ -314,8 +314,9 @@ def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
 # Pieces of one step, and their largest number: 4 GB.
 _BLOCK = 1 << 15
 _MOST = 1 << 24
-# Extrapolation from pieces and their quarters leaves about the square of a departure.
-_SHARE = 0.7
+# The extrapolation from pieces and their quarters leaves an error of about the square of the
+# departure from plane waves, so this fraction of the root of the tolerance is allowed.
+_OF_ROOT = 0.7
 # Variance of positions along an axis: over an equilateral triangle, divided by the square of its
 # side; over an antenna, divided by the square of its extent.
 _OF_TRIANGLE, _OF_ANTENNA = 1 / 24, 1 / 12
@@ -343,7 +344,7 @@ def near_sums(
         )
         shape = np.broadcast_shapes(*(vectors.shape for vectors in polarisations))
         return np.full(shape[:-1], complex(np.nan, np.nan))
-    pieces = _fine(lit, transmitter, receiver, math.sqrt(tolerance) * _SHARE)
+    pieces = _fine(lit, transmitter, receiver, math.sqrt(tolerance) * _OF_ROOT)
     sums = [_summed(pieces, split, transmitter, receiver, polarisations) for split in (False, True)]
     return np.asarray((4 * sums[1] - sums[0]) / 3)
 
@@ -562,17 +563,8 @@ def _polarisations(
     q, p = (np.stack([axes["v"], axes["h"]], axis=-2).astype(np.complex128) for axes in both)
     if polarisation is None:
         return (None, None), (q, p)
-    is_named = isinstance(polarisation, str) and polarisation in get_args(Channel)
-    if is_named or (is_pair(polarisation) and any(map(_is_in_space, polarisation))):
+    if isinstance(polarisation, str) and polarisation in get_args(Channel):
         q, p = checked_polarisations(polarisation, to_radar, to_sender)
         return (None, None), (q[..., None, :], p[..., None, :])
-    # vector fields need one sum, whatever the directions
+    # vector fields contain the directions of both polarisations: one sum is enough
     return checked_pair(polarisation, receiver, transmitter), (q[..., :1, :], p[..., :1, :])
-
-
-def _is_in_space(vectors: Any) -> bool:
-    """Return whether vectors have three components."""
-    try:
-        return np.shape(vectors)[-1:] == (3,)
-    except ValueError:  # lists of unequal lengths
-        return False

@@ -5,10 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import os
-from base64 import b64encode
 from collections.abc import Sequence
-from itertools import starmap
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +17,6 @@ from polywigner.geometry.arguments import checked_path, checked_row, real_number
 from polywigner.mitsuba.plugins.mixtures import norm_of, support_of
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.stores import in_place, write_netcdf
-from polywigner.reception.norms import NORMALISATIONS
 from polywigner.source import Array
 
 Floats = NDArray[np.float64]
@@ -49,21 +45,26 @@ def element_responses(
 
     Parameters
     ----------
-    cloud : a dataset of :func:`scatterers`.
-    elements : an Array, whose elements are used with their illuminations but without weights; or a
-        sequence of apertures.
-    to_world : (4, 4) pose of the plane of the elements, translation in m; default: the pose of the
-        cloud's receiver.
+    cloud : xarray.Dataset
+        Cloud of :func:`scatterers`.
+    elements : Array, Aperture or sequence of Aperture
+        Elements with their illuminations; the weights of an Array are not used.
+    to_world : array_like, shape (4, 4), optional
+        Pose of the plane of the elements, translation in m. Default: the pose of the cloud's
+        receiver.
 
     Returns
     -------
-    (elements, scatterers) complex, in m: the squared modulus times W/sr gives W. Scatterers behind
-    the plane, or at angles with zero obliquity, have responses of zero.
+    ndarray of complex, shape (elements, scatterers)
+        Responses in m: the squared modulus times W/sr gives W. Scatterers behind the plane, or at
+        angles with zero obliquity, have responses of zero.
 
     Raises
     ------
-    ArgumentError : other objects than a cloud, elements or a pose. SceneError : elements that
-        cannot radiate.
+    ArgumentError
+        If ``cloud``, ``elements`` or ``to_world`` is of another kind.
+    SceneError
+        If an element cannot radiate.
     """
     positions, _, attrs = _checked(cloud)
     return _responses(positions, _sources(elements), to_world, attrs)
@@ -86,32 +87,35 @@ def covariance(
 
     Parameters
     ----------
-    cloud, elements, to_world : as for :func:`element_responses`.
-    ranges : (gates + 1,) ascending edges of the gates in m of range, half of ``path_length``; None:
-        the complete cloud.
+    cloud, elements, to_world
+        As for :func:`element_responses`.
+    ranges : array_like, shape (gates + 1,), optional
+        Ascending edges of range gates in m of range, half of ``path_length``. Default: one gate
+        for the complete cloud.
 
     Returns
     -------
-    (elements, elements) complex, Hermitian, in W; with ``ranges`` (gates, elements, elements).
+    ndarray of complex, shape (elements, elements) or (gates, elements, elements)
+        Hermitian matrix in W, one for each gate if ``ranges`` is given.
 
     Raises
     ------
-    ArgumentError : as for :func:`element_responses`; ranges that do not ascend.
+    ArgumentError
+        As for :func:`element_responses`, or if ``ranges`` does not ascend.
     """
     positions, intensity, attrs = _checked(cloud)
     sources = _sources(elements)
-    if ranges is None:
-        gates, count = np.zeros(len(intensity), np.intp), 1
-    else:
+    count = 1
+    gates = np.zeros(len(intensity), np.intp)
+    if ranges is not None:
         edges = _edges(ranges)
         count = len(edges) - 1
         # the last gate has both of its edges
         half = np.asarray(cloud["path_length"].values) / 2
         gates = np.searchsorted(edges, half, side="right") - 1
         gates[half == edges[-1]] = count - 1
-        inside = (gates >= 0) & (gates < count)
-        positions, intensity, gates = positions[inside], intensity[inside], gates[inside]
     order = np.argsort(gates, kind="stable")
+    order = order[(gates[order] >= 0) & (gates[order] < count)]
     result = np.zeros((count, len(sources), len(sources)), np.complex128)
     for start in range(0, len(order), _CHUNK):
         part = order[start : start + _CHUNK]
@@ -127,6 +131,7 @@ def covariance(
 def _responses(
     positions: Floats, sources: list[Aperture], to_world: Any, attrs: dict[str, Any]
 ) -> Complexes:
+    """Return responses (sources, n) of sources at a pose to scatterers at positions (n, 3)."""
     pose = _pose(attrs["to_world"] if to_world is None else to_world)
     local = (positions - pose[:3, 3]) @ pose[:3, :3]
     front = local[:, 2] > 0.0
@@ -144,17 +149,17 @@ def _responses(
 
 def _checked(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
     """Return positions, intensities and attributes of a cloud."""
-    names = ("position", "intensity", "path_length")
     try:
-        positions, intensity, _ = (np.asarray(cloud[name].values, np.float64) for name in names)
-        attrs = {name: cloud.attrs[name] for name in ("wavelength", "obliquity", "to_world")}
-        attrs["normalise"] = cloud.attrs.get("normalise", NORMALISATIONS[0])
+        positions, intensity = (
+            np.asarray(cloud[name].values, np.float64) for name in ("position", "intensity")
+        )
+        names = ("wavelength", "obliquity", "to_world", "normalise")
+        return positions, intensity, {name: cloud.attrs[name] for name in names}
     except (AttributeError, KeyError, TypeError, IndexError, ValueError):
         raise ArgumentError(
             f"expected a cloud of polywigner.mitsuba.scatterers, got {type(cloud).__name__} "
             "without its variables and attributes"
         ) from None
-    return positions, intensity, attrs
 
 
 def _sources(elements: Any) -> list[Aperture]:
@@ -192,85 +197,38 @@ def _edges(ranges: Any) -> Floats:
     return edges
 
 
-SUFFIXES = (".vtp", ".csv", ".nc")
-
-
 def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
     """Write a cloud of scatterers to a file; no file remains after an error.
 
     Parameters
     ----------
-    cloud : a dataset of :func:`scatterers`.
-    path : ``.vtp``: points with values for ParaView, VisIt and PyVista (ids of shapes and emitters
-        as numbers, with a list of names); ``.csv``: one row per scatterer with position_x,
-        position_y, position_z, ...; ``.nc``: NetCDF, which needs the extra ``datasets``. An
-        existing file is replaced.
+    cloud : xarray.Dataset
+        Cloud of :func:`scatterers`.
+    path : str or path-like
+        ``.csv``: one row per scatterer with the columns position_x, position_y, position_z, ...;
+        ``.nc``: NetCDF, which requires the extra ``datasets``. An existing file is replaced.
 
     Raises
     ------
-    ArgumentError : other objects than a cloud, another suffix, a path that cannot be written.
-        MissingExtraError : no library for NetCDF.
+    ArgumentError
+        If ``cloud`` is not a cloud, the suffix is unknown, or the file cannot be written.
+    MissingExtraError
+        If the library for NetCDF is not installed.
     """
     file = checked_path(path)
     _checked(cloud)
-    suffix = file.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise ArgumentError(
-            f"expected a file of {', '.join(SUFFIXES)} for scatterers, got {str(file)!r}"
-        )
-    if suffix == ".nc":
+    if file.suffix.lower() == ".nc":
         write_netcdf(cloud, file)
         return
-    columns = {str(name): np.asarray(array.values) for name, array in cloud.data_vars.items()}
-    with in_place(file) as scratch:
-        (_write_points if suffix == ".vtp" else _write_table)(columns, scratch)
-
-
-def _write_table(columns: dict[str, NDArray[Any]], path: Path) -> None:
-    flat: dict[str, list[Any]] = {}
-    for name, values in columns.items():
-        if values.ndim == 2:
-            flat |= {f"{name}_{a}": values[:, k].tolist() for k, a in enumerate("xyz")}
+    if file.suffix.lower() != ".csv":
+        raise ArgumentError(f"expected a file of .csv or .nc for scatterers, got {str(file)!r}")
+    columns: dict[str, list[Any]] = {}
+    for name, array in cloud.data_vars.items():
+        if array.ndim == 2:
+            columns |= {f"{name}_{a}": array.values[:, k].tolist() for k, a in enumerate("xyz")}
         else:
-            flat[name] = values.tolist()
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(flat)
-        writer.writerows(zip(*flat.values(), strict=True))
-
-
-def _write_points(columns: dict[str, NDArray[Any]], path: Path) -> None:
-    count = len(columns["power"])
-    texts = {name: values for name, values in columns.items() if values.dtype.kind in "UO"}
-    of_points = {n: v for n, v in columns.items() if n != "position" and n not in texts}
-    names = {}
-    for name, values in texts.items():
-        names[name], numbers = np.unique(values.astype(str), return_inverse=True)
-        of_points[name] = numbers.reshape(-1)
-    lines = ["<FieldData>"]
-    for name, known in names.items():
-        # texts in VTK are bytes that end with zero
-        codes = " ".join(map(str, "".join(f"{word}\0" for word in known.tolist()).encode()))
-        about = f'Name="{name}_names" type="String" NumberOfTuples="{len(known)}" format="ascii"'
-        lines.append(f"<DataArray {about}>{codes}</DataArray>")
-    lines += ["</FieldData>", f'<Piece NumberOfPoints="{count}" NumberOfVerts="{count}">']
-    lines += ['<PointData Scalars="power" Normals="normal">', *starmap(_numbers, of_points.items())]
-    lines += ["</PointData><Points>", _numbers("position", columns["position"])]
-    lines += ["</Points><Verts>", _numbers("connectivity", np.arange(count))]
-    lines += [_numbers("offsets", np.arange(1, count + 1)), "</Verts></Piece>"]
-    text = "\n".join(lines)
-    path.write_text(
-        '<?xml version="1.0"?>\n<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" '
-        'header_type="UInt64">\n'
-        f"<PolyData>\n{text}\n</PolyData>\n</VTKFile>\n"
-    )
-
-
-def _numbers(name: str, values: NDArray[Any]) -> str:
-    """Return an array (n,) or (n, 3) in VTK's XML: the number of bytes and the bytes in base64."""
-    kind, dtype = ("Float64", "<f8") if values.dtype.kind == "f" else ("Int64", "<i8")
-    parts = 1 if values.ndim == 1 else values.shape[1]
-    content = values.astype(dtype).tobytes()
-    text = b64encode(np.array(len(content), "<u8").tobytes() + content).decode()
-    about = f'type="{kind}" NumberOfComponents="{parts}" format="binary"'
-    return f'<DataArray Name="{name}" {about}>{text}</DataArray>'
+            columns[str(name)] = array.values.tolist()
+    with in_place(file) as scratch, scratch.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))

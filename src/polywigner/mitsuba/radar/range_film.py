@@ -37,7 +37,7 @@ _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
 TRANSIENT_INTEGRATORS = (_PATH, _VOLUME)
 """Plugins that sample receivers and cameras. ``transient_nlos_path`` needs a special sensor."""
 
-_OWN = ("TransientPath", "TransientPRBVolpathIntegrator")
+_PYTHON_CLASSES = ("TransientPath", "TransientPRBVolpathIntegrator")
 
 # Integrators of mitransient with the same paths as Mitsuba's integrators, by class names.
 _COUNTERPARTS = {
@@ -57,12 +57,7 @@ def require_transients(variant: str | None = None) -> ModuleType:
     """Return mitransient with its plugins registered for the current variant."""
     if variant is not None:
         mi.set_variant(variant)
-    variant = mi.variant()
-    if variant is None or variant.startswith("scalar"):
-        raise EngineError(
-            f"expected a compiled variant such as llvm_ad_mono, got {variant}: ranges need "
-            "mitransient, which has no integrators for scalar variants"
-        )
+    check_is_compiled("ranges")
     loaded, films = (sys.modules.get(name) for name in (_NAME, f"{_NAME}.films.transient_hdr_film"))
     if loaded is not None:
         if films is not None and issubclass(films.TransientHDRFilm, mi.Film):
@@ -76,6 +71,16 @@ def require_transients(variant: str | None = None) -> ModuleType:
     finally:
         if chosen is None:
             os.environ.pop("MI_DEFAULT_VARIANT", None)
+
+
+def check_is_compiled(purpose: str) -> None:
+    """Raise EngineError for scalar variants, which trace one ray at a time."""
+    variant = mi.variant()
+    if variant is None or variant.startswith("scalar"):
+        raise EngineError(
+            f"{purpose} require a compiled variant such as llvm_ad_mono, got {variant}; set one "
+            "with mi.set_variant(polywigner.mitsuba.choose_variant())"
+        )
 
 
 def is_transient(integrator: Any) -> bool:
@@ -94,7 +99,7 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integra
                 f"({emitter.class_name()}); remove it"
             )
     counterpart = _counterpart(integrator)
-    if type(counterpart).__name__ != _OWN[1]:
+    if type(counterpart).__name__ != _PYTHON_CLASSES[1]:
         return counterpart
     # mitransient ignores fog around the sensor, and underestimates paths in heterogeneous fog
     if sensor.get_medium() is not None:
@@ -114,7 +119,7 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integra
 def _counterpart(integrator: Any) -> mi.Integrator:
     python_name = type(integrator).__name__
     if is_transient(integrator):
-        if python_name not in _OWN:
+        if python_name not in _PYTHON_CLASSES:
             raise SceneError(
                 f"expected {' or '.join(TRANSIENT_INTEGRATORS)}, got {python_name} of mitransient; "
                 "it needs a special sensor"
@@ -228,7 +233,7 @@ class RangeFilm(VariantPlugin):
         self._edges = self.m.Float(edges.tolist())
         self._count = len(edges)
         self._sums: Drjit = None
-        self.late: Drjit = 0.0
+        self.start_distance: Drjit = 0.0
         """Length of each path before the start of its ray."""
 
     def prepare_transient_(self, aovs: Any) -> int:
@@ -247,7 +252,7 @@ class RangeFilm(VariantPlugin):
         active: Drjit,
         **_: Any,
     ) -> None:
-        m, length = self.m, distance + self.late
+        m, length = self.m, distance + self.start_distance
         passed = dr.binary_search(
             0, self._count, lambda k: dr.gather(m.Float, self._edges, k) <= length
         )
@@ -293,7 +298,7 @@ class RangeSensor(VariantPlugin):
         self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit]:
         ray, weight = self._sensor.sample_ray_differential(time, sample1, sample2, sample3, active)
-        self._film.late = self._late(ray)
+        self._film.start_distance = self._start_distance(ray)
         if is_receiver(self._sensor) and self.m.is_polarized:
             weight = weight * self._inverse_rotation(ray.d)
         return ray, weight
@@ -305,7 +310,7 @@ class RangeSensor(VariantPlugin):
         axes = dr.cross(d, upright), m.mueller.stokes_basis(-d)
         return m.Spectrum(m.mueller.rotate_stokes_basis(-d, *axes))
 
-    def _late(self, ray: mi.Ray3f) -> Drjit:
+    def _start_distance(self, ray: mi.Ray3f) -> Drjit:
         """Return the distance from the sensor at which a ray starts: near clip, or lift."""
         if is_receiver(self._sensor):
             return dr.dot(self._sensor.lift, ray.d)

@@ -35,7 +35,7 @@ from polywigner.mitsuba.receive.received_power import (
     received,
     scattered_here,
 )
-from polywigner.mitsuba.receive.scattered import shares_of, standard_error
+from polywigner.mitsuba.receive.scattered import by_source, standard_error
 from polywigner.mitsuba.scenes.rendering import default_spp, exposed
 from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of, wigner_emitters
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-# For 16 batches these take 0.1 GB for each light and receiver, and temporarily a few times as much.
+# Bins of 16 batches take 0.1 GB for each light and receiver, and temporarily a few times as much.
 _MOST_BINS = 2**20
 
 
@@ -79,21 +79,32 @@ def range_profile(
 
     Parameters
     ----------
-    scene : a ``mi.Scene`` with ``wigner_receiver`` sensors and lights, of a compiled variant.
-    ranges : (n + 1,) rising edges of n bins, in m, zero or more; up to 2^20 bins.
-    spp : samples for each emitter, in 16 batches; rounded up to a multiple of 16. Default: the
-        sensor's own.
-    seed : of the random numbers, zero or more.
-    receiver : id of the sensor, or its number among the sorted ids of receivers, from 0; None: all.
-    integrator : ``transient_path`` (surfaces), ``transient_prbvolpath`` (fog too), or one of
-        Mitsuba's that has the same paths: path, direct, prb; volpath, volpathmis, prbvolpath, whose
-        depths are used; default: the scene's integrator, or else the default of
+    scene : mi.Scene
+        Scene of a compiled variant with ``wigner_receiver`` sensors and lights.
+    ranges : array_like, shape (n + 1,)
+        Ascending edges of n bins in m, zero or more; up to 2^20 bins.
+    spp : int, optional
+        Samples for each emitter, in 16 batches; rounded up to a multiple of 16. Default: the value
+        of the sensor.
+    seed : int, default 0
+        Seed of the random numbers, zero or more.
+    receiver : int or str, optional
+        Id of the sensor, or its number among the sorted ids of receivers, from 0. Default: all.
+    integrator : str or mi.Integrator, optional
+        ``transient_path`` (surfaces), ``transient_prbvolpath`` (also fog), or an integrator of
+        Mitsuba with the same paths, whose depths are used: path, direct, prb; volpath, volpathmis,
+        prbvolpath. Default: the scene's integrator, or else the default of
         :func:`polywigner.mitsuba.render`.
-    reflections, tolerance : of direct light, as in :func:`polywigner.mitsuba.received_power`.
-    bandwidth, temperature, noise_figure : as in :func:`polywigner.mitsuba.received_power`.
-    coherent : True: direct paths of one emitter add as amplitudes within each bin.
-    polarisation, bodies : with ``coherent``, as in :func:`polywigner.mitsuba.received_power`.
-    progress : called after each render with the number of those done, and of all.
+    reflections, tolerance
+        As for :func:`polywigner.mitsuba.received_power`, for direct light.
+    bandwidth, temperature, noise_figure
+        As for :func:`polywigner.mitsuba.received_power`.
+    coherent : bool, default False
+        Whether direct paths of one emitter add as amplitudes within each bin.
+    polarisation, bodies
+        With ``coherent``, as for :func:`polywigner.mitsuba.received_power`.
+    progress : callable, optional
+        Function that is called after each render with the numbers of finished and of all renders.
 
     Returns
     -------
@@ -103,30 +114,32 @@ def range_profile(
         W. ``before`` and ``after`` (receiver) in W are from nearer and from farther than all bins;
         ``direct``, ``scattered`` and ``scattered_error`` from all ranges. For each ``path`` of
         direct light ``path_power`` in W and ``path_range`` in m (receiver, emitter, path), zero
-        and NaN for an emitter without it, and ``mirrors`` (path): the light's id, if it is no
-        coherent source, and the names of mirrors and bodies, joined by ", ". ``noise_power`` in W
-        and ``resolution`` c/(2 bandwidth) in m if temperature and bandwidth are known, else NaN.
-        With a single receiver the dimension ``receiver`` is left out. Coordinates: ``range``, the
-        centres of bins, and ``range_edge``, in m.
+        and NaN for an emitter without the path, and ``mirrors`` (path): the id of a light that is
+        not a coherent source, and the names of mirrors and bodies, joined by ", ". ``noise_power``
+        in W and ``resolution`` c/(2 bandwidth) in m if temperature and bandwidth are known, else
+        NaN. The dimension ``receiver`` is left out for a single receiver. Coordinates: ``range``,
+        the centres of bins, and ``range_edge``, in m.
 
     Raises
     ------
-    MissingExtraError : no mitransient. EngineError : a scalar variant. ArgumentError : edges that
-        do not rise, other arguments out of range. SceneError : as of
-        :func:`polywigner.mitsuba.received_power`; an integrator without path lengths; lights
-        infinitely far; a receiver in fog, or uneven fog, which mitransient measures too short.
+    MissingExtraError
+        If mitransient is not installed.
+    EngineError
+        If the variant is scalar.
+    ArgumentError
+        If the edges do not ascend, or if another argument is out of range.
+    SceneError
+        As for :func:`polywigner.mitsuba.received_power`; or if the integrator has no path lengths,
+        a light is infinitely far, the receiver is in fog, or fog is heterogeneous, in which
+        mitransient underestimates lengths.
     """
     edges = checked_ranges(ranges)
     require_transients()
     noise = bandwidth, temperature, noise_figure
     waves = coherent, polarisation, bodies
     options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, *noise, *waves)
-    received_batches = receivers_of(scene)
-    numbers = (
-        list(range(len(received_batches)))
-        if receiver is None
-        else [chosen(received_batches, receiver)]
-    )
+    receivers = receivers_of(scene)
+    numbers = list(range(len(receivers))) if receiver is None else [chosen(receivers, receiver)]
     sample = partial(scattered_here, scene, progress)
     return received_by_range(scene, numbers, options, edges, sample)[1]
 
@@ -135,8 +148,8 @@ def received_by_range(
     scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
     """Return received powers of receivers by their numbers, and the same by range."""
-    received_batches = received(scene, numbers, options, sample, edges)
-    return received_batches.powers, _profile_of(scene, received_batches, edges)
+    result = received(scene, numbers, options, sample, edges)
+    return result.powers, _profile_of(scene, result, edges)
 
 
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
@@ -163,18 +176,18 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
     return edges
 
 
-def _profile_of(scene: Any, received_batches: Received, edges: Floats) -> xarray.Dataset:
-    """See :func:`range_profile`."""
-    powers, parties, batches = received_batches
-    shares = [shares_of(scene, each) for each in batches]
+def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
+    """Return the dataset of :func:`range_profile`."""
+    powers, placed, batches = result
     names = [part.name for part in powers[0].contributions]
-    by_light = np.array([[*own, other][: len(names)] for own, other in shares])
+    pairs = [by_source(scene, of_receiver) for of_receiver in batches]
+    by_light = np.array([[*of_sources, others][: len(names)] for of_sources, others in pairs])
     lights = [[part.paths for part in power.contributions] for power in powers]
-    direct = np.array([[_direct_of(paths, edges) for paths in own] for own in lights])
+    direct = np.array([[_direct_of(paths, edges) for paths in row] for row in lights])
     values = _bins_of(by_light, direct) | _noise_of(powers)
     labels, paths = _paths_of(lights)
     coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
-    receivers = [position.name for position in parties.receivers]
+    receivers = [receiver.name for receiver in placed]
     values |= paths
     if is_single := len(receivers) == 1:
         values = {name: (array[0], *rest) for name, (array, *rest) in values.items()}
@@ -184,7 +197,7 @@ def _profile_of(scene: Any, received_batches: Received, edges: Floats) -> xarray
     meaning = "light and mirrors in the order of light; none: line of sight"
     about = {
         "receiver": receivers[0] if is_single else "several",
-        "wavelength": parties.receivers[0].wavelength,
+        "wavelength": placed[0].wavelength,
         "polarisation": "; ".join(dict.fromkeys(power.polarisation for power in powers)),
         "samples": powers[0].samples,
         "seed": powers[0].seed,
@@ -307,23 +320,34 @@ def range_frames(
 
     Parameters
     ----------
-    scene : a ``mi.Scene`` of a compiled variant; its camera specifies size, crop and sampler.
-    ranges : (n + 1,) rising edges of n bins, in m, zero or more.
-    spp : samples per pixel; default: the value of the sampler.
-    seed : seed of the random numbers, zero or more.
-    sensor : index of the scene's camera.
-    integrator : as for :func:`range_profile`.
-    progress : called after each of 4 parts with the number done and the total number.
+    scene : mi.Scene
+        Scene of a compiled variant, whose camera specifies size, crop and sampler.
+    ranges : array_like, shape (n + 1,)
+        Ascending edges of n bins in m, zero or more.
+    spp : int, optional
+        Samples per pixel. Default: the value of the sampler.
+    seed : int, default 0
+        Seed of the random numbers, zero or more.
+    sensor : int, default 0
+        Index of the scene's camera.
+    integrator : str or mi.Integrator, optional
+        As for :func:`range_profile`.
+    progress : callable, optional
+        Function that is called after each of 4 parts with the numbers of finished and of all parts.
 
     Returns
     -------
-    xarray.Dataset with ``radiance`` (range, row, column), ``before`` and ``after`` (row, column) in
-    W m^-2 sr^-1; the latter are nearer and farther than all bins. Their sum is the luminance of
-    the image. Coordinates ``range`` and ``range_edge`` in m.
+    xarray.Dataset
+        ``radiance`` (range, row, column), ``before`` and ``after`` (row, column) in W m^-2 sr^-1;
+        the latter are from nearer and from farther than all bins. The sum of all is the luminance
+        of the image. Coordinates ``range`` and ``range_edge`` in m.
 
     Raises
     ------
-    As :func:`range_profile`; ArgumentError for a receiver, or more than 2^28 values.
+    ArgumentError
+        If the sensor is a receiver, or if there are more than 2^28 values.
+    MissingExtraError, EngineError, SceneError
+        As for :func:`range_profile`.
     """
     how = {"spp": spp, "seed": seed, "sensor": sensor, "integrator": integrator}
     return prepared_frames(scene, ranges, **how)(progress)

@@ -19,6 +19,7 @@ from polywigner.mitsuba.plugins.films import depths_of
 from polywigner.mitsuba.plugins.placement import placed_emitter
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
 from polywigner.mitsuba.plugins.registration import one_at_a_time
+from polywigner.mitsuba.radar.range_film import check_is_compiled
 from polywigner.mitsuba.receive.power_results import ReceiveOptions, described
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
 from polywigner.mitsuba.receive.received_power import chosen, matched
@@ -110,7 +111,7 @@ def _batch(
     """Return events with powers and intensities, whose sums estimate the totals."""
     meets_lights = len(wigner_emitters(scene)) < len(scene.emitters())
     unit = sensor.spec.scene_unit
-    # six of seven columns, so that seeds keep their draws
+    # the seventh dimension is not used; it keeps the clouds of earlier seeds the same
     draws = even_points(count, 7, np.append(rng.random(6), 0.0))[:, :6]
     draws = np.minimum(draws, np.nextafter(np.float32(1.0), np.float32(0.0)))
     parts = []
@@ -127,18 +128,16 @@ def _batch(
     return events.view(np.recarray), power, intensity
 
 
-def _paths(sensor: Any, draws: Floats) -> tuple[list[Paths], Floats, Floats]:
+def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
     """Return paths that leave a receiver, W per radiance and solid angle, and solid angles."""
-    rows = []
-    for direction, position, others in point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:]):
-        angles, density = sensor.directions.sample(direction)
-        ray, watts, weight = sensor.look_along(angles, 0.0, others.x, position)
-        if sensor.spec.polarisation is not None:
-            weight = sensor.weigh(weight, 1.0, angles)
-        rows.append((Paths.along(mi.Ray3f(ray), weight, 0.0 * density), watts, density))
-    dr.eval(rows)
-    paths, watts, densities = zip(*rows, strict=True)
-    return list(paths), joined(watts), 1.0 / joined(densities)
+    ((direction, position, others),) = point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:])
+    angles, density = sensor.directions.sample(direction)
+    ray, watts, weight = sensor.look_along(angles, 0.0, others.x, position)
+    if sensor.spec.polarisation is not None:
+        weight = sensor.weigh(weight, 1.0, angles)
+    paths = Paths.along(mi.Ray3f(ray), weight, 0.0 * density)
+    dr.eval(paths, watts, density)
+    return paths, joined([watts]), 1.0 / joined([density])
 
 
 def _probabilities(measure: Floats, count: int) -> Floats:
@@ -192,41 +191,58 @@ def scatterers(
 
     Parameters
     ----------
-    scene : a ``mi.Scene`` with a ``wigner_receiver`` sensor and lights, without fog.
-    count : largest number of scatterers; fewer if fewer paths reach a light.
-    seed : seed of the random numbers, zero or more.
-    velocities : (3,) in m/s by the ids of shapes, emitters and the receiver; default: zero. Load
-        the scene with :func:`load_scene`, which keeps ids; ``mi.load_dict`` merges meshes of equal
+    scene : mi.Scene
+        Scene of a compiled variant with a ``wigner_receiver`` sensor and lights, without fog.
+    count : int
+        Largest number of scatterers; fewer if fewer paths reach a light.
+    seed : int, default 0
+        Seed of the random numbers, zero or more.
+    velocities : mapping of str to array_like, shape (3,), optional
+        Velocities in m/s by the ids of shapes, emitters and the receiver; default: zero. Load the
+        scene with :func:`load_scene`, which keeps ids; ``mi.load_dict`` merges meshes of equal
         BSDFs into a mesh without an id.
-    max_depth : longest path as in Mitsuba's integrators, 2 is one reflection; -1: no limit.
-        Default: the value of the scene's integrator.
-    receiver : as for :func:`received_power`.
-    rays : number of rays from the receiver; default: four times ``count``, at least 4096.
+    max_depth : int, optional
+        Longest path as in Mitsuba's integrators: 2 is one reflection, -1 has no limit. Default:
+        the value of the scene's integrator.
+    receiver : int or str, optional
+        As for :func:`received_power`.
+    rays : int, optional
+        Number of rays from the receiver. Default: four times ``count``, at least 4096.
 
     Returns
     -------
-    xarray.Dataset over ``scatterer`` with
+    xarray.Dataset
+        Dataset over ``scatterer`` with
 
-    - ``position``, ``normal`` (scatterer, axis): position in m and normal of the first surface; the
-      normal is on the receiver's side
-    - ``power``: received power in W; with the estimator ``wigner`` some are negative
-    - ``intensity``: radiant intensity in W/sr towards the receiver, for :func:`element_responses`
-    - ``path_length`` in m, from the emitter through all bounces to the receiver; the range is half
-      of it. Infinite for the light of an environment
-    - ``bounces``: number of surfaces on the path; 0 for a light in view of the receiver
-    - ``shape``, ``emitter``: ids of the first surface and of the light
-    - with ``velocities``: ``velocity`` (scatterer, axis) of the first surface, and ``path_rate``,
-      the growth rate of the path in m/s: minus the Doppler shift times the wavelength
+        - ``position``, ``normal`` (scatterer, axis): position in m and normal of the first surface;
+          the normal is on the receiver's side
+        - ``power``: received power in W; with the estimator ``wigner`` some are negative
+        - ``intensity``: radiant intensity in W/sr towards the receiver, for
+          :func:`element_responses`
+        - ``path_length`` in m, from the emitter through all bounces to the receiver; the range is
+          half of it. Infinite for the light of an environment
+        - ``bounces``: number of surfaces on the path; 0 for a light in view of the receiver
+        - ``shape``, ``emitter``: ids of the first surface and of the light
+        - with ``velocities``: ``velocity`` (scatterer, axis) of the first surface, and
+          ``path_rate``, the growth rate of the path in m/s: minus the Doppler shift times the
+          wavelength
 
-    Attributes: wavelength, frequency, receiver, to_world (16 numbers, the translation in m),
-    obliquity, normalise, estimator, rays, seed, and ``standard_error`` of the sum of powers in W.
+        Attributes: wavelength, frequency, receiver, to_world (16 numbers, the translation in m),
+        obliquity, normalise, estimator, rays, seed, and ``standard_error`` of the sum of powers in
+        W.
 
     Raises
     ------
-    SceneError : no receiver, no light, fog; an emitter with a different wavelength, obliquity or
-        scene unit; infinite radiance. ArgumentError : no scene, several receivers without a choice,
-        unknown ids, other arguments out of range.
+    SceneError
+        If the scene has no receiver, no light or fog, if an emitter differs in wavelength,
+        obliquity or scene unit, or if a radiance is infinite.
+    ArgumentError
+        If ``scene`` is not a scene, if there are several receivers and none is chosen, if an id is
+        unknown, or if another argument is out of range.
+    EngineError
+        If the variant is scalar.
     """
+    check_is_compiled("scatterers")
     size = checked_count(count, "count", 1, _MOST)
     launched = max(_RAYS * size, _FEWEST_RAYS)
     if rays is not None:
@@ -305,7 +321,7 @@ class _Names:
             raise ArgumentError(
                 f"expected velocities as a mapping of ids to (vx, vy, vz), got {velocities!r}"
             )
-        speeds = {name: _velocity(name, value) / unit for name, value in velocities.items()}
+        speeds = {name: checked_velocity(name, value) / unit for name, value in velocities.items()}
         known = {*self.shapes.values(), *self.lights.values(), self.receiver}
         for name in speeds:
             if name not in known:
@@ -325,7 +341,7 @@ def _number(kind: str, thing: Any) -> int:
     return int(np.ravel(np.array(number_of(kind, thing)))[0])
 
 
-def _velocity(name: str, value: ArrayLike) -> Floats:
+def checked_velocity(name: str, value: ArrayLike) -> Floats:
     try:
         velocity = real_numbers(value)
     except (TypeError, ValueError):

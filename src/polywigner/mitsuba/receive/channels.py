@@ -91,35 +91,45 @@ def channel(
 
     Parameters
     ----------
-    scene : a ``mi.Scene`` with ``wigner`` shapes and ``wigner_receiver`` sensors.
-    frequencies : (n,) in Hz, or a number; None: the frequencies of the emitters. Apertures, fields,
-        weights and refractive indices do not change with frequency.
-    reflections : maximum number of specular reflections per path, 0 to 3.
-    polarisation : of ends without a polarisation in the scene: "x", "y", "45 deg", "right", ... or
-        a Jones vector in the x and y of each end. Default: "y"; in unpolarised variants the
-        line-of-sight path then counts as matched (docs/polarisation.md).
-    bodies : perfect conductors, as in :func:`polywigner.rcs`, by their names, in the scene's frame,
-        in m, each alone or as a pair (body, reflections on it, 1 to 3), such as
-        ``{"corner": (plates, 3)}``.
-        Their echoes are additional paths (docs/channel.md). Do not add the bodies to the scene.
-    tolerance : tolerance of couplings, as in :func:`polywigner.coupling`.
-    progress : called after each pair of ends with the number done and the total number.
+    scene : mi.Scene
+        Scene with ``wigner`` shapes and ``wigner_receiver`` sensors.
+    frequencies : array_like, shape (n,), or float, optional
+        Frequencies in Hz, also as texts. Default: the frequencies of the emitters. Apertures,
+        fields, weights and refractive indices do not change with frequency.
+    reflections : int, default 2
+        Maximum number of specular reflections per path, 0 to 3.
+    polarisation : str or array_like, optional
+        Polarisation of ends without a polarisation in the scene: "x", "y", "45 deg", "right", ...
+        or a Jones vector in the x and y axes of each end. Default: "y"; in unpolarised variants
+        the line-of-sight path then counts as matched (docs/polarisation.md).
+    bodies : mapping, optional
+        Perfect conductors, as in :func:`polywigner.rcs`, by their names, in the scene's frame, in
+        m. Each is a body or a pair (body, number of reflections on it, 1 to 3), such as
+        ``{"corner": (plates, 3)}``. Their echoes are additional paths (docs/channel.md). Do not
+        add the bodies to the scene.
+    tolerance : float, default 1e-6
+        Tolerance of couplings, as in :func:`polywigner.coupling`.
+    progress : callable, optional
+        Function that is called after each pair of ends with the numbers of finished and of all
+        pairs.
 
     Returns
     -------
     xarray.Dataset
-        ``h`` (frequency, receiver, emitter) complex. For each path (dimension ``path``) its
-        ``amplitude`` (frequency, receiver, emitter, path) complex, ``delay`` (receiver, emitter,
-        path) in s between the centres of both ends, and ``mirrors`` (path): names of shapes and
-        bodies in the order of light, joined by ", ". Pairs without the path have amplitude zero and
-        delay NaN. ``attrs["polarisation"]``: polarisations of the ends; ``attrs["notes"]``: effects
-        that are not included.
+        ``h`` (frequency, receiver, emitter), complex. For each path (dimension ``path``) its
+        ``amplitude`` (frequency, receiver, emitter, path), complex, its ``delay`` (receiver,
+        emitter, path) in s between the centres of both ends, and ``mirrors`` (path): the names of
+        shapes and bodies in the order of their reflections, joined by ", ". A pair of ends without
+        a path has the amplitude zero and the delay NaN. ``attrs["polarisation"]``: polarisations
+        of the ends; ``attrs["notes"]``: effects that are not included.
 
     Raises
     ------
-    SceneError : no emitter or receiver, several scene units or obliquities, partially coherent
-        sources, a mirror whose reflection has no phase, too many paths. ArgumentError,
-        QuantityError : other arguments out of range.
+    SceneError
+        If the scene has no emitter or receiver, several scene units or obliquities, partially
+        coherent sources, a mirror whose reflection has no phase, or too many paths.
+    ArgumentError, QuantityError
+        If another argument is out of range.
     """
     requested = None if frequencies is None else checked_frequencies(frequencies)
     waves: dict[str, Any] = {"polarisation": polarisation, "bodies": bodies}
@@ -177,12 +187,16 @@ class CoherentPath:
     transmission: float
     """Mean over rays of the root of the transmitted power."""
     links: tuple[tuple[complex, FacingParts], ...]
-    """e_r . E, with image and receiver, for each pair of polarised components of both ends."""
+    """The factor e_r . E, the emitter's image and the receiver, for each pair of polarisations."""
     ends: Ends
     edges: Callable[[float], complex] | None = None
     """b/b_0 over the edges of obstacles at a wavelength in m; None: by rays alone."""
     echo: Callable[[float], complex] | None = None
     """b of a body at a wavelength in m, instead of links."""
+
+    def transmission_at(self, wavelength: float) -> complex:
+        """Return the amplitude transmission at a wavelength in m, with diffraction."""
+        return self.transmission * (1.0 if self.edges is None else self.edges(wavelength))
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +210,7 @@ class NormalisedSource:
     """False: neither scene nor caller specifies a polarisation, in an unpolarised variant."""
 
     def root(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
-        """Return the root of the power radiated by a part over the normalising power."""
+        """Return the root of the power of a part, relative to the power that the source counts."""
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
         norm = partial(norm_of, wavelength=wavelength, obliquity=self.source.obliquity)
@@ -270,7 +284,7 @@ def _path(
         return result
     facing, taking, rays = result.facing, result.parts.receiver, result.rays
     leg = CentralPath.between(facing, taking, chain, rays)
-    # without polarisations the line-of-sight path is the scalar link of `coupling`
+    # without polarisations the line-of-sight path is the scalar coupling
     is_scalar = not chain and not (ends[0].is_polarised or ends[1].is_polarised)
     links = []
     for (sent, p), (taken, q) in product(*(end.parts for end in ends)):
@@ -388,7 +402,7 @@ def amplitudes_of(
 def _slow(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
 ) -> Complexes:
-    """Return amplitudes (paths,) at a frequency, without the phase of the delays."""
+    """Return amplitudes (paths,) at a frequency without the phases of the delays."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
     couplings = iter(_couplings(links, wavelength, tolerance))
@@ -402,7 +416,7 @@ def _slow(
             values[k] += turned * next(couplings) * math.prod(roots)
         if path.echo is not None:
             values[k] = path.echo(wavelength)
-        values[k] *= path.transmission * (1.0 if path.edges is None else path.edges(wavelength))
+        values[k] *= path.transmission_at(wavelength)
     return values * np.exp(-2j * math.pi * frequency * delays)
 
 

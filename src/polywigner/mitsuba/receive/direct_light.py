@@ -64,7 +64,8 @@ def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
     pose = emitter.pose_of(receiver)
     method: Any = emitter.obliquity
     total = 0.0
-    # normal derivatives change the scale of u between links and patterns, but not for mixtures
+    # for some obliquities coupling() and norm_of() scale u differently: radiated powers cancel the
+    # scale. The waves of a mixture need a common scale instead, int |u|^2
     is_plain = emitter.mixture.is_plain and receiver.mixture.is_plain
     normalise: Any = "radiated" if is_plain else "aperture"
     try:
@@ -142,11 +143,11 @@ def direct_light(
 
 
 def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
-    """Return |b|^2 of all pairs of polarised fields of both ends in free space."""
+    """Return |b|^2 in free space for each pair of polarised fields of both ends."""
     terms = []
     for (sent, stokes_sent), (taken, stokes_taken) in product(image.fields, receiver.fields):
         parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
-        assert parts is not None  # the complete sources face each other
+        assert parts is not None  # open_path has checked it
         terms.append((free_space_coupling(parts, tolerance), stokes_sent, stokes_taken))
     return terms
 
@@ -154,7 +155,7 @@ def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> lis
 def _received(
     terms: list[Term], receiver: PlacedSource, transmission: Floats
 ) -> tuple[float, float]:
-    """Return the sum over all polarisations, and the received fraction of the transmitted power."""
+    """Return |b|^2 of all polarisations, and the received fraction of the transmitted power."""
     size = len(transmission)
     weight = 1.0 if receiver.polarisation is None else 0.5
     total = math.fsum(b_squared * sent[0] * taken[0] for b_squared, sent, taken in terms)
@@ -163,7 +164,9 @@ def _received(
         for b_squared, sent, taken in terms
     )
     passed = total * float(transmission[0, 0])
-    return total, max(received / passed, 0.0) if passed > 0 else 0.0  # rounding of crossed ends
+    return total, max(
+        received / passed, 0.0
+    ) if passed > 0 else 0.0  # crossed ends: rounding errors may be negative
 
 
 # ---- point, spot, projector and directional lights -----------------------------------------------
@@ -331,7 +334,7 @@ def _colours() -> list[Drjit]:
 
 
 def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
-    """Return received power over 4 pi times the intensity, or over the irradiance, by field."""
+    """Return, for each field, received power over 4 pi times the intensity or over irradiance."""
     axes = receiver.pose[:3, :3]
     point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)
     if is_infinite:

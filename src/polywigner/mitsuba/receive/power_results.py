@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,19 +26,16 @@ BOLTZMANN = 1.380649e-23
 
 OTHER_LIGHTS = "other lights"
 
-_MILLIWATT = 1e-3
-
 
 def dbm_of(watts: float) -> float | None:
-    """Return a power in dBm; None for powers of zero or less, which noise may cause."""
-    return 10 * math.log10(watts / _MILLIWATT) if watts > 0 else None
+    """Return a power in dBm; None for zero or less, to which noise of samples may lead."""
+    return 10 * math.log10(watts / 1e-3) if watts > 0 else None
 
 
 def dbm_text(watts: float) -> str:
     """Return a power in dBm as text."""
-    level = dbm_of(watts)
-    if level is not None:
-        return f"{level:.2f} dBm"
+    if watts > 0:
+        return f"{dbm_of(watts):.2f} dBm"
     return "none" if watts == 0 else "below zero"
 
 
@@ -47,7 +44,7 @@ class DirectPath:
     """Line-of-sight or specular path from an emitter to a receiver."""
 
     mirrors: tuple[str, ...]
-    """Names of shapes and bodies in the order of light; empty: line of sight."""
+    """Names of shapes and bodies in the order of their reflections; empty: line of sight."""
     power: float
     """Received power in W."""
     coupling: float
@@ -63,8 +60,8 @@ class DirectPath:
     length: float = math.nan
     """Length in m between the centres of both ends; infinite for a directional light."""
     light: str = ""
-    """Id of the point, spot, projector or directional light. For these lights ``coupling`` is
-    received power over 4 pi times the intensity, or over the irradiance, in m^2."""
+    """Id of the point, spot, projector or directional light. Its ``coupling`` is the received power
+    over 4 pi times its intensity, or over its irradiance, in m^2."""
 
 
 @dataclass(frozen=True)
@@ -98,9 +95,9 @@ class ReceivedPower:
     """Wavelength in m."""
     contributions: tuple[Contribution, ...]
     standard_error: float
-    """Standard error in W of ``scattered``; direct light has none."""
+    """Standard error in W of ``scattered``; direct light is computed without noise."""
     samples: int
-    """Samples of scattered light, for each render."""
+    """Samples of scattered light from each emitter."""
     seed: int
     bandwidth: float | None = None
     """Bandwidth in Hz."""
@@ -158,7 +155,17 @@ class ReceivedPower:
             "power_dbm": self.dbm,
             "direct_w": self.direct,
             "scattered_w": self.scattered,
-            "emitters": [_dict_of(part) for part in self.contributions],
+            "emitters": [
+                {
+                    "name": part.name,
+                    "power_w": part.power,
+                    "direct_w": part.direct,
+                    "scattered_w": part.scattered,
+                    "standard_error_w": part.standard_error,
+                    "paths": [_path_dict(path) for path in part.paths],
+                }
+                for part in self.contributions
+            ],
             "samples": self.samples,
             "seed": self.seed,
             "bandwidth_hz": self.bandwidth,
@@ -171,21 +178,21 @@ class ReceivedPower:
         }
 
     def __str__(self) -> str:
-        frequency = SPEED_OF_LIGHT / self.wavelength / 1e9
-        rows: list[tuple[str, ...]] = [
-            (f"receiver {self.receiver}", "direct", "scattered", "standard error", "power")
+        parts = [
+            (part.name, part.direct, part.scattered, part.standard_error, part.power)
+            for part in self.contributions
         ]
-        for part in self.contributions:
-            numbers = part.direct, part.scattered, part.standard_error
-            rows.append((part.name, *map(_watts, numbers), dbm_text(part.power)))
-        numbers = self.direct, self.scattered, self.standard_error
-        if len(self.contributions) != 1:
-            rows.append(("total", *map(_watts, numbers), dbm_text(self.power)))
+        if len(parts) != 1:
+            total = self.direct, self.scattered, self.standard_error, self.power
+            parts.append(("total", *total))
+        rows = [(f"receiver {self.receiver}", "direct", "scattered", "standard error", "power")]
+        rows += [(n, _watts(d), _watts(s), _watts(e), dbm_text(p)) for n, d, s, e, p in parts]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = [
             "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])])
             for row in rows
         ]
+        frequency = SPEED_OF_LIGHT / self.wavelength / 1e9
         lines.append(
             f"{_watts(self.power)} +- {_watts(self.standard_error)} at {frequency:.6g} GHz"
         )
@@ -207,26 +214,17 @@ def noise_power_of(
     return BOLTZMANN * temperature * bandwidth * 10 ** ((noise_figure or 0.0) / 10)
 
 
-def _dict_of(part: Contribution) -> dict[str, Any]:
-    return {
-        "name": part.name,
-        "power_w": part.power,
-        "direct_w": part.direct,
-        "scattered_w": part.scattered,
-        "standard_error_w": part.standard_error,
-        "paths": [_path_dict(path) for path in part.paths],
-    }
-
-
 def _path_dict(path: DirectPath) -> dict[str, Any]:
-    fields = asdict(path)
-    power, length, light = (fields.pop(name) for name in ("power", "length", "light"))
-    wave = fields.pop("amplitude")
+    wave = path.amplitude
     return {
-        **{name: list(v) if isinstance(v, tuple) else v for name, v in fields.items()},
-        "power_w": power,
-        "length_m": length if math.isfinite(length) else None,
-        **({"light": light} if light else {}),
+        "mirrors": list(path.mirrors),
+        "coupling": path.coupling,
+        "transmission": path.transmission,
+        "arrives_from": list(path.arrives_from),
+        "polarisation": path.polarisation,
+        "power_w": path.power,
+        "length_m": path.length if math.isfinite(path.length) else None,
+        **({"light": path.light} if path.light else {}),
         **({} if wave is None else {"amplitude": [wave.real, wave.imag]}),
     }
 
@@ -235,7 +233,7 @@ def _watts(value: float) -> str:
     return f"{value:.4g} W"
 
 
-# Paths by more mirrors are not searched.
+# Largest number of reflections for which paths are searched.
 MOST_REFLECTIONS = 3
 
 
@@ -295,7 +293,7 @@ def described(
     coords: Mapping[str, Any],
     about: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """Return a dataset of values by name: array, dimensions, unit ("" for texts), meaning."""
+    """Return a dataset of variables, each of array, dimensions, unit ("" for texts) and meaning."""
     from polywigner import __version__
 
     return labelled_arrays(

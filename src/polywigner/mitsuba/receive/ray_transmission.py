@@ -75,8 +75,8 @@ class Plane(NamedTuple):
 class Transmission(NamedTuple):
     """Transmission of rays along a path."""
 
-    share: Drjit
-    """Transmitted fraction; a Mueller matrix between Mitsuba's axes for polarised rays."""
+    fraction: Drjit
+    """Transmitted fraction of power; for polarised rays a Mueller matrix between Mitsuba's axes."""
     first: Drjit
     """Direction of a ray at the first point."""
     last: Drjit
@@ -100,13 +100,16 @@ class _Pane:
         """
         cosine = dr.abs(dr.dot(si.to_world(si.wi), si.n))
         covered = _opacity(self.masks, si, active)
-        mean = _on_host(lambda c: 1.0 - self.surface.reflectance_in_mitsuba(c), cosine)
+        mean, across, along = _on_host(self._without_masks, cosine)
         # factor of the texture and of the part of the surface that is glass
         scale = dr.select(mean > 0.0, (total - 1.0 + covered) / dr.select(mean > 0.0, mean, 1.0), 0)
-        across, along = (
-            _on_host(partial(_transmittance, number, self.surface), cosine) for number in (0, 1)
-        )
         return 1.0 - covered + scale * across, 1.0 - covered + scale * along
+
+    def _without_masks(self, cosine: Floats) -> list[Floats]:
+        """Return the transmittance in Mitsuba, and normal to and in the plane of incidence."""
+        fields = self.surface.coefficients(cosine)
+        mean = 1.0 - self.surface.reflectance_in_mitsuba(cosine)
+        return [mean, *(1.0 - np.abs(field) ** 2 for field in fields)]
 
 
 class RayTracer:
@@ -114,9 +117,13 @@ class RayTracer:
 
     Parameters
     ----------
-    scene : the ``mi.Scene``, whose sources are hidden.
-    polarised : whether to return Mueller matrices.
-    coherent : whether mirrors and thin panes act on field vectors, outside of ``share``.
+    scene : mi.Scene
+        Scene whose sources are hidden.
+    polarised : bool
+        Whether to return Mueller matrices.
+    coherent : bool
+        Whether mirrors and thin panes act on field vectors. Their effect is then not part of the
+        transmitted fraction.
     """
 
     def __init__(self, scene: Any, polarised: bool, coherent: bool) -> None:
@@ -137,7 +144,7 @@ class RayTracer:
 
         ``medium``: fog at the first point. ``planes``: planes of the mirrors at the points between.
         """
-        share, panes = self._all(), []
+        fraction, panes = self._all(), []
         first = direction = dr.normalize(points[1] - points[0])
         ray = mi.Ray3f(points[0], direction)
         if dr.size_v(type(ray.wavelengths)):
@@ -149,16 +156,16 @@ class RayTracer:
             met = _is(si.shape, plane.shape) & (_is_apart(si.p, plane) == mi.Bool(False))
             panes.append(columns)
             if not dr.any(met):
-                return Transmission(0.0 * share, first, first, panes)
-            share = share * dr.select(met, passed * self._reflectance(si, met, plane), 0.0)
+                return Transmission(0.0 * fraction, first, first, panes)
+            fraction = fraction * dr.select(met, passed * self._reflectance(si, met, plane), 0.0)
             direction = dr.normalize(end - si.p)
             ray = self._reaches.leave(si, direction)
         ray.maxt = dr.norm(points[-1] - ray.o)
         ray.d = direction = (points[-1] - ray.o) / ray.maxt
         si, passed, _, columns = self._first_surface(ray, medium)
         panes.append(columns)
-        share = dr.select(si.is_valid(), 0.0, share * passed)
-        return Transmission(share, first, direction, panes)
+        fraction = dr.select(si.is_valid(), 0.0, fraction * passed)
+        return Transmission(fraction, first, direction, panes)
 
     def unobstructed(self, si: Any, point: Any) -> Drjit:
         """Return the transmission from a sampled point of a light to a surface, without fog."""
@@ -178,11 +185,11 @@ class RayTracer:
         Returns the interaction, the transmission up to it, the fog behind it, and the images of x,
         y and z under the transmission of thin panes.
         """
-        share, moves = self._all(), mi.Bool(True)
+        fraction, moves = self._all(), mi.Bool(True)
         columns = [mi.Vector3f(*axis) for axis in np.eye(3).tolist()]
         for _ in range(_MOST_PASSED):
             si = self._scene.ray_intersect(ray)
-            share = dr.select(moves, share * _through_fog(medium, ray, si), share)
+            fraction = dr.select(moves, fraction * _through_fog(medium, ray, si), fraction)
             moves = moves & si.is_valid()
             if plane is not None:
                 moves = moves & _is_apart(si.p, plane)
@@ -192,12 +199,12 @@ class RayTracer:
             if not dr.any(moves):
                 break
             passed, columns = self._passed(si, ray.d, columns, moves)
-            share = dr.select(moves, share * passed, share)
+            fraction = dr.select(moves, fraction * passed, fraction)
             medium = _behind(si, ray.d, medium, moves)
             onwards = self._reaches.leave(si, ray.d)
             onwards.maxt = ray.maxt - dr.dot(onwards.o - ray.o, ray.d)
             ray = dr.select(moves, onwards, ray)
-        return si, share, medium, columns
+        return si, fraction, medium, columns
 
     def _passed(
         self, si: Any, d: Any, columns: list[Any], active: Any
@@ -207,7 +214,7 @@ class RayTracer:
         total = _mean(passed, False)
         if self._polarised:
             passed = si.to_world_mueller(passed, si.wi, si.wi)
-        share = _mean(passed, self._polarised)
+        fraction = _mean(passed, self._polarised)
         for shape in self._filters if self._coherent else ():
             if dr.any(active & _is(si.shape, shape)):
                 raise SceneError(
@@ -232,8 +239,8 @@ class RayTracer:
                 of_pane = _mueller(roots, normal, -d, -d)
             else:
                 of_pane = (across + along) / 2
-            share = dr.select(here, of_pane, share)
-        return share, columns
+            fraction = dr.select(here, of_pane, fraction)
+        return fraction, columns
 
     def _reflectance(self, si: Any, active: Any, plane: Plane) -> Drjit:
         """Return the reflectance of the smooth lobe; zero if a normal map changes its direction."""
@@ -252,44 +259,36 @@ class RayTracer:
                 weight = si.to_world_mueller(weight, -sample.wo, si.wi)
             return covered * _mean(weight, self._polarised)
         # the factor of Mitsuba's reflectance in addition to Fresnel's coefficients
-        cosine = dr.dot(arrived, si.n)
-        scale = covered * _mean(weight, False) * _on_sides(_inverse, plane, cosine)
+        inverse, *roots = _on_host(partial(_both_sides, *plane.surfaces), dr.dot(arrived, si.n))
+        scale = covered * _mean(weight, False) * inverse
         if self._coherent:
             return scale
-        roots = [_on_sides(partial(_coefficient, number), plane, cosine) for number in (0, 1)]
         if not self._polarised:
             return scale * (roots[0] * roots[0] + roots[1] * roots[1]) / 2
         return scale * _mueller(roots, _across(si.n, arrived), -mirrored, arrived)
 
 
-def _transmittance(number: int, surface: Surface, cosine: Floats) -> Floats:
-    return np.asarray(1.0 - np.abs(surface.coefficients(cosine)[number]) ** 2)
+def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats]:
+    """Return the inverse reflectance in Mitsuba, and the real coefficients of both polarisations.
+
+    ``before``, ``behind``: surfaces for positive and for negative cosines.
+    """
+
+    def values(surface: Surface) -> list[Floats]:
+        reflectance = surface.reflectance_in_mitsuba(np.abs(cosine))
+        fields = surface.coefficients(np.abs(cosine))
+        return [1.0 / np.where(reflectance > 0.0, reflectance, 1.0), *(r.real for r in fields)]
+
+    pairs = zip(values(before), values(behind), strict=True)
+    return [np.where(cosine > 0.0, one, other) for one, other in pairs]
 
 
-def _coefficient(number: int, surface: Surface, cosine: Floats) -> Floats:
-    return surface.coefficients(cosine)[number].real
-
-
-def _inverse(surface: Surface, cosine: Floats) -> Floats:
-    reflectance = surface.reflectance_in_mitsuba(cosine)
-    return 1.0 / np.where(reflectance > 0.0, reflectance, 1.0)
-
-
-def _on_sides(function: Callable[[Surface, Floats], Floats], plane: Plane, cosine: Any) -> Drjit:
-    """Evaluate a function of the surface that a ray meets, and of the cosine there."""
-    before, behind = plane.surfaces  # type: ignore[misc]
-
-    def both(value: Floats) -> Floats:
-        ahead = np.abs(value)
-        return np.where(value > 0.0, function(before, ahead), function(behind, ahead))
-
-    return _on_host(both, cosine)
-
-
-def _on_host(function: Callable[[Floats], Floats], value: Any) -> Drjit:
+def _on_host(function: Callable[[Floats], list[Floats]], value: Any) -> list[Drjit]:
     """Evaluate a function of NumPy arrays for numbers of Mitsuba."""
-    result = function(np.array(value, np.float64))
-    return mi.Float(result.tolist()) if dr.is_jit_v(mi.Float) else float(result)
+    results = function(np.array(value, np.float64))
+    if dr.is_jit_v(mi.Float):
+        return [mi.Float(result.tolist()) for result in results]
+    return [float(result) for result in results]
 
 
 def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:

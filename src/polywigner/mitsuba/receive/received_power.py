@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import count
 from typing import Any, NamedTuple
@@ -43,8 +44,8 @@ from polywigner.mitsuba.receive.scattered import (
     Scattering,
     aimed,
     batches_of,
+    by_source,
     lights_of,
-    shares_of,
     standard_error,
 )
 from polywigner.mitsuba.receive.scattering_steps import number_of
@@ -94,37 +95,54 @@ def received_power(
 
     Parameters
     ----------
-    scene : a ``mi.Scene`` with a ``wigner_receiver`` sensor and lights.
-    spp : samples of scattered light for each emitter, in 16 batches; rounded up to a multiple of
-        16. Default: the value of the sensor.
-    seed : seed of the random numbers, zero or more. Direct light uses none.
-    receiver : id of the sensor, or its number among the sorted ids of receivers, from 0; None: the
+    scene : mi.Scene
+        Scene with a ``wigner_receiver`` sensor and lights.
+    spp : int, optional
+        Samples of scattered light for each emitter, in 16 batches; rounded up to a multiple of 16.
+        Default: the value of the sensor.
+    seed : int, default 0
+        Seed of the random numbers, zero or more. Direct light uses none.
+    receiver : int or str, optional
+        Id of the sensor, or its number among the sorted ids of receivers, from 0. Default: the
         only receiver.
-    integrator : integrator of scattered light, as in :func:`polywigner.mitsuba.render`.
-    reflections : maximum number of specular reflections per path, 0 to 3.
-    tolerance : tolerance of couplings, as in :func:`polywigner.coupling`.
-    bandwidth, temperature, noise_figure : of the noise k T B F, in Hz, K and dB or texts such as
-        "1 GHz", instead of the receiver's parameters; without a noise figure, F is 1. The
-        bandwidth also determines which emitters are received.
-    coherent : True: direct paths of one emitter add as amplitudes, with fringes, as in
-        :func:`polywigner.mitsuba.channel`; scattered light and several emitters add as powers.
-    polarisation : with ``coherent``: of ends without a polarisation in the scene, default "y", as
-        in :func:`polywigner.mitsuba.channel`; in polarised variants for scattered power as well.
-    bodies : with ``coherent``: perfect conductors by their names, in addition to the scene, as in
+    integrator : str or mi.Integrator, optional
+        Integrator of scattered light, as in :func:`polywigner.mitsuba.render`.
+    reflections : int, default 2
+        Maximum number of specular reflections per path, 0 to 3.
+    tolerance : float, default 1e-6
+        Tolerance of couplings, as in :func:`polywigner.coupling`.
+    bandwidth, temperature, noise_figure : float or str, optional
+        Noise k T B F in Hz, K and dB, or texts such as "1 GHz", instead of the receiver's
+        parameters. Without a noise figure, F is 1. The bandwidth also determines which emitters
+        are received.
+    coherent : bool, default False
+        Whether direct paths of one emitter add as amplitudes, with fringes, as in
+        :func:`polywigner.mitsuba.channel`. Scattered light and several emitters add as powers.
+    polarisation : str or array_like, optional
+        With ``coherent``: polarisation of ends without a polarisation in the scene, default "y",
+        as in :func:`polywigner.mitsuba.channel`; in polarised variants for scattered power as well.
+    bodies : mapping, optional
+        With ``coherent``: perfect conductors by their names, in addition to the scene, as in
         :func:`polywigner.mitsuba.channel`.
-    progress : called after each render with the number done and the total number.
+    progress : callable, optional
+        Function that is called after each render with the numbers of finished and of all renders.
 
     Returns
     -------
-    ReceivedPower: ``float()`` or ``.power`` in W, ``.standard_error``, ``.dbm``, ``.direct``,
-    ``.scattered``, ``.contributions`` of each emitter, ``.noise_power``, ``.snr``, ``.notes``.
+    ReceivedPower
+        ``float()`` or ``.power`` in W, ``.standard_error``, ``.dbm``, ``.direct``, ``.scattered``,
+        ``.contributions`` of each emitter, ``.noise_power``, ``.snr`` and ``.notes``.
 
     Raises
     ------
-    SceneError : no receiver, no light; an emitter with a different wavelength, obliquity or scene
-        unit; too many paths; errors of :func:`polywigner.mitsuba.render`. ArgumentError : no
-        scene, several receivers without a choice, other arguments out of range. QuantityError : a
-        text that is not a quantity.
+    SceneError
+        If the scene has no receiver or no light, if an emitter differs in wavelength, obliquity or
+        scene unit, if there are too many paths, or as for :func:`polywigner.mitsuba.render`.
+    ArgumentError
+        If ``scene`` is not a scene, if there are several receivers and none is chosen, or if an
+        argument is out of range.
+    QuantityError
+        If a text is not a quantity.
     """
     noise = bandwidth, temperature, noise_figure
     waves = coherent, polarisation, bodies
@@ -190,9 +208,9 @@ class Received(NamedTuple):
     """Powers at receivers, and the samples of scattered light."""
 
     powers: list[ReceivedPower]
-    parties: Parties
+    receivers: list[PlacedSource]
     batches: Floats
-    """W (receivers, batches, lights, values)."""
+    """Power in W, shape (receivers, batches, lights, values)."""
 
 
 def received(
@@ -204,12 +222,13 @@ def received(
 ) -> Received:
     """Return the power at receivers by their numbers; see :func:`received_power`.
 
-    ``edges``: edges of range bins in m, by which scattered light is sampled; None: one bin.
+    ``edges``: edges in m of the range bins by which scattered light is sorted; None: one bin.
     """
     with polarised_by_default(scene, options.polarisation), hide_emitters(scene), aimed(scene):
         parties = matched(scene, numbers, options)
         ends = list(zip(parties.sensors, parties.receivers, strict=True))
         plans = [_scattering(scene, k, options, end.scene_unit, edges) for k, end in ends]
+        # direct light first: its errors should come before the slow renders
         direct = [_direct(scene, *end, parties.emitters, options) for end in ends]
         batches = np.asarray(sample(plans), np.float64)
         batches = batches.reshape(*batches.shape[:3], -1)
@@ -217,7 +236,7 @@ def received(
             parties.receivers, parties.noises, direct, plans, batches.sum(axis=-1), strict=True
         )
         powers = [_result(scene, parties.emitters, options, *row) for row in rows]
-    return Received(powers, parties, batches)
+    return Received(powers, parties.receivers, batches)
 
 
 def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
@@ -268,42 +287,37 @@ def _direct(
     receiver: PlacedSource,
     emitters: list[PlacedSource],
     options: ReceiveOptions,
-) -> tuple[list[DirectLight], list[str]]:
-    """Return direct light of each emitter, then of other lights, and notes. Sources are hidden."""
+) -> list[DirectLight]:
+    """Return the direct light of each emitter, then of other lights. Sources are hidden."""
     chains, echoes, notes = routes_in(
         scene, receiver.scene_unit, options.reflections, options.bodies
     )
-    routes: list[Route] = [*chains, *echoes]
-    links = []
-    for emitter in emitters:
-        if options.coherent:
-            links.append(_coherent_light(scene, emitter, receiver, routes, options))
-        else:
-            links.append(direct_light(scene, emitter, receiver, chains, options.tolerance))
+    links = [
+        _interfering(scene, emitter, receiver, [*chains, *echoes], options)
+        if options.coherent
+        else direct_light(scene, emitter, receiver, chains, options.tolerance)
+        for emitter in emitters
+    ]
     method = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator
-    hides_lights = method.hide_emitters
-    links.append(DirectLight() if hides_lights else light_of_points(scene, receiver, chains))
-    return links, [note for link in links for note in link.notes] + notes
+    others = DirectLight() if method.hide_emitters else light_of_points(scene, receiver, chains)
+    return [*links, replace(others, notes=(*others.notes, *notes))]
 
 
-def _coherent_light(
+def _interfering(
     scene: Any,
     emitter: PlacedSource,
     receiver: PlacedSource,
     routes: list[Route],
     options: ReceiveOptions,
 ) -> DirectLight:
-    """Return direct light of an emitter whose paths interfere, in a scene with hidden sources."""
+    """Return direct light of an emitter whose paths interfere. Sources are hidden."""
     wavelength = emitter.wavelength
-    ends = scene, emitter, receiver
-    paths, notes = paths_between(*ends, routes, options.polarisation, wavelength)
+    paths, notes = paths_between(scene, emitter, receiver, routes, options.polarisation, wavelength)
     frequency = np.array([SPEED_OF_LIGHT / wavelength])
     amplitudes = amplitudes_of(paths, frequency, options.tolerance)[0]
     direct = []
     for path, amplitude in zip(paths, amplitudes, strict=True):
-        transmission = path.transmission * (
-            1.0 if path.edges is None else abs(path.edges(wavelength))
-        )
+        transmission = abs(path.transmission_at(wavelength))
         route = path.route
         origin = route.position if isinstance(route, Echo) else emitter.image(route).centre
         direct.append(
@@ -327,39 +341,32 @@ def _result(
     options: ReceiveOptions,
     receiver: PlacedSource,
     noise: dict[str, Any],
-    direct: tuple[list[DirectLight], list[str]],
+    direct: list[DirectLight],
     plan: Scattering,
     scattered: Floats,
 ) -> ReceivedPower:
-    links, notes = direct
-    of_sources, others = shares_of(scene, scattered)
-    parts = [
-        _contribution(emitter.name, batches, link)
-        for emitter, batches, link in zip(emitters, of_sources, links[:-1], strict=True)
-    ]
+    """Return the power at one receiver from its direct light and its batches in W."""
+    of_sources, others = by_source(scene, scattered)
+    rows = [*zip([emitter.name for emitter in emitters], of_sources, direct[:-1], strict=True)]
     if len(lights_of(scene)) > len(emitters):
-        parts.append(_contribution(OTHER_LIGHTS, others, links[-1]))
-    ends = [*emitters, receiver]
+        rows.append((OTHER_LIGHTS, others, direct[-1]))
     return ReceivedPower(
         receiver=receiver.name,
         wavelength=receiver.wavelength,
-        contributions=tuple(parts),
+        contributions=tuple(
+            Contribution(
+                name, link.power, float(part.mean()), float(standard_error(part)), link.paths
+            )
+            for name, part, link in rows
+        ),
         standard_error=float(standard_error(others + of_sources.sum(axis=0))),
         samples=BATCHES * batches_of(plan.spp),
         seed=plan.seed,
-        notes=tuple(dict.fromkeys(notes)),
-        polarisation=polarisation_summary(ends, options.coherent, options.polarisation),
+        notes=tuple(dict.fromkeys(note for link in direct for note in link.notes)),
+        polarisation=polarisation_summary(
+            [*emitters, receiver], options.coherent, options.polarisation
+        ),
         **noise,
-    )
-
-
-def _contribution(name: str, batches: Floats, link: DirectLight) -> Contribution:
-    return Contribution(
-        name=name,
-        direct=link.power,
-        scattered=float(batches.mean()),
-        standard_error=float(standard_error(batches)),
-        paths=link.paths,
     )
 
 
@@ -400,10 +407,10 @@ def shapes_in(
     axis = (np.arange(len(image)) + 0.5) * 2 / len(image) - 1
     x, y = (part.ravel() for part in np.meshgrid(axis, axis))
     power = np.where(x * x + y * y < 1, image.ravel(), 0.0).clip(min=0)
-    lit = np.flatnonzero(power)
-    if not len(lit):  # arrays without elements crash Dr.Jit
+    bright = np.flatnonzero(power)
+    if not len(bright):  # arrays without elements crash Dr.Jit
         return {}
-    x, y, power = x[lit], y[lit], power[lit]
+    x, y, power = x[bright], y[bright], power[bright]
     directions = placed.pose[:3, :3] @ [x, y, np.sqrt(1 - x * x - y * y)]
     with hide_emitters(scene):
         numbers = _first_shapes(scene, placed.pose[:3, 3] / placed.scene_unit, directions)

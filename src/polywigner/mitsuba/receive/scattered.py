@@ -49,19 +49,19 @@ Complexes = NDArray[np.complex128]
 
 # Fraction S of the samples. Errors outside of boxes grow by 1/(1 - S), 1.14, if stratified errors
 # fall with the number of samples, and by 1.07 if they fall with its root.
-_SHARE = 1 / 8
-# Fraction of these samples that is the same for all boxes, so that each has some in range profiles.
-_ALIKE = 0.5
+_AIMED = 1 / 8
+# Fraction of these samples that is divided equally, since range profiles need samples of each box.
+_EQUAL = 0.5
 # Boxes of one receiver: each sample is tested against all. Separate pieces and faces of a mesh.
 _MOST_BOXES, _MOST_PIECES, _MOST_FACES = 64, 64, 1 << 17
-# Fraction of unaimed samples above which a box is not aimed at.
-_OFTEN = 1 / 16
-# Angular width below which single precision has too few directions; margin around a box, whose
-# sides are curved in angles.
+# A box that more than this fraction of the unaimed samples meet is not aimed at.
+_COMMON = 1 / 16
+# Smallest angular width, below which single precision has too few directions; and margin around a
+# box relative to its width, since straight sides are curved lines in angles.
 _NARROWEST, _MARGIN = 1e-5, 0.02
-# Points along each side of boxes, and along each axis of angles.
+# Points along each side of a box in space, and along each axis of a box of angles.
 _POINTS = 3
-_LOOKS = 5
+_PROBES = 5
 
 
 def aimed(scene: Any) -> AbstractContextManager[None]:
@@ -73,8 +73,8 @@ def aimed(scene: Any) -> AbstractContextManager[None]:
     for sensor in filter(is_receiver, scene.sensors()):
         rows = _targets(sensor, boxes)
         if len(rows):
-            looks = AimedDirections(mi, sensor.directions, rows)
-            changes.append((sensor, "directions", looks))
+            aimed_directions = AimedDirections(mi, sensor.directions, rows)
+            changes.append((sensor, "directions", aimed_directions))
     return changed(changes)
 
 
@@ -122,19 +122,21 @@ def _targets(sensor: Any, boxes: Floats) -> Floats:
     limit = np.array([1.0, np.pi / 2])
     low, high = np.maximum(low - added, -limit), np.minimum(high + added, limit)
     rows = np.concatenate([low, high], axis=1).astype(np.float32).astype(np.float64)
-    often = _often(sensor.directions, rows)
-    rare = (often < _OFTEN) & (often > 0.0)
+    fraction = _unaimed_fraction(sensor.directions, rows)
+    rare = (fraction < _COMMON) & (fraction > 0.0)
     if not rare.any():
         return np.empty((0, 5))
-    returned = (often / distance.mean(axis=1) ** 2)[rare]
+    returned = (fraction / distance.mean(axis=1) ** 2)[rare]
     chosen = np.argsort(-returned, kind="stable")[:_MOST_BOXES]
-    share = _ALIKE / max(1, len(chosen)) + (1 - _ALIKE) * returned[chosen] / returned[chosen].sum()
-    return np.column_stack([rows[rare][chosen], share])
+    fractions = (
+        _EQUAL / max(1, len(chosen)) + (1 - _EQUAL) * returned[chosen] / returned[chosen].sum()
+    )
+    return np.column_stack([rows[rare][chosen], fractions])
 
 
-def _often(directions: Any, rows: Floats) -> Floats:
+def _unaimed_fraction(directions: Any, rows: Floats) -> Floats:
     """Return the fraction (n,) of unaimed samples in each box."""
-    steps = (np.arange(_LOOKS) + 0.5) / _LOOKS
+    steps = (np.arange(_PROBES) + 0.5) / _PROBES
     inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     low, size = rows[:, None, :2], np.diff(rows.reshape(-1, 2, 2), axis=1)
     angles = (low + size * inner).reshape(-1, 2)
@@ -150,11 +152,11 @@ class AimedDirections:
         """``rows`` (n, 5): least and largest (alpha, psi), and fraction of each box."""
         self._m, self._jit, self._others = m, dr.is_jit_v(m.Float), directions
         self._ops = ops_for(m.Float)
-        low, high, share = rows[:, :2], rows[:, 2:4], rows[:, 4]
-        ends = np.cumsum(share)
+        low, high, fractions = rows[:, :2], rows[:, 2:4], rows[:, 4]
+        ends = np.cumsum(fractions)
         ends[-1] = 1.0
         starts = np.append(0.0, ends[:-1])
-        density = share / (high - low).prod(axis=1)
+        density = fractions / (high - low).prod(axis=1)
         table = np.column_stack([low, high, starts, 1.0 / (ends - starts), ends, density])
         self._count: Any = len(table)
         # constant length, so that kernels do not depend on the number of shapes
@@ -167,10 +169,10 @@ class AimedDirections:
     def sample(self, sample: Any) -> tuple[Drjit, Drjit]:
         """Return angles for a uniform point of the unit square, and their density."""
         m = self._m
-        aims = sample.x < _SHARE
-        unaimed = dr.select(aims, 0.5, (sample.x - _SHARE) * (1 / (1 - _SHARE)))
+        aims = sample.x < _AIMED
+        unaimed = dr.select(aims, 0.5, (sample.x - _AIMED) * (1 / (1 - _AIMED)))
         others, density = self._others.sample(m.Point2f(unaimed, sample.y))
-        u = dr.select(aims, sample.x * (1 / _SHARE), 0.0)
+        u = dr.select(aims, sample.x * (1 / _AIMED), 0.0)
         number = self._sum(lambda k: dr.select(u >= self._at(6, k), 1.0, 0.0))
         number = m.UInt32(number) if self._jit else min(int(number), self._count - 1)
         u = (u - self._at(4, number)) * self._at(5, number)
@@ -184,7 +186,7 @@ class AimedDirections:
         return self._mixed(angles, self._others.density(angles))
 
     def _mixed(self, angles: Any, others: Any) -> Drjit:
-        return _SHARE * self._sum(lambda k: self._inside(angles, k)) + (1 - _SHARE) * others
+        return _AIMED * self._sum(lambda k: self._inside(angles, k)) + (1 - _AIMED) * others
 
     def _between(self, number: Any, axis: int, u: Any) -> Drjit:
         """Return an angle in a box, clipped to its bounds after rounding."""
@@ -268,7 +270,7 @@ def lights_of(scene: Any) -> list[mi.Emitter | None]:
     return ([None] if len(sources) < len(scene.emitters()) else []) + sources
 
 
-def shares_of(scene: Any, powers: NDArray[np.float64]) -> tuple[Floats, Floats]:
+def by_source(scene: Any, powers: NDArray[np.float64]) -> tuple[Floats, Floats]:
     """Return powers in W of coherent sources (emitters, batches) and other lights (batches,)."""
     if len(lights_of(scene)) == len(wigner_emitters(scene)):
         return np.moveaxis(powers, 1, 0), np.zeros_like(powers[:, 0])

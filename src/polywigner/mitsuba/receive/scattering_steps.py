@@ -35,14 +35,9 @@ def number_of(kind: str, thing: Any) -> Drjit:
     return dr.reinterpret_array(mi.UInt32, getattr(mi, f"{kind}Ptr")(thing))
 
 
-def _is_none(active: Drjit) -> bool:
-    """Return whether a path of a scalar variant is inactive; False for arrays of paths."""
-    return not dr.is_jit_v(mi.Float) and not active
-
-
 @dataclass
 class Paths:
-    """State of paths, as Mitsuba's arrays; one path in a scalar variant."""
+    """State of paths, as arrays of a compiled variant."""
 
     ray: Drjit
     active: Drjit
@@ -83,9 +78,6 @@ class Steps:
         values["shape"] = number_of("Shape", si.shape)
         if self._meets_lights:
             values |= self._met(paths, si)
-        if _is_none(is_met):
-            paths.active = False
-            return paths, values | {"sampled": 0.0, "is_bounce": False}
         bsdf = si.bsdf()
         values |= self._sampled(paths, si, bsdf, is_met, mi.Point2f(*samples[:2]))
         paths, values["is_bounce"] = self._onwards(paths, si, bsdf, is_met, samples[2:])
@@ -94,8 +86,6 @@ class Steps:
     def _met(self, paths: Paths, si: Drjit) -> dict[str, Drjit]:
         """Return the light that rays meet: radiance along the path, and the light's number."""
         light = si.emitter(self._scene, paths.active)
-        if _is_none(light):
-            return {"met": 0.0, "met_light": 0, "is_met_far": False}
         direction = mi.DirectionSample3f(self._scene, si, paths.last)
         can_sample = paths.active & (paths.is_smooth ^ True)
         other = self._scene.pdf_emitter_direction(paths.last, direction, can_sample)
@@ -114,12 +104,8 @@ class Steps:
         """Sample a light that the surface scatters: radiance along the path, number, distance."""
         scatters = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         active = is_met & scatters & (paths.bounces < self._most)
-        if _is_none(active):
-            return {"sampled": 0.0}
         direction, weight = self._scene.sample_emitter_direction(si, sample, False, active)
         active = active & (direction.pdf > 0.0)
-        if _is_none(active):
-            return {"sampled": 0.0}
         towards = si.to_local(direction.d)
         value, density = bsdf.eval_pdf(self._context, si, towards, active)
         value = si.to_world_mueller(value, -towards, si.wi)
@@ -210,7 +196,7 @@ _Step = dict[str, NDArray[Any]]
 
 def events_of(
     scene: Any,
-    paths: list[Paths],
+    paths: Paths,
     rng: np.random.Generator,
     first: Floats,
     most_bounces: int,
@@ -219,54 +205,33 @@ def events_of(
 ) -> Iterator[Events]:
     """Yield the events of paths step by step.
 
-    ``paths`` : all paths in one object, or one object each in a scalar variant. ``first`` : (n, 2)
-    uniform numbers for the lights at the first surface.
+    ``first`` : (n, 2) uniform numbers for the lights at the first surface.
     """
-    state: Events = np.zeros(len(first), EVENT).view(np.recarray)  # the next event of each ray
-    state.ray = np.arange(len(first))
-    speeds = np.tile(np.zeros(3) if motion is None else motion.receiver, (len(first), 1))
+    count, steps = len(first), Steps(scene, most_bounces, meets_lights)
+    state: Events = np.zeros(count, EVENT).view(np.recarray)  # the next event of each ray
+    state.ray = np.arange(count)
+    speeds = np.tile(np.zeros(3) if motion is None else motion.receiver, (count, 1))
     yield state[:0]
-    for rows, step in _walk(paths, rng, first, Steps(scene, most_bounces, meets_lights)):
-        here, velocity = _arrived(state[rows], step), speeds[rows]
-        if motion is not None:
-            before, velocity = velocity, _looked_up(motion.shapes, step["shape"])
-            here.rate += _dot(velocity - before, step["d"])
-        yield from _lights(here, step, velocity, motion)
-        bounced = step["is_bounce"]
-        # null surfaces change neither path nor first surface
-        state.length[rows] = here.length
-        here.bounces += 1
-        state[rows[bounced]], speeds[rows[bounced]] = here[bounced], velocity[bounced]
-
-
-def _walk(
-    paths: list[Paths], rng: np.random.Generator, first: Floats, steps: Steps
-) -> Iterator[tuple[NDArray[np.intp], _Step]]:
-    """Yield the numbers of active rays and the values of each step."""
-    count = len(first)
-    rows = np.arange(count)
     for number in range(_MOST_STEPS):
         draws = rng.random((count, _SAMPLES))
         if number == 0:
             draws[:, :2] = first
         draws = np.minimum(draws, np.nextafter(np.float32(1.0), np.float32(0.0)))
-        if dr.is_jit_v(mi.Float):
-            paths[0], values = steps(paths[0], [mi.Float(column.tolist()) for column in draws.T])
-            dr.eval(paths[0], values)
-            yield rows, {name: _column(value, count) for name, value in values.items()}
-            if not dr.any(paths[0].active):
-                return
-            continue
-        pairs = [steps(paths[k], row) for k, row in zip(rows, draws[rows].tolist(), strict=True)]
-        names = {name: np.zeros_like(v) for _, row in pairs for name, v in row.items()}
-        yield (
-            rows,
-            {n: np.array([row.get(n, zero) for _, row in pairs]) for n, zero in names.items()},
-        )
-        for k, (path, _) in zip(rows, pairs, strict=True):
-            paths[k] = path
-        rows = rows[[path.active for path, _ in pairs]]
-        if not len(rows):
+        paths, values = steps(paths, [mi.Float(column.tolist()) for column in draws.T])
+        dr.eval(paths, values)
+        step = {name: _column(value, count) for name, value in values.items()}
+        here, velocity = _arrived(state.copy(), step), speeds
+        if motion is not None:
+            velocity = _looked_up(motion.shapes, step["shape"])
+            here.rate += _dot(velocity - speeds, step["d"])
+        yield from _lights(here, step, velocity, motion)
+        bounced = step["is_bounce"]
+        # null surfaces change neither path nor first surface
+        state.length = here.length
+        here.bounces += 1
+        state[bounced] = here[bounced]
+        speeds = np.where(bounced[:, None], velocity, speeds)
+        if not dr.any(paths.active):
             return
 
 

@@ -59,7 +59,7 @@ class PassingRays(NamedTuple):
 
     points: list[Floats]
     """Points (n, 3) in m on the receiver, on mirrors from the last to the first, on the emitter."""
-    shares: Floats
+    fractions: Floats
     """Transmission (n, k, k); with k = 4 in polarised variants Mueller matrices between the axes
     x and y of both ends."""
     panes: list[Floats]
@@ -68,15 +68,16 @@ class PassingRays(NamedTuple):
     @property
     def power(self) -> Floats:
         """Mean transmission (k, k) of all 4096 rays."""
-        return np.asarray(self.shares.sum(axis=0) / RAYS)
+        return np.asarray(self.fractions.sum(axis=0) / RAYS)
 
     @property
     def amplitude(self) -> float:
         """Mean root of the transmission.
 
-        A corner of mirrors splits rays among the orders of its mirrors; the means add up.
+        Rays in a corner of mirrors belong to one of the orders of its mirrors; the means of all
+        orders add up.
         """
-        return float(np.sqrt(self.shares[:, 0, 0]).sum() / RAYS)
+        return float(np.sqrt(self.fractions[:, 0, 0]).sum() / RAYS)
 
 
 def passing_rays(
@@ -174,7 +175,7 @@ class CentralPath(NamedTuple):
         return np.asarray(field)
 
 
-# Error of |F|^2 over its peak for points that replace either end.
+# Error of |F|^2, relative to its peak, of the points that replace an end.
 _OF_POINTS = 1e-6
 # Distance from which rays meet a mirror, as a fraction of the leg.
 _CLOSE = 1e-3
@@ -332,17 +333,25 @@ def traced(
 
     Parameters
     ----------
-    scene : the ``mi.Scene``, whose sources are hidden.
-    points : (n, 3) each in m: on the receiver, on the mirrors from the last to the first, on the
-        emitter.
-    receiver, emitter : rays start and end slightly in front of the planes of both; None: the last
-        point is not on a plane.
-    chain : mirrors in the order of light.
-    coherent : as for :func:`passing_rays`.
+    scene : mi.Scene
+        Scene whose sources are hidden.
+    points : list of ndarray, shape (n, 3)
+        Points in m on the receiver, on the mirrors from the last to the first, and on the emitter.
+    receiver : PlacedSource
+        Rays start slightly in front of its plane.
+    emitter : PlacedSource or None
+        Rays end slightly in front of its plane. None: the last point is not on a plane.
+    chain : sequence of Mirror
+        Mirrors in the order of the reflections.
+    coherent : bool, default False
+        As for :func:`passing_rays`.
 
     Returns
     -------
-    The transmission (n, k, k), and the matrices of thin panes as in :class:`PassingRays`.
+    transmission : ndarray, shape (n, k, k)
+        Transmission of each ray; a Mueller matrix with k = 4 in polarised variants, else k = 1.
+    panes : list of ndarray, shape (3, 3)
+        Matrices of thin panes as in :class:`PassingRays`.
     """
     unit = receiver.scene_unit
     ends = [receiver] if emitter is None else [receiver, emitter]
@@ -358,7 +367,7 @@ def traced(
     powers, panes = [], []
     for rays in point_batches(*path):
         result = tracer.trace(receiver.medium, planes, list(rays))
-        power = result.share
+        power = result.fraction
         if polarised:
             power = _between_axes(result, receiver, emitter, not chain)
         colours = dr.size_v(mi.UnpolarizedSpectrum) if polarised else 1
@@ -403,7 +412,7 @@ def _between_axes(
         across = emitter.centre - receiver.centre
         first = last = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
     leaves = None if emitter is None else (frames[1], -last)
-    return turned(mi, result.share, (frames[0], first), leaves)
+    return turned(mi, result.fraction, (frames[0], first), leaves)
 
 
 BLOCKED = "no line-of-sight path: obstacles block it (ray test, without diffraction)"
@@ -428,7 +437,7 @@ def open_path(
     meshes: list[Mesh] | None,
     coherent: bool = False,
 ) -> OpenPath | str:
-    """Trace rays from an emitter by mirrors; return the reason if no power arrives.
+    """Trace rays from an emitter by mirrors to a receiver; return the reason if none arrives.
 
     ``meshes``: obstacles whose edges diffract; rays then only meet the mirrors.
     """

@@ -347,9 +347,9 @@ class Echo:
 Route = Chain | Echo
 
 
-def names_of(path: Route) -> tuple[str, ...]:
-    """Return the names of a path's mirrors and body in the order of the reflections."""
-    return path.names if isinstance(path, Echo) else tuple(mirror.name for mirror in path)
+def names_of(route: Route) -> tuple[str, ...]:
+    """Return the names of mirrors and bodies in the order of the light."""
+    return route.names if isinstance(route, Echo) else tuple(mirror.name for mirror in route)
 
 
 def checked_bodies(bodies: Any) -> tuple[Body, ...]:
@@ -417,14 +417,14 @@ def paths_by(
     chains of mirrors lead nowhere.
     """
     results, notes = [], []
-    for path in routes:
-        result = find(path)
+    for route in routes:
+        result = find(route)
         if isinstance(result, str):
-            reasons = [result] if len(names_of(path)) == isinstance(path, Echo) else []
+            reasons = [result] if len(names_of(route)) == isinstance(route, Echo) else []
         else:
             results.append(result[0])
             reasons = result[1]
         if reasons:
-            by = link + "".join(f" by {name!r}" for name in names_of(path))
+            by = link + "".join(f" by {name!r}" for name in names_of(route))
             notes.append(f"{by}: {' and '.join(reasons)}")
     return results, notes
