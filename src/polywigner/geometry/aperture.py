@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry.arguments import Outline, checked_length, rigid_pose
 from polywigner.geometry.convex import convex_pieces, triangulate_part
-from polywigner.geometry.display import length_text, plot_rings, shown_as_html
+from polywigner.geometry.display import plot_rings
 from polywigner.geometry.parts import (
     combined_on_grid,
     merge_parts,
@@ -306,18 +306,6 @@ class Aperture(TakesWaves):
             The unit is unknown.
         """
         return plot_rings(self.rings, ax, unit)
-
-    def _repr_html_(self) -> str:
-        xmin, ymin, xmax, ymax = self.bounds
-        rows = [
-            ("size", length_text(xmax - xmin, ymax - ymin)),
-            ("area", f"{self.area:.6g} m²"),
-            ("vertices", str(sum(map(len, self.rings)))),
-            ("parts", str(len(self._parts))),
-            ("holes", str(len(self.rings) - len(self._parts))),
-            ("field", "1" if self.illumination is None else repr(self.illumination)),
-        ]
-        return shown_as_html("Aperture", rows, self.rings)
 
     def __repr__(self) -> str:
         parts, holes = len(self._parts), len(self.rings) - len(self._parts)

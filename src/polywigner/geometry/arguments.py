@@ -80,32 +80,67 @@ def shape_of(value: Any) -> str:
 _LARGEST = 1e100
 
 
+def _fits(shape: tuple[int, ...], pattern: tuple[Any, ...]) -> bool:
+    if pattern[:1] == (...,):
+        pattern = pattern[1:]
+        shape = shape[max(len(shape) - len(pattern), 0) :]
+    return len(shape) == len(pattern) and all(
+        k > 0 if n is None else n == k for n, k in zip(pattern, shape, strict=True)
+    )
+
+
+def real_array(
+    values: Any,
+    expected: str,
+    *shapes: tuple[Any, ...],
+    error: type[PolywignerError] = ArgumentError,
+) -> NDArray[np.float64]:
+    """Return a float64 copy of real numbers that has one of some shapes.
+
+    In a shape, None stands for any length above zero, and ``...`` at the start for any leading
+    axes. The message of the error starts with ``expected``.
+    """
+    try:
+        array = real_numbers(values)
+    except ValueError as reason:
+        raise error(f"{expected}, got {reason}") from None
+    if not any(_fits(array.shape, shape) for shape in shapes):
+        raise error(f"{expected}, got shape {shape_of(values)}")
+    return array
+
+
 def finite_array(
     values: Any,
     expected: str,
-    *shapes: tuple[int | None, ...],
+    *shapes: tuple[Any, ...],
     error: type[PolywignerError] = ArgumentError,
 ) -> NDArray[np.float64]:
-    """Return a float64 copy of real numbers below 1e100 that has one of some shapes.
-
-    In ``shapes`` None stands for any length above zero. The message of the error starts with
-    ``expected``.
-    """
-
-    def fits(array: NDArray[np.float64]) -> bool:
-        return array.size > 0 and any(
-            len(shape) == array.ndim
-            and all(n in (None, k) for n, k in zip(shape, array.shape, strict=True))
-            for shape in shapes
-        )
-
-    array = _real_array(values, expected, fits, error)
+    """Return a :func:`real_array` whose numbers are all below 1e100."""
+    array = real_array(values, expected, *shapes, error=error)
     is_finite = (np.abs(np.atleast_1d(array)) < _LARGEST).reshape((*array.shape[:1], -1))
     if not is_finite.all():
         row = int(is_finite.all(axis=-1).argmin())
         got = f"{array[row].tolist()} in row {row}" if array.ndim else array.item()
         raise error(f"{expected}, got {got}; numbers must be finite and below {_LARGEST:g}")
     return array
+
+
+def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
+    """Return real numbers (k,), one or more; the error begins with ``expected``."""
+    return np.atleast_1d(real_array(values, expected, (), (None,)))
+
+
+def checked_vectors(
+    values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
+) -> NDArray[np.float64]:
+    """Return real numbers (..., *last); the error begins with ``expected``."""
+    return real_array(values, expected, (..., *last), error=error)
+
+
+def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
+    """Return real numbers with ``dimension`` axes, none empty; ArgumentError otherwise."""
+    expected = f"expected {name} as an array of real numbers with {dimension} axes and some entries"
+    return real_array(values, expected, (None,) * dimension)
 
 
 def unchangeable(self: Any, name: str, value: object = None) -> NoReturn:
@@ -143,43 +178,6 @@ def checked_flag(value: Any, name: str) -> bool:
     if not isinstance(value, (bool, np.bool_)):
         raise ArgumentError(f"expected {name} to be True or False, got {value_text(value)}")
     return bool(value)
-
-
-def _real_array(
-    values: Any,
-    expected: str,
-    fits: Callable[[NDArray[np.float64]], bool],
-    error: type[PolywignerError] = ArgumentError,
-) -> NDArray[np.float64]:
-    """Return a float64 copy of real numbers whose shape fits; an error starts with `expected`."""
-    try:
-        array = real_numbers(values)
-    except ValueError as reason:
-        raise error(f"{expected}, got {reason}") from None
-    if not fits(array):
-        raise error(f"{expected}, got shape {shape_of(values)}")
-    return array
-
-
-def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Return real numbers (k,), one or more; the error begins with ``expected``."""
-    return np.atleast_1d(_real_array(values, expected, lambda row: row.ndim < 2 and row.size > 0))
-
-
-def checked_vectors(
-    values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
-) -> NDArray[np.float64]:
-    """Return real numbers (..., *last); the error begins with ``expected``."""
-    axes = len(last)
-    return _real_array(
-        values, expected, lambda a: a.ndim >= axes and a.shape[a.ndim - axes :] == last, error
-    )
-
-
-def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
-    """Return real numbers with ``dimension`` axes, none empty; ArgumentError otherwise."""
-    expected = f"expected {name} as an array of real numbers with {dimension} axes and some entries"
-    return _real_array(values, expected, lambda a: a.ndim == dimension and a.size > 0)
 
 
 def checked_callable(value: T, name: str) -> T:
@@ -249,9 +247,6 @@ _LONGEST = 1e4
 # optical sources are, up to a size of about a metre. Confusing mm and m is a factor of a thousand.
 _MOST_OF_RADIO, _MOST_OF_LIGHT = 1e3, 1e6
 _SHORTEST_RADIO = 1e-4
-# Least width of a lens in wavelengths, and largest f-number: pinholes have f/300, and confusing mm
-# and m would turn f/1 into f/1000.
-_NARROWEST_LENS, _LONGEST_FOCUS = 10.0, 500.0
 # Largest plausible distance of a link in sizes and wavelengths, a hundred times that of
 # automotive radar.
 _LONGEST_LINK = 1e5
@@ -281,23 +276,6 @@ def _warn_of_wavelength(source: Any, wavelength: float) -> None:
         doubt = None if diameter is None else doubt_of_wavelength(wavelength, diameter)
     if doubt is not None:
         warn_caller(f"got {doubt}", stacklevel=4)
-
-
-def warn_of_lens(pupil: Any, wavelength: float, focal_length: float) -> None:
-    """Warn of a lens of a few wavelengths, or with a focal length of hundreds of pupils."""
-    diameter = _diameter(pupil)
-    if diameter is None:
-        return
-    if diameter < _NARROWEST_LENS * wavelength:
-        warn_caller(
-            f"got a pupil of {diameter:.3g} m at a wavelength of {wavelength:.3g} m: micrometres "
-            "for m? Then write 0.55e-6 for 0.55 micrometres"
-        )
-    elif focal_length > _LONGEST_FOCUS * diameter:
-        warn_caller(
-            f"got a focal length of {focal_length:.3g} m, {focal_length / diameter:.3g} times the "
-            f"pupil of {diameter:.3g} m: is a unit wrong, mm for m?"
-        )
 
 
 def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: float) -> None:

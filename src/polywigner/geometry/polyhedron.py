@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import GeometryError
 from polywigner.geometry.arguments import finite_array, unchangeable, warn_caller
 from polywigner.geometry.convex import triangulate_part
-from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.parts import connected, polygons_in
 from polywigner.geometry.rings import rings_of_polygon, whole_numbers
 
@@ -42,9 +41,6 @@ _SAMPLES = 16
 _PAIRS = 1 << 18
 # Replaces lengths and areas of zero in denominators.
 _TINY = 1e-300
-
-# Most faces that a notebook draws.
-_MOST_DRAWN = 2000
 
 Vertices = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -129,19 +125,6 @@ class Polyhedron:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.vertices, self.faces)
-
-    def _repr_html_(self) -> str:
-        # isometric view along (1, 1, 1), z upwards
-        x, y, z = (self.vertices - self.vertices.mean(axis=0)).T
-        view = np.stack([(y - x) / 2**0.5, (2 * z - x - y) / 6**0.5], axis=-1)
-        lines = [view[[*face, face[0]]] for face in self.faces[:_MOST_DRAWN]]
-        rows = [
-            ("size", length_text(*np.ptp(self.vertices, axis=0).tolist())),
-            ("volume", f"{self.volume:.6g} m³"),
-            ("vertices", str(len(self.vertices))),
-            ("faces", str(len(self.faces))),
-        ]
-        return shown_as_html("Polyhedron", rows, lines=lines)
 
     def __repr__(self) -> str:
         return (

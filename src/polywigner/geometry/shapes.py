@@ -28,13 +28,11 @@ __all__ = [
     "bow_tie",
     "chevron",
     "chevron_pair",
-    "circle",
     "disc",
     "double_slit",
     "grating",
     "hexagonal_segments",
     "interferometer",
-    "patch_row",
     "rectangle",
     "regular_polygon",
     "ring",
@@ -105,9 +103,6 @@ def disc(radius: float, n: int = 64) -> Aperture:
     """
     sides = _count(n, "n", 3)
     return Aperture(_circle(_length(radius, "radius") * _equal_area_factor(sides), sides))
-
-
-circle = disc
 
 
 def ring(outer: float, inner: float, n: int = 64) -> Aperture:
@@ -263,14 +258,6 @@ def hexagonal_segments(
     centres = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)
     with np.errstate(over="ignore"):  # an Aperture raises the error
         return Aperture._of_segments([(corners + at) * unit + at * extra for at in centres])
-
-
-def patch_row(count: int, width: float, length: float, pitch: float) -> Aperture:
-    """Row of equal rectangular patches along y: width along x, length and pitch along y."""
-    number = _count(count, "count", 1)
-    x, y, step = _length(width, "width"), _length(length, "length"), _length(pitch, "pitch")
-    _require(step >= y, "pitch of at least length", pitch=pitch, length=length)
-    return Aperture([_box(0.0, (k - (number - 1) / 2) * step, x, y) for k in range(number)])
 
 
 def interferometer(positions: ArrayLike, radius: float, n: int = 32) -> Aperture:

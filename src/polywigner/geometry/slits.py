@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
 from polywigner.geometry.arguments import finite_array
-from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.wavefront import Field, TakesWaves, checked_field, checked_shift
 
 # Largest overlap of intervals that touch, as a fraction of the largest coordinate; see ``rings``.
@@ -94,19 +93,6 @@ class Slits(TakesWaves):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.intervals, self.illumination)
-
-    def _repr_html_(self) -> str:
-        height = self.diameter / 10
-        rings = [
-            np.array([(a, 0.0), (b, 0.0), (b, height), (a, height)]) for a, b in self.intervals
-        ]
-        rows = [
-            ("extent", length_text(self.diameter)),
-            ("total width", length_text(self.length)),
-            ("slits", str(len(self.intervals))),
-            ("field", "1" if self.illumination is None else repr(self.illumination)),
-        ]
-        return shown_as_html("Slits", rows, rings)
 
     def __repr__(self) -> str:
         field = "" if self.illumination is None else f", {self.illumination!r}"

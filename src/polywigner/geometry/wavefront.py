@@ -19,7 +19,6 @@ from polywigner.geometry.arguments import (
     finite_array,
     unchangeable,
 )
-from polywigner.geometry.display import length_text, shown_as_html
 
 
 @runtime_checkable
@@ -363,15 +362,6 @@ class Wavefront(TakesWaves):
     def __reduce__(self) -> tuple[Any, ...]:
         content = self.source, self.curvature, self.centre, self.coherence_width, self.wavelength
         return Wavefront, content
-
-    def _repr_html_(self) -> str:
-        rows = [("source", repr(self.source))]
-        if not self.is_flat:
-            size = " ".join(f"{q:.6g}" for q in self.curvature.ravel().tolist())
-            rows += [("curvature", f"{size} /m²"), ("centre", f"{self.centre.tolist()} m")]
-        if not self.is_coherent:
-            rows.append(("coherent over", length_text(self.coherence_width)))
-        return shown_as_html("Wavefront", rows, getattr(self.source, "rings", ()))
 
     def __repr__(self) -> str:
         how = [] if self.is_flat else [f"curvature {self.curvature.tolist()} /m^2"]

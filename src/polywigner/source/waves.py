@@ -19,7 +19,6 @@ from polywigner.geometry.arguments import (
     real_numbers,
     unchangeable,
 )
-from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.wavefront import checked_shift, turned_points
 
 
@@ -99,13 +98,6 @@ class Illumination:
         size = checked_length(factor, "factor")
         with np.errstate(over="ignore"):
             return self._from(self.amplitudes, self.frequencies / size)
-
-    def _repr_html_(self) -> str:
-        rows = [("waves", f"{len(self.amplitudes)} in {self.dimension} dimensions")]
-        for amplitude, nu in list(zip(self.amplitudes, self.frequencies, strict=True))[:4]:
-            position = ", ".join(f"{component:.4g}" for component in nu)
-            rows.append((f"({position}) /m", f"{complex(amplitude):.4g}"))
-        return shown_as_html("Illumination", rows)
 
     def __mul__(self, other: Illumination | complex) -> Illumination:
         if isinstance(other, Complex):
