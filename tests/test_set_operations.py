@@ -1,6 +1,5 @@
 """Set operations and scaling of apertures, and how sources show themselves."""
 
-
 import numpy as np
 import pytest
 

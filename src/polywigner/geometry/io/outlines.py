@@ -131,17 +131,6 @@ def _joined(rings: Sequence[Ring]) -> list[Ring]:
     return joined
 
 
-def without_duplicates(rings: Sequence[Ring], gap: float) -> list[Ring]:
-    """Return rings without repetitions of an earlier one up to `gap`, wherever they start."""
-    lines = np.array([shapely.LinearRing(ring) for ring in rings], dtype=object)
-    boxes, sizes = shapely.bounds(lines), np.array([len(ring) for ring in rings])
-    corners = shapely.points(boxes[:, :2])
-    i, j = shapely.STRtree(corners).query(corners, predicate="dwithin", distance=gap)
-    near = (i < j) & (sizes[i] == sizes[j]) & (np.abs(boxes[i] - boxes[j]) <= gap).all(axis=1)
-    repeats = set(j[near][shapely.hausdorff_distance(lines[i[near]], lines[j[near]]) <= gap])
-    return [ring for k, ring in enumerate(rings) if k not in repeats]
-
-
 def _encloses(ring: Ring) -> bool:
     return different_vertices(ring) == 3 and (spans_area(ring) or hull_spans_area(ring))
 
