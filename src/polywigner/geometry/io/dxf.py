@@ -181,6 +181,9 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
         return _Shape([[_curves(kind, entity)]])
     if kind in ("SOLID", "TRACE"):
         return _Shape([[[_array(entity.wcs_vertices(close=True))]]], 0)
+    if kind == "POLYLINE" and entity.is_3d_polyline:
+        points = _array(v.dxf.location for v in entity.vertices)
+        return _Shape([[[np.concatenate([points, points[: int(entity.is_closed)]])]]])
     offset = np.zeros(3)
     if kind in ("ARC", "CIRCLE"):
         shape = _Shape([[_curves(kind, entity)]])
