@@ -281,12 +281,6 @@ class Aperture(TakesWaves):
         """Content regardless of the order of parts and of each ring's first vertex."""
         return self.illumination, shapely.normalize(self.polygons).wkb
 
-    def __copy__(self) -> Aperture:
-        return self
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Aperture:
-        return self
-
     def __reduce__(self) -> tuple[Any, ...]:
         return Aperture._of_parts, (self._parts, self.illumination, self._segments)
 

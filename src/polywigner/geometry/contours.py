@@ -58,7 +58,7 @@ class Surface:
         names = [item.name for item in fields(cls)]
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
-    def taken(self, rows: NDArray[np.bool_] | Indices) -> Surface:
+    def subset(self, rows: NDArray[np.bool_] | Indices) -> Surface:
         """Return a subset of the triangles."""
         return Surface(*(getattr(self, item.name)[rows] for item in fields(self)))
 
@@ -93,7 +93,7 @@ class Silhouette:
         touching = frozenset[tuple[int, int]]().union(*(part.touching for part in parts))
         return cls(edges, numbers, bodies, behind, touching)
 
-    def taken(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
+    def subset(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
         """Return the masked edges, shortened to ``edges`` (m, 2, 3)."""
         return replace(
             self,
@@ -128,7 +128,7 @@ def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Sil
     parts = [
         _contours_in(figure, clipped, closed) for figure, clipped in figures if len(clipped.faces)
     ]
-    return _joined(Silhouette.of([_NO_EDGES, *parts]))
+    return Silhouette.of([_NO_EDGES, *parts])
 
 
 def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Surface]]:
@@ -169,7 +169,7 @@ def _projected(
         on_border &= np.roll(on_border, -1, axis=1)
         surface = replace(surface, sides=np.where(on_border.any(axis=2), -2, surface.sides))
     wide = figure.has_width
-    return figure.taken(wide), surface.taken(wide)
+    return figure.subset(wide), surface.subset(wide)
 
 
 def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
@@ -198,10 +198,10 @@ def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
                 ]
             )
             owner.append(t)
-    complete = surface.taken(inside)
+    complete = surface.subset(inside)
     if not owner:
         return complete
-    cut = surface.taken(np.array(owner))
+    cut = surface.subset(np.array(owner))
     cut = replace(cut, corners=np.array(corners), sides=np.array(sides, np.intp))
     return Surface.of([complete, cut])
 
@@ -377,7 +377,7 @@ class _Pairing:
             along = corners[(k + 1) % 3] - corners[k]
             share = (point - corners[k]) @ along / (along @ along)
             return float(depth[k] + share * (depth[(k + 1) % 3] - depth[k])), 0.0
-        slope = self.figure.taken(np.array([t])).slopes[0]
+        slope = self.figure.subset(np.array([t])).slopes[0]
         return float(depth[0] + (point - corners[0]) @ slope), float(np.abs(slope).sum())
 
     def _lifted(self, rows: Indices, at: Floats) -> Floats:
@@ -456,32 +456,3 @@ def _without(
     """Subtract an interval from intervals."""
     parts = [[(a, min(b, low)), (max(a, high), b)] for a, b in intervals]
     return [(a, b) for pair in parts for a, b in pair if b > a]
-
-
-def _joined(contours: Silhouette) -> Silhouette:
-    """Join adjacent pieces of one edge in front of one face."""
-    edges, numbers = contours.edges, contours.numbers
-    order = np.lexsort([contours.behind, numbers])
-    groups = np.flatnonzero(np.diff(numbers[order]) | np.diff(contours.behind[order])) + 1
-    joined, rows = [np.empty((0, 2, 3))], [np.empty(0, np.intp)]
-    for some in np.split(order, groups) if len(order) else []:
-        if len(some) == 1 or numbers[some[0]] < 0:
-            joined.append(edges[some])
-            rows.append(some)
-            continue
-        along = edges[some[0], 1] - edges[some[0], 0]
-        some = some[np.argsort(edges[some, 0] @ along)]
-        begin, end = edges[some, 0], edges[some, 1]
-        gaps = np.abs(end[:-1] - begin[1:]).max(axis=1) > 1e-9 * np.abs(edges[some]).max()
-        first = np.flatnonzero(np.append(True, gaps))
-        last = np.append(first[1:] - 1, len(some) - 1)
-        joined.append(np.stack([begin[first], end[last]], axis=1))
-        rows.append(some[first])
-    taken = np.concatenate(rows)
-    return replace(
-        contours,
-        edges=np.concatenate(joined),
-        numbers=numbers[taken],
-        bodies=contours.bodies[taken],
-        behind=contours.behind[taken],
-    )

@@ -129,12 +129,7 @@ class Trapezoids(NamedTuple):
         return np.stack(self, axis=-1)
 
     @property
-    def columns(self) -> tuple[NDArray[np.float64], ...]:
-        """The constants of :func:`point_in_trapezoid`, each (n,)."""
-        return self
-
-    @property
-    def middles(self) -> NDArray[np.float64]:
+    def midpoints(self) -> NDArray[np.float64]:
         """Midpoints of the lines halfway between the parallel sides, (n, 2)."""
         height = self.height_left + self.height_right
         y = 0.5 * (self.low_left + self.low_right) + 0.25 * height
@@ -186,7 +181,7 @@ def _slab(
 def point_in_trapezoid(ops: Any, row: Sequence[Any], u: Any, v: Any) -> tuple[Any, Any]:
     """Map (u, v), uniform in the unit square, to a point uniform in a trapezoid.
 
-    ``row``: of :attr:`Trapezoids.columns`; ``ops``: the namespace of its type.
+    ``row``: the six numbers of a trapezoid; ``ops``: the operations namespace of their type.
     """
     left, width, height_left, height_right, low_left, low_right = row
     # Solve (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 without cancellation.

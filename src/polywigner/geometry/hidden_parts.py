@@ -73,7 +73,7 @@ class Projected:
         along = rise[:, 1] * self.sides[:, 0, 0] - rise[:, 0] * self.sides[:, 1, 0]
         return np.asarray(np.stack([across, along], axis=1) / self.area[:, None])
 
-    def taken(self, rows: NDArray[np.bool_]) -> Projected:
+    def subset(self, rows: NDArray[np.bool_]) -> Projected:
         return Projected(self.points[rows], self.depth[rows], self.size, self.ranges[rows])
 
 

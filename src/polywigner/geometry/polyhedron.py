@@ -5,7 +5,6 @@ from __future__ import annotations
 import operator
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from fractions import Fraction
 from functools import cached_property
 from typing import Any, SupportsIndex, final
 
@@ -17,7 +16,7 @@ from polywigner.errors import GeometryError
 from polywigner.geometry.arguments import finite_array, unchangeable, warn_caller
 from polywigner.geometry.convex import triangulate_part
 from polywigner.geometry.parts import connected, polygons_in
-from polywigner.geometry.rings import rings_of_polygon, whole_numbers
+from polywigner.geometry.rings import rings_of_polygon
 
 # Largest distance of a vertex from the plane of its face, as a fraction of the body's diameter.
 # Coordinates printed with ten digits pass; the volume changes by less than 1e-9 of diameter^3.
@@ -91,8 +90,8 @@ class Polyhedron:
 
     @cached_property
     def volume(self) -> float:
-        """Volume, the exact value rounded once."""
-        return float(_six_volumes(self.vertices, [self.faces])[0] / 6)
+        """Volume in the cube of the unit of the vertices."""
+        return _volume_inside(self.vertices, self.faces)
 
     @cached_property
     def bounds(self) -> tuple[float, ...]:
@@ -216,16 +215,16 @@ def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
 
 def _oriented(
     points: Vertices, faces: tuple[tuple[int, ...], ...]
-) -> tuple[tuple[tuple[int, ...], ...], Fraction]:
-    """Return the faces, counter-clockwise from outside the solid, and six times its volume."""
+) -> tuple[tuple[tuple[int, ...], ...], float]:
+    """Return the faces, counter-clockwise from outside the solid, and its volume."""
     surfaces = closed_surfaces(faces)
     members = [[faces[k] for k in surface] for surface in surfaces]
-    volumes = _six_volumes(points, members)
+    volumes = [_volume_inside(points, some) for some in members]
     around = np.zeros((len(surfaces),) * 2, dtype=bool)
     if len(surfaces) > 1:
         around = nesting_of([points[triangulate_faces(points, some)] for some in members])
     depths = around.sum(axis=0)
-    total, oriented = Fraction(0), list(faces)
+    total, oriented = 0.0, list(faces)
     for n, (surface, volume) in enumerate(zip(surfaces, volumes, strict=True)):
         sign = -1 if depths[n] % 2 else 1
         total += sign * abs(volume)
@@ -241,22 +240,13 @@ def _oriented(
     return tuple(oriented), total
 
 
-def _six_volumes(points: Vertices, surfaces: Sequence[Sequence[tuple[int, ...]]]) -> list[Fraction]:
-    """Return six times the exact volume inside each closed surface."""
-    whole, exponent = whole_numbers(points)
-    exact = (whole - whole[0]).tolist()
-    volumes = []
-    for faces in surfaces:
-        total = 0
-        for face in faces:
-            a = exact[face[0]]
-            for k in range(1, len(face) - 1):
-                b, c = exact[face[k]], exact[face[k + 1]]
-                total += a[0] * (b[1] * c[2] - b[2] * c[1])
-                total -= a[1] * (b[0] * c[2] - b[2] * c[0])
-                total += a[2] * (b[0] * c[1] - b[1] * c[0])
-        volumes.append(Fraction(total) * Fraction(2) ** (3 * exponent))
-    return volumes
+def _volume_inside(points: Vertices, faces: Sequence[Sequence[int]]) -> float:
+    """Return the signed volume inside a closed surface, as a sum of pyramids over its faces."""
+    centred = points - points.mean(axis=0)
+    return sum(
+        float((centred[indices[:, 0]] * normals_of(centred[indices])).sum()) / 6
+        for _, indices in _by_size(faces)
+    )
 
 
 def normals_of(corners: Vertices) -> Vertices:

@@ -128,12 +128,8 @@ def without_straight_vertices(ring: Ring) -> Ring:
 
 
 def different_vertices(ring: Ring) -> int:
-    """Return the number of different vertices of a ring, at most 3."""
-    for count in range(3):
-        if not len(ring):
-            return count
-        ring = ring[(ring != ring[0]).any(axis=1)]
-    return 3
+    """Return the number of different vertices of a ring."""
+    return len(np.unique(ring, axis=0))
 
 
 def clean_ring(vertices: Any, name: str = "a ring") -> Ring:

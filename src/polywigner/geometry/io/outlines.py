@@ -132,7 +132,7 @@ def _joined(rings: Sequence[Ring]) -> list[Ring]:
 
 
 def _encloses(ring: Ring) -> bool:
-    return different_vertices(ring) == 3 and (spans_area(ring) or hull_spans_area(ring))
+    return different_vertices(ring) >= 3 and (spans_area(ring) or hull_spans_area(ring))
 
 
 def _lines(rings: Sequence[Ring]) -> shapely.MultiLineString:
