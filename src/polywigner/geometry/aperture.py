@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING, Any, final
@@ -13,7 +12,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
-from polywigner.geometry.arguments import Outline, checked_length, rigid_pose
+from polywigner.geometry.arguments import Immutable, Outline, checked_length, rigid_pose
 from polywigner.geometry.convex import convex_pieces, triangulate_part
 from polywigner.geometry.display import plot_rings
 from polywigner.geometry.parts import (
@@ -334,22 +333,24 @@ def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class PlacedAperture:
+class PlacedAperture(Immutable):
     """An aperture and its rigid pose in space; made by :meth:`Aperture.placed`."""
 
     aperture: Aperture
     pose: NDArray[np.float64]
     """(4, 4) read-only: from the aperture's frame, with the aperture at z = 0, to the world."""
 
-    def __post_init__(self) -> None:
-        pose = np.array(self.pose, dtype=np.float64)
-        pose.setflags(write=False)
-        object.__setattr__(self, "pose", pose)
+    def __init__(self, aperture: Aperture, pose: NDArray[np.float64]) -> None:
+        fixed = np.array(pose, dtype=np.float64)
+        fixed.setflags(write=False)
+        object.__setattr__(self, "aperture", aperture)
+        object.__setattr__(self, "pose", fixed)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The constructor makes the pose read-only, which copied and unpickled arrays are not.
         return PlacedAperture, (self.aperture, self.pose)
+
+    def __repr__(self) -> str:
+        return f"PlacedAperture({self.aperture!r}, pose={self.pose.tolist()})"
 
     @property
     def normal(self) -> NDArray[np.float64]:
@@ -365,16 +366,9 @@ class PlacedAperture:
         """Plot the outline in the plane of the aperture, see :meth:`Aperture.plot`."""
         return self.aperture.plot(ax, unit)
 
+    @property
     def _key(self) -> tuple[Aperture, bytes]:
         return self.aperture, self.pose.tobytes()
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, PlacedAperture):
-            return NotImplemented
-        return self._key() == other._key()
-
-    def __hash__(self) -> int:
-        return hash(self._key())
 
 
 def _require_aperture(aperture: Aperture) -> None:

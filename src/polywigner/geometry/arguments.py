@@ -143,9 +143,23 @@ def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]
     return real_array(values, expected, (None,) * dimension)
 
 
-def unchangeable(self: Any, name: str, value: object = None) -> NoReturn:
-    """Raise AttributeError instead of changing an attribute."""
-    raise AttributeError(f"{type(self).__name__} cannot be changed ({name}); build a new one")
+class Immutable:
+    """Base of values: read-only, and equal to values of one class with the same ``_key``."""
+
+    _key: Any
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Immutable) or type(other) is not type(self):
+            return NotImplemented
+        return bool(self._key == other._key)
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __setattr__(self, name: str, value: object = None) -> NoReturn:
+        raise AttributeError(f"{type(self).__name__} cannot be changed ({name}); build a new one")
+
+    __delattr__ = __setattr__
 
 
 # Largest count: a number with a few more zeros would fill the memory.

@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.arguments import finite_array, unchangeable, warn_caller
+from polywigner.geometry.arguments import Immutable, finite_array, warn_caller
 from polywigner.geometry.convex import triangulate_part
 from polywigner.geometry.parts import connected, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
@@ -46,7 +46,7 @@ Indices = NDArray[np.intp]
 
 
 @final
-class Polyhedron:
+class Polyhedron(Immutable):
     """A uniform solid with planar polygonal faces.
 
     Parameters
@@ -113,14 +113,6 @@ class Polyhedron:
     @property
     def _key(self) -> tuple[bytes, tuple[tuple[int, ...], ...]]:
         return self.vertices.tobytes(), self.faces
-
-    def __eq__(self, other: object) -> bool:
-        return self._key == other._key if isinstance(other, Polyhedron) else NotImplemented
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-    __setattr__ = __delattr__ = unchangeable
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.vertices, self.faces)

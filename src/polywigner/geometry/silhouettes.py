@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -492,28 +491,12 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
 
 
 def _are_near(one: Floats, other: Floats, within: float) -> bool:
-    """Return whether any pair of triangles (n, 3, 3) crosses or has at most this distance."""
-    for mine, theirs in ((one, other), (other, one)):
-        if (point_distances(np.moveaxis(mine, 1, 0), theirs) <= within).any():
-            return True
-    for k, j in product(range(3), repeat=2):
-        ends = one[:, k], one[:, (k + 1) % 3], other[:, j], other[:, (j + 1) % 3]
-        if (_between_segments(*ends) <= within).any():
-            return True
-    return bool(_cross(one, other, 0.0).any())
-
-
-def _between_segments(start: Floats, end: Floats, begin: Floats, stop: Floats) -> Floats:
-    """Return distances (n,) of segments (Ericson, Real-Time Collision Detection, 5.1.9)."""
-    along, beside, apart = end - start, stop - begin, start - begin
-    a, e, b = dot_products(along, along), dot_products(beside, beside), dot_products(along, beside)
-    c, f = dot_products(along, apart), dot_products(beside, apart)
-    area = a * e - b * b
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = np.where(area > 1e-12 * a * e, np.clip((b * f - c * e) / area, 0.0, 1.0), 0.0)
-        t = np.where(e > 0.0, np.clip((b * s + f) / e, 0.0, 1.0), 0.0)
-        s = np.where(a > 0.0, np.clip((b * t - c) / a, 0.0, 1.0), 0.0)
-    return np.linalg.norm(apart + s[:, None] * along - t[:, None] * beside, axis=1)
+    """Return whether any pair of triangles (n, 3, 3) crosses, or has a corner near the other."""
+    is_near = any(
+        (point_distances(np.moveaxis(corners, 1, 0), triangles) <= within).any()
+        for corners, triangles in ((one, other), (other, one))
+    )
+    return is_near or bool(_cross(one, other, 0.0).any())
 
 
 def _cross(one: Floats, other: Floats, depth: float) -> NDArray[np.bool_]:

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.geometry.arguments import (
+    Immutable,
     checked_length,
     checked_number,
     checked_row,
     checked_wavelength,
     finite_array,
-    unchangeable,
 )
 
 
@@ -77,21 +77,8 @@ def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64
     return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0  # no negative zeros
 
 
-class TakesWaves:
+class TakesWaves(Immutable):
     """Methods of all sources, which are immutable: curved and partially coherent waves."""
-
-    _key: Any
-    """Content for equality and hashes."""
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, TakesWaves) or type(other) is not type(self):
-            return NotImplemented
-        return bool(self._key == other._key)
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-    __setattr__ = __delattr__ = unchangeable
 
     def at_wavelength(self, wavelength: float) -> Any:
         """Return this source with the phases of its path lengths at another wavelength.
