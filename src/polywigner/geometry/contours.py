@@ -115,14 +115,22 @@ def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Sil
 
     Parameters
     ----------
-    surface : the surface.
-    observer : (3,) position of the observer.
-    closed : width up to which slits between bodies have no contours, approximately.
+    surface : Surface
+        The triangles that face the observer.
+    observer : ndarray, shape (3,)
+        Position of the observer.
+    closed : float, default 0.0
+        Approximate width up to which slits between bodies have no contours.
+
+    Returns
+    -------
+    Silhouette
+        Directed edges of the shadow.
 
     Raises
     ------
     ArgumentError
-        Too many triangles overlap in projection.
+        If too many triangles overlap in projection.
     """
     figures = _figures(surface, observer)
     parts = [

@@ -51,18 +51,27 @@ class Polyhedron(Immutable):
 
     Parameters
     ----------
-    vertices : (n, 3) in metres (any one consistent unit works).
-    faces : three or more vertex numbers for each face, counter-clockwise from outside; convex or
-        not. The list may contain several closed surfaces: separate bodies, which may touch, and
-        cavities. A surface inside another surface is the wall of a cavity, and a surface inside a
-        cavity is a body. A surface with inverted orientation is reversed.
+    vertices : array_like, shape (n, 3)
+        Positions in metres; any other unit works if it is used consistently.
+    faces : iterable of sequences of int
+        Three or more vertex numbers for each face, counter-clockwise from outside. Faces need not
+        be convex. The faces may form several closed surfaces: separate bodies, which may touch,
+        and cavities. A surface inside another surface is the wall of a cavity, and a surface
+        inside a cavity is a body. A surface with inverted orientation is reversed.
 
     Raises
     ------
     GeometryError
-        A coordinate is not finite, a face is not planar or crosses itself, a surface is not closed
-        or not consistently oriented, or the volume is zero.
+        If a coordinate is not finite, a face is not planar or crosses itself, a surface is not
+        closed or not consistently oriented, or the volume is zero.
 
+    Warns
+    -----
+    PolywignerWarning
+        If a surface inside another surface faces the same way: it is read as a cavity.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
     >>> body = pw.Polyhedron(corners, [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)])
@@ -71,7 +80,7 @@ class Polyhedron(Immutable):
     """
 
     vertices: Vertices
-    """(n, 3) float64, read-only."""
+    """Positions in metres, shape (n, 3), read-only."""
     faces: tuple[tuple[int, ...], ...]
     """Vertex numbers of each face, counter-clockwise from outside."""
 
@@ -90,22 +99,22 @@ class Polyhedron(Immutable):
 
     @cached_property
     def volume(self) -> float:
-        """Volume in the cube of the unit of the vertices."""
+        """Volume in m^3."""
         return _volume_inside(self.vertices, self.faces)
 
     @cached_property
     def bounds(self) -> tuple[float, ...]:
-        """(xmin, ymin, zmin, xmax, ymax, zmax)."""
+        """Bounds (xmin, ymin, zmin, xmax, ymax, zmax) in metres."""
         return (*self.vertices.min(axis=0).tolist(), *self.vertices.max(axis=0).tolist())
 
     @cached_property
     def diameter(self) -> float:
-        """Largest distance between two vertices."""
+        """Largest distance between two vertices in metres."""
         return _largest_distance(self.vertices)
 
     @cached_property
     def triangles(self) -> NDArray[np.intp]:
-        """Vertex numbers (m, 3) of triangles that cover each face once, with its orientation."""
+        """Vertex numbers of triangles, shape (m, 3), that cover each face with its orientation."""
         result = triangulate_faces(self.vertices, self.faces)
         result.setflags(write=False)
         return result
@@ -252,12 +261,15 @@ def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
 
     Parameters
     ----------
-    points : (n, 3)
-    faces : one list of vertex numbers for each face.
+    points : ndarray, shape (n, 3)
+        Positions of all vertices.
+    faces : sequence of sequences of int
+        Vertex numbers of each face.
 
     Returns
     -------
-    heights : (number of faces,) in the unit of the points.
+    ndarray, shape (number of faces,)
+        Distances in the unit of the points.
     """
     heights = np.zeros(len(faces))
     for numbers, indices in _by_size(faces):
@@ -273,22 +285,25 @@ def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
 def triangulate_faces(points: Vertices, faces: Sequence[Sequence[int]]) -> Indices:
     """Return triangles that cover each face once, whether the face is convex or not.
 
-    Convex faces become fans. Other faces become constrained Delaunay triangles in their plane. A
-    face may contain an edge in both directions, as a bridge to a hole.
+    Convex faces become fans of triangles. Other faces become constrained Delaunay triangles in
+    their plane. A face may contain an edge in both directions, as a bridge to a hole.
 
     Parameters
     ----------
-    points : (n, 3)
-    faces : one list of vertex numbers for each face, three or more.
+    points : ndarray, shape (n, 3)
+        Positions of all vertices.
+    faces : sequence of sequences of int
+        Three or more vertex numbers for each face.
 
     Returns
     -------
-    triangles : (m, 3) vertex numbers in the order of the faces, oriented as the faces.
+    ndarray of int, shape (m, 3)
+        Vertex numbers of the triangles, in the order and with the orientation of the faces.
 
     Raises
     ------
     GeometryError
-        A face crosses itself.
+        If a face crosses itself.
     """
     triangles, owners = [np.empty((0, 3), np.intp)], [np.empty(0, np.intp)]
     for numbers, indices in _by_size(faces):
@@ -390,11 +405,13 @@ def nesting_of(surfaces: Sequence[Vertices]) -> NDArray[np.bool_]:
 
     Parameters
     ----------
-    surfaces : triangles (m, 3, 3) of each surface.
+    surfaces : sequence of ndarray, shape (m, 3, 3)
+        Corners of the triangles of each of n surfaces.
 
     Returns
     -------
-    around : (n, n) whether the first surface encloses the second one.
+    ndarray of bool, shape (n, n)
+        Element [i, j] is true if surface i encloses surface j.
     """
     low = np.array([triangles.min(axis=(0, 1)) for triangles in surfaces])
     high = np.array([triangles.max(axis=(0, 1)) for triangles in surfaces])
@@ -449,16 +466,19 @@ def dot_products(a: Vertices, b: Vertices) -> Vertices:
 
 
 def windings_about(points: Vertices, corners: Vertices) -> Vertices:
-    """Return the winding numbers (n,) of a closed surface about points (n, 3), by solid angles.
+    """Return the winding numbers of a closed surface about points, by solid angles.
 
     Parameters
     ----------
-    points : (n, 3)
-    corners : (m, 3, 3) triangles of the surface.
+    points : ndarray, shape (n, 3)
+        The points.
+    corners : ndarray, shape (m, 3, 3)
+        Corners of the triangles of the surface.
 
     Returns
     -------
-    turns : (n,) integers up to rounding; about 1/2 for points on a face.
+    ndarray, shape (n,)
+        Winding numbers: integers up to rounding, and about 1/2 for points on a face.
 
     References
     ----------

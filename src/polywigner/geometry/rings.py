@@ -43,7 +43,7 @@ def turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float])
 def orientations(a: Ring, b: Ring, c: Ring) -> NDArray[np.int8]:
     """Return the exact sign of the turn a -> b -> c: +1 left, -1 right, 0 straight.
 
-    a, b, c : (..., 2), broadcast against each other.
+    The points have shape (..., 2) and are broadcast against each other.
     """
     a, b, c = np.broadcast_arrays(a, b, c)
     first = (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1])
