@@ -1,8 +1,8 @@
 """Catalogue of apertures, in the plane and on a line.
 
 Lengths are in metres; any other unit works if it is used consistently. The centre of the bounds is
-the origin unless stated otherwise. All functions raise ArgumentError for lengths that are not finite
-and above zero, and for inconsistent sizes.
+the origin unless stated otherwise. All functions raise ArgumentError for lengths that are not
+finite and above zero, and for inconsistent sizes.
 """
 
 from __future__ import annotations

@@ -187,9 +187,9 @@ def read_aperture(
         Largest distance in metres between a curve (SVG, DXF, Gerber) and its chords. The default is
         1/2000 of the diagonal of each outline. Full circles and ellipses keep their area.
     layer : str or sequence of str, optional
-        Names of the layers to read, even if they are hidden. DXF: layers, regardless of case; SVG: groups or
-        shapes by id or by their name in Inkscape; GDSII: layers as "1" or "1/0", and a cell by its
-        name. By default all visible layers are read.
+        Names of the layers to read, even if they are hidden. DXF: layers, regardless of case; SVG:
+        groups or shapes by id or by their name in Inkscape; GDSII: layers as "1" or "1/0", and a
+        cell by its name. By default all visible layers are read.
     union : bool, default False
         Whether to join shapes that overlap, such as a pad and its feed. Otherwise overlaps raise a
         GeometryError. The shapes of a Gerber file are always joined.
