@@ -40,19 +40,22 @@ class DrJitArray(Protocol):
 
 
 Points: TypeAlias = ArrayLike | DrJitArray
-"""Numbers with their components along the last axis: anything that NumPy converts, such as
-``xarray.DataArray``, or a Dr.Jit array, which has its components first unless it is a tensor."""
+"""Coordinates with the components of each point along the last axis.
+
+NumPy must be able to convert them, as an ``xarray.DataArray``. Dr.Jit arrays other than tensors have
+their components along the first axis.
+"""
 
 Outline: TypeAlias = (
     ArrayLike | shapely.Polygon | shapely.MultiPolygon | Sequence[ArrayLike | shapely.Polygon]
 )
-"""One ring (n, 2), several of different lengths, or shapely polygons."""
+"""One ring of vertices (n, 2), several rings of different lengths, or shapely polygons."""
 
 
 def real_numbers(values: Any) -> NDArray[np.float64]:
     """Return a float64 copy of real numbers.
 
-    Raises ValueError for complex numbers, texts, and masked elements.
+    Raise ValueError for complex numbers, texts and masked elements.
     """
     if np.ma.is_masked(values):
         raise ValueError("masked elements; leave them out")
@@ -126,25 +129,25 @@ def finite_array(
 
 
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Return real numbers (k,), one or more; the error begins with ``expected``."""
+    """Return one or more real numbers (k,); a message of an error starts with ``expected``."""
     return np.atleast_1d(real_array(values, expected, (), (None,)))
 
 
 def checked_vectors(
     values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
 ) -> NDArray[np.float64]:
-    """Return real numbers (..., *last); the error begins with ``expected``."""
+    """Return real numbers (..., *last); a message of an error starts with ``expected``."""
     return real_array(values, expected, (..., *last), error=error)
 
 
 def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
-    """Return real numbers with ``dimension`` axes, none empty; ArgumentError otherwise."""
+    """Return an array with ``dimension`` axes, none empty; raise ArgumentError for others."""
     expected = f"expected {name} as an array of real numbers with {dimension} axes and some entries"
     return real_array(values, expected, (None,) * dimension)
 
 
 class Immutable:
-    """Base of values: read-only, and equal to values of one class with the same ``_key``."""
+    """Base of read-only values, which are equal if their class and their ``_key`` are equal."""
 
     _key: Any
 
@@ -167,7 +170,7 @@ _MOST = 1_000_000
 
 
 def checked_number(value: Any, name: str, meaning: str) -> float:
-    """Return a finite number; ArgumentError "expected `name` as `meaning`" otherwise."""
+    """Return a finite number; raise ArgumentError "expected `name` as `meaning`" for others."""
     try:
         refused = isinstance(value, (str, bytes, bool)) or np.iscomplexobj(value)
         refused |= np.ma.is_masked(value)
@@ -180,7 +183,7 @@ def checked_number(value: Any, name: str, meaning: str) -> float:
 
 
 def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
-    """Return one of the names ``choices``; ArgumentError for other values."""
+    """Return one of the names ``choices``; raise ArgumentError for other values."""
     if not isinstance(value, str) or value not in choices:
         known = ", ".join(f'"{choice}"' for choice in choices)
         raise ArgumentError(f"expected {name} to be one of {known}, got {value_text(value)}")
@@ -188,21 +191,21 @@ def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
 
 
 def checked_flag(value: Any, name: str) -> bool:
-    """Return True or False; ArgumentError for other values."""
+    """Return True or False; raise ArgumentError for other values."""
     if not isinstance(value, (bool, np.bool_)):
         raise ArgumentError(f"expected {name} to be True or False, got {value_text(value)}")
     return bool(value)
 
 
 def checked_callable(value: T, name: str) -> T:
-    """Return a function or None; ArgumentError for other values."""
+    """Return a function or None; raise ArgumentError for other values."""
     if value is not None and not callable(value):
         raise ArgumentError(f"expected {name} as a function or None, got {value_text(value)}")
     return value
 
 
 def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "") -> float:
-    """Return a finite number above zero, or zero if allowed; ArgumentError otherwise."""
+    """Return a finite number above zero, or zero if allowed; raise ArgumentError for others."""
     meaning = meaning or ("a length of at least zero" if zero else "a length above zero")
     number = checked_number(value, name, meaning)
     if not number > 0 and not (zero and number == 0):
@@ -211,7 +214,7 @@ def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "")
 
 
 def checked_wavelength(value: Any) -> float:
-    """Return a wavelength in m, above zero; ArgumentError for other values."""
+    """Return a wavelength in m, above zero; raise ArgumentError for other values."""
     if isinstance(value, str):
         raise ArgumentError(
             f"expected a wavelength as a number in metres, got the text {value[:40]!r}; quantities "
@@ -221,7 +224,7 @@ def checked_wavelength(value: Any) -> float:
 
 
 def checked_generator(seed: Any) -> np.random.Generator:
-    """Return NumPy's generator for a seed; ArgumentError for an invalid seed."""
+    """Return NumPy's generator for a seed; raise ArgumentError for an invalid seed."""
     try:
         return np.random.default_rng(seed)
     except (TypeError, ValueError):
@@ -232,7 +235,7 @@ def checked_generator(seed: Any) -> np.random.Generator:
 
 
 def checked_count(value: Any, name: str, least: int, most: int | None = None) -> int:
-    """Return a whole number within bounds; ArgumentError for other values."""
+    """Return a whole number within bounds; raise ArgumentError for other values."""
     if most is None and isinstance(value, (int, np.integer)) and value > _MOST:
         raise ArgumentError(f"expected {name} as a whole number up to {_MOST}, got {value}")
     is_integer = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
@@ -243,7 +246,7 @@ def checked_count(value: Any, name: str, least: int, most: int | None = None) ->
 
 
 def checked_path(path: Any) -> Path:
-    """Return an absolute path; ArgumentError for other values."""
+    """Return an absolute path; raise ArgumentError for other values."""
     try:
         text = os.fspath(path)
     except TypeError:
@@ -261,13 +264,13 @@ _LONGEST = 1e4
 # optical sources are, up to a size of about a metre. Confusing mm and m is a factor of a thousand.
 _MOST_OF_RADIO, _MOST_OF_LIGHT = 1e3, 1e6
 _SHORTEST_RADIO = 1e-4
-# Largest plausible distance of a link in sizes and wavelengths, a hundred times that of
-# automotive radar.
+# Largest plausible distance of a link in sizes and wavelengths. Automotive radar reaches a hundredth
+# of this distance.
 _LONGEST_LINK = 1e5
 
 
 def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
-    """Return the doubt about a wavelength for a source of this size, both in m, or None."""
+    """Return a text if a wavelength is implausible for a source of this diameter, both in m."""
     ratio = diameter / wavelength
     most = _MOST_OF_RADIO if wavelength >= _SHORTEST_RADIO else _MOST_OF_LIGHT
     if 1 / _LONGEST <= ratio <= most:
@@ -279,7 +282,7 @@ def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
 
 
 def _warn_of_wavelength(source: Any, wavelength: float) -> None:
-    """Warn of a wavelength in m like a frequency, or implausible for the source."""
+    """Warn if a wavelength in m looks like a frequency, or is implausible for the source."""
     if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
         doubt: str | None = (
             f"a wavelength of {wavelength:g} m: a frequency? Then write frequency={wavelength:g} "
@@ -293,7 +296,7 @@ def _warn_of_wavelength(source: Any, wavelength: float) -> None:
 
 
 def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: float) -> None:
-    """Warn of links to points (n, 3) that are implausibly far for the sources."""
+    """Warn if points (n, 3) are implausibly far away for sources of this size."""
     distance = float(np.linalg.norm(points, axis=-1).max(initial=0.0))
     size = max(_diameter(source) or 0.0 for source in sources)
     if distance > _LONGEST_LINK * max(size, wavelength):
@@ -423,9 +426,23 @@ RIGID_TOLERANCE = 1e-4
 
 
 def rigid_pose(to_world: Any) -> NDArray[np.float64]:
-    """Return a rigid pose (4, 4), read-only: the nearest rotation, and the translation.
+    """Return the rigid pose nearest to a matrix: a rotation and a translation.
 
-    Raises GeometryError for scaled, sheared and mirrored poses.
+    Parameters
+    ----------
+    to_world : array_like, shape (4, 4)
+        Transformation to the world. Deviations from a rotation up to 1e-4, such as the rounding of
+        single precision, are removed.
+
+    Returns
+    -------
+    ndarray, shape (4, 4)
+        The pose, read-only.
+
+    Raises
+    ------
+    GeometryError
+        If the matrix scales, shears or mirrors.
     """
     expected = "expected to_world as a (4, 4) matrix"
     pose = rigid_poses(finite_array(to_world, expected, (4, 4), error=GeometryError), "to_world")
@@ -434,10 +451,7 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
 
 
 def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
-    """Return rigid poses (..., 4, 4): the nearest rotations, and the translations.
-
-    Raises GeometryError for other matrices.
-    """
+    """Return the rigid poses (..., 4, 4) nearest to matrices; raise GeometryError for others."""
     expected = f"expected {name} as rigid poses (..., 4, 4), rotations and translations only"
     poses = checked_vectors(values, expected, (4, 4), GeometryError)
     if not np.isfinite(poses).all():
@@ -464,7 +478,7 @@ def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
 def write_lines(file: Path, lines: Iterable[str]) -> None:
     """Write lines to a file in UTF-8, completely or not at all; an existing file is replaced.
 
-    Raises ArgumentError if the file cannot be written.
+    Raise ArgumentError if the file cannot be written.
     """
     text = "".join(f"{line}\n" for line in lines)
     try:

@@ -27,7 +27,7 @@ Indices = NDArray[np.intp]
 
 # Cosine of the largest half-angle of a cone that is projected onto one plane.
 _NARROW = 0.5
-# Rounding errors of a difference of coordinates, in units in the last place.
+# Relative rounding error of a difference of coordinates.
 _ULPS = 8.0 * float(np.finfo(float).eps)
 # Distance of two coincident contours, as a fraction of the extent of the figure.
 _BESIDE = 1e-10
@@ -44,13 +44,13 @@ class Surface:
     """Illuminated triangles, counter-clockwise for the observer."""
 
     corners: Floats
-    """(t, 3, 3)."""
+    """Positions of the corners, shape (t, 3, 3)."""
     sides: Indices
-    """(t, 3) numbers of the edges from each corner to the next; -1: not shared."""
+    """Number of the edge from each corner to the next, shape (t, 3); -1 for edges of a cut."""
     faces: Indices
-    """(t,) numbers of the planar faces that contain the triangles."""
+    """Number of the planar face that contains each triangle, shape (t,)."""
     bodies: Indices
-    """(t,) numbers of their bodies."""
+    """Number of the body of each triangle, shape (t,)."""
 
     @classmethod
     def of(cls, parts: Sequence[Surface]) -> Surface:
@@ -65,23 +65,26 @@ class Surface:
 
 @dataclass(frozen=True)
 class Silhouette:
-    """Directed edges (m,) of shadows, with the body on the left, seen from the source."""
+    """Directed edges of shadows, with the body on the left as seen from the source."""
 
     edges: Floats
-    """(m, 2, 3)."""
+    """Begin and end of each edge, shape (m, 2, 3)."""
     numbers: Indices
-    """(m,) numbers of the mesh edges that contain the edges."""
+    """Number of the mesh edge that contains each edge, shape (m,); -1 for edges of a cut."""
     bodies: Indices
-    """(m,) numbers of the bodies that the edges belong to."""
+    """Number of the body of each edge, shape (m,)."""
     behind: Indices
-    """(m,) numbers of the faces behind the edges, seen from the source; -1 for none."""
+    """Number of the face behind each edge as seen from the source, shape (m,); -1 for none."""
     touching: frozenset[tuple[int, int]] = frozenset()
     """Pairs of bodies that continue each other's surfaces."""
     planes: Floats = field(default_factory=partial(np.empty, (0, 4)))
-    """(m, 4) planes of the faces behind the edges; points P with planes[:3].P + planes[3] < 0 are
-    behind them. (0, 0, 0, 1) for edges without a face behind them."""
+    """Plane (a, b, c, d) of the face behind each edge, shape (m, 4).
+
+    Points (x, y, z) with a x + b y + c z + d < 0 are behind the plane. Edges without a face behind
+    them have (0, 0, 0, 1).
+    """
     is_closed: bool = True
-    """Whether all edges are present."""
+    """Whether no edge has been removed or shortened."""
 
     @classmethod
     def of(cls, parts: Sequence[Silhouette]) -> Silhouette:
@@ -140,7 +143,7 @@ def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Sil
 
 
 def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Surface]]:
-    """Project a surface; yield figures with their triangles, without those of negligible width."""
+    """Project a surface; yield figures with their triangles, except triangles without width."""
     if not len(surface.faces):
         return
     corners = surface.corners - observer

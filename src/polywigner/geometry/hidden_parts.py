@@ -37,37 +37,37 @@ _MOST_PAIRS, _BLOCK, _MOST_CROSSINGS = 1 << 20, 256, 2e8
 
 @dataclass(frozen=True, eq=False)
 class Projected:
-    """Projections of triangles (n,) along a direction, counter-clockwise."""
+    """Projections of n triangles, counter-clockwise."""
 
     points: Floats
-    """(n, 3, 2) corners in the projection plane."""
+    """Corners in the projection plane, shape (n, 3, 2)."""
     depth: Floats
-    """(n, 3) coordinates of the corners along the direction, ascending away from the observer."""
+    """Coordinate of each corner along the line of sight, shape (n, 3); it grows with distance."""
     size: float
     """Size of the body."""
     ranges: Floats
-    """(n, 3) relative distances of the corners from a near observer; 1 for a distant one."""
+    """Relative distance of each corner from the observer, shape (n, 3); 1 if it is far away."""
 
     @cached_property
     def sides(self) -> Floats:
-        """(n, 2, 2) from the first corner to the others."""
+        """Vectors from the first corner to the other corners, shape (n, 2, 2)."""
         return np.asarray(self.points[:, 1:] - self.points[:, :1])
 
     @cached_property
     def area(self) -> Floats:
-        """(n,) twice the area."""
+        """Twice the area of each triangle, shape (n,)."""
         first, second = self.sides[:, 0], self.sides[:, 1]
         return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
 
     @property
     def has_width(self) -> NDArray[np.bool_]:
-        """Mask (n,) of triangles that rounding has not reduced to lines."""
+        """Mask of the triangles that rounding has not reduced to lines, shape (n,)."""
         longest = np.linalg.norm(self.sides, axis=2).max(axis=1)
         return np.asarray(self.area > _WIDTH * NOTHING * self.size * longest)
 
     @property
     def slopes(self) -> Floats:
-        """Gradient (n, 2) of the depth in the projection plane."""
+        """Gradient of the depth of each triangle in the projection plane, shape (n, 2)."""
         rise = self.depth[:, 1:] - self.depth[:, :1]
         across = rise[:, 0] * self.sides[:, 1, 1] - rise[:, 1] * self.sides[:, 0, 1]
         along = rise[:, 1] * self.sides[:, 0, 0] - rise[:, 0] * self.sides[:, 1, 0]
@@ -261,7 +261,7 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     points, of_ring = shapely.get_coordinates(rings, return_index=True)
     within = of_ring[1:] == of_ring[:-1]
     of_edge, begin, end = of_ring[1:][within], points[:-1][within], points[1:][within]
-    # By area: shapely looks at one corner, which after rounding may be that of a spike.
+    # By area: shapely looks at one corner, which may be the corner of a spike after rounding.
     crosses = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
     turned = (np.bincount(of_edge, crosses, len(rings)) < 0) != is_hole
     swapped = turned[of_edge][:, None]
@@ -283,12 +283,12 @@ _ROUNDING = 1e-14
 
 
 def intersections(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Return the intersections (m,) of polygons (m,) and (m,), on a grid of this size if any."""
+    """Return the intersections of pairs of polygons (m,), rounded to a grid if a size is given."""
     return _overlay(shapely.intersection, one, other, grid)
 
 
 def differences(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Subtract polygons (m,) from polygons (m,), on a grid of this size if any.
+    """Subtract the second polygon of each pair from the first one.
 
     Without a grid GEOS may lose a narrow polygon. The sum of the areas of difference and
     intersection reveals the loss; a grid is used then.

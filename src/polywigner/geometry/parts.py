@@ -87,7 +87,7 @@ def _without_hairlines(polygon: shapely.Polygon, width: float) -> shapely.Polygo
 
 
 def connected(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return labels (count,), equal for items connected by pairs (one, other)."""
+    """Return a label for each of ``count`` items; pairs (one, other) connect items of one label."""
     labels = np.arange(count)
     while True:
         least = np.minimum(labels[one], labels[other])
@@ -312,7 +312,7 @@ def check_pairs(
 
 
 def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
-    """Return the union of touching parts if it has the same area and no new vertex, else None."""
+    """Return the union of touching parts, or None if its area or its vertices differ."""
     if any(len(ring) < 3 for part in parts for ring in part):
         return None  # welding has closed a sliver
     try:
@@ -374,7 +374,7 @@ def _turns(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
 
 
 def split_ring(vertices: Any, winding: str) -> list[Part]:
-    """Return the parts of the region in which the winding number of a ring is not zero, or odd."""
+    """Return the parts of the region inside a ring by the rule "nonzero" or "evenodd"."""
     checked_choice(winding, "winding", ("nonzero", "evenodd"))
     ring = clean_ring(vertices, "the ring")
     if shapely.is_valid(shapely.Polygon(ring)):

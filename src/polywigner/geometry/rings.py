@@ -17,7 +17,7 @@ from polywigner.errors import GeometryError
 from polywigner.geometry.arguments import finite_array
 
 Ring = NDArray[np.float64]
-"""Vertices of a closed ring, shape (n, 2); the first one is not repeated at the end."""
+"""Vertices of a closed ring, shape (n, 2); the first vertex is not repeated."""
 
 Part = tuple[Ring, ...]
 """One polygon: its exterior (counter-clockwise) followed by its holes (clockwise)."""
