@@ -42,8 +42,8 @@ class DrJitArray(Protocol):
 Points: TypeAlias = ArrayLike | DrJitArray
 """Coordinates with the components of each point along the last axis.
 
-NumPy must be able to convert them, as an ``xarray.DataArray``. Dr.Jit arrays other than tensors have
-their components along the first axis.
+NumPy must be able to convert them, as an ``xarray.DataArray``. Dr.Jit arrays other than tensors
+have their components along the first axis.
 """
 
 Outline: TypeAlias = (
@@ -264,8 +264,8 @@ _LONGEST = 1e4
 # optical sources are, up to a size of about a metre. Confusing mm and m is a factor of a thousand.
 _MOST_OF_RADIO, _MOST_OF_LIGHT = 1e3, 1e6
 _SHORTEST_RADIO = 1e-4
-# Largest plausible distance of a link in sizes and wavelengths. Automotive radar reaches a hundredth
-# of this distance.
+# Largest plausible distance of a link in sizes and wavelengths. Automotive radar reaches a
+# hundredth of this distance.
 _LONGEST_LINK = 1e5
 
 

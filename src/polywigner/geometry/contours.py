@@ -70,7 +70,7 @@ class Silhouette:
     edges: Floats
     """Begin and end of each edge, shape (m, 2, 3)."""
     numbers: Indices
-    """Number of the mesh edge that contains each edge, shape (m,); -1 for edges of a cut."""
+    """Number of the mesh edge that contains each edge, shape (m,); -1 if none does."""
     bodies: Indices
     """Number of the body of each edge, shape (m,)."""
     behind: Indices

@@ -33,7 +33,7 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
         [[index[corner.tobytes()] for corner in triangle] for triangle in corners], dtype=np.intp
     ).reshape(-1, 3)
     if shoelace(vertices[triangles]) < 0:
-        # All triangles are reversed, so that triangles of zero area stay consistent with neighbours.
+        # Triangles of zero area are reversed as well, to stay consistent with their neighbours.
         triangles = triangles[:, ::-1]
     if shoelace(vertices[triangles]) != shoelace(part):
         raise GeometryError(

@@ -85,7 +85,7 @@ class Obstacle:
 
     @property
     def rim(self) -> Floats | None:
-        """Ends of the edges that belong to one triangle, shape (m, 2, 3); None for closed meshes."""
+        """Ends of edges that belong to one triangle, shape (m, 2, 3); None for closed meshes."""
         ends = np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2)
         keys, times = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_counts=True)
         return self.vertices[keys[times == 1]] if (times == 1).any() else None
@@ -274,7 +274,7 @@ class Obstacles:
 
     @cached_property
     def contacts(self) -> Indices:
-        """Pairs of bodies, shape (n, 2), that touch or nearly touch, cross or contain each other."""
+        """Pairs of bodies, shape (n, 2), that nearly touch, cross or contain each other."""
         pairs = contacts(
             [body.vertices[body.triangles] for body in self.bodies],
             [body.rim for body in self.bodies],
@@ -471,7 +471,7 @@ def contacts(
 
 
 def _overlapping(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
-    """Return pairs of near boxes, given by their lowest and highest corners (n, 2, 3), (m, 2, 3)."""
+    """Return pairs of near boxes, given by lowest and highest corners (n, 2, 3), (m, 2, 3)."""
     low, high = boxes[:, 0] - within, boxes[:, 1] + within
     tree = shapely.STRtree(shapely.box(*others[:, 0, :2].T, *others[:, 1, :2].T))
     one, other = tree.query(shapely.box(*low[:, :2].T, *high[:, :2].T))
