@@ -129,7 +129,7 @@ def test_sources_with_curved_waves_are_values():
     nu, larger = (30.0, -20.0), wave.scaled(2.5)  # F of u(x/s) is s^2 F(s nu)
     scaled = 6.25 * pw.fourier(wave, 2.5 * np.array(nu))
     assert pw.fourier(larger, nu) == pytest.approx(scaled, abs=IDENTITY * ELL.area)
-    assert "curvature" in wave._repr_html_()
+    assert "curvature" in repr(wave)
 
 
 @pytest.mark.parametrize(

@@ -174,7 +174,6 @@ def open_polylines(space: Any) -> None:
 
 
 def hatch(space: Any) -> None:
-    square(space)  # with the outline that it fills
     space.add_hatch().paths.add_polyline_path(SQUARE)
 
 
@@ -304,6 +303,7 @@ BAD: dict[str, tuple[Build, type[Exception], str]] = {
     "bow tie": (lambda s: outline(s, [(0, 0), (2, 2), (2, 0), (0, 2)]),
                 GeometryError, r"crosses itself at \(1, 1\)"),
     "no area": (lambda s: outline(s, [(0, 0), (2, 2), (1, 1)]), GeometryError, "enclose an area"),
+    "drawn twice": (lambda s: [square(s), square(s)], GeometryError, "union=True"),
     "not plane": (lambda s: s.add_polyline3d([(0, 0, 0), (1, 0, 1), (0, 1, 0)], close=True),
                   FileFormatError, "plane drawing"),
     "no block": (lambda s: s.add_blockref("missing", (0, 0)), FileFormatError, "which is missing"),
@@ -461,38 +461,21 @@ def test_a_hatch_fills_between_its_boundaries_by_its_style(
 ) -> None:
     drawn = read(lambda space: nested_hatch(space, style, flags))
     assert drawn.area == pytest.approx(STYLED[style] * 1e-6, rel=ROUNDING, abs=0.0)
-    # two half circles are a full circle, whose chords keep its area
-    discs = read(lambda space: nested_hatch(space, style, flags, arcs=True))
-    assert discs.area == pytest.approx(math.pi / 4 * STYLED[style] * 1e-6, rel=UNION, abs=0.0)
+    discs = read(lambda space: nested_hatch(space, style, flags, arcs=True), **FINE)
+    assert discs.area == pytest.approx(math.pi / 4 * STYLED[style] * 1e-6, rel=BY_CHORDS, abs=0.0)
 
 
-@pytest.mark.parametrize("style", [0, 1, 2])
-@pytest.mark.parametrize("arcs", [False, True])
-@pytest.mark.parametrize("tolerance", [None, 1e-8])
-def test_borders_of_a_hatch_change_nothing(
-    read: Read, style: int, arcs: bool, tolerance: float | None
-) -> None:
-    """Borders by other entities than the hatch's, split at other points; also an open one."""
+def test_a_hatch_and_its_border_are_joined_when_asked(read: Read) -> None:
+    def build(space: Any) -> None:
+        square(space)
+        space.add_hatch().paths.add_polyline_path(SQUARE)
 
-    def bordered(space: Any) -> None:
-        nested_hatch(space, style, arcs=arcs)
-        for k, side in enumerate(SIDES):
-            corners = ring(-side / 2, -side / 2, side / 2, side / 2)
-            if arcs and k % 2:
-                space.add_circle((0, 3), side / 2)
-            elif arcs:
-                space.add_arc((0, 3), side / 2, 30, 200)
-                space.add_arc((0, 3), side / 2, 200, 30)
-            elif k % 2:
-                outline(space, [(0, -side / 2), *corners[1:], corners[0]])
-            else:
-                space.add_lwpolyline(corners)
-
-    plain = read(lambda space: nested_hatch(space, style, arcs=arcs), tolerance=tolerance)
-    assert read(bordered, tolerance=tolerance) == plain
+    with pytest.raises(GeometryError, match=r"do not overlap.*union=True"):
+        read(build)
+    assert read(build, union=True) == pw.Aperture(np.array(SQUARE) / 1000)
 
 
-def test_a_hatch_inside_an_outline_that_is_not_its_border_is_refused(read: Read) -> None:
+def test_a_hatch_inside_an_outline_is_refused(read: Read) -> None:
     def build(space: Any) -> None:
         outline(space, ring(0, 0, 9, 9), "PLATE")
         space.add_hatch(dxfattribs={"layer": "FILL"}).paths.add_polyline_path(ring(2, 2, 5, 5))

@@ -55,10 +55,9 @@ def test_an_outline_inside_another_is_a_hole():
     [
         (replace(SQUARE, rings=(((0, 0), (1, 1), (1, 0), (0, 1)),)), GeometryError),
         (replace(SQUARE, rings=()), GeometryError),
-        (replace(SQUARE, coherence=0.1), ArgumentError),
         (replace(SQUARE, columns=100, rows=100), ArgumentError),
     ],
-    ids=["self-intersection", "empty sheet", "coherence width", "large array"],
+    ids=["self-intersection", "empty sheet", "large array"],
 )
 def test_a_state_that_cannot_be_computed_raises_one_error(state, error):
     with pytest.raises(error):

@@ -123,7 +123,7 @@ TURNED = (5 - ACROSS, -UP, 5 + ACROSS, UP)
         ("20,1,1,0,0,3,0,90", (4.5, 0, 5.5, 3), 3),
         ("21,1,2,1,1,0,90", (4.5, 0, 5.5, 2), 2),
         ("21,1,4,1,0,0,30", TURNED, 4),
-        ("5,1,4,2,0,1,90", (4.5, 1.5, 5.5, 2.5), 0.5),
+        ("5,1,4,0,0,1,90", (4.5, -0.5, 5.5, 0.5), 0.5),
         ("4,1,3,0,0,1,0,0,2,0,0,90", (3, 0, 5, 1), 1),
         ("0 words*$3=$1x2+(1-0.5)/$2*21,1,$3,-$1+2.5,0,$1,0", (3.375, 1, 6.625, 2), 3.25),
         ("21,1,4,4,0,0,0*21,0,2,2,0,0,0", (3, -2, 7, 2), 12),
@@ -165,6 +165,8 @@ UNREAD = {
     "decimal point": ROUND + "X1.5D01*",
     "other unit": "G70*" + PATCH,
     "turned polygon": "%ADD10P,2X6X15*%" + FLASH,
+    "macro exposure": "%AMPad*1,2,1,0,0*%%ADD10Pad*%" + FLASH,
+    "polygon off the centre": "%AMPad*5,1,4,2,0,1,90*%%ADD10Pad*%" + FLASH,
     "macro code": "%AMPad*7,0,0,2,1,.2,0*%%ADD10Pad*%" + FLASH,
 }  # fmt: skip
 REFUSED = {
@@ -181,7 +183,6 @@ REFUSED = {
     "undefined": ("D11*X0Y0D03*", "undefined aperture 11"),
     "no aperture": ("X0Y0D03*", "an aperture before"),
     "no such macro": ("%ADD10Pad*%" + FLASH, "is unknown"),
-    "macro exposure": ("%AMPad*1,2,1,0,0*%%ADD10Pad*%" + FLASH, "exposure 0 or 1"),
     "macro parameter": ("%AMPad*1,1,$1,0,0*%%ADD10Pad*%" + FLASH, r"unresolved.*\$1"),
     "open region": ("G36*X0Y0D02*X1000D01*Y1000D01*G37*", "closed outlines"),
     "clear alone": ("%LPC*%" + PATCH, "copper"),

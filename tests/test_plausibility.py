@@ -57,23 +57,6 @@ def test_bounds_of_arrays_hold_their_elements():
     assert pw.phased_array(slits, [0.0, 4.0]).bounds == pw.Array([slits, slits.moved([4.0])]).bounds
 
 
-PUPIL = pw.shapes.square(10e-3)
-LENSES = {
-    "mtf": lambda w, f, pupil=PUPIL: pw.mtf(pupil, (50e3, 0.0), w, f),
-    "psf": lambda w, f, pupil=PUPIL: pw.psf(pupil, (1e-6, 0.0), w, f),
-}
-
-
-@pytest.mark.parametrize("name", LENSES)
-def test_micrometres_and_millimetres_in_a_lens_are_asked_about(name):
-    for wavelength, focal_length, words in (
-        ([0.45, 0.55, 0.65], 0.1, "micrometres for m?"),
-        (0.55e-6, 100.0, "mm for m?"),
-    ):
-        (result,) = warned(LENSES[name], wavelength, focal_length)
-        assert result.category is PolywignerWarning and words in str(result.message)
-
-
 def link(source, distance, wavelength):
     facing = np.diag([-1.0, 1.0, -1.0, 1.0])
     facing[2, 3] = distance
@@ -92,19 +75,11 @@ def aperture(size, wavelength):
     pw.suggest_sampling(pw.shapes.square(size), wavelength, "pattern")
 
 
-def camera(size, wavelength, focal_length):
-    for lens in LENSES.values():
-        lens(wavelength, focal_length, pw.shapes.square(size))
-
-
 USUAL = {
     "optics": (aperture, 25e-3, 550e-9),
     "large optics": (aperture, 0.2, 550e-9),
     "small hole": (aperture, 2e-7, 550e-9),
     "small hole at terahertz": (aperture, 1e-6, 1.2e-4),
-    "microscope": (camera, 5e-3, 0.5e-6, 2e-3),
-    "telescope": (camera, 8.2, 2e-6, 120.0),
-    "camera with a pinhole": (camera, 0.3e-3, 0.55e-6, 0.1),
     "radar on the road": (link, SQUARE, 250.0, WAVELENGTH),
     "link between two masts": (link, pw.shapes.square(0.3), 5e3, 3.7e-3),
     "link between two telescopes": (link, pw.shapes.square(0.1), 3e3, 1.55e-6),
@@ -112,5 +87,5 @@ USUAL = {
 
 
 @pytest.mark.parametrize("name", USUAL)
-def test_sources_lenses_and_links_of_usual_sizes_are_not_asked_about(name):
+def test_sources_and_links_of_usual_sizes_are_not_asked_about(name):
     assert not warned(*USUAL[name])

@@ -157,7 +157,9 @@ def test_body_in_the_shadow_of_another_changes_nothing() -> None:
     wall = pw.shapes.rectangle(0.06, 0.05).placed(at())
     hidden = box((-0.005, -0.004, 0.003), (0.005, 0.004, 0.009))
     alone = field(LAMP, BEHIND, wall)
-    assert np.array_equal(field(LAMP, BEHIND, [wall, hidden]), alone)
+    both = field(LAMP, BEHIND, [wall, hidden])
+    # the edges of the wall may be split
+    assert np.abs(both - alone).max() < 1e-12 * np.abs(alone).max()
 
 
 def test_light_on_a_floor_does_not_know_of_it_nor_what_is_below_of_fringes_above() -> None:

@@ -35,7 +35,6 @@ AREAS = {
     "two slits": (shapes.double_slit((0.1, 0.3), 2, (-1, 0.5)), 0.8),
     "18 segments": (shapes.hexagonal_segments(1.32), 18 * 1.32**2 * math.sqrt(3) / 2),
     "18 segments apart": (shapes.hexagonal_segments(1.32, 0.01), 18 * 1.32**2 * math.sqrt(3) / 2),
-    "patches": (shapes.patch_row(8, 1.2, 1, 2), 9.6),
     "three discs": (shapes.interferometer([(0, 0), (5, 0), (0, 9)], 1), 3 * math.pi),
 }
 
@@ -116,13 +115,12 @@ def test_segments_are_numbered_by_columns_and_stay_apart(gap, centre):
 
 
 def test_segments_of_other_apertures_are_their_parts():
-    row = shapes.patch_row(3, 1.0, 0.5, 0.6)
-    assert [segment.area for segment in row.segments] == pytest.approx([0.5] * 3)
+    pair = shapes.double_slit(0.5, 1.0, (-1.0, 1.0))
+    assert [segment.area for segment in pair.segments] == pytest.approx([0.5] * 2)
 
 
 def test_what_touches_is_one():
-    assert shapes.patch_row(8, 1, 0.5, 0.5) == shapes.rectangle(1, 4)
-    assert len(shapes.patch_row(8, 1, 0.5, 0.6).polygons.geoms) == 8
+    assert shapes.double_slit(1.0, 1.0, (-0.5, 0.5)) == shapes.rectangle(2, 1)
     assert shapes.grating(4, 0.5, 0.5) == shapes.slit(2)
     assert shapes.slit_pair(1, (0, 1)) == shapes.slit(2, 0.5)
     assert shapes.slit_pair((0.1, 0.3), (-1, 0.5)).bounds == pytest.approx((-1.05, 0.65))
@@ -167,8 +165,6 @@ BAD = {
     "wide gap": lambda: shapes.bow_tie(1, 1, gap=1),
     "negative gap": lambda: shapes.hexagonal_segments(1, -0.1),
     "three slits": lambda: shapes.double_slit(1, 1, (0, 2, 4)),
-    "no patch": lambda: shapes.patch_row(0, 1, 1, 1),
-    "patches on patches": lambda: shapes.patch_row(3, 1, 1, 0.5),
     "stations on a line": lambda: shapes.interferometer([0, 1, 2], 1),
     "offset in space": lambda: shapes.chevron_pair(2, 1.1, 0.6, offset=(0, 0, 1)),
 }

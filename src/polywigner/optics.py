@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import checked_number, checked_vectors
-from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.wavefront import turned_points
 
 Matrix = NDArray[np.float64]
@@ -284,10 +283,6 @@ class FirstOrder:
     def __repr__(self) -> str:
         shown = self.matrix[::2, ::2] if self.is_symmetric else self.matrix
         return f"FirstOrder({(shown + 0.0).tolist()})"
-
-    def _repr_html_(self) -> str:
-        rows = [(name, str((getattr(self, name) + 0.0).tolist())) for name in "ABCD"]
-        return shown_as_html("FirstOrder", rows)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return restored, (np.array(self.matrix), np.array(self.rounding))

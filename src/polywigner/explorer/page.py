@@ -361,7 +361,6 @@ class Explorer:
         shown = [
             self._select("part", "F(ν) as", get_args(states.Part)),
             self._slider("reach", "Largest sin θ (0: auto)", 0, 1, 0.01),
-            self._slider("coherence", "Coherent over (0: all)", 0, 30, 0.5),
             self._slider("defocus", "Defocus W20 (waves)", -3, 3, 0.05),
             self._log_slider("distance", "Near field at z"),
         ]

@@ -53,8 +53,6 @@ CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
 }
 MAX_VERTICES = 1000  # with handles; a transform of 1,000 edges takes seconds
 MAX_ELEMENTS = 256  # of an array
-_MIN_COHERENCE = 0.1  # of the longer side; smaller widths sum W over more than 1,000 frequencies
-_MAX_COHERENCE_EDGES = 60
 
 
 def rings_of(aperture: Aperture, per_metre: float = 1) -> Rings:
@@ -86,7 +84,6 @@ class State:
     pitch: float = 12.0  # distance of neighbouring array elements
     x: Point = (0.0, 0.0)  # chosen position
     nu: Point = (0.0, 0.0)  # chosen spatial frequency [cycles per unit]
-    coherence: float = 0.0  # width over which the source is coherent; 0: full coherence
     defocus: float = 0.0  # W20 at the farthest vertex [waves]
     distance: float = 50.0  # of the plane of the near field from the source
     reach: float = 0.0  # largest direction cosine of frequency axes; 0: eight lobes of the source
@@ -222,7 +219,7 @@ def aperture_of(rings: Rings, per_metre: int) -> Aperture:
 
 
 def source_code(state: State) -> str:
-    """Return Python code of ``source``, and of ``light``, the source with its coherence width.
+    """Return the Python code that builds ``source``.
 
     The page runs this code, too. Outlines that are no polygons, and too large arrays, raise a
     PolywignerError.
@@ -254,8 +251,6 @@ def source_code(state: State) -> str:
     elif state.theta > 0:
         field = "pw.steering(beam, wavelength)" + (" * taper" if state.taper != "uniform" else "")
         lines += [f"source = source.with_illumination({field})"]
-    coherent = f".partially_coherent({state.coherence / state.per_metre!r})"
-    lines.append(f"light = source{coherent if state.coherence else ''}")
     return "\n".join(lines) + "\n"
 
 
@@ -269,23 +264,14 @@ def run(code: str, **names: Any) -> dict[str, Any]:
 _variables = lru_cache(maxsize=64)(run)
 
 
+def variables_of(state: State) -> dict[str, Any]:
+    """Return the variables ``source`` and ``wavelength`` of a state."""
+    return _variables(source_code(state))
+
+
 def source_of(state: State) -> Source:
     """Return the tapered and steered aperture, or the phased array of such elements."""
     return variables_of(state)["source"]
-
-
-def variables_of(state: State) -> dict[str, Any]:
-    """Return ``source``, ``light`` and ``wavelength``; slow coherence widths are an error."""
-    variables = _variables(source_code(state))
-    low, high = np.reshape(variables["source"].bounds, (2, 2))
-    edges = sum(map(len, state.rings)) * state.columns * state.rows
-    smallest = _MIN_COHERENCE * (high - low).max() * state.per_metre
-    if state.coherence and (state.coherence < smallest or edges > _MAX_COHERENCE_EDGES):
-        raise errors.ArgumentError(
-            f"coherence width {state.coherence:g} {state.unit} is too slow for the page; use at "
-            f"least a tenth of the source and at most {_MAX_COHERENCE_EDGES} edges"
-        )
-    return variables
 
 
 def polygons_of(shape: BaseGeometry) -> list[list[NDArray[np.float64]]]:

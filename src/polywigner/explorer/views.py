@@ -41,8 +41,8 @@ grid = np.stack(np.meshgrid(x, y), axis=-1)
 _CODE: Mapping[Name, str] = {
     "fourier": _GRID + 'values = pw.fourier(source, grid, engine="numpy")  # m², axes in 1/m',
     "wigner_nu": _GRID
-    + 'values = pw.wigner(light, {position!r}, grid, engine="numpy")  # m², axes in 1/m',
-    "wigner_x": _GRID + 'values = pw.wigner(light, grid, {nu!r}, engine="numpy")  # m²',
+    + 'values = pw.wigner(source, {position!r}, grid, engine="numpy")  # m², axes in 1/m',
+    "wigner_x": _GRID + 'values = pw.wigner(source, grid, {nu!r}, engine="numpy")  # m²',
     "otf": _GRID + 'values = pw.otf(source, grid, {defocus!r}, engine="numpy")',
     "ambiguity": """
 x = np.linspace(-{half!r}, {half!r}, {samples})  # lags in m

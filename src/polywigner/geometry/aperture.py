@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING, Any, final
@@ -13,9 +12,9 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
-from polywigner.geometry.arguments import Outline, checked_length, rigid_pose
+from polywigner.geometry.arguments import Immutable, Outline, checked_length, rigid_pose
 from polywigner.geometry.convex import convex_pieces, triangulate_part
-from polywigner.geometry.display import length_text, plot_rings, shown_as_html
+from polywigner.geometry.display import plot_rings
 from polywigner.geometry.parts import (
     combined_on_grid,
     merge_parts,
@@ -51,25 +50,31 @@ def _frozen_parts(parts: Sequence[Part]) -> tuple[Part, ...]:
 
 @final
 class Aperture(TakesWaves):
-    """An opening (or radiating patch) bounded by polygons; uniform unless given an illumination.
+    """A plane opening or radiating patch bounded by polygons, with an optional illumination.
+
+    Without an illumination, the field on the aperture is 1.
 
     Parameters
     ----------
-    vertices : one ring (n, 2); a list of rings for separate parts; or a shapely Polygon or
-        MultiPolygon, which may have holes. In metres (any one consistent unit works).
+    vertices : array_like, shape (n, 2), list of such arrays, or shapely polygons
+        One ring, a list of rings for separate parts, or a shapely Polygon or MultiPolygon, which
+        may have holes. In metres; any other unit works if it is used consistently.
 
     Raises
     ------
     GeometryError
-        A coordinate is not finite, a ring has fewer than three vertices or zero area, crosses or
+        If a coordinate is not finite, a ring has fewer than three vertices or zero area, crosses or
         touches itself (see :meth:`from_ring`), a hole is outside its polygon, or parts overlap.
 
     Notes
     -----
-    Orientation and starting vertex do not matter. Repeated vertices, and vertices within 2^-48
-    area/diameter of the line between their neighbours, are dropped; the relative change of the
-    area is below 1e-14. Parts that touch, up to 64 ulp of the largest coordinate, are merged.
+    Orientation and starting vertex do not matter. Repeated vertices are dropped. Vertices nearer
+    than 2^-48 area/diameter to the line between their neighbours are dropped too, which changes
+    the area by less than 1e-14 of its value. Parts are merged if they touch within 64 units in the
+    last place (ulp) of the largest coordinate.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> frame = pw.Aperture([[(0, 0), (3, 0), (3, 2), (0, 2)], [(5, 0), (6, 0), (6, 1)]])
     >>> frame.area, len(frame.rings)
@@ -78,9 +83,9 @@ class Aperture(TakesWaves):
 
     _parts: tuple[Part, ...]
     _segments: tuple[Part, ...] | None
-    """Segments that may touch; None: the parts."""
+    """Segments of a mirror, which may touch; None if the segments are the parts."""
     illumination: Field | None
-    """The field on the aperture, an Illumination; None for the field 1."""
+    """Field on the aperture, an Illumination; None for the field 1."""
 
     def __init__(self, vertices: Outline) -> None:
         self._set(merge_parts(parts_from(vertices)))
@@ -109,7 +114,7 @@ class Aperture(TakesWaves):
 
     @classmethod
     def _of_segments(cls, rings: Sequence[Ring]) -> Aperture:
-        """Make an aperture of simple rings that may touch, its :attr:`segments`."""
+        """Make an aperture whose :attr:`segments` are simple rings, which may touch."""
         parts = cls(rings)._parts
         return cls._of_parts(
             parts, None, [(ring,) for ring in rings] if len(parts) < len(rings) else None
@@ -128,43 +133,91 @@ class Aperture(TakesWaves):
 
     @classmethod
     def from_ring(cls, ring: ArrayLike, winding: str = "nonzero") -> Aperture:
-        """Make an aperture of the region that a ring (n, 2), which may cross itself, encloses.
+        """Make an aperture of the region inside a ring that may cross itself.
 
         Parameters
         ----------
-        ring : (n, 2) vertices in m. A bow-tie becomes two triangles that touch in a point.
-        winding : "nonzero" for points with a winding number other than zero, "evenodd" for points
-            with an odd winding number.
+        ring : array_like, shape (n, 2)
+            Vertices in metres. A bow tie becomes two triangles that touch in a point.
+        winding : str, default "nonzero"
+            "nonzero": points with a winding number other than zero are inside; "evenodd": points
+            with an odd winding number are inside.
+
+        Returns
+        -------
+        Aperture
+            The region as separate simple polygons.
 
         Raises
         ------
         GeometryError
-            A coordinate is not finite, there are fewer than three vertices, or the area is zero.
+            If a coordinate is not finite, there are fewer than three vertices, or the area is zero.
         ArgumentError
-            The winding rule is unknown.
+            If the winding rule is unknown.
         """
         return cls._of_parts(split_ring(ring, winding))
 
     def with_illumination(self, illumination: Field | None) -> Aperture:
-        """Return the aperture with another field, an Illumination; None for the field 1.
+        """Return the aperture with another field.
 
-        Raises ArgumentError for objects of another type, IlluminationError for a field of slits.
+        Parameters
+        ----------
+        illumination : Illumination or None
+            The field in two dimensions; None for the field 1.
+
+        Returns
+        -------
+        Aperture
+            An aperture with the same outline.
+
+        Raises
+        ------
+        ArgumentError
+            If the field has another type.
+        IlluminationError
+            If the field is a field on slits.
         """
         field = None if illumination is None else checked_field(illumination, 2)
         return Aperture._of_parts(self._parts, field, self._segments)
 
     def moved(self, shift: ArrayLike) -> Aperture:
-        """Return the aperture and its field shifted by (2,) m; vertices are rounded.
+        """Return the aperture and its field, translated.
 
-        Raises ArgumentError for a shift that is not two finite numbers.
+        Parameters
+        ----------
+        shift : array_like, shape (2,)
+            Translation in metres.
+
+        Returns
+        -------
+        Aperture
+            The translated aperture, with rounded vertices.
+
+        Raises
+        ------
+        ArgumentError
+            If the shift is not two finite numbers.
         """
         offset = checked_shift(shift, 2)
         return self._mapped(lambda ring: ring + offset, lambda field: field.moved(offset))
 
     def turned(self, angle: float) -> Aperture:
-        """Return the aperture and its field rotated counter-clockwise about the origin, in rad.
+        """Return the aperture and its field, rotated counter-clockwise about the origin.
 
-        Quarter turns are exact. Raises ArgumentError for an angle that is not a finite number.
+        Parameters
+        ----------
+        angle : float
+            Angle in radians. Multiples of pi/2 are exact.
+
+        Returns
+        -------
+        Aperture
+            The rotated aperture.
+
+        Raises
+        ------
+        ArgumentError
+            If the angle is not a finite number.
         """
         return self._mapped(
             lambda ring: turned_points(ring, angle), lambda field: field.turned(angle)
@@ -172,13 +225,26 @@ class Aperture(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Aperture, ...]:
-        """The aperture itself; an Array has several elements."""
+        """The aperture as the only element, as for arrays."""
         return (self,)
 
     def scaled(self, factor: float) -> Aperture:
-        """Return the aperture and its field scaled about the origin by a factor.
+        """Return the aperture and its field, scaled about the origin.
 
-        Raises ArgumentError for a factor that is not a finite number above zero.
+        Parameters
+        ----------
+        factor : float
+            Factor of all lengths, above zero.
+
+        Returns
+        -------
+        Aperture
+            The scaled aperture.
+
+        Raises
+        ------
+        ArgumentError
+            If the factor is not a finite number above zero.
         """
         size = checked_length(factor, "factor", meaning="a number above zero")
         return self._mapped(lambda ring: ring * size, lambda field: field.scaled(size))
@@ -213,32 +279,44 @@ class Aperture(TakesWaves):
         return Aperture(region).with_illumination(self.illumination)
 
     def placed(self, to_world: ArrayLike) -> PlacedAperture:
-        """Return this aperture in a rigid pose (4, 4), for transforms with three-component nu.
+        """Return this aperture in a pose in space, for transforms with three-component nu.
 
-        Raises GeometryError for a matrix that is not a rotation and a translation.
+        Parameters
+        ----------
+        to_world : array_like, shape (4, 4)
+            Rigid transformation from the frame of the aperture to the world.
+
+        Returns
+        -------
+        PlacedAperture
+            The aperture with its pose.
+
+        Raises
+        ------
+        GeometryError
+            If the matrix is not a rotation with a translation.
         """
         return PlacedAperture(self, rigid_pose(to_world))
 
     @cached_property
     def rings(self) -> tuple[Ring, ...]:
-        """The boundary without closing vertices: counter-clockwise exteriors, clockwise holes.
+        """Boundary rings, shape (n, 2), read-only, without a repeated first vertex.
 
-        Read-only arrays of shape (n, 2).
+        Exteriors are counter-clockwise and come first; holes are clockwise.
         """
         outer = tuple(part[0] for part in self._parts)
         return outer + tuple(hole for part in self._parts for hole in part[1:])
 
     @cached_property
     def polygons(self) -> shapely.MultiPolygon:
-        """The parts as a shapely MultiPolygon: exteriors counter-clockwise, holes clockwise."""
+        """Parts as a shapely MultiPolygon: exteriors counter-clockwise, holes clockwise."""
         return shapely.MultiPolygon([polygon_of_part(part) for part in self._parts])
 
     @property
     def segments(self) -> tuple[Aperture, ...]:
-        """The segments of a mirror as apertures, which may touch; else the separate parts.
+        """Segments of a mirror, or the separate parts, each an aperture with this field.
 
-        Each has this aperture's field. Only ``polywigner.shapes.hexagonal_segments`` makes
-        segments that touch.
+        Only the segments of ``polywigner.shapes.hexagonal_segments`` may touch.
         """
         return tuple(
             Aperture._of_parts([part], self.illumination) for part in self._segments or self._parts
@@ -246,78 +324,67 @@ class Aperture(TakesWaves):
 
     @cached_property
     def area(self) -> float:
-        """Area, the exact value rounded once."""
+        """Area in m^2: the exact area of the polygons, rounded once."""
         return float(shoelace(self.rings))
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
-        """(xmin, ymin, xmax, ymax)."""
+        """Bounds (xmin, ymin, xmax, ymax) in metres."""
         points = np.concatenate(self.rings)
         (xmin, ymin), (xmax, ymax) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
         return xmin, ymin, xmax, ymax
 
     @cached_property
     def centre(self) -> Ring:
-        """Centre of the bounds, shape (2,), read-only."""
+        """Centre of the bounds in metres, shape (2,), read-only."""
         xmin, ymin, xmax, ymax = self.bounds
         return _frozen(np.array([xmin / 2 + xmax / 2, ymin / 2 + ymax / 2]))
 
     @cached_property
     def diameter(self) -> float:
-        """Largest distance between two vertices."""
+        """Largest distance between two vertices in metres."""
         hull = shapely.get_coordinates(shapely.convex_hull(self.polygons))
         return max(float(np.hypot(*(hull - vertex).T).max()) for vertex in hull)
 
     @cached_property
     def convex_cover(self) -> tuple[Ring, ...]:
-        """Few convex polygons (k, 2) that tile the aperture, counter-clockwise, read-only.
+        """Convex polygons that tile the aperture, each counter-clockwise, shape (k, 2), read-only.
 
-        Their vertices are vertices of the aperture. A convex part is one piece.
+        All their vertices are vertices of the aperture. A convex part stays in one piece.
         """
         return tuple(_frozen(piece) for part in self._parts for piece in convex_pieces(part))
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
-        """Content regardless of the order of parts and of each ring's first vertex."""
+        """Field and outline, regardless of the order of parts and of first vertices."""
         return self.illumination, shapely.normalize(self.polygons).wkb
-
-    def __copy__(self) -> Aperture:
-        return self
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Aperture:
-        return self
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Aperture._of_parts, (self._parts, self.illumination, self._segments)
 
     def plot(self, ax: Axes | None = None, unit: str = "mm") -> Axes:
-        """Plot the filled outline on axes of matplotlib, and return the axes.
+        """Plot the filled outline.
 
         Parameters
         ----------
-        ax : axes; None: new axes of pyplot.
-        unit : unit of the axes, such as "mm" or "um".
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; by default new axes of pyplot.
+        unit : str, default "mm"
+            Unit of length of the axes, such as "mm" or "um".
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes.
 
         Raises
         ------
         ArgumentError
-            The axes are not matplotlib axes.
+            If ``ax`` is not matplotlib axes.
         QuantityError
-            The unit is unknown.
+            If the unit is unknown.
         """
         return plot_rings(self.rings, ax, unit)
-
-    def _repr_html_(self) -> str:
-        xmin, ymin, xmax, ymax = self.bounds
-        rows = [
-            ("size", length_text(xmax - xmin, ymax - ymin)),
-            ("area", f"{self.area:.6g} m²"),
-            ("vertices", str(sum(map(len, self.rings)))),
-            ("parts", str(len(self._parts))),
-            ("holes", str(len(self.rings) - len(self._parts))),
-            ("field", "1" if self.illumination is None else repr(self.illumination)),
-        ]
-        return shown_as_html("Aperture", rows, self.rings)
 
     def __repr__(self) -> str:
         parts, holes = len(self._parts), len(self.rings) - len(self._parts)
@@ -332,12 +399,19 @@ class Aperture(TakesWaves):
 
 
 def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:
-    """Split the aperture into constrained Delaunay triangles, for meshes.
+    """Split an aperture into constrained Delaunay triangles, for meshes.
+
+    Parameters
+    ----------
+    aperture : Aperture
+        The aperture.
 
     Returns
     -------
-    Vertices (n, 2) of the aperture, and counter-clockwise vertex numbers (m, 3) of the triangles
-    with an area above zero.
+    vertices : ndarray, shape (n, 2)
+        Vertices of the aperture.
+    triangles : ndarray of int, shape (m, 3)
+        Vertex numbers of each triangle, counter-clockwise. Triangles without area are left out.
     """
     vertices: list[Ring] = []
     triangles: list[NDArray[np.intp]] = []
@@ -352,26 +426,28 @@ def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class PlacedAperture:
+class PlacedAperture(Immutable):
     """An aperture and its rigid pose in space; made by :meth:`Aperture.placed`."""
 
     aperture: Aperture
     pose: NDArray[np.float64]
-    """(4, 4) read-only: from the aperture's frame, with the aperture at z = 0, to the world."""
+    """Rigid transformation to the world, shape (4, 4), read-only; the aperture lies at z = 0."""
 
-    def __post_init__(self) -> None:
-        pose = np.array(self.pose, dtype=np.float64)
-        pose.setflags(write=False)
-        object.__setattr__(self, "pose", pose)
+    def __init__(self, aperture: Aperture, pose: NDArray[np.float64]) -> None:
+        fixed = np.array(pose, dtype=np.float64)
+        fixed.setflags(write=False)
+        object.__setattr__(self, "aperture", aperture)
+        object.__setattr__(self, "pose", fixed)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The constructor makes the pose read-only, which copied and unpickled arrays are not.
         return PlacedAperture, (self.aperture, self.pose)
+
+    def __repr__(self) -> str:
+        return f"PlacedAperture({self.aperture!r}, pose={self.pose.tolist()})"
 
     @property
     def normal(self) -> NDArray[np.float64]:
-        """Unit normal (3,) towards the side to which the aperture radiates."""
+        """Unit normal, shape (3,), on the side to which the aperture radiates."""
         return self.pose[:3, 2]
 
     @property
@@ -383,16 +459,9 @@ class PlacedAperture:
         """Plot the outline in the plane of the aperture, see :meth:`Aperture.plot`."""
         return self.aperture.plot(ax, unit)
 
+    @property
     def _key(self) -> tuple[Aperture, bytes]:
         return self.aperture, self.pose.tobytes()
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, PlacedAperture):
-            return NotImplemented
-        return self._key() == other._key()
-
-    def __hash__(self) -> int:
-        return hash(self._key())
 
 
 def _require_aperture(aperture: Aperture) -> None:
@@ -404,10 +473,10 @@ def _require_aperture(aperture: Aperture) -> None:
 
 
 def _mean_polygon(first: Ring, second: Ring) -> Ring:
-    """Return the convex polygon {(a + b)/2} of two convex rings, counter-clockwise.
+    """Return the convex polygon of all midpoints (a + b)/2 of two convex rings.
 
-    The sides of both rings are sorted by direction. GEOS' hull of the midpoints is wrong if they
-    lie nearly on a line.
+    Its sides are the sides of both rings, sorted by direction. GEOS' convex hull of the midpoints
+    of vertices is wrong for points that lie nearly on a line.
     """
     rings, angles = [], []
     for ring in (first, second):
@@ -424,15 +493,35 @@ def _mean_polygon(first: Ring, second: Ring) -> Ring:
 
 
 def automean(aperture: Aperture) -> Aperture:
-    """Return the mutual support {(a + b)/2 : a, b in the aperture} of u(x+xi/2) and u(x-xi/2).
+    """Return the automean of an aperture: the set of midpoints (a + b)/2 of its points.
 
-    W(x, nu) is zero for x outside the automean, for any illumination. The automean of a convex
-    aperture is the aperture; others have a larger automean inside their convex hull. It is the
-    union of the means of all pairs of convex pieces. Its vertices at crossings of outlines are
-    rounded to 2^-44 of the size. The cost is pieces^2/2 means and their union.
+    W(x, nu) is zero for x outside the automean, for any illumination, because u(x + xi/2) and
+    u(x - xi/2) are never both on the aperture. The automean of a convex aperture is the aperture;
+    other apertures have a larger automean inside their convex hull.
 
-    Raises ArgumentError for objects of another type.
+    Parameters
+    ----------
+    aperture : Aperture
+        The aperture; its illumination is ignored.
 
+    Returns
+    -------
+    Aperture
+        The automean.
+
+    Raises
+    ------
+    ArgumentError
+        If the argument is not an Aperture.
+
+    Notes
+    -----
+    The automean is the union of the means of all pairs of convex pieces, so the time grows with the
+    square of the number of pieces. Vertices at crossings of outlines are rounded to 2^-44 of the
+    size.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> notch = pw.shapes.chevron(20e-3, 12e-3, 4e-3)
     >>> pw.automean(notch).area > notch.area
@@ -454,13 +543,31 @@ def _overlap(
 
 
 def lag_slice(aperture: Aperture, x: ArrayLike) -> shapely.Polygon | shapely.MultiPolygon:
-    """Return the lags xi with u(x + xi/2) u*(x - xi/2) != 0: 2(G - x) and 2(x - G) intersected.
+    """Return the lags xi for which x + xi/2 and x - xi/2 are both on the aperture.
 
-    `x` is a position (2,) in the unit of the aperture. The result may be an empty MultiPolygon.
-    The matrices of the paper translate by x instead of 2x.
+    Parameters
+    ----------
+    aperture : Aperture
+        The aperture G.
+    x : array_like, shape (2,)
+        Position in the unit of the aperture.
 
-    Raises ArgumentError for objects other than an Aperture, and unless `x` is two finite numbers.
+    Returns
+    -------
+    shapely.Polygon or shapely.MultiPolygon
+        The intersection of 2(G - x) and 2(x - G); an empty MultiPolygon if there is no such lag.
 
+    Raises
+    ------
+    ArgumentError
+        If the aperture has another type, or the position is not two finite numbers.
+
+    Notes
+    -----
+    The matrices in the paper translate by x instead of 2x.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pw.lag_slice(pw.shapes.square(2.0), (0.5, 0.0)).area
     8.0
@@ -475,13 +582,32 @@ def lag_slice(aperture: Aperture, x: ArrayLike) -> shapely.Polygon | shapely.Mul
 
 
 def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shapely.MultiPolygon:
-    """Return the positions x with u(x + xi/2) u*(x - xi/2) != 0, an intersection of shifted G.
+    """Return the positions x for which x + xi/2 and x - xi/2 are both on the aperture.
 
-    G is shifted by -xi/2 and xi/2. `xi` is a lag (2,) in the unit of the aperture. The result may
-    be an empty MultiPolygon. The paper shifts one copy only, which gives a wrong phase.
+    Parameters
+    ----------
+    aperture : Aperture
+        The aperture G.
+    xi : array_like, shape (2,)
+        Lag in the unit of the aperture.
 
-    Raises ArgumentError for objects other than an Aperture, and unless `xi` is two finite numbers.
+    Returns
+    -------
+    shapely.Polygon or shapely.MultiPolygon
+        The intersection of G - xi/2 and G + xi/2; an empty MultiPolygon if there is no such
+        position.
 
+    Raises
+    ------
+    ArgumentError
+        If the aperture has another type, or the lag is not two finite numbers.
+
+    Notes
+    -----
+    The paper shifts one copy only, which gives a wrong phase.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pw.position_slice(pw.shapes.square(2.0), (0.5, 0.0)).area
     3.0

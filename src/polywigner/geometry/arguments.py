@@ -40,19 +40,22 @@ class DrJitArray(Protocol):
 
 
 Points: TypeAlias = ArrayLike | DrJitArray
-"""Numbers with their components along the last axis: anything that NumPy converts, such as
-``xarray.DataArray``, or a Dr.Jit array, which has its components first unless it is a tensor."""
+"""Coordinates with the components of each point along the last axis.
+
+NumPy must be able to convert them, as an ``xarray.DataArray``. Dr.Jit arrays other than tensors
+have their components along the first axis.
+"""
 
 Outline: TypeAlias = (
     ArrayLike | shapely.Polygon | shapely.MultiPolygon | Sequence[ArrayLike | shapely.Polygon]
 )
-"""One ring (n, 2), several of different lengths, or shapely polygons."""
+"""One ring of vertices (n, 2), several rings of different lengths, or shapely polygons."""
 
 
 def real_numbers(values: Any) -> NDArray[np.float64]:
     """Return a float64 copy of real numbers.
 
-    Raises ValueError for complex numbers, texts, and masked elements.
+    Raise ValueError for complex numbers, texts and masked elements.
     """
     if np.ma.is_masked(values):
         raise ValueError("masked elements; leave them out")
@@ -80,26 +83,43 @@ def shape_of(value: Any) -> str:
 _LARGEST = 1e100
 
 
+def _fits(shape: tuple[int, ...], pattern: tuple[Any, ...]) -> bool:
+    if pattern[:1] == (...,):
+        pattern = pattern[1:]
+        shape = shape[max(len(shape) - len(pattern), 0) :]
+    return len(shape) == len(pattern) and all(
+        k > 0 if n is None else n == k for n, k in zip(pattern, shape, strict=True)
+    )
+
+
+def real_array(
+    values: Any,
+    expected: str,
+    *shapes: tuple[Any, ...],
+    error: type[PolywignerError] = ArgumentError,
+) -> NDArray[np.float64]:
+    """Return a float64 copy of real numbers that has one of some shapes.
+
+    In a shape, None stands for any length above zero, and ``...`` at the start for any leading
+    axes. The message of the error starts with ``expected``.
+    """
+    try:
+        array = real_numbers(values)
+    except ValueError as reason:
+        raise error(f"{expected}, got {reason}") from None
+    if not any(_fits(array.shape, shape) for shape in shapes):
+        raise error(f"{expected}, got shape {shape_of(values)}")
+    return array
+
+
 def finite_array(
     values: Any,
     expected: str,
-    *shapes: tuple[int | None, ...],
+    *shapes: tuple[Any, ...],
     error: type[PolywignerError] = ArgumentError,
 ) -> NDArray[np.float64]:
-    """Return a float64 copy of real numbers below 1e100 that has one of some shapes.
-
-    In ``shapes`` None stands for any length above zero. The message of the error starts with
-    ``expected``.
-    """
-
-    def fits(array: NDArray[np.float64]) -> bool:
-        return array.size > 0 and any(
-            len(shape) == array.ndim
-            and all(n in (None, k) for n, k in zip(shape, array.shape, strict=True))
-            for shape in shapes
-        )
-
-    array = _real_array(values, expected, fits, error)
+    """Return a :func:`real_array` whose numbers are all below 1e100."""
+    array = real_array(values, expected, *shapes, error=error)
     is_finite = (np.abs(np.atleast_1d(array)) < _LARGEST).reshape((*array.shape[:1], -1))
     if not is_finite.all():
         row = int(is_finite.all(axis=-1).argmin())
@@ -108,9 +128,41 @@ def finite_array(
     return array
 
 
-def unchangeable(self: Any, name: str, value: object = None) -> NoReturn:
-    """Raise AttributeError instead of changing an attribute."""
-    raise AttributeError(f"{type(self).__name__} cannot be changed ({name}); build a new one")
+def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
+    """Return one or more real numbers (k,); a message of an error starts with ``expected``."""
+    return np.atleast_1d(real_array(values, expected, (), (None,)))
+
+
+def checked_vectors(
+    values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
+) -> NDArray[np.float64]:
+    """Return real numbers (..., *last); a message of an error starts with ``expected``."""
+    return real_array(values, expected, (..., *last), error=error)
+
+
+def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
+    """Return an array with ``dimension`` axes, none empty; raise ArgumentError for others."""
+    expected = f"expected {name} as an array of real numbers with {dimension} axes and some entries"
+    return real_array(values, expected, (None,) * dimension)
+
+
+class Immutable:
+    """Base of read-only values, which are equal if their class and their ``_key`` are equal."""
+
+    _key: Any
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Immutable) or type(other) is not type(self):
+            return NotImplemented
+        return bool(self._key == other._key)
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __setattr__(self, name: str, value: object = None) -> NoReturn:
+        raise AttributeError(f"{type(self).__name__} cannot be changed ({name}); build a new one")
+
+    __delattr__ = __setattr__
 
 
 # Largest count: a number with a few more zeros would fill the memory.
@@ -118,7 +170,7 @@ _MOST = 1_000_000
 
 
 def checked_number(value: Any, name: str, meaning: str) -> float:
-    """Return a finite number; ArgumentError "expected `name` as `meaning`" otherwise."""
+    """Return a finite number; raise ArgumentError "expected `name` as `meaning`" for others."""
     try:
         refused = isinstance(value, (str, bytes, bool)) or np.iscomplexobj(value)
         refused |= np.ma.is_masked(value)
@@ -131,7 +183,7 @@ def checked_number(value: Any, name: str, meaning: str) -> float:
 
 
 def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
-    """Return one of the names ``choices``; ArgumentError for other values."""
+    """Return one of the names ``choices``; raise ArgumentError for other values."""
     if not isinstance(value, str) or value not in choices:
         known = ", ".join(f'"{choice}"' for choice in choices)
         raise ArgumentError(f"expected {name} to be one of {known}, got {value_text(value)}")
@@ -139,58 +191,21 @@ def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
 
 
 def checked_flag(value: Any, name: str) -> bool:
-    """Return True or False; ArgumentError for other values."""
+    """Return True or False; raise ArgumentError for other values."""
     if not isinstance(value, (bool, np.bool_)):
         raise ArgumentError(f"expected {name} to be True or False, got {value_text(value)}")
     return bool(value)
 
 
-def _real_array(
-    values: Any,
-    expected: str,
-    fits: Callable[[NDArray[np.float64]], bool],
-    error: type[PolywignerError] = ArgumentError,
-) -> NDArray[np.float64]:
-    """Return a float64 copy of real numbers whose shape fits; an error starts with `expected`."""
-    try:
-        array = real_numbers(values)
-    except ValueError as reason:
-        raise error(f"{expected}, got {reason}") from None
-    if not fits(array):
-        raise error(f"{expected}, got shape {shape_of(values)}")
-    return array
-
-
-def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Return real numbers (k,), one or more; the error begins with ``expected``."""
-    return np.atleast_1d(_real_array(values, expected, lambda row: row.ndim < 2 and row.size > 0))
-
-
-def checked_vectors(
-    values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
-) -> NDArray[np.float64]:
-    """Return real numbers (..., *last); the error begins with ``expected``."""
-    axes = len(last)
-    return _real_array(
-        values, expected, lambda a: a.ndim >= axes and a.shape[a.ndim - axes :] == last, error
-    )
-
-
-def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
-    """Return real numbers with ``dimension`` axes, none empty; ArgumentError otherwise."""
-    expected = f"expected {name} as an array of real numbers with {dimension} axes and some entries"
-    return _real_array(values, expected, lambda a: a.ndim == dimension and a.size > 0)
-
-
 def checked_callable(value: T, name: str) -> T:
-    """Return a function or None; ArgumentError for other values."""
+    """Return a function or None; raise ArgumentError for other values."""
     if value is not None and not callable(value):
         raise ArgumentError(f"expected {name} as a function or None, got {value_text(value)}")
     return value
 
 
 def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "") -> float:
-    """Return a finite number above zero, or zero if allowed; ArgumentError otherwise."""
+    """Return a finite number above zero, or zero if allowed; raise ArgumentError for others."""
     meaning = meaning or ("a length of at least zero" if zero else "a length above zero")
     number = checked_number(value, name, meaning)
     if not number > 0 and not (zero and number == 0):
@@ -199,7 +214,7 @@ def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "")
 
 
 def checked_wavelength(value: Any) -> float:
-    """Return a wavelength in m, above zero; ArgumentError for other values."""
+    """Return a wavelength in m, above zero; raise ArgumentError for other values."""
     if isinstance(value, str):
         raise ArgumentError(
             f"expected a wavelength as a number in metres, got the text {value[:40]!r}; quantities "
@@ -209,7 +224,7 @@ def checked_wavelength(value: Any) -> float:
 
 
 def checked_generator(seed: Any) -> np.random.Generator:
-    """Return NumPy's generator for a seed; ArgumentError for an invalid seed."""
+    """Return NumPy's generator for a seed; raise ArgumentError for an invalid seed."""
     try:
         return np.random.default_rng(seed)
     except (TypeError, ValueError):
@@ -220,7 +235,7 @@ def checked_generator(seed: Any) -> np.random.Generator:
 
 
 def checked_count(value: Any, name: str, least: int, most: int | None = None) -> int:
-    """Return a whole number within bounds; ArgumentError for other values."""
+    """Return a whole number within bounds; raise ArgumentError for other values."""
     if most is None and isinstance(value, (int, np.integer)) and value > _MOST:
         raise ArgumentError(f"expected {name} as a whole number up to {_MOST}, got {value}")
     is_integer = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
@@ -231,7 +246,7 @@ def checked_count(value: Any, name: str, least: int, most: int | None = None) ->
 
 
 def checked_path(path: Any) -> Path:
-    """Return an absolute path; ArgumentError for other values."""
+    """Return an absolute path; raise ArgumentError for other values."""
     try:
         text = os.fspath(path)
     except TypeError:
@@ -249,16 +264,13 @@ _LONGEST = 1e4
 # optical sources are, up to a size of about a metre. Confusing mm and m is a factor of a thousand.
 _MOST_OF_RADIO, _MOST_OF_LIGHT = 1e3, 1e6
 _SHORTEST_RADIO = 1e-4
-# Least width of a lens in wavelengths, and largest f-number: pinholes have f/300, and confusing mm
-# and m would turn f/1 into f/1000.
-_NARROWEST_LENS, _LONGEST_FOCUS = 10.0, 500.0
-# Largest plausible distance of a link in sizes and wavelengths, a hundred times that of
-# automotive radar.
+# Largest plausible distance of a link in sizes and wavelengths. Automotive radar reaches a
+# hundredth of this distance.
 _LONGEST_LINK = 1e5
 
 
 def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
-    """Return the doubt about a wavelength for a source of this size, both in m, or None."""
+    """Return a text if a wavelength is implausible for a source of this diameter, both in m."""
     ratio = diameter / wavelength
     most = _MOST_OF_RADIO if wavelength >= _SHORTEST_RADIO else _MOST_OF_LIGHT
     if 1 / _LONGEST <= ratio <= most:
@@ -270,7 +282,7 @@ def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
 
 
 def _warn_of_wavelength(source: Any, wavelength: float) -> None:
-    """Warn of a wavelength in m like a frequency, or implausible for the source."""
+    """Warn if a wavelength in m looks like a frequency, or is implausible for the source."""
     if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
         doubt: str | None = (
             f"a wavelength of {wavelength:g} m: a frequency? Then write frequency={wavelength:g} "
@@ -283,25 +295,8 @@ def _warn_of_wavelength(source: Any, wavelength: float) -> None:
         warn_caller(f"got {doubt}", stacklevel=4)
 
 
-def warn_of_lens(pupil: Any, wavelength: float, focal_length: float) -> None:
-    """Warn of a lens of a few wavelengths, or with a focal length of hundreds of pupils."""
-    diameter = _diameter(pupil)
-    if diameter is None:
-        return
-    if diameter < _NARROWEST_LENS * wavelength:
-        warn_caller(
-            f"got a pupil of {diameter:.3g} m at a wavelength of {wavelength:.3g} m: micrometres "
-            "for m? Then write 0.55e-6 for 0.55 micrometres"
-        )
-    elif focal_length > _LONGEST_FOCUS * diameter:
-        warn_caller(
-            f"got a focal length of {focal_length:.3g} m, {focal_length / diameter:.3g} times the "
-            f"pupil of {diameter:.3g} m: is a unit wrong, mm for m?"
-        )
-
-
 def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: float) -> None:
-    """Warn of links to points (n, 3) that are implausibly far for the sources."""
+    """Warn if points (n, 3) are implausibly far away for sources of this size."""
     distance = float(np.linalg.norm(points, axis=-1).max(initial=0.0))
     size = max(_diameter(source) or 0.0 for source in sources)
     if distance > _LONGEST_LINK * max(size, wavelength):
@@ -431,9 +426,23 @@ RIGID_TOLERANCE = 1e-4
 
 
 def rigid_pose(to_world: Any) -> NDArray[np.float64]:
-    """Return a rigid pose (4, 4), read-only: the nearest rotation, and the translation.
+    """Return the rigid pose nearest to a matrix: a rotation and a translation.
 
-    Raises GeometryError for scaled, sheared and mirrored poses.
+    Parameters
+    ----------
+    to_world : array_like, shape (4, 4)
+        Transformation to the world. Deviations from a rotation up to 1e-4, such as the rounding of
+        single precision, are removed.
+
+    Returns
+    -------
+    ndarray, shape (4, 4)
+        The pose, read-only.
+
+    Raises
+    ------
+    GeometryError
+        If the matrix scales, shears or mirrors.
     """
     expected = "expected to_world as a (4, 4) matrix"
     pose = rigid_poses(finite_array(to_world, expected, (4, 4), error=GeometryError), "to_world")
@@ -442,10 +451,7 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
 
 
 def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
-    """Return rigid poses (..., 4, 4): the nearest rotations, and the translations.
-
-    Raises GeometryError for other matrices.
-    """
+    """Return the rigid poses (..., 4, 4) nearest to matrices; raise GeometryError for others."""
     expected = f"expected {name} as rigid poses (..., 4, 4), rotations and translations only"
     poses = checked_vectors(values, expected, (4, 4), GeometryError)
     if not np.isfinite(poses).all():
@@ -472,7 +478,7 @@ def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
 def write_lines(file: Path, lines: Iterable[str]) -> None:
     """Write lines to a file in UTF-8, completely or not at all; an existing file is replaced.
 
-    Raises ArgumentError if the file cannot be written.
+    Raise ArgumentError if the file cannot be written.
     """
     text = "".join(f"{line}\n" for line in lines)
     try:

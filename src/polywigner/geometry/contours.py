@@ -27,7 +27,7 @@ Indices = NDArray[np.intp]
 
 # Cosine of the largest half-angle of a cone that is projected onto one plane.
 _NARROW = 0.5
-# Rounding errors of a difference of coordinates, in units in the last place.
+# Relative rounding error of a difference of coordinates.
 _ULPS = 8.0 * float(np.finfo(float).eps)
 # Distance of two coincident contours, as a fraction of the extent of the figure.
 _BESIDE = 1e-10
@@ -44,13 +44,13 @@ class Surface:
     """Illuminated triangles, counter-clockwise for the observer."""
 
     corners: Floats
-    """(t, 3, 3)."""
+    """Positions of the corners, shape (t, 3, 3)."""
     sides: Indices
-    """(t, 3) numbers of the edges from each corner to the next; -1: not shared."""
+    """Number of the edge from each corner to the next, shape (t, 3); -1 for edges of a cut."""
     faces: Indices
-    """(t,) numbers of the planar faces that contain the triangles."""
+    """Number of the planar face that contains each triangle, shape (t,)."""
     bodies: Indices
-    """(t,) numbers of their bodies."""
+    """Number of the body of each triangle, shape (t,)."""
 
     @classmethod
     def of(cls, parts: Sequence[Surface]) -> Surface:
@@ -58,30 +58,33 @@ class Surface:
         names = [item.name for item in fields(cls)]
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
-    def taken(self, rows: NDArray[np.bool_] | Indices) -> Surface:
+    def subset(self, rows: NDArray[np.bool_] | Indices) -> Surface:
         """Return a subset of the triangles."""
         return Surface(*(getattr(self, item.name)[rows] for item in fields(self)))
 
 
 @dataclass(frozen=True)
 class Silhouette:
-    """Directed edges (m,) of shadows, with the body on the left, seen from the source."""
+    """Directed edges of shadows, with the body on the left as seen from the source."""
 
     edges: Floats
-    """(m, 2, 3)."""
+    """Begin and end of each edge, shape (m, 2, 3)."""
     numbers: Indices
-    """(m,) numbers of the mesh edges that contain the edges."""
+    """Number of the mesh edge that contains each edge, shape (m,); -1 if none does."""
     bodies: Indices
-    """(m,) numbers of the bodies that the edges belong to."""
+    """Number of the body of each edge, shape (m,)."""
     behind: Indices
-    """(m,) numbers of the faces behind the edges, seen from the source; -1 for none."""
+    """Number of the face behind each edge as seen from the source, shape (m,); -1 for none."""
     touching: frozenset[tuple[int, int]] = frozenset()
     """Pairs of bodies that continue each other's surfaces."""
     planes: Floats = field(default_factory=partial(np.empty, (0, 4)))
-    """(m, 4) planes of the faces behind the edges; points P with planes[:3].P + planes[3] < 0 are
-    behind them. (0, 0, 0, 1) for edges without a face behind them."""
+    """Plane (a, b, c, d) of the face behind each edge, shape (m, 4).
+
+    Points (x, y, z) with a x + b y + c z + d < 0 are behind the plane. Edges without a face behind
+    them have (0, 0, 0, 1).
+    """
     is_closed: bool = True
-    """Whether all edges are present."""
+    """Whether no edge has been removed or shortened."""
 
     @classmethod
     def of(cls, parts: Sequence[Silhouette]) -> Silhouette:
@@ -93,7 +96,7 @@ class Silhouette:
         touching = frozenset[tuple[int, int]]().union(*(part.touching for part in parts))
         return cls(edges, numbers, bodies, behind, touching)
 
-    def taken(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
+    def subset(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
         """Return the masked edges, shortened to ``edges`` (m, 2, 3)."""
         return replace(
             self,
@@ -115,24 +118,32 @@ def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Sil
 
     Parameters
     ----------
-    surface : the surface.
-    observer : (3,) position of the observer.
-    closed : width up to which slits between bodies have no contours, approximately.
+    surface : Surface
+        The triangles that face the observer.
+    observer : ndarray, shape (3,)
+        Position of the observer.
+    closed : float, default 0.0
+        Approximate width up to which slits between bodies have no contours.
+
+    Returns
+    -------
+    Silhouette
+        Directed edges of the shadow.
 
     Raises
     ------
     ArgumentError
-        Too many triangles overlap in projection.
+        If too many triangles overlap in projection.
     """
     figures = _figures(surface, observer)
     parts = [
         _contours_in(figure, clipped, closed) for figure, clipped in figures if len(clipped.faces)
     ]
-    return _joined(Silhouette.of([_NO_EDGES, *parts]))
+    return Silhouette.of([_NO_EDGES, *parts])
 
 
 def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Surface]]:
-    """Project a surface; yield figures with their triangles, without those of negligible width."""
+    """Project a surface; yield figures with their triangles, except triangles without width."""
     if not len(surface.faces):
         return
     corners = surface.corners - observer
@@ -169,7 +180,7 @@ def _projected(
         on_border &= np.roll(on_border, -1, axis=1)
         surface = replace(surface, sides=np.where(on_border.any(axis=2), -2, surface.sides))
     wide = figure.has_width
-    return figure.taken(wide), surface.taken(wide)
+    return figure.subset(wide), surface.subset(wide)
 
 
 def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
@@ -198,10 +209,10 @@ def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
                 ]
             )
             owner.append(t)
-    complete = surface.taken(inside)
+    complete = surface.subset(inside)
     if not owner:
         return complete
-    cut = surface.taken(np.array(owner))
+    cut = surface.subset(np.array(owner))
     cut = replace(cut, corners=np.array(corners), sides=np.array(sides, np.intp))
     return Surface.of([complete, cut])
 
@@ -377,7 +388,7 @@ class _Pairing:
             along = corners[(k + 1) % 3] - corners[k]
             share = (point - corners[k]) @ along / (along @ along)
             return float(depth[k] + share * (depth[(k + 1) % 3] - depth[k])), 0.0
-        slope = self.figure.taken(np.array([t])).slopes[0]
+        slope = self.figure.subset(np.array([t])).slopes[0]
         return float(depth[0] + (point - corners[0]) @ slope), float(np.abs(slope).sum())
 
     def _lifted(self, rows: Indices, at: Floats) -> Floats:
@@ -456,32 +467,3 @@ def _without(
     """Subtract an interval from intervals."""
     parts = [[(a, min(b, low)), (max(a, high), b)] for a, b in intervals]
     return [(a, b) for pair in parts for a, b in pair if b > a]
-
-
-def _joined(contours: Silhouette) -> Silhouette:
-    """Join adjacent pieces of one edge in front of one face."""
-    edges, numbers = contours.edges, contours.numbers
-    order = np.lexsort([contours.behind, numbers])
-    groups = np.flatnonzero(np.diff(numbers[order]) | np.diff(contours.behind[order])) + 1
-    joined, rows = [np.empty((0, 2, 3))], [np.empty(0, np.intp)]
-    for some in np.split(order, groups) if len(order) else []:
-        if len(some) == 1 or numbers[some[0]] < 0:
-            joined.append(edges[some])
-            rows.append(some)
-            continue
-        along = edges[some[0], 1] - edges[some[0], 0]
-        some = some[np.argsort(edges[some, 0] @ along)]
-        begin, end = edges[some, 0], edges[some, 1]
-        gaps = np.abs(end[:-1] - begin[1:]).max(axis=1) > 1e-9 * np.abs(edges[some]).max()
-        first = np.flatnonzero(np.append(True, gaps))
-        last = np.append(first[1:] - 1, len(some) - 1)
-        joined.append(np.stack([begin[first], end[last]], axis=1))
-        rows.append(some[first])
-    taken = np.concatenate(rows)
-    return replace(
-        contours,
-        edges=np.concatenate(joined),
-        numbers=numbers[taken],
-        bodies=contours.bodies[taken],
-        behind=contours.behind[taken],
-    )

@@ -33,7 +33,7 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
         [[index[corner.tobytes()] for corner in triangle] for triangle in corners], dtype=np.intp
     ).reshape(-1, 3)
     if shoelace(vertices[triangles]) < 0:
-        # All triangles are reversed, so that those of zero area stay consistent with neighbours.
+        # Triangles of zero area are reversed as well, to stay consistent with their neighbours.
         triangles = triangles[:, ::-1]
     if shoelace(vertices[triangles]) != shoelace(part):
         raise GeometryError(
@@ -109,7 +109,7 @@ _TINY = 1e-30
 
 
 class Trapezoids(NamedTuple):
-    """Trapezoids with vertical parallel sides, in arrays (n,), metres."""
+    """Trapezoids with vertical parallel sides; all fields have shape (n,) and are in metres."""
 
     left: NDArray[np.float64]
     width: NDArray[np.float64]
@@ -120,22 +120,17 @@ class Trapezoids(NamedTuple):
 
     @property
     def areas(self) -> NDArray[np.float64]:
-        """Areas (n,), m^2."""
+        """Areas in m^2, shape (n,)."""
         return 0.5 * self.width * (self.height_left + self.height_right)
 
     @property
     def rows(self) -> NDArray[np.float64]:
-        """(n, 6) all numbers of each trapezoid."""
+        """All six numbers of each trapezoid, shape (n, 6)."""
         return np.stack(self, axis=-1)
 
     @property
-    def columns(self) -> tuple[NDArray[np.float64], ...]:
-        """The constants of :func:`point_in_trapezoid`, each (n,)."""
-        return self
-
-    @property
-    def middles(self) -> NDArray[np.float64]:
-        """Midpoints of the lines halfway between the parallel sides, (n, 2)."""
+    def midpoints(self) -> NDArray[np.float64]:
+        """Midpoints of the lines halfway between the parallel sides, shape (n, 2)."""
         height = self.height_left + self.height_right
         y = 0.5 * (self.low_left + self.low_right) + 0.25 * height
         return np.stack([self.left + 0.5 * self.width, y], axis=-1)
@@ -186,7 +181,7 @@ def _slab(
 def point_in_trapezoid(ops: Any, row: Sequence[Any], u: Any, v: Any) -> tuple[Any, Any]:
     """Map (u, v), uniform in the unit square, to a point uniform in a trapezoid.
 
-    ``row``: of :attr:`Trapezoids.columns`; ``ops``: the namespace of its type.
+    ``row``: the six numbers of a trapezoid; ``ops``: the operations namespace of their type.
     """
     left, width, height_left, height_right, low_left, low_right = row
     # Solve (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 without cancellation.

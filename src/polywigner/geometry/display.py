@@ -1,9 +1,8 @@
-"""Display of sources: HTML with a drawing in notebooks, and axes of matplotlib."""
+"""Outlines on axes of matplotlib, and lengths in a readable unit."""
 
 from __future__ import annotations
 
-import html
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -18,8 +17,6 @@ if TYPE_CHECKING:
 
 Points = NDArray[np.float64]
 
-_PIXELS = 160.0
-_MARGIN = 6.0
 _FILL = "#9ecae1"
 _LINE = "#2166ac"
 
@@ -46,47 +43,6 @@ def length_text(*lengths: float) -> str:
     """Return lengths (m) in the unit of the largest one, such as ``20 x 12 mm``."""
     unit = length_unit(max(lengths))
     return f"{' x '.join(f'{length / unit.metres:.4g}' for length in lengths)} {unit.name}"
-
-
-def shown_as_html(
-    title: str,
-    rows: Iterable[tuple[str, str]],
-    rings: Sequence[Points] = (),
-    lines: Sequence[Points] = (),
-) -> str:
-    """Return a drawing of filled rings and lines, y upwards, next to a table of properties."""
-    cells = "".join(
-        f"<tr><td style='text-align:left'>{html.escape(name)}</td>"
-        f"<td style='text-align:left'>{html.escape(value)}</td></tr>"
-        for name, value in rows
-    )
-    drawing = _svg(rings, lines)
-    return (
-        f"<div><div style='display:inline-block;vertical-align:top'>{drawing}</div>"
-        "<div style='display:inline-block;vertical-align:top;margin-left:1em'>"
-        f"<b>{html.escape(title)}</b><table>{cells}</table></div></div>"
-    )
-
-
-def _svg(rings: Sequence[Points], lines: Sequence[Points]) -> str:
-    if not rings and not lines:
-        return ""
-    points = np.concatenate([*rings, *lines])
-    low, high = points.min(axis=0), points.max(axis=0)
-    scale = _PIXELS / float((high - low).max())
-    width, height = (high - low) * scale + 2 * _MARGIN
-
-    def path(ring: Points) -> str:
-        x, y = (ring - low).T * scale + _MARGIN
-        return "M" + "L".join(f"{a:.2f} {height - b:.2f}" for a, b in zip(x, y, strict=True))
-
-    filled = "".join(path(ring) + "Z" for ring in rings)
-    drawn = "".join(path(line) for line in lines)
-    return (
-        f"<svg xmlns='http://www.w3.org/2000/svg' width='{width:.0f}' height='{height:.0f}'>"
-        f"<path d='{filled}' fill='{_FILL}' fill-rule='evenodd' stroke='{_LINE}'/>"
-        f"<path d='{drawn}' fill='none' stroke='{_LINE}'/></svg>"
-    )
 
 
 def plot_rings(rings: Sequence[Points], ax: Axes | None, unit: str) -> Axes:

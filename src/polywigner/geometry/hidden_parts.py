@@ -37,43 +37,43 @@ _MOST_PAIRS, _BLOCK, _MOST_CROSSINGS = 1 << 20, 256, 2e8
 
 @dataclass(frozen=True, eq=False)
 class Projected:
-    """Projections of triangles (n,) along a direction, counter-clockwise."""
+    """Projections of n triangles, counter-clockwise."""
 
     points: Floats
-    """(n, 3, 2) corners in the projection plane."""
+    """Corners in the projection plane, shape (n, 3, 2)."""
     depth: Floats
-    """(n, 3) coordinates of the corners along the direction, ascending away from the observer."""
+    """Coordinate of each corner along the line of sight, shape (n, 3); it grows with distance."""
     size: float
     """Size of the body."""
     ranges: Floats
-    """(n, 3) relative distances of the corners from a near observer; 1 for a distant one."""
+    """Relative distance of each corner from the observer, shape (n, 3); 1 if it is far away."""
 
     @cached_property
     def sides(self) -> Floats:
-        """(n, 2, 2) from the first corner to the others."""
+        """Vectors from the first corner to the other corners, shape (n, 2, 2)."""
         return np.asarray(self.points[:, 1:] - self.points[:, :1])
 
     @cached_property
     def area(self) -> Floats:
-        """(n,) twice the area."""
+        """Twice the area of each triangle, shape (n,)."""
         first, second = self.sides[:, 0], self.sides[:, 1]
         return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
 
     @property
     def has_width(self) -> NDArray[np.bool_]:
-        """Mask (n,) of triangles that rounding has not reduced to lines."""
+        """Mask of the triangles that rounding has not reduced to lines, shape (n,)."""
         longest = np.linalg.norm(self.sides, axis=2).max(axis=1)
         return np.asarray(self.area > _WIDTH * NOTHING * self.size * longest)
 
     @property
     def slopes(self) -> Floats:
-        """Gradient (n, 2) of the depth in the projection plane."""
+        """Gradient of the depth of each triangle in the projection plane, shape (n, 2)."""
         rise = self.depth[:, 1:] - self.depth[:, :1]
         across = rise[:, 0] * self.sides[:, 1, 1] - rise[:, 1] * self.sides[:, 0, 1]
         along = rise[:, 1] * self.sides[:, 0, 0] - rise[:, 0] * self.sides[:, 1, 0]
         return np.asarray(np.stack([across, along], axis=1) / self.area[:, None])
 
-    def taken(self, rows: NDArray[np.bool_]) -> Projected:
+    def subset(self, rows: NDArray[np.bool_]) -> Projected:
         return Projected(self.points[rows], self.depth[rows], self.size, self.ranges[rows])
 
 
@@ -82,10 +82,19 @@ def in_perspective(corners: Floats, frame: Floats, distance: float, size: float)
 
     Parameters
     ----------
-    corners : (n, 3, 3) corners of the triangles.
-    frame : rows x, y, z of the observer, who looks along z.
-    distance : distance of the plane onto which the triangles are projected.
-    size : size of the body, to which negligible lengths are relative.
+    corners : ndarray, shape (n, 3, 3)
+        Corners of the triangles, relative to the observer.
+    frame : ndarray, shape (3, 3)
+        Axes x, y and z of the observer as rows; the observer looks along z.
+    distance : float
+        Distance of the projection plane from the observer.
+    size : float
+        Size of the body. Lengths far below this size are negligible.
+
+    Returns
+    -------
+    Projected
+        The projected triangles.
 
     Notes
     -----
@@ -104,7 +113,7 @@ def _too_many(triangles: int) -> ArgumentError:
     )
 
 
-def _overlapping(seen: Projected, polygons: Shapes) -> tuple[Indices, Indices]:
+def _overlapping(projected: Projected, polygons: Shapes) -> tuple[Indices, Indices]:
     """Return the triangles (m,) and (m,) of all pairs whose projections overlap.
 
     ``polygons``: the triangles, or boxes around them; pairs with separate boxes are skipped.
@@ -114,7 +123,7 @@ def _overlapping(seen: Projected, polygons: Shapes) -> tuple[Indices, Indices]:
         one, other = tree.query(polygons[start : start + _BLOCK])
         once = one + start < other
         one, other = one[once] + start, other[once]
-        apart = _apart(seen, one, other) | _apart(seen, other, one)
+        apart = _apart(projected, one, other) | _apart(projected, other, one)
         pairs.append(np.stack([one[~apart], other[~apart]]))
         total += pairs[-1].shape[1]
         if total > _MOST_PAIRS:
@@ -123,10 +132,10 @@ def _overlapping(seen: Projected, polygons: Shapes) -> tuple[Indices, Indices]:
     return one, other
 
 
-def _apart(seen: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
+def _apart(projected: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
     """Return a mask of the pairs that an edge of the first triangle separates."""
     apart = np.zeros(len(one), np.bool_)
-    points, least = seen.points, NOTHING * seen.size
+    points, least = projected.points, NOTHING * projected.size
     for k in range(3):
         begin = points[:, k]
         edge = points[:, (k + 1) % 3] - begin
@@ -137,20 +146,20 @@ def _apart(seen: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
     return apart
 
 
-def _nearer_parts(seen: Projected, hidden: Indices, before: Indices) -> tuple[Indices, Shapes]:
+def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tuple[Indices, Shapes]:
     """Return hidden triangles, and the parts of other triangles in front of their planes."""
-    slopes = seen.slopes
-    offset = seen.points[before] - seen.points[hidden, :1]
-    plane = seen.depth[hidden, :1] + (offset * slopes[hidden, None]).sum(axis=2)
-    ahead = plane - seen.depth[before]  # distance of the corners in front of the hidden plane
+    slopes = projected.slopes
+    offset = projected.points[before] - projected.points[hidden, :1]
+    plane = projected.depth[hidden, :1] + (offset * slopes[hidden, None]).sum(axis=2)
+    ahead = plane - projected.depth[before]  # distance of the corners in front of the hidden plane
     steep = 1 + np.abs(slopes[hidden]).sum(axis=1) + np.abs(slopes[before]).sum(axis=1)
-    level = (NOTHING * seen.size * steep)[:, None]
+    level = (NOTHING * projected.size * steep)[:, None]
     coincide = (np.abs(ahead) <= level).all(axis=1)
     ahead[coincide] = np.where(before < hidden, 1.0, -1.0)[coincide, None]
     ahead[(np.abs(ahead) <= level) & ~coincide[:, None]] = 0.0
     stands = (ahead > 0).any(axis=1)
     hidden, before, ahead = hidden[stands], before[stands], ahead[stands]
-    parts = _cut(seen.points[before], ahead)
+    parts = _cut(projected.points[before], ahead)
     flat = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     return hidden[flat], parts[flat]
 
@@ -176,7 +185,7 @@ def _cut(points: Floats, ahead: Floats) -> Shapes:
 
 
 def less_shadows(
-    seen: Projected,
+    projected: Projected,
     polygons: Shapes,
     lit: Shapes,
     boxes: Shapes | None = None,
@@ -188,32 +197,43 @@ def less_shadows(
 
     Parameters
     ----------
-    seen : the triangles (n,).
-    polygons : (n,) the same triangles as polygons.
-    lit : (n,) the part of each triangle that is considered.
-    boxes : (n,) boxes around the triangles, separate for separate figures; None: one figure.
-    grid : grid size of the result, if edges of ``lit`` coincide with edges of shadows up to
-        rounding.
+    projected : Projected
+        The n triangles.
+    polygons : ndarray of shapely.Polygon, shape (n,)
+        The same triangles as polygons in the projection plane.
+    lit : ndarray of shapely geometries, shape (n,)
+        Illuminated part of each triangle, from which the hidden parts are subtracted.
+    boxes : ndarray of shapely.Polygon, shape (n,), optional
+        Boxes around the triangles. Triangles with separate boxes do not hide each other. By
+        default, all triangles may hide each other.
+    grid : float, optional
+        Grid size of the result. It is needed if edges of ``lit`` coincide with edges of shadows up
+        to rounding.
 
     Returns
     -------
-    Numbers (m,) of the triangles behind others, and their visible parts (m,).
+    touched : ndarray of int, shape (m,)
+        Numbers of the triangles with another triangle in front of them.
+    visible : ndarray of shapely geometries, shape (m,)
+        Visible parts of these triangles.
 
     Raises
     ------
     ArgumentError
-        More pairs of triangles overlap than fit in memory.
+        If too many pairs of triangles overlap in projection.
     """
-    one, other = _overlapping(seen, polygons if boxes is None else boxes)
+    one, other = _overlapping(projected, polygons if boxes is None else boxes)
     hidden, before = np.concatenate([one, other]), np.concatenate([other, one])
     if float((np.bincount(hidden).astype(np.float64) ** 2).sum()) > _MOST_CROSSINGS:
         raise _too_many(len(polygons))
-    hidden, shadows = _nearer_parts(seen, hidden, before)
+    hidden, shadows = _nearer_parts(projected, hidden, before)
     if not len(hidden):
         return hidden, shadows
     order = np.argsort(hidden, kind="stable")
     touched, numbers = np.unique(hidden[order], return_inverse=True)
-    shadows = unions(shadows[order], numbers, max(seen.size, float(abs(seen.points).max())))
+    shadows = unions(
+        shadows[order], numbers, max(projected.size, float(abs(projected.points).max()))
+    )
     return touched, differences(lit[touched], shadows, grid)
 
 
@@ -241,7 +261,7 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     points, of_ring = shapely.get_coordinates(rings, return_index=True)
     within = of_ring[1:] == of_ring[:-1]
     of_edge, begin, end = of_ring[1:][within], points[:-1][within], points[1:][within]
-    # By area: shapely looks at one corner, which after rounding may be that of a spike.
+    # By area: shapely looks at one corner, which may be the corner of a spike after rounding.
     crosses = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
     turned = (np.bincount(of_edge, crosses, len(rings)) < 0) != is_hole
     swapped = turned[of_edge][:, None]
@@ -263,12 +283,12 @@ _ROUNDING = 1e-14
 
 
 def intersections(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Return the intersections (m,) of polygons (m,) and (m,), on a grid of this size if any."""
+    """Return the intersections of pairs of polygons (m,), rounded to a grid if a size is given."""
     return _overlay(shapely.intersection, one, other, grid)
 
 
 def differences(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Subtract polygons (m,) from polygons (m,), on a grid of this size if any.
+    """Subtract the second polygon of each pair from the first one.
 
     Without a grid GEOS may lose a narrow polygon. The sum of the areas of difference and
     intersection reveals the loss; a grid is used then.
@@ -288,9 +308,17 @@ def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
 
     Parameters
     ----------
-    polygons : (m,) polygons.
-    numbers : (m,) their numbers from 0 on, in ascending order.
-    extent : a length of the figure.
+    polygons : ndarray of shapely.Polygon, shape (m,)
+        The polygons.
+    numbers : ndarray of int, shape (m,)
+        Number of the union to which each polygon belongs, from 0 on, in ascending order.
+    extent : float
+        Size of the figure, to which the grid and the rounding of areas are relative.
+
+    Returns
+    -------
+    ndarray of shapely geometries
+        The union for each number.
 
     Notes
     -----

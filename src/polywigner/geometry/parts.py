@@ -15,7 +15,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from polywigner.errors import ArgumentError, GeometryError
+from polywigner.errors import GeometryError
+from polywigner.geometry.arguments import checked_choice
 from polywigner.geometry.rings import (
     Part,
     Ring,
@@ -86,7 +87,7 @@ def _without_hairlines(polygon: shapely.Polygon, width: float) -> shapely.Polygo
 
 
 def connected(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return labels (count,), equal for items connected by pairs (one, other)."""
+    """Return a label for each of ``count`` items; pairs (one, other) connect items of one label."""
     labels = np.arange(count)
     while True:
         least = np.minimum(labels[one], labels[other])
@@ -311,7 +312,7 @@ def check_pairs(
 
 
 def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
-    """Return the union of touching parts if it has the same area and no new vertex, else None."""
+    """Return the union of touching parts, or None if its area or its vertices differ."""
     if any(len(ring) < 3 for part in parts for ring in part):
         return None  # welding has closed a sliver
     try:
@@ -354,12 +355,6 @@ def _joined_on_grid(polygons: Sequence[shapely.Polygon]) -> list[Part]:
     return [part_of_polygon(polygon) for polygon in polygons_in(union_on_grid(polygons))]
 
 
-# Pairs of a point and an edge per step, which bounds the memory.
-_PAIRS_AT_ONCE = 1_000_000
-
-_RULES = ("nonzero", "evenodd")
-
-
 def _turns(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
     """Return the winding numbers (m,) of closed rings with the edges start, end (n, 2).
 
@@ -368,23 +363,19 @@ def _turns(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
     tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
     farthest = np.column_stack([np.full(len(points), start[:, 0].max()), points[:, 1]])
     rays = shapely.linestrings(np.stack([points, farthest], axis=1))
+    of_point, edge = tree.query(rays)
+    a, b, point = start[edge], end[edge], points[of_point]
+    side = orientations(a, b, point)
+    upward = (a[:, 1] <= point[:, 1]) & (b[:, 1] > point[:, 1]) & (side > 0)
+    downward = (a[:, 1] > point[:, 1]) & (b[:, 1] <= point[:, 1]) & (side < 0)
     numbers = np.zeros(len(points), dtype=np.int64)
-    step = max(1, _PAIRS_AT_ONCE // len(start))
-    for first in range(0, len(points), step):
-        of_point, edge = tree.query(rays[first : first + step])
-        of_point += first
-        a, b, point = start[edge], end[edge], points[of_point]
-        side = orientations(a, b, point)
-        upward = (a[:, 1] <= point[:, 1]) & (b[:, 1] > point[:, 1]) & (side > 0)
-        downward = (a[:, 1] > point[:, 1]) & (b[:, 1] <= point[:, 1]) & (side < 0)
-        np.add.at(numbers, of_point, upward.astype(np.int64) - downward)
+    np.add.at(numbers, of_point, upward.astype(np.int64) - downward)
     return numbers
 
 
 def split_ring(vertices: Any, winding: str) -> list[Part]:
-    """Return the parts of the region in which the winding number of a ring is not zero, or odd."""
-    if not isinstance(winding, str) or winding not in _RULES:
-        raise ArgumentError(f"expected winding to be one of {_RULES}, got {winding!r}")
+    """Return the parts of the region inside a ring by the rule "nonzero" or "evenodd"."""
+    checked_choice(winding, "winding", ("nonzero", "evenodd"))
     ring = clean_ring(vertices, "the ring")
     if shapely.is_valid(shapely.Polygon(ring)):
         return [part_of_ring(ring)]

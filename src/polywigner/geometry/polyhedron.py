@@ -5,7 +5,6 @@ from __future__ import annotations
 import operator
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from fractions import Fraction
 from functools import cached_property
 from typing import Any, SupportsIndex, final
 
@@ -14,11 +13,10 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.arguments import finite_array, unchangeable, warn_caller
+from polywigner.geometry.arguments import Immutable, finite_array, warn_caller
 from polywigner.geometry.convex import triangulate_part
-from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.parts import connected, polygons_in
-from polywigner.geometry.rings import rings_of_polygon, whole_numbers
+from polywigner.geometry.rings import rings_of_polygon
 
 # Largest distance of a vertex from the plane of its face, as a fraction of the body's diameter.
 # Coordinates printed with ten digits pass; the volume changes by less than 1e-9 of diameter^3.
@@ -43,31 +41,37 @@ _PAIRS = 1 << 18
 # Replaces lengths and areas of zero in denominators.
 _TINY = 1e-300
 
-# Most faces that a notebook draws.
-_MOST_DRAWN = 2000
-
 Vertices = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
 @final
-class Polyhedron:
+class Polyhedron(Immutable):
     """A uniform solid with planar polygonal faces.
 
     Parameters
     ----------
-    vertices : (n, 3) in metres (any one consistent unit works).
-    faces : three or more vertex numbers for each face, counter-clockwise from outside; convex or
-        not. The list may contain several closed surfaces: separate bodies, which may touch, and
-        cavities. A surface inside another surface is the wall of a cavity, and a surface inside a
-        cavity is a body. A surface with inverted orientation is reversed.
+    vertices : array_like, shape (n, 3)
+        Positions in metres; any other unit works if it is used consistently.
+    faces : iterable of sequences of int
+        Three or more vertex numbers for each face, counter-clockwise from outside. Faces need not
+        be convex. The faces may form several closed surfaces: separate bodies, which may touch,
+        and cavities. A surface inside another surface is the wall of a cavity, and a surface
+        inside a cavity is a body. A surface with inverted orientation is reversed.
 
     Raises
     ------
     GeometryError
-        A coordinate is not finite, a face is not planar or crosses itself, a surface is not closed
-        or not consistently oriented, or the volume is zero.
+        If a coordinate is not finite, a face is not planar or crosses itself, a surface is not
+        closed or not consistently oriented, or the volume is zero.
 
+    Warns
+    -----
+    PolywignerWarning
+        If a surface inside another surface faces the same way: it is read as a cavity.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
     >>> body = pw.Polyhedron(corners, [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)])
@@ -76,7 +80,7 @@ class Polyhedron:
     """
 
     vertices: Vertices
-    """(n, 3) float64, read-only."""
+    """Positions in metres, shape (n, 3), read-only."""
     faces: tuple[tuple[int, ...], ...]
     """Vertex numbers of each face, counter-clockwise from outside."""
 
@@ -95,22 +99,22 @@ class Polyhedron:
 
     @cached_property
     def volume(self) -> float:
-        """Volume, the exact value rounded once."""
-        return float(_six_volumes(self.vertices, [self.faces])[0] / 6)
+        """Volume in m^3."""
+        return _volume_inside(self.vertices, self.faces)
 
     @cached_property
     def bounds(self) -> tuple[float, ...]:
-        """(xmin, ymin, zmin, xmax, ymax, zmax)."""
+        """Bounds (xmin, ymin, zmin, xmax, ymax, zmax) in metres."""
         return (*self.vertices.min(axis=0).tolist(), *self.vertices.max(axis=0).tolist())
 
     @cached_property
     def diameter(self) -> float:
-        """Largest distance between two vertices."""
+        """Largest distance between two vertices in metres."""
         return _largest_distance(self.vertices)
 
     @cached_property
     def triangles(self) -> NDArray[np.intp]:
-        """Vertex numbers (m, 3) of triangles that cover each face once, with its orientation."""
+        """Vertex numbers of triangles, shape (m, 3), that cover each face with its orientation."""
         result = triangulate_faces(self.vertices, self.faces)
         result.setflags(write=False)
         return result
@@ -119,29 +123,8 @@ class Polyhedron:
     def _key(self) -> tuple[bytes, tuple[tuple[int, ...], ...]]:
         return self.vertices.tobytes(), self.faces
 
-    def __eq__(self, other: object) -> bool:
-        return self._key == other._key if isinstance(other, Polyhedron) else NotImplemented
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-    __setattr__ = __delattr__ = unchangeable
-
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.vertices, self.faces)
-
-    def _repr_html_(self) -> str:
-        # isometric view along (1, 1, 1), z upwards
-        x, y, z = (self.vertices - self.vertices.mean(axis=0)).T
-        view = np.stack([(y - x) / 2**0.5, (2 * z - x - y) / 6**0.5], axis=-1)
-        lines = [view[[*face, face[0]]] for face in self.faces[:_MOST_DRAWN]]
-        rows = [
-            ("size", length_text(*np.ptp(self.vertices, axis=0).tolist())),
-            ("volume", f"{self.volume:.6g} m³"),
-            ("vertices", str(len(self.vertices))),
-            ("faces", str(len(self.faces))),
-        ]
-        return shown_as_html("Polyhedron", rows, lines=lines)
 
     def __repr__(self) -> str:
         return (
@@ -233,16 +216,16 @@ def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
 
 def _oriented(
     points: Vertices, faces: tuple[tuple[int, ...], ...]
-) -> tuple[tuple[tuple[int, ...], ...], Fraction]:
-    """Return the faces, counter-clockwise from outside the solid, and six times its volume."""
+) -> tuple[tuple[tuple[int, ...], ...], float]:
+    """Return the faces, counter-clockwise from outside the solid, and its volume."""
     surfaces = closed_surfaces(faces)
     members = [[faces[k] for k in surface] for surface in surfaces]
-    volumes = _six_volumes(points, members)
+    volumes = [_volume_inside(points, some) for some in members]
     around = np.zeros((len(surfaces),) * 2, dtype=bool)
     if len(surfaces) > 1:
         around = nesting_of([points[triangulate_faces(points, some)] for some in members])
     depths = around.sum(axis=0)
-    total, oriented = Fraction(0), list(faces)
+    total, oriented = 0.0, list(faces)
     for n, (surface, volume) in enumerate(zip(surfaces, volumes, strict=True)):
         sign = -1 if depths[n] % 2 else 1
         total += sign * abs(volume)
@@ -258,22 +241,13 @@ def _oriented(
     return tuple(oriented), total
 
 
-def _six_volumes(points: Vertices, surfaces: Sequence[Sequence[tuple[int, ...]]]) -> list[Fraction]:
-    """Return six times the exact volume inside each closed surface."""
-    whole, exponent = whole_numbers(points)
-    exact = (whole - whole[0]).tolist()
-    volumes = []
-    for faces in surfaces:
-        total = 0
-        for face in faces:
-            a = exact[face[0]]
-            for k in range(1, len(face) - 1):
-                b, c = exact[face[k]], exact[face[k + 1]]
-                total += a[0] * (b[1] * c[2] - b[2] * c[1])
-                total -= a[1] * (b[0] * c[2] - b[2] * c[0])
-                total += a[2] * (b[0] * c[1] - b[1] * c[0])
-        volumes.append(Fraction(total) * Fraction(2) ** (3 * exponent))
-    return volumes
+def _volume_inside(points: Vertices, faces: Sequence[Sequence[int]]) -> float:
+    """Return the signed volume inside a closed surface, as a sum of pyramids over its faces."""
+    centred = points - points.mean(axis=0)
+    return sum(
+        float((centred[indices[:, 0]] * normals_of(centred[indices])).sum()) / 6
+        for _, indices in _by_size(faces)
+    )
 
 
 def normals_of(corners: Vertices) -> Vertices:
@@ -287,12 +261,15 @@ def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
 
     Parameters
     ----------
-    points : (n, 3)
-    faces : one list of vertex numbers for each face.
+    points : ndarray, shape (n, 3)
+        Positions of all vertices.
+    faces : sequence of sequences of int
+        Vertex numbers of each face.
 
     Returns
     -------
-    heights : (number of faces,) in the unit of the points.
+    ndarray, shape (number of faces,)
+        Distances in the unit of the points.
     """
     heights = np.zeros(len(faces))
     for numbers, indices in _by_size(faces):
@@ -308,22 +285,25 @@ def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
 def triangulate_faces(points: Vertices, faces: Sequence[Sequence[int]]) -> Indices:
     """Return triangles that cover each face once, whether the face is convex or not.
 
-    Convex faces become fans. Other faces become constrained Delaunay triangles in their plane. A
-    face may contain an edge in both directions, as a bridge to a hole.
+    Convex faces become fans of triangles. Other faces become constrained Delaunay triangles in
+    their plane. A face may contain an edge in both directions, as a bridge to a hole.
 
     Parameters
     ----------
-    points : (n, 3)
-    faces : one list of vertex numbers for each face, three or more.
+    points : ndarray, shape (n, 3)
+        Positions of all vertices.
+    faces : sequence of sequences of int
+        Three or more vertex numbers for each face.
 
     Returns
     -------
-    triangles : (m, 3) vertex numbers in the order of the faces, oriented as the faces.
+    ndarray of int, shape (m, 3)
+        Vertex numbers of the triangles, in the order and with the orientation of the faces.
 
     Raises
     ------
     GeometryError
-        A face crosses itself.
+        If a face crosses itself.
     """
     triangles, owners = [np.empty((0, 3), np.intp)], [np.empty(0, np.intp)]
     for numbers, indices in _by_size(faces):
@@ -425,11 +405,13 @@ def nesting_of(surfaces: Sequence[Vertices]) -> NDArray[np.bool_]:
 
     Parameters
     ----------
-    surfaces : triangles (m, 3, 3) of each surface.
+    surfaces : sequence of ndarray, shape (m, 3, 3)
+        Corners of the triangles of each of n surfaces.
 
     Returns
     -------
-    around : (n, n) whether the first surface encloses the second one.
+    ndarray of bool, shape (n, n)
+        Element [i, j] is true if surface i encloses surface j.
     """
     low = np.array([triangles.min(axis=(0, 1)) for triangles in surfaces])
     high = np.array([triangles.max(axis=(0, 1)) for triangles in surfaces])
@@ -484,16 +466,19 @@ def dot_products(a: Vertices, b: Vertices) -> Vertices:
 
 
 def windings_about(points: Vertices, corners: Vertices) -> Vertices:
-    """Return the winding numbers (n,) of a closed surface about points (n, 3), by solid angles.
+    """Return the winding numbers of a closed surface about points, by solid angles.
 
     Parameters
     ----------
-    points : (n, 3)
-    corners : (m, 3, 3) triangles of the surface.
+    points : ndarray, shape (n, 3)
+        The points.
+    corners : ndarray, shape (m, 3, 3)
+        Corners of the triangles of the surface.
 
     Returns
     -------
-    turns : (n,) integers up to rounding; about 1/2 for points on a face.
+    ndarray, shape (n,)
+        Winding numbers: integers up to rounding, and about 1/2 for points on a face.
 
     References
     ----------

@@ -17,7 +17,7 @@ from polywigner.errors import GeometryError
 from polywigner.geometry.arguments import finite_array
 
 Ring = NDArray[np.float64]
-"""Vertices of a closed ring, shape (n, 2); the first one is not repeated at the end."""
+"""Vertices of a closed ring, shape (n, 2); the first vertex is not repeated."""
 
 Part = tuple[Ring, ...]
 """One polygon: its exterior (counter-clockwise) followed by its holes (clockwise)."""
@@ -43,7 +43,7 @@ def turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float])
 def orientations(a: Ring, b: Ring, c: Ring) -> NDArray[np.int8]:
     """Return the exact sign of the turn a -> b -> c: +1 left, -1 right, 0 straight.
 
-    a, b, c : (..., 2), broadcast against each other.
+    The points have shape (..., 2) and are broadcast against each other.
     """
     a, b, c = np.broadcast_arrays(a, b, c)
     first = (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1])
@@ -128,12 +128,8 @@ def without_straight_vertices(ring: Ring) -> Ring:
 
 
 def different_vertices(ring: Ring) -> int:
-    """Return the number of different vertices of a ring, at most 3."""
-    for count in range(3):
-        if not len(ring):
-            return count
-        ring = ring[(ring != ring[0]).any(axis=1)]
-    return 3
+    """Return the number of different vertices of a ring."""
+    return len(np.unique(ring, axis=0))
 
 
 def clean_ring(vertices: Any, name: str = "a ring") -> Ring:

@@ -1,9 +1,8 @@
 """Catalogue of apertures, in the plane and on a line.
 
-Lengths are in metres (any one consistent unit works). The centre of the bounds is the origin
-unless stated otherwise. ``slit``, ``slit_pair`` and ``grating`` return :class:`polywigner.Slits`,
-the other functions a :class:`polywigner.Aperture`. All raise ArgumentError for lengths that are
-not finite and above zero, and for inconsistent sizes.
+Lengths are in metres; any other unit works if it is used consistently. The centre of the bounds is
+the origin unless stated otherwise. All functions raise ArgumentError for lengths that are not
+finite and above zero, and for inconsistent sizes.
 """
 
 from __future__ import annotations
@@ -28,13 +27,11 @@ __all__ = [
     "bow_tie",
     "chevron",
     "chevron_pair",
-    "circle",
     "disc",
     "double_slit",
     "grating",
     "hexagonal_segments",
     "interferometer",
-    "patch_row",
     "rectangle",
     "regular_polygon",
     "ring",
@@ -64,54 +61,130 @@ def _circle(radius: float, n: int) -> Ring:
 
 
 def _equal_area_factor(n: int) -> float:
-    """Circumradius of the regular n-gon that has the area of the unit disc."""
+    """Return the radius of the vertices of a regular n-gon with the area of the unit disc."""
     step = 2 * math.pi / n
     return math.sqrt(step / math.sin(step))
 
 
 def _box(x: float, y: float, width: float, height: float) -> list[tuple[float, float]]:
-    """Rectangle around (x, y)."""
+    """Return the corners of a rectangle around (x, y)."""
     left, right, bottom, top = x - width / 2, x + width / 2, y - height / 2, y + height / 2
     return [(left, bottom), (right, bottom), (right, top), (left, top)]
 
 
 def rectangle(a: float, b: float) -> Aperture:
-    """Rectangle of width a along x and height b along y."""
+    """Return a rectangle.
+
+    Parameters
+    ----------
+    a : float
+        Width along x.
+    b : float
+        Height along y.
+
+    Returns
+    -------
+    Aperture
+        The rectangle.
+    """
     return Aperture(_box(0.0, 0.0, _length(a, "a"), _length(b, "b")))
 
 
 def square(a: float) -> Aperture:
-    """Square of side a."""
+    """Return a square.
+
+    Parameters
+    ----------
+    a : float
+        Side length.
+
+    Returns
+    -------
+    Aperture
+        The square.
+    """
     return rectangle(a, a)
 
 
 def triangle(base: float, height: float) -> Aperture:
-    """Isosceles triangle, base below and apex towards +y."""
+    """Return an isosceles triangle with its apex towards +y.
+
+    Parameters
+    ----------
+    base : float
+        Length of the side along x.
+    height : float
+        Height along y.
+
+    Returns
+    -------
+    Aperture
+        The triangle.
+    """
     x, y = _length(base, "base") / 2, _length(height, "height") / 2
     return Aperture([(-x, -y), (x, -y), (0.0, y)])
 
 
 def regular_polygon(n: int, radius: float) -> Aperture:
-    """Regular n-gon around the origin; radius of the circumscribed circle, first vertex on +x."""
+    """Return a regular polygon around the origin, with one vertex on the +x axis.
+
+    Parameters
+    ----------
+    n : int
+        Number of vertices, at least 3.
+    radius : float
+        Radius of the circumscribed circle.
+
+    Returns
+    -------
+    Aperture
+        The polygon.
+    """
     return Aperture(_circle(_length(radius, "radius"), _count(n, "n", 3)))
 
 
 def disc(radius: float, n: int = 64) -> Aperture:
-    """Regular n-gon around the origin with the area of a disc of the given radius.
+    """Return a regular polygon around the origin with the area of a disc.
 
-    The vertices lie outside the disc by a factor of 1 + pi^2/(3 n^2), 1.0008 for 64. Pass the
-    radius of the disc as ``pupil_radius`` to :func:`polywigner.otf`, whose default is the radius of
-    the vertices.
+    Parameters
+    ----------
+    radius : float
+        Radius of the disc.
+    n : int, default 64
+        Number of vertices, at least 3.
+
+    Returns
+    -------
+    Aperture
+        The polygon.
+
+    Notes
+    -----
+    The vertices lie outside the disc by a factor of about 1 + pi^2/(3 n^2), 1.0008 for 64 vertices.
+    Pass the radius of the disc as ``pupil_radius`` to :func:`polywigner.otf`, whose default is the
+    radius of the vertices.
     """
     sides = _count(n, "n", 3)
     return Aperture(_circle(_length(radius, "radius") * _equal_area_factor(sides), sides))
 
 
-circle = disc
-
-
 def ring(outer: float, inner: float, n: int = 64) -> Aperture:
-    """Annulus of the given radii around the origin; both circles as n-gons of equal area."""
+    """Return an annulus around the origin, between two polygons with the areas of discs.
+
+    Parameters
+    ----------
+    outer : float
+        Radius of the outer disc.
+    inner : float
+        Radius of the inner disc.
+    n : int, default 64
+        Number of vertices of each polygon, at least 3.
+
+    Returns
+    -------
+    Aperture
+        The annulus.
+    """
     sides = _count(n, "n", 3)
     large, small = _length(outer, "outer"), _length(inner, "inner")
     _require(small < large, "inner below outer", outer=outer, inner=inner)
@@ -121,7 +194,22 @@ def ring(outer: float, inner: float, n: int = 64) -> Aperture:
 
 
 def star(points: int, outer: float, inner: float) -> Aperture:
-    """Star around the origin: tips at radius outer, the first on +x, dents at radius inner."""
+    """Return a star around the origin, with one tip on the +x axis.
+
+    Parameters
+    ----------
+    points : int
+        Number of tips, at least 2.
+    outer : float
+        Radius of the tips.
+    inner : float
+        Radius of the inner corners.
+
+    Returns
+    -------
+    Aperture
+        The star.
+    """
     tips = _count(points, "points", 2)
     large, small = _length(outer, "outer"), _length(inner, "inner")
     _require(small < large, "inner below outer", outer=outer, inner=inner)
@@ -138,17 +226,47 @@ def _chevron_vertices(width: Any, height: Any, thickness: Any) -> Ring:
 
 
 def chevron(width: float, height: float, thickness: float) -> Aperture:
-    """Arrow head towards +y: two slanted bands of the given thickness along y."""
+    """Return an arrow head towards +y, made of two slanted bands.
+
+    Parameters
+    ----------
+    width : float
+        Overall width along x.
+    height : float
+        Overall height along y.
+    thickness : float
+        Thickness of the bands along y.
+
+    Returns
+    -------
+    Aperture
+        The chevron.
+    """
     return Aperture(_chevron_vertices(width, height, thickness))
 
 
 def chevron_pair(
     width: float, height: float, thickness: float, offset: ArrayLike | None = None
 ) -> Aperture:
-    """Two equal chevrons, the second displaced from the first by offset (dx, dy).
+    """Return two equal chevrons, which may touch but not overlap.
 
-    The default offset is 1.5 thicknesses along y: one chevron behind the other, half a thickness
-    apart. They may touch but not overlap (GeometryError).
+    Parameters
+    ----------
+    width, height, thickness : float
+        Sizes of each chevron, as for :func:`chevron`.
+    offset : array_like, shape (2,), optional
+        Displacement of the second chevron from the first. The default is 1.5 thicknesses along y,
+        so that one chevron follows the other at a distance of half a thickness.
+
+    Returns
+    -------
+    Aperture
+        The pair, centred at the origin.
+
+    Raises
+    ------
+    GeometryError
+        If the chevrons overlap.
     """
     vertices = _chevron_vertices(width, height, thickness)
     shift = _pair((0.0, 1.5 * thickness) if offset is None else offset, "offset")
@@ -156,7 +274,22 @@ def chevron_pair(
 
 
 def vee(width: float, height: float, thickness: float) -> Aperture:
-    """Letter V: two arms of the given thickness (across the arm) from the tip up to a flat top."""
+    """Return a letter V: two arms from the tip at the bottom to a flat top.
+
+    Parameters
+    ----------
+    width : float
+        Overall width along x.
+    height : float
+        Overall height along y.
+    thickness : float
+        Thickness of the arms, measured across each arm.
+
+    Returns
+    -------
+    Aperture
+        The letter.
+    """
     x, y = _length(width, "width") / 2, _length(height, "height") / 2
     t = _length(thickness, "thickness")
     length = math.hypot(x, 2 * y)
@@ -168,7 +301,22 @@ def vee(width: float, height: float, thickness: float) -> Aperture:
 
 
 def u_shape(width: float, height: float, thickness: float) -> Aperture:
-    """Letter U: a rectangle with a slot from the top that leaves walls of the given thickness."""
+    """Return a letter U: a rectangle with a slot from the top.
+
+    Parameters
+    ----------
+    width : float
+        Overall width along x.
+    height : float
+        Overall height along y.
+    thickness : float
+        Thickness of the walls around the slot.
+
+    Returns
+    -------
+    Aperture
+        The letter.
+    """
     x, y = _length(width, "width") / 2, _length(height, "height") / 2
     t = _length(thickness, "thickness")
     fits = t < x and t < 2 * y
@@ -178,9 +326,21 @@ def u_shape(width: float, height: float, thickness: float) -> Aperture:
 
 
 def bow_tie(width: float, height: float, gap: float = 0.0) -> Aperture:
-    """Two triangles, tips facing each other on the x axis at a distance gap (0: they touch).
+    """Return two triangles whose tips face each other on the x axis.
 
-    `width` overall along x, `height` of the outer edges along y.
+    Parameters
+    ----------
+    width : float
+        Overall width along x.
+    height : float
+        Length of the outer sides along y.
+    gap : float, default 0.0
+        Distance between the tips; they touch if it is zero.
+
+    Returns
+    -------
+    Aperture
+        The bow tie.
     """
     x, y = _length(width, "width") / 2, _length(height, "height") / 2
     g = _length(gap, "gap", zero=True) / 2
@@ -189,16 +349,28 @@ def bow_tie(width: float, height: float, gap: float = 0.0) -> Aperture:
 
 
 def double_slit(widths: ArrayLike, height: float, offsets: ArrayLike) -> Aperture:
-    """Two slits along y, of the widths (w1, w2), centred at x = offsets (x1, x2) and y = 0.
+    """Return two slits along y in the plane, at given positions along x.
 
-    One number for `widths` means two equal slits. The slits are not centred.
+    Parameters
+    ----------
+    widths : float or array_like, shape (2,)
+        Width of each slit along x; one number for two equal slits.
+    height : float
+        Length of the slits along y, centred at y = 0.
+    offsets : array_like, shape (2,)
+        Position of the centre of each slit along x.
+
+    Returns
+    -------
+    Aperture
+        The slits.
     """
     y = _length(height, "height")
     return Aperture([_box(x, 0.0, width, y) for x, width in _two_slits(widths, offsets)])
 
 
 def _two_slits(widths: ArrayLike, offsets: ArrayLike) -> list[tuple[float, float]]:
-    """(centre, width) of two slits; one number for `widths` means two equal ones."""
+    """Return centre and width of two slits; one number for ``widths`` means equal slits."""
     single = np.isscalar(widths) or getattr(widths, "ndim", None) == 0
     pair = _pair((widths, widths) if single else widths, "widths")
     centres = _pair(offsets, "offsets")
@@ -206,23 +378,65 @@ def _two_slits(widths: ArrayLike, offsets: ArrayLike) -> list[tuple[float, float
 
 
 def slit(width: float, offset: float = 0.0) -> Slits:
-    """One-dimensional slit, centred at x = offset."""
+    """Return a one-dimensional slit.
+
+    Parameters
+    ----------
+    width : float
+        Width.
+    offset : float, default 0.0
+        Position of the centre.
+
+    Returns
+    -------
+    Slits
+        The slit.
+    """
     half = _length(width, "width") / 2
     centre = _number(offset, "offset", "a finite number")
     return Slits([centre - half, centre + half])
 
 
 def slit_pair(widths: ArrayLike, offsets: ArrayLike) -> Slits:
-    """One-dimensional double slit of the widths (w1, w2), centred at x = offsets (x1, x2).
+    """Return a one-dimensional double slit.
 
-    One number for `widths` means two equal slits. The slits are not centred. Slits
-    that overlap raise GeometryError.
+    Parameters
+    ----------
+    widths : float or array_like, shape (2,)
+        Width of each slit; one number for two equal slits.
+    offsets : array_like, shape (2,)
+        Position of the centre of each slit.
+
+    Returns
+    -------
+    Slits
+        The slits.
+
+    Raises
+    ------
+    GeometryError
+        If the slits overlap.
     """
     return Slits([(x - width / 2, x + width / 2) for x, width in _two_slits(widths, offsets)])
 
 
 def grating(count: int, width: float, pitch: float) -> Slits:
-    """One-dimensional grating: equal slits, the pitch apart from centre to centre."""
+    """Return a one-dimensional grating of equal slits, centred at the origin.
+
+    Parameters
+    ----------
+    count : int
+        Number of slits.
+    width : float
+        Width of each slit.
+    pitch : float
+        Distance between the centres of neighbouring slits, at least the width.
+
+    Returns
+    -------
+    Slits
+        The grating.
+    """
     number = _count(count, "count", 1)
     half, step = _length(width, "width") / 2, _length(pitch, "pitch")
     _require(step >= 2 * half, "pitch of at least width", pitch=pitch, width=width)
@@ -231,7 +445,7 @@ def grating(count: int, width: float, pitch: float) -> Slits:
 
 
 def _hexagon_centres(rings: int, centre: bool) -> list[tuple[int, int]]:
-    """Honeycomb cells out to a ring number, as multiples of (3/2 side, half the pitch)."""
+    """Return the centres of honeycomb cells, as multiples of (3/2 side, half the height)."""
     cells = []
     for q in range(-rings, rings + 1):
         for r in range(max(-rings, -rings - q), min(rings, rings - q) + 1):
@@ -243,15 +457,29 @@ def _hexagon_centres(rings: int, centre: bool) -> list[tuple[int, int]]:
 def hexagonal_segments(
     flat_to_flat: float, gap: float = 0.0, rings: int = 2, centre: bool = False
 ) -> Aperture:
-    """Return a segmented mirror: hexagons in rings around a centre cell, left out by default.
+    """Return a segmented mirror: hexagons in rings around a central cell.
 
-    `flat_to_flat` is the height of one hexagon (flat sides towards +y and -y), `gap` the distance
-    between facing sides. Two rings make 18 segments.
+    Parameters
+    ----------
+    flat_to_flat : float
+        Height of each hexagon, whose flat sides face +y and -y.
+    gap : float, default 0.0
+        Distance between facing sides.
+    rings : int, default 2
+        Number of rings. Two rings have 18 segments.
+    centre : bool, default False
+        Whether the central cell has a segment.
 
-    The segments are numbered column by column from the lowest x to the highest, and from the lowest
-    y to the highest within a column. This is the order of `.segments`, and of the pistons and tilts
-    of :func:`polywigner.segmented_pupil`. With gap 0 the outline is one polygon, but the segments
-    stay apart in `.segments`.
+    Returns
+    -------
+    Aperture
+        The mirror. If ``gap`` is zero, its outline is one polygon, but ``.segments`` are separate.
+
+    Notes
+    -----
+    The segments are numbered by columns from the lowest to the highest x, and from the lowest to
+    the highest y within a column. This is the order of ``.segments``, and of the pistons and tilts
+    of :func:`polywigner.segmented_pupil`.
     """
     flat, space = _length(flat_to_flat, "flat_to_flat"), _length(gap, "gap", zero=True)
     has_centre = checked_flag(centre, "centre")
@@ -265,16 +493,23 @@ def hexagonal_segments(
         return Aperture._of_segments([(corners + at) * unit + at * extra for at in centres])
 
 
-def patch_row(count: int, width: float, length: float, pitch: float) -> Aperture:
-    """Row of equal rectangular patches along y: width along x, length and pitch along y."""
-    number = _count(count, "count", 1)
-    x, y, step = _length(width, "width"), _length(length, "length"), _length(pitch, "pitch")
-    _require(step >= y, "pitch of at least length", pitch=pitch, length=length)
-    return Aperture([_box(0.0, (k - (number - 1) / 2) * step, x, y) for k in range(number)])
-
-
 def interferometer(positions: ArrayLike, radius: float, n: int = 32) -> Aperture:
-    """Equal discs (n-gons of equal area) at the positions (m, 2), not centred."""
+    """Return equal discs at given positions.
+
+    Parameters
+    ----------
+    positions : array_like, shape (m, 2)
+        Centres of the discs.
+    radius : float
+        Radius of each disc, see :func:`disc`.
+    n : int, default 32
+        Number of vertices of each disc.
+
+    Returns
+    -------
+    Aperture
+        The discs.
+    """
     shifts = finite_array(positions, "expected positions as an (m, 2) array", (None, 2))
     circle = disc(radius, n).rings[0]
     return Aperture([circle + shift for shift in shifts])

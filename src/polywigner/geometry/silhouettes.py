@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -57,13 +56,13 @@ class Obstacle:
     """Triangles of an opaque body or plate, in any one unit of length."""
 
     vertices: Floats
-    """(n, 3)."""
+    """Positions, shape (n, 3)."""
     triangles: Indices
-    """(t, 3) vertex numbers, counter-clockwise from the front."""
+    """Vertex numbers of each triangle, shape (t, 3), counter-clockwise from the front."""
     owner: Indices
-    """(t,) number of the planar face that contains each triangle."""
+    """Number of the planar face that contains each triangle, shape (t,)."""
     normals: Floats
-    """(f, 3) normals of the faces, of any length."""
+    """Normals of the faces, shape (f, 3), of any length."""
     is_solid: bool
     """Whether the faces enclose a volume; otherwise both sides are visible."""
     is_simple: bool
@@ -86,7 +85,7 @@ class Obstacle:
 
     @property
     def rim(self) -> Floats | None:
-        """Edges (m, 2, 3) of a plate or an open mesh with one triangle; None for closed meshes."""
+        """Ends of edges that belong to one triangle, shape (m, 2, 3); None for closed meshes."""
         ends = np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2)
         keys, times = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_counts=True)
         return self.vertices[keys[times == 1]] if (times == 1).any() else None
@@ -111,7 +110,7 @@ class Obstacle:
         return self.vertices[self.silhouette(_AFAR * size / np.linalg.norm(towards) * towards)]
 
     def cut(self, origin: Floats, along: Floats) -> Floats:
-        """Return the intersection (k, 2, 2) of the surface with a plane of axes (2, 3)."""
+        """Return the segments (k, 2, 2) in which a plane with axes (2, 3) cuts the surface."""
         normal = np.cross(*along)
         height = (self.vertices - origin) @ normal
         if np.abs(height).max() <= ON * np.ptp(self.vertices, axis=0).max():
@@ -189,7 +188,7 @@ def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
         if not isinstance(body, (Polyhedron, PlacedAperture)):
             raise ArgumentError(
                 "expected obstacles as Polyhedra and placed apertures, got "
-                f"{type(body).__name__}; place an Aperture by its method placed"
+                f"{type(body).__name__}; call the method `placed` of an Aperture"
             )
         if isinstance(body, PlacedAperture) and body.aperture.illumination is not None:
             raise ArgumentError(
@@ -213,7 +212,7 @@ class Obstacles:
 
     @cached_property
     def vertices(self) -> Floats:
-        """(n, 3) of all bodies."""
+        """Positions of the vertices of all bodies, shape (n, 3)."""
         return np.concatenate([body.vertices for body in self.bodies])
 
     def beyond(self, source: Floats, points: Floats) -> NDArray[np.bool_]:
@@ -227,13 +226,16 @@ class Obstacles:
         return (away > reach) & (rays @ -axis < np.cos(min(angle + _WIDER, np.pi)) * away)
 
     def silhouettes(self, sources: Sequence[Floats]) -> list[Silhouette]:
-        """Return silhouettes for points (k, 3) of a source; one for all if the mesh is large."""
+        """Return a silhouette for each point (k, 3) of a source.
+
+        For large meshes all points have the silhouette of their mean.
+        """
         if len(sources) * sum(len(body.triangles) for body in self.bodies) > _MOST_FACES:
             return [self.silhouette(np.mean(sources, axis=0))] * len(sources)
         return [self.silhouette(point) for point in sources]
 
     def silhouette(self, source: Floats) -> Silhouette:
-        """Return the edges of the shadows of all bodies for a source (3,)."""
+        """Return the edges of the shadows of all bodies for a point source at (3,)."""
         alone = self._alone(source)
         parts = [self._mesh_silhouette(number, source) for number in np.flatnonzero(alone).tolist()]
         if not alone.all():
@@ -254,7 +256,7 @@ class Obstacles:
         return Silhouette(body.vertices[ends], self._edge_numbers(number, ends), bodies, behind)
 
     def _alone(self, source: Floats) -> NDArray[np.bool_]:
-        """Return a mask of the bodies that hide no part of themselves or of other bodies."""
+        """Return a mask of the bodies that hide no part of themselves or of another body."""
         cones = [_cone(body.vertices - source) for body in self.bodies]
         axes = np.array([axis for axis, _ in cones])
         angles = np.array([angle for _, angle in cones])
@@ -272,7 +274,7 @@ class Obstacles:
 
     @cached_property
     def contacts(self) -> Indices:
-        """Pairs (n, 2) of bodies that touch, cross or contain each other, or almost touch."""
+        """Pairs of bodies, shape (n, 2), that nearly touch, cross or contain each other."""
         pairs = contacts(
             [body.vertices[body.triangles] for body in self.bodies],
             [body.rim for body in self.bodies],
@@ -289,7 +291,7 @@ class Obstacles:
         return np.unique(np.sort(np.array(pairs, np.intp).reshape(-1, 2), axis=1), axis=0)
 
     def are_one(self, one: Indices, other: Indices) -> NDArray[np.bool_]:
-        """Return a mask of the pairs of bodies (n,), (n,) that are equal or in contact."""
+        """Return a mask of the pairs of bodies that are the same body, or in contact."""
         keys = (self.contacts @ [[len(self.bodies), 1], [1, len(self.bodies)]]).ravel()
         return np.asarray((one == other) | np.isin(one * len(self.bodies) + other, keys))
 
@@ -447,10 +449,11 @@ def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]
 def contacts(
     meshes: Sequence[Floats], rims: Sequence[Floats | None], within: float
 ) -> list[tuple[int, int]]:
-    """Return pairs of meshes (t, 3, 3) that cross, or whose distance is at most ``within``.
+    """Return pairs of meshes that cross, or with a corner at most ``within`` from the other mesh.
 
-    ``rims``: edges (m, 2, 3) of the rims of sheets, None for closed meshes. A body is in contact
-    with a sheet if it is close to the rim or passes through the sheet, not if it stands on it.
+    Each mesh has triangles with corners (t, 3, 3). ``rims`` contains the edges (m, 2, 3) around
+    each sheet, or None for a closed mesh. A body is in contact with a sheet if it is close to the
+    rim or passes through the sheet, but not if it stands on the sheet.
     """
     boxes = np.array([[mesh.min(axis=(0, 1)), mesh.max(axis=(0, 1))] for mesh in meshes])
     # edges as triangles without area
@@ -468,7 +471,7 @@ def contacts(
 
 
 def _overlapping(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
-    """Return pairs of near boxes (n, 2, 3) and (m, 2, 3), given by lowest and highest corners."""
+    """Return pairs of near boxes, given by lowest and highest corners (n, 2, 3), (m, 2, 3)."""
     low, high = boxes[:, 0] - within, boxes[:, 1] + within
     tree = shapely.STRtree(shapely.box(*others[:, 0, :2].T, *others[:, 1, :2].T))
     one, other = tree.query(shapely.box(*low[:, :2].T, *high[:, :2].T))
@@ -492,28 +495,12 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
 
 
 def _are_near(one: Floats, other: Floats, within: float) -> bool:
-    """Return whether any pair of triangles (n, 3, 3) crosses or has at most this distance."""
-    for mine, theirs in ((one, other), (other, one)):
-        if (point_distances(np.moveaxis(mine, 1, 0), theirs) <= within).any():
-            return True
-    for k, j in product(range(3), repeat=2):
-        ends = one[:, k], one[:, (k + 1) % 3], other[:, j], other[:, (j + 1) % 3]
-        if (_between_segments(*ends) <= within).any():
-            return True
-    return bool(_cross(one, other, 0.0).any())
-
-
-def _between_segments(start: Floats, end: Floats, begin: Floats, stop: Floats) -> Floats:
-    """Return distances (n,) of segments (Ericson, Real-Time Collision Detection, 5.1.9)."""
-    along, beside, apart = end - start, stop - begin, start - begin
-    a, e, b = dot_products(along, along), dot_products(beside, beside), dot_products(along, beside)
-    c, f = dot_products(along, apart), dot_products(beside, apart)
-    area = a * e - b * b
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = np.where(area > 1e-12 * a * e, np.clip((b * f - c * e) / area, 0.0, 1.0), 0.0)
-        t = np.where(e > 0.0, np.clip((b * s + f) / e, 0.0, 1.0), 0.0)
-        s = np.where(a > 0.0, np.clip((b * t - c) / a, 0.0, 1.0), 0.0)
-    return np.linalg.norm(apart + s[:, None] * along - t[:, None] * beside, axis=1)
+    """Return whether any pair of triangles (n, 3, 3) crosses, or has a corner near the other."""
+    is_near = any(
+        (point_distances(np.moveaxis(corners, 1, 0), triangles) <= within).any()
+        for corners, triangles in ((one, other), (other, one))
+    )
+    return is_near or bool(_cross(one, other, 0.0).any())
 
 
 def _cross(one: Floats, other: Floats, depth: float) -> NDArray[np.bool_]:

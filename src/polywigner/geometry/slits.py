@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
 from polywigner.geometry.arguments import finite_array
-from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.wavefront import Field, TakesWaves, checked_field, checked_shift
 
 # Largest overlap of intervals that touch, as a fraction of the largest coordinate; see ``rings``.
@@ -19,27 +18,32 @@ _ROUNDING = 2.0**-46
 
 @final
 class Slits(TakesWaves):
-    """A one-dimensional aperture of intervals; its field is 1 without an illumination.
+    """A one-dimensional aperture of intervals, with an optional illumination.
+
+    Without an illumination, the field on the slits is 1. Slits that touch are merged.
 
     Parameters
     ----------
-    intervals : (m, 2) begin and end of each slit, or (2,) for one slit, in metres (any one
-        consistent unit works), in any order. Slits that touch are merged.
+    intervals : array_like, shape (m, 2) or (2,)
+        Begin and end of each slit, or of one slit, in any order. In metres; any other unit works
+        if it is used consistently.
 
     Raises
     ------
     GeometryError
-        A number is not finite, a slit has zero width, or slits overlap.
+        If a number is not finite, a slit has zero width, or slits overlap.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pw.Slits([[0.0, 1e-3], [3e-3, 4e-3]]).length
     0.002
     """
 
     intervals: NDArray[np.float64]
-    """(m, 2) float64, ascending, read-only."""
+    """Begin and end of each slit in metres, shape (m, 2), ascending, read-only."""
     illumination: Field | None
-    """The field on the slits, an Illumination; None for the field 1."""
+    """Field on the slits, an Illumination; None for the field 1."""
 
     def __init__(self, intervals: ArrayLike) -> None:
         array = _ascending(intervals)
@@ -48,16 +52,44 @@ class Slits(TakesWaves):
         object.__setattr__(self, "illumination", None)
 
     def with_illumination(self, illumination: Field | None) -> Slits:
-        """Return the slits with another field, an Illumination; None for the field 1.
+        """Return the slits with another field.
 
-        Raises ArgumentError for objects of another type, IlluminationError for a field in 2D.
+        Parameters
+        ----------
+        illumination : Illumination or None
+            The field in one dimension; None for the field 1.
+
+        Returns
+        -------
+        Slits
+            The same intervals with the field.
+
+        Raises
+        ------
+        ArgumentError
+            If the field has another type.
+        IlluminationError
+            If the field has two dimensions.
         """
         return _restored(self.intervals, illumination)
 
     def moved(self, shift: ArrayLike) -> Slits:
-        """Return the slits and their field shifted by a number, or by (1,), in m.
+        """Return the slits and their field, translated.
 
-        Raises ArgumentError unless the shift is one finite number.
+        Parameters
+        ----------
+        shift : float or array_like, shape (1,)
+            Translation in metres.
+
+        Returns
+        -------
+        Slits
+            The translated slits.
+
+        Raises
+        ------
+        ArgumentError
+            If the shift is not one finite number.
         """
         offset = checked_shift(shift, 1)
         field = None if self.illumination is None else self.illumination.moved(offset)
@@ -65,27 +97,27 @@ class Slits(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Slits, ...]:
-        """The slits as the only element; an Array has several elements."""
+        """The slits as the only element, as for arrays."""
         return (self,)
 
     @cached_property
     def length(self) -> float:
-        """Total width in m."""
+        """Sum of the widths in metres."""
         return float(np.diff(self.intervals, axis=1).sum())
 
     @cached_property
     def bounds(self) -> tuple[float, float]:
-        """(begin of the first slit, end of the last slit) in m."""
+        """Begin of the first slit and end of the last slit in metres."""
         return float(self.intervals[0, 0]), float(self.intervals[-1, 1])
 
     @property
     def centre(self) -> float:
-        """Centre of the bounds in m."""
+        """Centre of the bounds in metres."""
         return self.bounds[0] / 2 + self.bounds[1] / 2
 
     @cached_property
     def diameter(self) -> float:
-        """Distance from the begin of the first slit to the end of the last."""
+        """Distance in metres from the begin of the first slit to the end of the last slit."""
         return self.bounds[1] - self.bounds[0]
 
     @cached_property
@@ -94,19 +126,6 @@ class Slits(TakesWaves):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.intervals, self.illumination)
-
-    def _repr_html_(self) -> str:
-        height = self.diameter / 10
-        rings = [
-            np.array([(a, 0.0), (b, 0.0), (b, height), (a, height)]) for a, b in self.intervals
-        ]
-        rows = [
-            ("extent", length_text(self.diameter)),
-            ("total width", length_text(self.length)),
-            ("slits", str(len(self.intervals))),
-            ("field", "1" if self.illumination is None else repr(self.illumination)),
-        ]
-        return shown_as_html("Slits", rows, rings)
 
     def __repr__(self) -> str:
         field = "" if self.illumination is None else f", {self.illumination!r}"

@@ -12,14 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.geometry.arguments import (
+    Immutable,
     checked_length,
     checked_number,
     checked_row,
     checked_wavelength,
     finite_array,
-    unchangeable,
 )
-from polywigner.geometry.display import length_text, shown_as_html
 
 
 @runtime_checkable
@@ -40,7 +39,7 @@ class Field(Protocol):
 
 
 def checked_field(field: Any, dimension: int) -> Field:
-    """Return the field of a source; ArgumentError or IlluminationError for an invalid one."""
+    """Return a field; raise ArgumentError or IlluminationError unless it fits the dimension."""
     if not isinstance(field, Field):
         advice = (
             "give its .illumination"
@@ -58,17 +57,14 @@ def checked_field(field: Any, dimension: int) -> Field:
 
 
 def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[np.float64]:
-    """Return a shift (dimension,) of finite numbers; ArgumentError for other values."""
+    """Return a translation, shape (dimension,); raise ArgumentError unless it is finite."""
     shapes = ((), (1,)) if dimension == 1 else ((dimension,),)
     expected = f"expected {name} of {dimension} finite numbers"
     return np.atleast_1d(finite_array(shift, expected, *shapes))
 
 
 def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64]:
-    """Rotate points (n, 2) counter-clockwise about the origin by an angle in radians.
-
-    Quarter turns are exact.
-    """
+    """Rotate points (n, 2) counter-clockwise about the origin; multiples of pi/2 rad are exact."""
     turn = checked_number(angle, "angle", "an angle in radians")
     quarters = round(turn / (math.pi / 2))
     c, s = math.cos(turn), math.sin(turn)
@@ -78,38 +74,34 @@ def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64
     return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0  # no negative zeros
 
 
-class TakesWaves:
-    """Methods of all sources, which are immutable: curved and partially coherent waves."""
-
-    _key: Any
-    """Content for equality and hashes."""
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, TakesWaves) or type(other) is not type(self):
-            return NotImplemented
-        return bool(self._key == other._key)
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-    __setattr__ = __delattr__ = unchangeable
+class TakesWaves(Immutable):
+    """Base of all sources: methods for curved and partially coherent waves."""
 
     def at_wavelength(self, wavelength: float) -> Any:
         """Return this source with the phases of its path lengths at another wavelength.
 
         Curved waves made by ``curved`` and the pistons and tilts of
         :func:`polywigner.segmented_pupil` are path lengths: their phases grow with the frequency.
-        All other phases (weights, illuminations, ``Wavefront(curvature=)``) stay as they are, as
+        All other phases (weights, illuminations, ``Wavefront(curvature=)``) stay constant, as
         behind phase shifters. Functions that take a wavelength call this method.
 
         Parameters
         ----------
-        wavelength : in m.
+        wavelength : float
+            Wavelength in metres.
 
         Returns
         -------
-        A source; this source itself if no phase changes.
+        Aperture, Slits, Array or Wavefront
+            The source at this wavelength; the same object if no phase changes.
 
+        Raises
+        ------
+        ArgumentError
+            If the wavelength is not a number above zero.
+
+        Examples
+        --------
         >>> import polywigner as pw
         >>> wave = pw.shapes.square(0.01).curved(0.05, 4e-3)
         >>> wave.at_wavelength(2e-3).curvature.diagonal().tolist()
@@ -121,27 +113,41 @@ class TakesWaves:
     def curved(
         self, radius: float | Sequence[float], wavelength: float, centre: ArrayLike | None = None
     ) -> Wavefront:
-        """Return this source with a curved wave, times exp(i pi |x - c|^2 / (wavelength R)).
+        """Return this source with its field times exp(i pi |x - c|^2 / (wavelength R)).
 
-        Source: Bastiaans, "Wigner distribution function applied to optical signals and systems"
-        (1978); the quadratic phase of a horn's aperture or of defocus.
+        This quadratic phase describes the wave in the aperture of a horn, or defocus.
 
         Parameters
         ----------
-        radius : R in m, or a radius for each axis. R > 0 diverges, as from a point R behind the
-            aperture; R < 0 converges; inf is flat.
-        wavelength : in m, for the phase above. The radius is the same at other wavelengths, see
+        radius : float or sequence of float
+            Radius of curvature R in metres, or one radius for each axis. R > 0 diverges, as from a
+            point at a distance R behind the aperture; R < 0 converges; infinite: flat.
+        wavelength : float
+            Wavelength in metres. The radius is the same at other wavelengths, see
             :meth:`at_wavelength`.
-        centre : c in m, the point at which the wave touches the plane. Default: the centre of the
+        centre : array_like, shape (d,), optional
+            Point c in metres at which the wave touches the plane. The default is the centre of the
             present curved wave, or the origin.
+
+        Returns
+        -------
+        Wavefront
+            The source with the curved wave.
 
         Raises
         ------
         ArgumentError
-            The radius is zero or NaN, or the wavelength is not a number above zero.
+            If the radius is zero or NaN, or the wavelength is not a number above zero.
         IlluminationError
-            The source has a curved wave with another centre.
+            If the source already has a curved wave with another centre.
 
+        References
+        ----------
+        M. J. Bastiaans, "The Wigner distribution function applied to optical signals and systems",
+        Optics Communications, 1978.
+
+        Examples
+        --------
         >>> import polywigner as pw
         >>> pw.shapes.square(0.01).curved(0.05, 3e-3).curvature.diagonal().round(1).tolist()
         [6666.7, 6666.7]
@@ -160,20 +166,32 @@ class TakesWaves:
         return wave._with(curvature=wave.curvature + q, centre=c)
 
     def partially_coherent(self, width: float) -> Wavefront:
-        """Return this source with a degree of coherence exp(-xi^2 / (2 width^2)), Gauss-Schell.
+        """Return this source as a Gaussian Schell-model source.
 
-        Source: Mandel and Wolf, "Optical Coherence and Quantum Optics", section 5.2.
+        The degree of coherence of two points at a distance xi is exp(-xi^2 / (2 width^2)).
 
         Parameters
         ----------
-        width : coherence width in m, the lag with a degree of coherence of exp(-1/2); inf is
-            coherent.
+        width : float
+            Coherence width in metres, at which the degree of coherence is exp(-1/2); infinite:
+            fully coherent.
+
+        Returns
+        -------
+        Wavefront
+            The partially coherent source. Coherence widths of repeated calls combine.
 
         Raises
         ------
         ArgumentError
-            The width is not a length above zero.
+            If the width is not a length above zero.
 
+        References
+        ----------
+        L. Mandel and E. Wolf, "Optical Coherence and Quantum Optics", section 5.2, 1995.
+
+        Examples
+        --------
         >>> import polywigner as pw
         >>> pw.shapes.square(0.01).partially_coherent(2e-3).coherence_width
         0.002
@@ -190,27 +208,34 @@ class TakesWaves:
 class Wavefront(TakesWaves):
     """A source with a curved or partially coherent wave.
 
-    The methods ``curved`` and ``partially_coherent`` of sources make it. The field of ``source`` is
-    multiplied by exp(i pi (x - c)^T Q (x - c)), and the mutual coherence of two points at a
-    distance xi by exp(-xi^2 / (2 width^2)).
+    The methods ``curved`` and ``partially_coherent`` of sources make wavefronts. The field of
+    ``source`` is multiplied by exp(i pi (x - c)^T Q (x - c)), and the mutual coherence of two
+    points at a distance xi by exp(-xi^2 / (2 width^2)).
 
     Parameters
     ----------
-    source : an Aperture, Slits, or an Array of either in one plane.
-    curvature : Q (d, d) in 1/m^2, symmetric; None: flat.
-    centre : c (d,) in m; None: the origin.
-    coherence_width : in m; infinite: coherent.
-    wavelength : in m, of the curvature, which is inversely proportional to the wavelength. None:
-        the curvature is the same at all wavelengths.
+    source : Aperture, Slits or Array
+        The flat and coherent source in one plane, in d dimensions.
+    curvature : array_like, shape (d, d), optional
+        Symmetric matrix Q in 1/m^2; by default zero, a flat wave.
+    centre : array_like, shape (d,), optional
+        Point c in metres; by default the origin.
+    coherence_width : float, default inf
+        Coherence width in metres; infinite: fully coherent.
+    wavelength : float, optional
+        Wavelength in metres at which the curvature applies. The curvature is inversely
+        proportional to the wavelength. By default it is the same at all wavelengths.
 
     Raises
     ------
     ArgumentError
-        The source has another type, the centre is not d finite numbers, or the width is not above
-        zero.
+        If the source has another type, the centre is not d finite numbers, or the width is not
+        above zero.
     IlluminationError
-        The curvature is not a symmetric matrix of finite numbers.
+        If the curvature is not a symmetric matrix of finite numbers.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> wave = pw.shapes.square(10e-3).curved((0.05, float("inf")), 3.2e-3)
     >>> round(float(abs(pw.fourier(wave, (0.0, 0.0)))) * 1e6, 3)  # mm^2; flat: 100
@@ -218,15 +243,15 @@ class Wavefront(TakesWaves):
     """
 
     source: Any
-    """The flat and coherent source: an Aperture, Slits, or an Array of either in one plane."""
+    """Flat and coherent source: an Aperture, Slits, or an Array of either in one plane."""
     curvature: NDArray[np.float64]
-    """Q (d, d) in 1/m^2, symmetric, read-only: 1/(wavelength radius) for each axis; zero: flat."""
+    """Matrix Q in 1/m^2, shape (d, d), read-only, with diagonal 1/(wavelength radius)."""
     centre: NDArray[np.float64]
-    """c (d,) in m, read-only: the point at which a curved wave touches the plane, else 0."""
+    """Point c in metres, shape (d,), read-only, where a curved wave touches the plane."""
     coherence_width: float
-    """Standard deviation in m of the degree of coherence over lag; infinite: coherent."""
+    """Standard deviation in metres of the degree of coherence over lag; infinite: coherent."""
     wavelength: float | None
-    """Wavelength of the curvature in m; None: the curvature is the same at all wavelengths."""
+    """Wavelength in metres of the curvature; None for the same curvature at all wavelengths."""
 
     def __init__(
         self,
@@ -272,7 +297,7 @@ class Wavefront(TakesWaves):
 
     @property
     def dimension(self) -> int:
-        """d, the number of components of a position."""
+        """Number d of components of a position."""
         return len(self.centre)
 
     @property
@@ -287,14 +312,14 @@ class Wavefront(TakesWaves):
 
     @property
     def coherent(self) -> Any:
-        """The source with a coherent wave; the flat source itself if the wave is not curved."""
+        """Coherent source: the curved wave alone, or the flat source if there is no curvature."""
         if self.is_flat:
             return self.source
         return self._with(coherence_width=np.inf)
 
     @property
     def bounds(self) -> tuple[float, ...]:
-        """Bounds of the source in m."""
+        """Bounds of the source in metres."""
         bounds: tuple[float, ...] = self.source.bounds
         return bounds
 
@@ -305,7 +330,7 @@ class Wavefront(TakesWaves):
 
     @property
     def diameter(self) -> float:
-        """Largest distance of two points of an aperture, or of slits, in m."""
+        """Largest distance of two points of the source in metres."""
         return float(self.source.diameter)
 
     def plot(self, ax: Any = None, unit: str = "mm") -> Any:
@@ -313,7 +338,7 @@ class Wavefront(TakesWaves):
         return self._of_source("plot")(ax, unit)
 
     def _of_source(self, name: str) -> Any:
-        """Return a method of the source; ArgumentError if the source does not have it."""
+        """Return a method of the source; raise ArgumentError if it does not exist."""
         method = getattr(self.source, name, None)
         if method is None:
             kind = type(self.source).__name__
@@ -324,17 +349,17 @@ class Wavefront(TakesWaves):
         return method
 
     def on(self, source: Any, shift: ArrayLike | None = None) -> Wavefront:
-        """Return this wave, shifted by (d,), on another flat source."""
+        """Return this wave, translated by ``shift`` in metres, shape (d,), on another source."""
         moved = 0.0 if shift is None else checked_shift(shift, self.dimension)
         return self._with(source=source, centre=self.centre + moved)
 
     def moved(self, shift: ArrayLike) -> Wavefront:
-        """Return the source and its wave shifted by (d,)."""
+        """Return the source and its wave, translated by ``shift`` in metres, shape (d,)."""
         offset = checked_shift(shift, self.dimension)
         return self._with(source=self._of_source("moved")(offset), centre=self.centre + offset)
 
     def turned(self, angle: float) -> Wavefront:
-        """Return the source and its wave rotated about the origin by an angle in radians."""
+        """Return the source and its wave, rotated about the origin by an angle in radians."""
         if self.dimension != 2:
             raise IlluminationError("expected a source in two dimensions to turn, got slits")
         turn = turned_points(np.eye(2), angle).T
@@ -345,7 +370,7 @@ class Wavefront(TakesWaves):
         )
 
     def scaled(self, factor: float) -> Wavefront:
-        """Return the source and its wave scaled about the origin by a factor."""
+        """Return the source and its wave, scaled about the origin by a factor."""
         size = checked_length(factor, "factor")
         return self._with(
             source=self._of_source("scaled")(size),
@@ -363,15 +388,6 @@ class Wavefront(TakesWaves):
     def __reduce__(self) -> tuple[Any, ...]:
         content = self.source, self.curvature, self.centre, self.coherence_width, self.wavelength
         return Wavefront, content
-
-    def _repr_html_(self) -> str:
-        rows = [("source", repr(self.source))]
-        if not self.is_flat:
-            size = " ".join(f"{q:.6g}" for q in self.curvature.ravel().tolist())
-            rows += [("curvature", f"{size} /m²"), ("centre", f"{self.centre.tolist()} m")]
-        if not self.is_coherent:
-            rows.append(("coherent over", length_text(self.coherence_width)))
-        return shown_as_html("Wavefront", rows, getattr(self.source, "rings", ()))
 
     def __repr__(self) -> str:
         how = [] if self.is_flat else [f"curvature {self.curvature.tolist()} /m^2"]

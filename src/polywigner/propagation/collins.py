@@ -22,7 +22,6 @@ from polywigner.geometry.arguments import (
     checked_length,
     checked_row,
     checked_wavelength,
-    warn_of_lens,
 )
 from polywigner.numerics.chirps import chirp_integral, waves_of_turns
 from polywigner.optics import FirstOrder
@@ -610,7 +609,6 @@ def psf(
     for length in lengths.tolist():
         checked_length(length, "wavelength")
     distance = checked_length(focal_length, "focal_length")
-    warn_of_lens(source, float(lengths.max()), distance)
     system = FirstOrder.fourier(distance)
     fractions = pupil.shares_of(weights, lengths.size)
     radius = pupil.checked_pupil_radius(source, pupil_radius)

@@ -482,4 +482,4 @@ def _blocker(
 
 def _in_plane(surface: Surface, plane: Floats, within: float) -> Surface:
     height = np.abs(surface.corners @ plane[:3] + plane[3]).max(axis=1)
-    return surface.taken(height <= within)
+    return surface.subset(height <= within)

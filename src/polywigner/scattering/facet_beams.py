@@ -320,11 +320,11 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     beyond, number = _in_front(points, ahead)
     seen = Projected(beyond[..., :2], beyond[..., 2], facets.size, np.ones(beyond.shape[:2]))
     wide = seen.has_width
-    number, seen = number[wide], seen.taken(wide)
+    number, seen = number[wide], seen.subset(wide)
     triangles = np.asarray(shapely.polygons(seen.points), dtype=object)
     window = beams.polygon[beam[number]]
     meets = shapely.intersects(window, triangles)
-    number, seen, triangles = number[meets], seen.taken(meets), triangles[meets]
+    number, seen, triangles = number[meets], seen.subset(meets), triangles[meets]
     # without a grid GEOS sometimes loses whole polygons at edges that windows and triangles share
     grid = GRID * facets.size
     lit = intersections(window[meets], triangles, grid)

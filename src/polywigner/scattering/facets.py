@@ -322,7 +322,7 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
     corners[turned] = corners[turned][:, ::-1]  # counter-clockwise as well
     projected = project(corners)
     wide = projected.has_width  # triangles without width cast no shadow
-    rows, projected = rows[wide], projected.taken(wide)
+    rows, projected = rows[wide], projected.subset(wide)
     polygons = np.asarray(shapely.polygons(projected.points), dtype=object)
     touched, left = less_shadows(projected, polygons, polygons)
     if not len(touched):

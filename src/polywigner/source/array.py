@@ -20,7 +20,6 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
-from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.parts import union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
 from polywigner.source.lattices import checked_sites, checked_weights
@@ -155,10 +154,6 @@ def _tilted(element: _E, kappa: NDArray[np.float64]) -> _E:
     tilt, field = Illumination([1.0], kappa[None]), outline.illumination
     tilted: _E = outline.with_illumination(tilt if field is None else field * tilt)
     return tilted
-
-
-# Most outlines that a notebook draws: a few hundred kB.
-_MOST_DRAWN = 2000
 
 
 @final
@@ -307,20 +302,6 @@ class Array(TakesWaves):
 
     def __len__(self) -> int:
         return len(self.weights)
-
-    def _repr_html_(self) -> str:
-        sizes = np.abs(self.weights)
-        rings: list[NDArray[np.float64]] = []
-        if len(self) <= _MOST_DRAWN:
-            rings = [ring for e in self.elements if isinstance(e, Aperture) for ring in e.rings]
-        rows = [("elements", str(len(self)))]
-        if rings:
-            extent = np.ptp(np.concatenate(rings), axis=0)
-            rows.append(("size", length_text(*extent.tolist())))
-        same = (self.weights == 1).all()
-        rows.append(("weights", "all 1" if same else f"|w| {sizes.min():.4g} to {sizes.max():.4g}"))
-        rows.append(("element", repr(self.distinct[0])))
-        return shown_as_html("Array", rows, rings)
 
     def __repr__(self) -> str:
         kinds = [type(element).__name__ for element in self.distinct]

@@ -12,19 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.geometry.arguments import (
+    Immutable,
     checked_count,
     checked_length,
     checked_number,
     finite_array,
     real_numbers,
-    unchangeable,
 )
-from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.wavefront import checked_shift, turned_points
 
 
 @final
-class Illumination:
+class Illumination(Immutable):
     """A field u(x) = sum_m c_m exp(2 pi i kappa_m.x) on an aperture (d = 2) or on slits (d = 1).
 
     All transforms have closed forms. `a * b` multiplies two fields, `2j * a` and `a / 2` scale a
@@ -100,13 +99,6 @@ class Illumination:
         with np.errstate(over="ignore"):
             return self._from(self.amplitudes, self.frequencies / size)
 
-    def _repr_html_(self) -> str:
-        rows = [("waves", f"{len(self.amplitudes)} in {self.dimension} dimensions")]
-        for amplitude, nu in list(zip(self.amplitudes, self.frequencies, strict=True))[:4]:
-            position = ", ".join(f"{component:.4g}" for component in nu)
-            rows.append((f"({position}) /m", f"{complex(amplitude):.4g}"))
-        return shown_as_html("Illumination", rows)
-
     def __mul__(self, other: Illumination | complex) -> Illumination:
         if isinstance(other, Complex):
             return self._from(self.amplitudes * complex(other), self.frequencies)
@@ -151,14 +143,6 @@ class Illumination:
     @cached_property
     def _key(self) -> tuple[int, bytes, bytes]:
         return self.dimension, self.amplitudes.tobytes(), self.frequencies.tobytes()
-
-    def __eq__(self, other: object) -> bool:
-        return self._key == other._key if isinstance(other, Illumination) else NotImplemented
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-    __setattr__ = __delattr__ = unchangeable
 
     def __reduce__(self) -> tuple[Any, ...]:
         return restored, (self.amplitudes, self.frequencies, self.is_fit)

@@ -32,7 +32,7 @@ def install_llvm() -> LLVMStatus:
     Raises
     ------
     EngineError
-        The packages cannot be installed, or LLVM is not usable afterwards.
+        If the packages cannot be installed, or LLVM is not usable afterwards.
     """
     status = prepare()
     packages = [] if status.drjit_imports else [_LIBATOMIC]
@@ -60,7 +60,7 @@ def install_packages(packages: Sequence[Sequence[str]]) -> None:
     Raises
     ------
     EngineError
-        This user or this system cannot install packages; the message names the packages.
+        If this user or this system cannot install packages; the message names the packages.
     """
     if not shutil.which("apt-get"):
         names = " and ".join(alternatives[0] for alternatives in packages)

@@ -125,8 +125,8 @@ def prepare(*, refresh: bool = False) -> LLVMStatus:
 
     Parameters
     ----------
-    refresh : bool
-        Whether to search again after a library has been installed, default False.
+    refresh : bool, default False
+        Whether to search again after a library has been installed.
 
     Returns
     -------
@@ -152,7 +152,7 @@ def require() -> LLVMStatus:
     Raises
     ------
     EngineError
-        No library is usable; the message contains the remedy.
+        If no library is usable; the message contains the remedy.
     """
     status = prepare()
     if not status.usable:
@@ -166,7 +166,7 @@ def require_drjit() -> LLVMStatus:
     Raises
     ------
     EngineError
-        The import would fail; the message contains the remedy.
+        If the import would fail; the message contains the remedy.
     """
     status = prepare()
     if not status.drjit_imports:

@@ -196,7 +196,7 @@ def _cells(element: Element) -> tuple[Values, ...]:
         return widths, np.zeros((len(begins), 1)), begins, widths
     # Relative to the centre: heights would lose digits far from the origin.
     cells = trapezoids([ring - element.centre for ring in element.rings])
-    return cells.areas, np.tile(element.centre, (len(cells.areas), 1)), *cells.columns
+    return cells.areas, np.tile(element.centre, (len(cells.areas), 1)), *cells
 
 
 def _content(element: Element) -> float:

@@ -17,7 +17,6 @@ from polywigner.geometry.arguments import (
     checked_number,
     checked_row,
     checked_wavelength,
-    warn_of_lens,
 )
 from polywigner.source import Array
 from polywigner.transforms.checked_calls import PhaseSpaceSource, checked_points
@@ -161,7 +160,6 @@ def mtf(
         checked_wavelength(length)
     distance = checked_length(focal_length, "focal_length")
     fractions = shares_of(weights, lengths.size)
-    warn_of_lens(source, float(lengths.max()), distance)
     dimension = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(source))).dimension
     cycles = checked_points("frequency", frequency, dimension)
     sides = checked_row(pixel, "expected pixel in m")

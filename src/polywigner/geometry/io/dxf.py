@@ -17,7 +17,6 @@ import shapely
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.io.curves import (
-    DEFAULT_TOLERANCE,
     Arc,
     Curve,
     Points,
@@ -28,15 +27,7 @@ from polywigner.geometry.io.curves import (
     transformed,
 )
 from polywigner.geometry.io.limits import check_coordinates
-from polywigner.geometry.io.outlines import (
-    Drawing,
-    File,
-    check_known,
-    depths,
-    filled,
-    nested,
-    without_duplicates,
-)
+from polywigner.geometry.io.outlines import Drawing, File, check_known, depths, filled, nested
 from polywigner.geometry.parts import polygons_in, union_on_grid
 from polywigner.geometry.rings import Ring, rings_of_polygon
 
@@ -141,7 +132,6 @@ def _bulged(rows: Points, is_closed: bool, height: float = 0.0) -> Path:
     """Return the lines and arcs of a polyline with rows x, y, bulge (n, 3)."""
     rows = np.concatenate([rows, rows[: int(is_closed)]])
     points, bulges = np.insert(rows[:, :2], 2, height, axis=1), rows[:-1, 2]
-    check_coordinates(rows)
     if not bulges.any():
         return [points]
     curves: Path = []
@@ -153,10 +143,6 @@ def _bulged(rows: Points, is_closed: bool, height: float = 0.0) -> Path:
         centre = (start + end) / 2 + (1 - bulge**2) / (4 * bulge) * across
         u = start - centre
         curves.append(Arc(centre, u, np.array([-u[1], u[0], 0.0]), 0.0, 4 * math.atan(bulge)))
-    # The chords of a full circle keep its area.
-    first, is_round = curves[0], len(bulges) == 2 and abs(bulges.prod() - 1) <= _SAME
-    if isinstance(first, Arc) and is_round and (points[0] == points[2]).all():
-        return [replace(first, sweep=math.copysign(math.tau, first.sweep))]
     return curves
 
 
@@ -285,7 +271,7 @@ class _Space:
 
 
 def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
-    """Return polygons of hatches, and of outlines that do not border a hatch."""
+    """Return the polygons of outlines and of hatches."""
     paths = [path for shape in shapes for boundary in shape.boundaries for path in boundary]
     if not paths:
         raise FileFormatError(
@@ -307,12 +293,11 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
         [ring for paths in hatch.boundaries for ring in _rings(paths, gap, tolerance)]
         for hatch in hatches
     ]
-    borders = [ring for rings in painted for ring in rings]
     single = [shape.boundaries[0][0] for shape in shapes if shape.style is None]
-    rings = _rings(_without_borders(single, borders, gap, tolerance), gap, tolerance)
-    if not rings + borders:
+    rings = _rings(single, gap, tolerance)
+    if not any([rings, *painted]):
         raise FileFormatError("expected outlines that enclose an area, got none that do")
-    polygons = nested(without_duplicates(rings, gap), file.union) if rings else []
+    polygons = nested(rings, file.union) if rings else []
     return Drawing(polygons + _painted(hatches, painted), metres)
 
 
@@ -381,18 +366,3 @@ def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
             end = int(partner[end ^ 1])
         runs += [run] if run else []
     return runs
-
-
-def _without_borders(
-    paths: list[Path], borders: Sequence[Ring], gap: float, tolerance: float | None
-) -> list[Path]:
-    """Return the paths that do not run along boundaries of hatches, up to the chords of both."""
-    if not borders:
-        return paths
-    size = max(map(_size, borders))
-    slack = gap + 2 * (tolerance or DEFAULT_TOLERANCE * size)
-    lines = shapely.MultiLineString([np.append(ring, ring[:1], axis=0) for ring in borders])
-    near = shapely.buffer(lines, slack)
-    shapely.prepare(near)
-    chorded = [shapely.LineString(_chords(p, reach_of(p, tolerance))) for p in paths]
-    return [path for path, line in zip(paths, chorded, strict=True) if not near.covers(line)]

@@ -10,7 +10,6 @@ import math
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from importlib import import_module
 from itertools import groupby
 from typing import Any
@@ -34,7 +33,11 @@ _NUMBER = r"[+-]?\d+"
 _LENGTH = r"\+?(?:\d+\.?\d*|\.\d+)"
 _NAME = r"(?![CROP](?![\w.$-]))[A-Za-z_.$][\w.$-]*"
 
-_BLOCK = r"\s*(?:(?:\$[1-9]\d*=|0*(?:1|4|5|20|21),)[-+0-9.$xX/(),\s]+)?"
+# gerbonara misreads exposures other than 0 and 1, and does not rotate the centres of polygons.
+_BLOCK = (
+    r"\s*(?:(?:\$[1-9]\d*=|0*(?:1|4|20|21),\s*[01],|0*5,\s*[01],[^,*]+,\s*0,\s*0,)"
+    r"[-+0-9.$xX/(),\s]+)?"
+)
 _STATEMENT = re.compile(
     rf"(?:G0?[123])?(?:X{_NUMBER})?(?:Y{_NUMBER})?"
     rf"(?:D0?[123]|(?:I{_NUMBER}(?:J{_NUMBER})?|J{_NUMBER})D0?1)"
@@ -97,8 +100,7 @@ def _checked(text: str) -> tuple[str, str]:
         if match is None:
             raise _refusal(
                 "plain RS-274X", f"a statement that is not read in line {line}",
-                "export the layer without panels, blocks, transformations, and macros of codes "
-                "other than 1, 4, 5, 20 and 21",
+                "export the layer without panels, blocks, transformations and unusual macros",
             )  # fmt: skip
         unit = match["unit"] or unit
         # gerbonara reads neither names of one letter nor G1 for G01.
@@ -178,24 +180,6 @@ def _hull(outlines: Sequence[Points]) -> BaseGeometry:
     return shapely.convex_hull(shapely.MultiPoint(np.concatenate(outlines)))
 
 
-def _primitives(aperture: Any) -> Iterator[Any]:
-    """Yield the graphic primitives of a flash at the origin."""
-    if not hasattr(aperture, "macro"):
-        yield from aperture.flash(0.0, 0.0, aperture.unit)
-        return
-    parameters = dict(enumerate(aperture.parameters, start=1))
-    for primitive in aperture.macro.primitives:
-        value = primitive.Calculator(primitive, parameters, aperture.unit)
-        if value.exposure not in (0, 1):
-            raise _refusal("macros with exposure 0 or 1", f"{value.exposure:g}")
-        (shape,) = primitive.to_graphic_primitives((0.0, 0.0), 0.0, parameters, aperture.unit)
-        if primitive.code == 5:  # gerbonara does not rotate its centre
-            centre = np.array([[value.x, value.y]])
-            shift = turned_points(centre, math.radians(value.rotation)) - centre
-            shape = replace(shape, outline=shape.outline + shift)
-        yield shape
-
-
 class _Shapes:
     """Polygons of objects; curves stay within `tolerance` (in the file's unit, or None)."""
 
@@ -259,7 +243,7 @@ class _Shapes:
         number, position = id(flash.aperture), np.array([flash.x, flash.y])
         check_coordinates(position)
         if number not in self._flashes:
-            primitives = _primitives(flash.aperture)
+            primitives = flash.aperture.flash(0.0, 0.0, flash.aperture.unit)
             self._flashes[number] = _composed(
                 (primitive.polarity_dark, self._primitive(primitive)) for primitive in primitives
             )

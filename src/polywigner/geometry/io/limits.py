@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import stat
 from pathlib import Path
 from typing import Any
 
@@ -62,23 +61,16 @@ def token(text: str, known: tuple[str, ...] = ()) -> str:
 
 
 def check_regular(path: Path) -> None:
-    """Raise FileFormatError for a path that is missing, a directory, a device or a pipe."""
-    try:
-        mode = path.stat().st_mode
-    except FileNotFoundError:
-        raise FileFormatError("expected a file, got a path that does not exist") from None
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        raise FileFormatError(f"expected a readable file, got: {error}") from None
-    if stat.S_ISDIR(mode):
-        raise FileFormatError("expected a file, got a directory")
-    if not stat.S_ISREG(mode):
-        raise FileFormatError("expected a regular file, got a device or pipe")
+    """Raise FileFormatError for a path that is missing or not a regular file."""
+    if not path.is_file():
+        kind = "a directory or a device" if path.exists() else "a path that does not exist"
+        raise FileFormatError(f"expected a file, got {kind}")
 
 
 def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
     """Return the content of a regular file, which must have 1 to `largest` bytes."""
-    check_regular(path)
     try:
+        check_regular(path)
         check_bytes(path.stat().st_size, largest)
         content = path.read_bytes()
     except OSError as error:

@@ -88,15 +88,12 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):
         return [rings]  # cleaned with the aperture
     clean = [clean_ring(ring, "a ring") for ring in rings]
-    if shapely.is_simple(_lines(clean)):
-        return _by_nesting(clean, rule)
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
 
 
-def depths(rings: Sequence[Ring]) -> list[int]:
+def depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
     """Return how many of the other rings (n, 2) lie around each ring."""
-    sizes = np.abs([signed_area(ring) for ring in rings])
-    return [len(others) for _, others in _containing(rings, sizes)] if len(rings) else []
+    return np.bincount(_containing(rings)[1], minlength=len(rings))
 
 
 def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
@@ -114,7 +111,7 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
             clean = _joined(clean)
         else:
             _check_overlaps(clean)
-    return _by_nesting(clean, "evenodd")
+    return _by_nesting(clean)
 
 
 def _joined(rings: Sequence[Ring]) -> list[Ring]:
@@ -131,19 +128,8 @@ def _joined(rings: Sequence[Ring]) -> list[Ring]:
     return joined
 
 
-def without_duplicates(rings: Sequence[Ring], gap: float) -> list[Ring]:
-    """Return rings without repetitions of an earlier one up to `gap`, wherever they start."""
-    lines = np.array([shapely.LinearRing(ring) for ring in rings], dtype=object)
-    boxes, sizes = shapely.bounds(lines), np.array([len(ring) for ring in rings])
-    corners = shapely.points(boxes[:, :2])
-    i, j = shapely.STRtree(corners).query(corners, predicate="dwithin", distance=gap)
-    near = (i < j) & (sizes[i] == sizes[j]) & (np.abs(boxes[i] - boxes[j]) <= gap).all(axis=1)
-    repeats = set(j[near][shapely.hausdorff_distance(lines[i[near]], lines[j[near]]) <= gap])
-    return [ring for k, ring in enumerate(rings) if k not in repeats]
-
-
 def _encloses(ring: Ring) -> bool:
-    return different_vertices(ring) == 3 and (spans_area(ring) or hull_spans_area(ring))
+    return different_vertices(ring) >= 3 and (spans_area(ring) or hull_spans_area(ring))
 
 
 def _lines(rings: Sequence[Ring]) -> shapely.MultiLineString:
@@ -159,45 +145,26 @@ def _check_overlaps(rings: Sequence[Ring]) -> None:
     check_pairs(polygons, first[once], second[once], shift, "outlines", OVERLAP_REMEDY)
 
 
-def _by_nesting(rings: Sequence[Ring], rule: str) -> list[Polygon]:
+def _by_nesting(rings: Sequence[Ring]) -> list[Polygon]:
     """Return polygons of rings that do not cross, by the number of rings around each."""
-    areas = np.array([signed_area(ring) for ring in rings])
-    pairs = _containing(rings, np.abs(areas))
-    turns = np.sign(areas).astype(np.int64)
-    outside = np.zeros(len(rings), dtype=np.int64)
-    depth = np.zeros(len(rings), dtype=np.int64)
-    for ring, others in pairs:
-        outside[ring] = turns[others].sum()
-        depth[ring] = len(others)
-    inside = outside + turns if rule == "nonzero" else depth + 1
-    outside = outside if rule == "nonzero" else depth
-    odd = rule == "evenodd"
-    is_filled = (inside % 2 == 1) if odd else (inside != 0)
-    is_surrounded = (outside % 2 == 1) if odd else (outside != 0)
-    exteriors = is_filled & ~is_surrounded
-    polygons = {k: [rings[k]] for k in np.nonzero(exteriors)[0].tolist()}
-    for ring, others in pairs:
-        if is_surrounded[ring] and not is_filled[ring]:
-            around = others[exteriors[others]]
-            polygons[int(around[np.argmax(depth[around])])].append(rings[ring])
+    outer, inner = _containing(rings)
+    depth = np.bincount(inner, minlength=len(rings))
+    order = np.argsort(depth[outer], kind="stable")
+    innermost = dict(zip(inner[order].tolist(), outer[order].tolist(), strict=True))
+    polygons = {k: [ring] for k, ring in enumerate(rings) if depth[k] % 2 == 0}
+    for k, ring in enumerate(rings):
+        if k not in polygons:
+            polygons[innermost[k]].append(ring)
     return list(polygons.values())
 
 
-def _containing(
-    rings: Sequence[Ring], sizes: NDArray[np.float64]
-) -> list[tuple[int, NDArray[np.intp]]]:
-    """Return the number of each ring with the numbers of the larger rings around it."""
+def _containing(rings: Sequence[Ring]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return pairs of rings: outer rings (m,), and rings (m,) inside them."""
+    if not len(rings):
+        return np.empty(0, np.intp), np.empty(0, np.intp)
     polygons = [shapely.Polygon(ring) for ring in rings]
-    points = shapely.point_on_surface(polygons)
-    x, y = shapely.get_coordinates(points).T
-    tree = shapely.STRtree(points)
-    around: list[list[int]] = [[] for _ in rings]
-    for k, polygon in enumerate(polygons):
-        near = tree.query(polygon)  # points within its bounds
-        near = near[sizes[near] < sizes[k]]
-        if len(near):
-            shapely.prepare(polygon)  # many points in one polygon
-            for other in near[shapely.contains_xy(polygon, x[near], y[near])].tolist():
-                around[other].append(k)
-            shapely.destroy_prepared(polygon)
-    return [(k, np.array(others, dtype=np.intp)) for k, others in enumerate(around)]
+    sizes = np.abs([signed_area(ring) for ring in rings])
+    points = shapely.STRtree(shapely.point_on_surface(polygons))
+    outer, inner = points.query(polygons, predicate="contains")
+    is_larger = sizes[outer] > sizes[inner]
+    return outer[is_larger], inner[is_larger]

@@ -171,7 +171,7 @@ def read_aperture(
 
     Parameters
     ----------
-    path
+    path : str or path-like
         ``.geojson`` or ``.json``: Polygon, MultiPolygon, Feature or a collection; ``.wkt``: Polygon
         or MultiPolygon; ``.csv``: a ring, one vertex per line, with comma, semicolon (then a comma
         is a decimal sign) or blanks between x and y, an optional header line and ``#`` comments;
@@ -179,19 +179,19 @@ def read_aperture(
         is a hole) and hatches; ``.gds``: polygons and paths of a cell; ``.gbr``, ``.ger``,
         ``.gtl``, ``.gbl`` or ``.art``: the copper of a Gerber layer. The format of any other suffix
         is detected from the content. SVG, DXF, GDSII and Gerber need the extra `formats`.
-    unit
-        Unit of the coordinates, default "mm": a name ("mm", "um", "in"), a length ("0.1 mm"), or
+    unit : str or float, default "mm"
+        Unit of the coordinates: a name ("mm", "um", "in"), a length ("0.1 mm"), or
         metres; "px" is 1/96 inch. It has no effect for files that state their unit: SVG with a
         width or height in mm, cm, Q, in, pt or pc, DXF with $INSUNITS, GDSII and Gerber.
-    tolerance
-        Largest distance in metres between a curve (SVG, DXF, Gerber) and its chords. None: 1/2000
-        of the diagonal of each outline. Full circles and ellipses keep their area.
-    layer
-        Names of the layers to read, hidden or not. DXF: layers, regardless of case; SVG: groups or
-        shapes by id or by their name in Inkscape; GDSII: layers as "1" or "1/0", and a cell by its
-        name. None: all visible layers.
-    union
-        Whether to join shapes that overlap, such as a pad and its feed. If False, overlaps raise a
+    tolerance : float, optional
+        Largest distance in metres between a curve (SVG, DXF, Gerber) and its chords. The default is
+        1/2000 of the diagonal of each outline. Full circles and ellipses keep their area.
+    layer : str or sequence of str, optional
+        Names of the layers to read, even if they are hidden. DXF: layers, regardless of case; SVG:
+        groups or shapes by id or by their name in Inkscape; GDSII: layers as "1" or "1/0", and a
+        cell by its name. By default all visible layers are read.
+    union : bool, default False
+        Whether to join shapes that overlap, such as a pad and its feed. Otherwise overlaps raise a
         GeometryError. The shapes of a Gerber file are always joined.
 
     Returns
@@ -202,18 +202,21 @@ def read_aperture(
     Raises
     ------
     FileFormatError
-        The file is missing, empty, too large (64 MiB), damaged, or contains unsupported elements
+        If the file is missing, empty, too large (64 MiB), damaged, or contains unsupported elements
         (docs/files.md).
     GeometryError
-        The outline is not a polygon: see :class:`Aperture`. Positions are in the unit of the file.
+        If the outline is not a polygon, see :class:`Aperture`. Positions in the message are in the
+        unit of the file.
     QuantityError
-        The unit cannot be parsed.
+        If the unit cannot be parsed.
     ArgumentError
-        The tolerance is not a length above zero, the path is not a path, or the drawing does not
+        If the tolerance is not a length above zero, the path is not a path, or the drawing does not
         have the layer.
     MissingExtraError
-        The library of the format is not installed.
+        If the library of the format is not installed.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "slot.wkt"
@@ -245,9 +248,9 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
     ----------
     path : str or path-like
         Mesh file, text or binary.
-    unit : str or float
-        Length of one unit of the file, as for :func:`read_aperture`, default "mm". None of these
-        formats states its unit.
+    unit : str or float, default "mm"
+        Length of one unit of the file, as for :func:`read_aperture`. None of these formats states
+        its unit.
 
     Returns
     -------
@@ -257,18 +260,22 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
     Raises
     ------
     FileFormatError
-        The file is missing, empty, too large (64 MiB, 200 000 triangles) or damaged.
+        If the file is missing, empty, too large (64 MiB, 200 000 triangles) or damaged.
     GeometryError
-        A face crosses itself, or a surface is not closed, not consistently oriented, or encloses no
-        volume.
-    QuantityError, ArgumentError
-        The unit cannot be parsed, or the path is not a path.
+        If a face crosses itself, or a surface is not closed, not consistently oriented, or encloses
+        no volume.
+    QuantityError
+        If the unit cannot be parsed.
+    ArgumentError
+        If the path is not a path.
 
     Warns
     -----
     PolywignerWarning
-        A face is not planar.
+        If a face is not planar.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "body.obj"
@@ -289,8 +296,10 @@ def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[
 
     Parameters
     ----------
-    path, unit
-        As for :func:`read_polyhedron`.
+    path : str or path-like
+        Mesh file, text or binary.
+    unit : str or float, default "mm"
+        Length of one unit of the file, as for :func:`read_polyhedron`.
 
     Returns
     -------
@@ -300,8 +309,10 @@ def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[
     Raises
     ------
     GeometryError
-        No triangle has an area. Other errors as for :func:`read_polyhedron`.
+        If no triangle has an area. Other errors are those of :func:`read_polyhedron`.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "corner.obj"

@@ -1,7 +1,7 @@
 """Filled shapes of an SVG file: (x, y) becomes (x, -y), and strokes are ignored.
 
-svgelements parses paths, transforms and colours. It silently skips invalid text, so the text is
-checked here.
+svgelements parses paths, transforms and colours. It silently skips invalid text, so this module
+checks the text first.
 """
 
 from __future__ import annotations
@@ -28,13 +28,7 @@ from polywigner.geometry.io.curves import (
     sampled,
     transformed,
 )
-from polywigner.geometry.io.outlines import (
-    Drawing,
-    File,
-    Polygon,
-    check_known,
-    filled,
-)
+from polywigner.geometry.io.outlines import Drawing, File, Polygon, check_known, filled
 from polywigner.geometry.parts import combined_on_grid, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 
@@ -72,14 +66,14 @@ _LINK = "{http://www.w3.org/1999/xlink}href"
 _CONTAINERS = {"svg", "g", "a", "switch", "use"}
 _SHAPES = {"path", "rect", "circle", "ellipse", "polygon", "polyline"}
 _OPAQUE = {"text", "image", "foreignObject"}
-_SERVERS = {"linearGradient", "radialGradient", "meshgradient", "pattern", "hatch", "solidcolor"}
-
 _INHERITED = ("fill", "fill-rule", "fill-opacity", "visibility", "color")
 _EFFECTS = ("clip-path", "mask", "filter", "transform-origin")
-_GEOMETRY = ("x", "y", "width", "height", "cx", "cy", "r", "rx", "ry", "d")
-_RELEVANT = {*_INHERITED, *_EFFECTS, *_GEOMETRY, "display", "opacity", "transform"}
-_SELECTOR = re.compile(r"\*|#?[\w-]*\.?[\w-]*", re.ASCII)
-_SERVER = re.compile(r"""url\(\s*["']?#?([^"')]*)["']?\s*\)\s*(.*)""", re.I | re.S)
+# Rules of style sheets that could change an outline or its fill.
+_RULE = re.compile(
+    rf"[{{;\s](?:{'|'.join((*_INHERITED, *_EFFECTS))}|display|opacity|transform"
+    r"|d|[xyr]|[cr][xy]|width|height)\s*:",
+    re.I,
+)
 
 
 def _refusal(what: str, text: str) -> FileFormatError:
@@ -110,12 +104,6 @@ def _length(text: str, name: str, reference: float | None = None) -> tuple[float
     return float(number) * (float(reference or 0.0) / 100 if unit == "%" else 1.0), None
 
 
-def _numbers_of(text: str, name: str) -> list[float]:
-    if not _LIST.fullmatch(text):
-        raise _refusal(f"{name} as numbers", text)
-    return [float(number) for number in re.findall(_NUMBER, text)]
-
-
 def _affine_of(text: str) -> Points:
     """Return the matrix of a transform attribute, (x, y, 1) -> (x, y, 1) @ matrix."""
     try:
@@ -131,8 +119,8 @@ def _view_box(element: Element) -> tuple[float, ...] | None:
     text = element.get("viewBox")
     if text is None:
         return None
-    values = _numbers_of(text, "the viewBox")
-    if len(values) != 4 or min(values[2:]) <= 0:
+    values = [float(number) for number in re.findall(_NUMBER, text)]
+    if not _LIST.fullmatch(text) or len(values) != 4 or min(values[2:]) <= 0:
         raise _refusal("a viewBox of four numbers, the last two above zero", text)
     return tuple(values)
 
@@ -180,29 +168,23 @@ def _outlines_of(
         return _length(attributes.get(name, "0"), name, viewport.get(name))[0]
 
     library = import_module("svgelements")
-    if tag == "path":
-        data = attributes.get("d", "")
+    if tag in ("path", "polygon", "polyline"):
+        points = attributes.get("points", "")
+        data = attributes.get("d", "") if tag == "path" else points and f"M{points}"
         if not _PATH.fullmatch(data):
-            raise _refusal("path data that starts with M and follows SVG 2", data)
+            raise _refusal("path data that starts with M and follows SVG 2, or points", data)
         return _subpaths(library.Path(data))
-    if tag in ("polygon", "polyline"):
-        values = _numbers_of(attributes.get("points", ""), "the points")
-        if len(values) % 2:
-            raise FileFormatError("expected points as pairs of numbers, got an odd number of them")
-        return [_closed([np.array(values).reshape(-1, 2)])] if values else []
-    names = ("r", "r") if tag == "circle" else ("rx", "ry")
-    rx, ry = (
-        value(name) if attributes.get(name, "auto").strip() != "auto" else None for name in names
-    )
-    if min(rx or 0, ry or 0, value("width"), value("height")) < 0:
+    width, height, rx, ry = (value(name) for name in ("width", "height", "rx", "ry"))
+    if tag == "circle":
+        rx = ry = value("r")
+    if min(width, height, rx, ry) < 0:
         raise FileFormatError("expected lengths from zero up, got a negative length; correct it")
     if tag == "rect":
-        sides = value("width"), value("height")
-        rectangle = library.Rect(value("x"), value("y"), *sides, rx, ry)
-        return _subpaths(library.Path(rectangle)) if all(sides) else []
-    x, y = ry if rx is None else rx, rx if ry is None else ry
+        radii = [value(name) if name in attributes else None for name in ("rx", "ry")]
+        rectangle = library.Rect(value("x"), value("y"), width, height, *radii)
+        return _subpaths(library.Path(rectangle)) if width and height else []
     centre = np.array([value("cx"), value("cy")])
-    return [[Arc(centre, np.array([x, 0.0]), np.array([0.0, y]))]] if x and y else []
+    return [[Arc(centre, np.array([rx, 0.0]), np.array([0.0, ry]))]] if rx and ry else []
 
 
 def _opacity(text: str | None) -> float:
@@ -240,27 +222,28 @@ def _names(element: Any) -> list[str]:
     return [element.get(key) for key in _NAMES if element.get(key)]
 
 
-def _declarations(text: str) -> list[tuple[str, str]]:
-    """Return the properties of a style such as "fill:none; fill-rule:evenodd"."""
-    parts = (part.partition(":") for part in re.sub(r"/\*.*?\*/", "", text).split(";"))
-    pairs = [(name.strip().lower(), value.strip()) for name, colon, value in parts if colon]
-    return [(name, value) for name, value in pairs if name in _RELEVANT]
+def _properties(element: Element) -> dict[str, str]:
+    """Return the attributes of an element, and the properties of its style attribute."""
+    pairs = (part.partition(":") for part in element.get("style", "").split(";"))
+    style = {name.strip().lower(): value.strip() for name, colon, value in pairs if colon}
+    return {**element.attrib, **style}
 
 
-def _rules(sheet: str) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Return (selector, declarations) of a style sheet, weakest first."""
-    rules = []
-    for block in re.sub(r"/\*.*?(?:\*/|\Z)", "", sheet, flags=re.DOTALL).split("}"):
-        selectors, _, text = block.partition("{")
-        if "{" in text:
-            raise _refusal("style rules that are not nested", selectors.strip())
-        if declarations := _declarations(text):
-            names = [name.strip() for name in selectors.rpartition(";")[2].split(",")]
-            rules += [(name, declarations) for name in names]
-    for name, _ in rules:
-        if not _SELECTOR.fullmatch(name):
-            raise _refusal("style rules for an element, .class or #id", name)
-    return sorted(rules, key=lambda rule: ("#" in rule[0], "." in rule[0], rule[0] != "*"))
+def _colour(style: Mapping[str, str]) -> tuple[str, float]:
+    """Return the colour of a fill, such as "#ffffff", and its opacity from 0 to 1.
+
+    Gradients and patterns count as black.
+    """
+    text = style.get("fill", "black").strip().lower()
+    if text == "currentcolor":
+        text = style.get("color", "black").lower()
+    if text == "none":
+        return "", 0.0
+    colour = import_module("svgelements").Color("black" if text.startswith("url(") else text)
+    # svgelements misreads functions without commas.
+    if colour.value is None or re.fullmatch(r"(?!url)\w+\([^,]*\)", text):
+        raise _refusal("a fill such as red, #f00, rgb(255, 0, 0) or none", text)
+    return str(colour.hex), colour.alpha / 255
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +256,7 @@ class _Context:
     """Whether the element is in a layer that is read."""
     properties: Mapping[str, str]
     """Attributes and style of the element."""
-    style: dict[str, str]
+    style: Mapping[str, str]
     """Inherited properties."""
     opacity: float = 1.0
     effect: str = ""
@@ -298,7 +281,11 @@ class _Document:
         known = {name: _tag(e) == "g" for e in elements for name in _names(e)}
         if not self.layers <= known.keys():
             check_known(layers, [name for name in known if known[name] or name in self.layers])
-        self.rules = _rules("".join(e.text or "" for e in elements if _tag(e) == "style"))
+        if any(_tag(e) == "style" and _RULE.search(e.text or "") for e in elements):
+            raise FileFormatError(
+                "expected fills and sizes as attributes, got a style sheet with them; save the "
+                "drawing with presentation attributes or style attributes"
+            )
         self.named = {e.get("id"): e for e in reversed(elements) if e.get("id")}
 
     def shapes(self, element: Any, context: _Context) -> Iterator[_Shape]:
@@ -314,8 +301,7 @@ class _Document:
             return
         children: Iterable[Any] = element
         if tag == "use":
-            inside, target = self._used(element, inside)
-            children = [target]
+            inside, children = self._used(inside)
         elif tag == "switch":  # draws the first element without required extensions
             children = [e for e in element if _tag(e) and not e.get("requiredExtensions")][:1]
         elif tag == "svg" and element is not self.root and inside.is_requested:
@@ -324,82 +310,51 @@ class _Document:
             yield from self.shapes(child, inside)
 
     def _entered(self, element: Any, tag: str, context: _Context) -> _Context:
-        names, classes = _names(element), element.get("class", "").split()
-        selectors = {"*", tag, f"#{element.get('id')}"}
-        selectors |= {f"{kind}.{name}" for name in classes for kind in ("", tag)}
-        declared = [pair for name, pairs in self.rules if name in selectors for pair in pairs]
-        declared += _declarations(element.get("style", ""))
-        properties = dict(element.attrib)
-        for name, value in sorted(declared, key=lambda pair: "!important" in pair[1]):
-            properties[name] = value.replace("!important", "").strip()
+        properties = _properties(element)
         style = {n: properties[n] for n in _INHERITED if properties.get(n, "inherit") != "inherit"}
         effects = [name for name in _EFFECTS if properties.get(name, "none") != "none"]
         text = properties.get("transform", "none")
         matrix = context.matrix if text == "none" else _affine_of(text) @ context.matrix
         return _Context(
             matrix,
-            context.is_requested or not self.layers.isdisjoint(names),
+            context.is_requested or not self.layers.isdisjoint(_names(element)),
             properties,
-            context.style | style,
+            {**context.style, **style},
             context.opacity * _opacity(properties.get("opacity")),
-            context.effect or (f"{effects[0]}, got a {tag} element with one" if effects else ""),
+            context.effect or (f"a {tag} element with {effects[0]}" if effects else ""),
         )
 
-    def _used(self, element: Any, context: _Context) -> tuple[_Context, Any]:
+    def _used(self, context: _Context) -> tuple[_Context, list[Any]]:
         """Return the context and the element that a ``use`` element draws."""
-        link = (element.get("href") or element.get(_LINK) or "").strip()
+        properties = context.properties
+        link = properties.get("href", properties.get(_LINK, "")).strip()
         target = self.named.get(link[1:]) if link.startswith("#") else None
         if target is None or _tag(target) in ("svg", "symbol"):
             raise _refusal("a use of a group or shape in the same file", link)
-        x, y = (_length(context.properties.get(name, "0"), name)[0] for name in "xy")
-        matrix = _affine_of(f"translate({x!r} {y!r})") @ context.matrix
-        return replace(context, matrix=matrix), target
+        shift = np.eye(3)
+        shift[2, :2] = [_length(properties.get(name, "0"), name)[0] for name in "xy"]
+        return replace(context, matrix=shift @ context.matrix), [target]
 
     def _painted(self, tag: str, context: _Context) -> Iterator[_Shape]:
         """Yield the shape of an element if its fill is visible."""
-        rule = context.style.get("fill-rule", "nonzero")
-        if rule not in ("nonzero", "evenodd"):
-            raise _refusal("the fill-rule nonzero or evenodd", rule)
-        colour, alpha = self._colour(context.style)
+        colour, alpha = _colour(context.style)
         opacity = alpha * context.opacity * _opacity(context.style.get("fill-opacity"))
         is_hidden = context.style.get("visibility") in ("hidden", "collapse")
         is_painted = not is_hidden and opacity > 0
         if not context.is_requested or not (is_painted or tag in _OPAQUE - {"text"}):
             return
-        if context.effect:
+        unread = f"a {tag} element" if tag in _OPAQUE else context.effect
+        if unread:
             raise FileFormatError(
-                f"expected shapes without {context.effect}; apply it to the path in a drawing "
-                "program, or remove it"
-            )
-        if tag in _OPAQUE:
-            raise FileFormatError(
-                f"expected shapes, got a {tag} element; convert it to paths or remove it"
+                f"expected plain shapes, got {unread}; convert it to paths, or remove it"
             )
         matrix, offset = context.matrix[:2, :2], context.matrix[2, :2]
         subpaths = [
             [transformed(curve, matrix, offset) for curve in subpath]
             for subpath in _outlines_of(tag, context.properties, self.viewport)
         ]
+        rule = "evenodd" if context.style.get("fill-rule") == "evenodd" else "nonzero"
         yield _Shape(subpaths, rule, colour == "#ffffff" and opacity >= 1)
-
-    def _colour(self, style: Mapping[str, str]) -> tuple[str, float]:
-        """Return the colour of a fill, such as "#ffffff", and its opacity from 0 to 1.
-
-        Gradients and patterns count as black.
-        """
-        text, color = style.get("fill", "black").strip(), import_module("svgelements").Color
-        if match := _SERVER.fullmatch(text):
-            server = self.named.get(match[1].strip())
-            if server is not None and _tag(server) in _SERVERS:
-                return "#000000", 1.0
-            text = match[2].strip() or "none"
-        text = style.get("color", "black") if text.lower() == "currentcolor" else text
-        colour = color(text.lower())
-        # svgelements misreads functions without commas.
-        is_valid = colour.value is not None and ("(" not in text or "," in text)
-        if not is_valid and text.lower() != "none":
-            raise _refusal("a fill such as red, #f00, rgb(255, 0, 0) or none", text)
-        return ("", 0.0) if colour.value is None else (str(colour.hex), colour.alpha / 255)
 
 
 # ---- drawings ------------------------------------------------------------------------------------

@@ -63,7 +63,7 @@ def cells_with_field(m: Any, source: SceneSource, unit: float) -> Positions:
         values = np.ones(1)
         if element.illumination is not None:
             cells = cells.divided(int(np.clip(np.sqrt(pieces / cells.left.size), 2, _STRIPS)))
-            values = np.asarray(element.illumination(cells.middles))
+            values = np.asarray(element.illumination(cells.midpoints))
         weights.append(np.broadcast_to(np.abs(element.weight * values) ** 2, cells.left.shape))
         tables.append(cells.rows)
     return Positions(m, Trapezoids(*(np.concatenate(tables) / unit).T), np.concatenate(weights))
@@ -74,7 +74,7 @@ class Positions:
 
     def __init__(self, m: Any, cells: Trapezoids, weights: Floats | None = None) -> None:
         self._m, self._ops = m, ops_for(m.Float)
-        columns = [column.tolist() for column in cells.columns]
+        columns = [column.tolist() for column in cells]
         self._columns = [m.Float(c) for c in columns] if dr.is_jit_v(m.Float) else columns
         self._count = cells.left.size
         areas = cells.areas if weights is None else cells.areas * weights

@@ -442,4 +442,4 @@ def before_plane(silhouette: Silhouette) -> Silhouette:
     first = np.where(low[:, None] < 0.0, cut, start)
     last = np.where(high[:, None] < 0.0, cut, end)
     rows = (np.maximum(low, high) > 0.0) & (np.linalg.norm(last - first, axis=1) > 0.0)
-    return silhouette.taken(rows, np.stack([first, last], axis=1))
+    return silhouette.subset(rows, np.stack([first, last], axis=1))
