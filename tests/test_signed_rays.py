@@ -282,7 +282,6 @@ def test_arguments_of_sample_rays_are_checked(change, said):
         (lambda rays: pw.rays.rebuild(rays, 0.1, BOUNDS, (1 << 14, 1 << 14)), "pixels, got"),
         (lambda rays: pw.rays.traced(rays, rays.position, 2 * rays.direction), "unit vectors"),
         (lambda rays: pw.rays.traced(rays, rays.position[:3], rays.direction), "shape"),
-        (lambda rays: pw.rays.rebuild(rays.assign_coords(batch=("ray", 8 * [-1])), *GRID), "batch"),
     ],
 )
 def test_arguments_of_rebuild_and_traced_are_checked(call, said):
