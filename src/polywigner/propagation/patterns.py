@@ -116,11 +116,6 @@ def radiation_pattern(
     that does not radiate; GeometryError for an Array whose elements do not lie in the plane z = 0;
     EngineError if the engine is not available.
 
-    Warns
-    -----
-    PolywignerWarning for "kirchhoff" and "rayleigh-sommerfeld-2" if a :func:`fit_illumination` has
-    evanescent waves: the fit does not determine their normal derivatives.
-
     >>> import polywigner as pw
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, 0.0, 0.0)
     >>> round(pattern.attrs["largest_directivity"], 2)  # dBi

@@ -389,7 +389,7 @@ def phased_array(
     return array
 
 
-# The search for overlaps ends after this many pairs: a million equal positions have 5e11.
+# Largest number of pairs in a block of the search: a million equal positions have 5e11 pairs.
 _MOST_PAIRS = 1000
 # Overlaps below this fraction of an element are rounding errors of elements that touch.
 _TOUCHING = 1e-9
@@ -398,11 +398,10 @@ _ROWS = 32
 
 
 def warn_of_overlaps(array: Array) -> None:
-    """Warn if elements of an array cover the same area, or slits the same length.
+    """Warn if two elements of an array cover the same area, or slits the same length.
 
-    Elements that only touch do not overlap. The warning names the pair with the largest overlap.
+    Elements that only touch do not overlap.
     """
-    shifts = np.zeros((len(array), 2))
     if array.repeated is None:
         try:
             elements = array.elements_in_plane
@@ -412,36 +411,27 @@ def warn_of_overlaps(array: Array) -> None:
     else:
         element, positions = array.repeated
         outlines = np.full(len(array), _outline(element), object)
-        shifts[:, : positions.shape[1]] = positions
-    bounds = shapely.bounds(outlines) + np.tile(shifts, 2)
+        points, number = shapely.get_coordinates(outlines, return_index=True)
+        points[:, : positions.shape[1]] += positions[number]
+        shapely.set_coordinates(outlines, points)
+    bounds = shapely.bounds(outlines)
     margins = np.tile(_TOUCHING * (bounds[:, 2:] - bounds[:, :2]), 2) * (1, 1, -1, -1)
     boxes = shapely.box(*(bounds + margins).T)
     tree = shapely.STRtree(boxes)
-    overlaps: list[tuple[float, int, int]] = []
     for start in range(0, len(boxes), _ROWS):
         first, second = tree.query(boxes[start : start + _ROWS])
         ahead = np.flatnonzero(second > first + start)[:_MOST_PAIRS]
         first, second = first[ahead] + start, second[ahead]
-        counts = shapely.get_num_coordinates(outlines[second])
-        offsets = np.repeat(shifts[second] - shifts[first], counts, axis=0)
-        moved = shapely.transform(outlines[second], lambda points, by=offsets: points + by)
-        shared = shapely.area(shapely.intersection(outlines[first], moved))
-        real = shared > _TOUCHING * shapely.area(outlines[first])
-        columns = (values[real].tolist() for values in (shared, first, second))
-        overlaps += zip(*columns, strict=True)
-        if len(overlaps) >= _MOST_PAIRS:
-            break
-    if not overlaps:
-        return
-    area, one, other = max(overlaps, key=lambda pair: (pair[0], -pair[1], -pair[2]))
-    more = len(overlaps) - 1
-    unit = "m" if array.dimension == 1 else "m^2"
-    others = f", and {more} other pair{'s' * (more > 1)}" if more else ""
-    limit = " or more" if len(overlaps) >= _MOST_PAIRS else ""
-    warn_caller(
-        f"elements {one} and {other} overlap by {area:.4g} {unit}{others}{limit}, counted from 0: "
-        "their fields add up there; check the positions, their unit and the element's size"
-    )
+        shared = shapely.area(shapely.intersection(outlines[first], outlines[second]))
+        overlaps = np.flatnonzero(shared > _TOUCHING * shapely.area(outlines[first]))
+        if len(overlaps):
+            worst = overlaps[shared[overlaps].argmax()]
+            warn_caller(
+                f"elements {first[worst]} and {second[worst]}, counted from 0, overlap by "
+                f"{shared[worst]:.4g} {'m' if array.dimension == 1 else 'm^2'}: their fields add "
+                "up there; check the positions, their unit and the element's size"
+            )
+            return
 
 
 def _outline(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygon:

@@ -6,7 +6,7 @@ import math
 import os
 import warnings
 from collections.abc import Sequence
-from typing import Any, Literal, overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,6 @@ from polywigner.errors import ArgumentError, FileFormatError, at_key, require, v
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
     checked_count,
-    checked_flag,
     checked_length,
     checked_number,
     checked_path,
@@ -121,34 +120,9 @@ def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
     return np.concatenate(rings) + 0.0
 
 
-@overload
 def thinned(
-    positions: ArrayLike,
-    fill: float,
-    seed: int,
-    taper: ArrayLike | None = None,
-    return_index: Literal[False] = False,
-) -> Positions: ...
-
-
-@overload
-def thinned(
-    positions: ArrayLike,
-    fill: float,
-    seed: int,
-    taper: ArrayLike | None = None,
-    *,
-    return_index: Literal[True],
-) -> tuple[Positions, NDArray[np.intp]]: ...
-
-
-def thinned(
-    positions: ArrayLike,
-    fill: float,
-    seed: int,
-    taper: ArrayLike | None = None,
-    return_index: bool = False,
-) -> Positions | tuple[Positions, NDArray[np.intp]]:
+    positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | None = None
+) -> Positions:
     """Draw positions at random from a full layout: statistical thinning.
 
     Each element is drawn independently with a probability p_k proportional to the taper; the mean
@@ -165,8 +139,6 @@ def thinned(
     fill : mean fraction of drawn elements, above 0 and up to 1, or up to mean/peak of the taper.
     seed : of NumPy's default generator: equal seeds draw equal elements.
     taper : (n,) real weights of the full array, of zero or more; None: all equal.
-    return_index : whether to return the numbers (m,) in the full layout as well, for
-        `window_weights(...)[index]`.
 
     Returns
     -------
@@ -193,11 +165,10 @@ def thinned(
             f"got {value_text(fill)}"
         )
     random = np.random.default_rng(checked_count(seed, "seed", 0))
-    index = np.flatnonzero(random.random(len(layout)) < density * (fraction / density.mean()))
-    if not len(index):
+    is_drawn = random.random(len(layout)) < density * (fraction / density.mean())
+    if not is_drawn.any():
         raise ArgumentError("expected an element to be drawn, got none; try another seed")
-    is_indexed = checked_flag(return_index, "return_index")
-    return (layout[index], index) if is_indexed else layout[index]
+    return layout[is_drawn]
 
 
 def _listed(values: Any) -> list[Any]:

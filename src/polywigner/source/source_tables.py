@@ -137,7 +137,7 @@ _OF_ANNOTATION: dict[str, Any] = {
 }  # fmt: skip
 _OF_KEY: dict[str, Any] = {
     "wavelength": Length, "frequency": Frequency, "sll": Decibels, "window": str | list[str],
-    "counts": list[int], "coefficients": list[Any], "amplitudes": list[Complex],
+    "counts": list[int], "amplitudes": list[Complex],
     "frequencies": list[float | list[float]],
 }  # fmt: skip
 # Parameters that follow from other tables.
@@ -173,7 +173,7 @@ def _row(count: int, pitch: float) -> NDArray[np.float64]:
 FieldTable = _union_of({
     "uniform": tapers.uniform, "steering": tapers.steering, "waves": Illumination,
     "cosine_taper": tapers.cosine_taper, "taylor_taper": tapers.taylor_taper,
-    "te_mode": tapers.te_mode, "fourier_taper": tapers.fourier_taper,
+    "te_mode": tapers.te_mode,
 })  # fmt: skip
 LayoutTable = _union_of({
     "row": _row, "grid": arrays.grid_positions, "triangular": arrays.triangular_positions,
@@ -200,9 +200,6 @@ def called(table: Any, wavelength: float | None = None, layout: Any = None, **co
     if "theta" in values:
         towards = tapers.direction_of(values.pop("theta"), values.pop("phi"))
         values["direction"] = towards[: context["dimension"]]
-    if "coefficients" in values:
-        kind = list[Complex] if values["height"] is None else list[list[Complex]]
-        values["coefficients"] = converted(values["coefficients"], kind, key="coefficients")
     if "shape" in parameters:
         counts = (getattr(layout, key, None) for key in ("count", "nx", "ny"))
         values["shape"] = [count for count in counts if isinstance(count, int)]

@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError, value_text
+from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import (
     checked_count,
     checked_length,
     checked_number,
     checked_vectors,
     finite_array,
-    shape_of,
     takes_frequency,
 )
 from polywigner.source.waves import Illumination
@@ -248,46 +247,6 @@ def taylor_taper(
     amplitudes /= amplitudes.sum()
     orders = np.arange(1 - zeros, zeros)
     return _tapered(width, height, dimension, lambda size: (amplitudes, orders / size))
-
-
-def fourier_taper(
-    width: float, height: float | None = None, *, coefficients: ArrayLike, dimension: int = 2
-) -> Illumination:
-    """Return a Fourier series over the width: u(x) = sum_k a_k exp(2 pi i k x/width).
-
-    Parameters
-    ----------
-    width, height : periods along x and y in metres. Without a height, the field does not depend on
-        y.
-    coefficients : complex, of odd length, a_0 at the centre: (2K + 1,) for k = -K..K; with a height
-        (2K + 1, 2L + 1) for exp(2 pi i (k x/width + l y/height)). Cosines b_0 + b_1 cos(2 pi
-        x/width) have [b_1/2, b_0, b_1/2].
-    dimension : 2; or 1 for slits.
-
-    Raises ArgumentError for lengths that are not above zero, and a height for slits;
-    IlluminationError for coefficients that are not finite numbers of such a shape, or all zero.
-
-    >>> import polywigner as pw
-    >>> taper = pw.fourier_taper(2.0, coefficients=[0.25, 0.5, 0.25])  # (1 + cos(pi x))/2
-    >>> round(float(abs(taper((1.0, 0.0)))), 12)
-    0.0
-    """
-    across = _axes(width, height, dimension)
-    try:
-        series = np.array(coefficients, dtype=np.complex128)
-    except (TypeError, ValueError, OverflowError):
-        series = np.empty(0, np.complex128)
-    axes = 1 if height is None else 2
-    if series.ndim != axes or not all(n % 2 for n in series.shape):
-        shape = "(2 K + 1,)" if axes == 1 else "(2 K + 1, 2 L + 1)"
-        raise IlluminationError(
-            f"expected complex coefficients of shape {shape}, got {shape_of(coefficients)}"
-        )
-    orders = [np.arange(n) - n // 2 for n in series.shape]
-    lengths = [size for size in across if size is not None]
-    along = [k / size for k, size in zip(orders, lengths, strict=True)]
-    grid = np.meshgrid(*along, *[np.zeros(1)] * (dimension - axes), indexing="ij")
-    return Illumination(series.ravel(), np.stack(grid, axis=-1).reshape(-1, dimension))
 
 
 def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:

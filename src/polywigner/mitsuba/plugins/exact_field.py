@@ -300,7 +300,6 @@ class ExactField:
         self, m: Any, source: SceneSource, wavelength: float, obliquity: str, is_part: bool = False
     ) -> None:
         source, condition = plane_waves_of(source), CONDITIONS[obliquity]
-        condition.warn_of_fit(source, wavelength)
         self._m, self._jit = m, dr.is_jit_v(m.Float)
         # a scalar variant has one sample: NumPy takes all panels and all nodes at once
         self._ops = ops_for(m.Float) if self._jit else NumpyOperations(double=True)
