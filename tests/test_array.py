@@ -109,12 +109,6 @@ BAD = {
         (lambda: pw.Array([SQUARE, SLIT_ARRAY]), "join its elements"),
         (lambda: pw.Array([SQUARE, pw.Slits([0, 1])]), "one dimension"),
         (lambda: pw.fourier(MIXED, ZERO), "shape"),
-        (lambda: pw.fourier(SQUARE, ZERO, obliquity="paper"), "shape"),
-        (lambda: pw.fourier(SQUARE, ZERO, obliquity="cos"), "'paper'"),
-        (
-            lambda: pw.fourier(MIXED, np.ones(3), obliquity="paper"),
-            "Polyhedron, which has no normal",
-        ),
         (lambda: pw.automean(COLLECTIONS["touching"]), "Aperture"),
         (lambda: pw.phased_array(None, [[0, 0]]), "to repeat, got NoneType"),
         (lambda: pw.phased_array(SQUARE, [0, 1]), r"\(n, 2\)"),

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.execution import Engine, Precision, checked_precision
-from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_choice, checked_wavelength, takes_frequency
+from polywigner.geometry import Wavefront
+from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.radiometry.directions import (
     PlaneSource,
     checked_bandwidth,
@@ -27,27 +26,20 @@ from polywigner.radiometry.directions import (
 )
 from polywigner.transforms import fourier, wigner
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.wavefronts import flat_source, mean_over_tilts
+from polywigner.transforms.wavefronts import mean_over_tilts
 from polywigner.transforms.xarray_arguments import takes_xarray
-
-Normalisation = Literal["si", "paper"]
 
 # Error of the mean over a band, relative to the largest intensity.
 _BAND_ERROR = 1e-12
 
 
-def _radiance_units(arguments: dict[str, Any]) -> str:
-    return "m-4 sr-1" if arguments.get("normalisation") == "paper" else "W m-2 sr-1"
-
-
 @takes_frequency
-@takes_xarray("x", "direction", units=_radiance_units, long_name="radiance L(x, s)")
+@takes_xarray("x", "direction", units="W m-2 sr-1", long_name="radiance L(x, s)")
 def radiance(
     source: PlaneSource | Wavefront,
     x: ArrayLike,
     direction: ArrayLike,
     wavelength: float,
-    normalisation: Normalisation = "si",
     *,
     precision: Precision = None,
     engine: Engine = "auto",
@@ -56,8 +48,8 @@ def radiance(
 
     The radiance can be negative, as W: only integrals over position or direction are measurable.
     Integrated over both, with the projected solid angle, it gives the power (docs/radiometry.md,
-    (E1)). The paper's W/(4 pi A lambda^2) is ``normalisation="paper"``: the 4 pi is spurious, and
-    A makes it a mean over the aperture (docs/corrections.md).
+    (E1)). In the paper's W/(4 pi A lambda^2) the 4 pi is spurious, and A makes it a mean over the
+    aperture (docs/corrections.md).
 
     Parameters
     ----------
@@ -86,15 +78,9 @@ def radiance(
     """
     radiator = checked_radiator(source, partly=True)
     length = checked_wavelength(wavelength)
-    checked_choice(normalisation, "normalisation", get_args(Normalisation))
     nu = checked_directions(direction)[..., :2] / length
     result = wigner(radiator, checked_positions(x), nu, precision=precision, engine=engine)
-    scale = 1.0
-    if normalisation == "paper":
-        flat = flat_source(radiator)
-        area = flat.area if isinstance(flat, Aperture) else flat.support.area
-        scale = 1 / (4 * math.pi * area)
-    return result * result.dtype.type(scale / length**2)
+    return result / result.dtype.type(length**2)
 
 
 @takes_frequency

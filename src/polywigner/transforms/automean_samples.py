@@ -116,7 +116,7 @@ def _support(source: Any) -> Aperture | Slits:
 
 
 def _chosen(sizes: Values, numbers: Values) -> tuple[NDArray[np.intp], Values]:
-    """Return the part that each number in [0, 1) selects in proportion to size, and its position."""
+    """Return the part that each number in [0, 1) selects by its size, and the position there."""
     ends = np.cumsum(sizes)
     at = numbers * ends[-1]
     index = np.minimum(np.searchsorted(ends, at, side="right"), len(sizes) - 1)

@@ -361,37 +361,30 @@ def _check_orders(count: float, size: int) -> None:
 
 
 def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
-    """Raise GeometryError if elements of a mask overlap each other, or copies of the mask."""
+    """Raise GeometryError if elements of a mask overlap each other, or the copies of the mask."""
     if not isinstance(mask, Aperture | Array):
         raise ArgumentError(
             f"expected mask as an Aperture, or an Array of apertures, got {type(mask).__name__}"
         )
     elements = np.array([element.polygons for element in mask.elements_in_plane], object)
-    areas, tree = shapely.area(elements), shapely.STRtree(elements)
     low, high = np.reshape(shapely.total_bounds(elements), (2, 2))
     size = high - low
     corners = np.array([size, size * [1, -1]])
     most = np.ceil(abs(corners @ np.linalg.inv(lattice)).max(axis=0)).astype(int)
     numbers = np.stack(np.meshgrid(*(np.arange(-n, n + 1) for n in most)), axis=-1).reshape(-1, 2)
-    shifts = numbers[: len(numbers) // 2 + 1] @ lattice  # one of each pair of opposite shifts
-    for shift in shifts[(abs(shifts) < size).all(axis=1)][::-1]:
-        copies = shapely.transform(elements, lambda x, shift=shift: x + shift)
-        second, first = tree.query(copies)
-        if not shift.any():
-            first, second = first[first < second], second[first < second]
-        common = shapely.area(shapely.intersection(elements[first], copies[second]))
-        overlapping = np.flatnonzero(common > _OVERLAP * np.minimum(areas[first], areas[second]))
-        for k in overlapping[:1]:
-            pair = f"elements {first[k]} and {second[k]} of the mask overlap in {common[k]:.4g} m²"
-            if shift.any():
-                raise GeometryError(
-                    f"the mask overlaps its copy at ({shift[0]:.4g}, {shift[1]:.4g}) m: {pair}; "
-                    "pass a longer period, or cut the mask to one period"
-                )
-            raise GeometryError(
-                f"{pair}, where their transmissions would add; pass their union as one Aperture "
-                "(a | b)"
-            )
+    shifts = numbers @ lattice
+    shifts = shifts[(abs(shifts) < size).all(axis=1)]
+    copies = np.tile(elements, (len(shifts), 1))
+    points, number = shapely.get_coordinates(copies, return_index=True)
+    shapely.set_coordinates(copies, points + shifts[number // len(elements)])
+    areas = shapely.area(elements)
+    overlap = len(shifts) * areas.sum() - shapely.union_all(copies).area
+    if overlap > _OVERLAP * areas.min():
+        raise GeometryError(
+            "elements of the mask overlap each other or the copies of the mask, and their "
+            "transmissions would add; pass the union of the elements as one Aperture (a | b), or a "
+            "longer period"
+        )
 
 
 def _amplitudes(

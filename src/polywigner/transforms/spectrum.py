@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError
 from polywigner.execution import Differentiable, Drjit, Engine, Precision
 from polywigner.geometry import Aperture, PlacedAperture, Wavefront
 from polywigner.geometry.arguments import Points
@@ -36,7 +35,6 @@ def fourier(
     source: Source | Differentiable,
     nu: Points,
     *,
-    obliquity: Literal["paper"] | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Values:
@@ -49,11 +47,12 @@ def fourier(
     lattices of more than 100 cycles lose digits (docs/accuracy.md).
 
     The paper's eq. (FVT) has the exp(+) kernel and is singular at nu = 0; its factor (nu/|nu|).n
-    for collections is an obliquity and not part of the transform. The cost is linear in the edges,
-    or in the triangles of a polyhedron's faces, and in the waves of an illumination. Waves that are
-    a product along the sides of a rectangle (I4) are summed along one side after the other. A grid
-    of frequencies, (n, m, 2) from ``numpy.meshgrid``, costs a fraction of other points if edges are
-    parallel and of equal length, or along the axes (F4).
+    for collections is an obliquity and not part of the transform (docs/theory/fields.md).
+
+    The cost is linear in the edges, or in the triangles of a polyhedron's faces, and in the waves
+    of an illumination. Waves that are a product along the sides of a rectangle (I4) are summed
+    along one side after the other. A grid of frequencies, (n, m, 2) from ``numpy.meshgrid``, costs
+    a fraction of other points if edges are parallel and of equal length, or along the axes (F4).
 
     Parameters
     ----------
@@ -63,9 +62,6 @@ def fourier(
         Spatial frequencies in 1/m, real or complex (evanescent or absorbed waves). d = 1 for Slits,
         3 for polyhedra and placed apertures, 2 for an Aperture. An Aperture also accepts d = 3 and
         ignores the last component, because without a pose it lies in the plane z = 0.
-    obliquity : {None, "paper"}
-        "paper" multiplies the transform of every plane element by (conj(nu)/|nu|).n, n its normal.
-        It requires nu as a NumPy array of three components and gives NaN at nu = 0.
     precision : {None, "double", "single"}
         None (default) is double for NumPy input, and the precision of Dr.Jit input.
     engine : {"auto", "numpy", "llvm", "cuda"}
@@ -82,8 +78,7 @@ def fourier(
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type or shape, and for an obliquity of slits or bodies, which
-        have no normal.
+        If an argument has the wrong type or shape.
     EngineError
         If the engine is not available.
 
@@ -95,15 +90,9 @@ def fourier(
     2.546479
     """
     if isinstance(source, Wavefront):
-        if obliquity is not None and source.is_coherent:
-            raise ArgumentError(f"expected no obliquity for a curved wave, got {obliquity!r}")
         return compute("fourier", source, {"nu": nu}, precision, engine)
-    if obliquity is not None and (not isinstance(obliquity, str) or obliquity != "paper"):
-        raise ArgumentError(f"expected obliquity=None or 'paper', got {obliquity!r}")
-    how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
+    how: dict[str, Any] = {"precision": precision, "engine": engine}
     if isinstance(source, Differentiable) or execution.is_drjit(nu):
-        if isinstance(source, Differentiable) and obliquity is not None:
-            raise ArgumentError("expected no obliquity for a differentiable source")
         call = partial(_on_components, source, how)
         numbers = source.numbers if isinstance(source, Differentiable) else {}
         return execution.on_components(call, {"nu": nu}, numbers, precision, engine)
@@ -121,23 +110,20 @@ def _on_components(
 
 def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
     """Return F; NaN or inf where its parts overflow."""
-    obliquity, precision, engine = how["obliquity"], how["precision"], how["engine"]
     if isinstance(source, Array):
         by_elements = partial(in_blocks, partial(_coherent_sum, source, how=how))
         value = None
         is_uniform = all(_field_of(element) is None for element in source.elements)
-        if obliquity is None and source.repeated is None and is_uniform:
-            value = array_on_grid(source, nu, precision, engine, by_elements)
+        if source.repeated is None and is_uniform:
+            value = array_on_grid(source, nu, point_by_point=by_elements, **how)
         return by_elements(nu) if value is None else value
-    if obliquity is not None:
-        return _towards_normal(source, nu) * fourier(source, nu, **{**how, "obliquity": None})
     if isinstance(source, Aperture):
         nu = in_plane(nu)
         if is_separable(source) and (execution.is_drjit(nu) or not np.iscomplexobj(nu)):
-            return compute("fourier of waves", source, {"nu": nu}, precision, engine)
+            return compute("fourier of waves", source, {"nu": nu}, **how)
     if _field_of(source) is not None:
         return in_blocks(lambda some: _sum_of_waves(source, some, how), nu)
-    return compute("fourier", source, {"nu": nu}, precision, engine)
+    return compute("fourier", source, {"nu": nu}, **how)
 
 
 def _field_of(source: Source) -> Illumination | None:
@@ -195,9 +181,7 @@ def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Values:
             term = execution.times_complex(term, complex(weights[0]))
         else:
             plane = nu if shifts.shape[1] != 2 else in_plane(nu)
-            term = term * array_factor(
-                shifts, weights, plane, precision=how["precision"], engine=how["engine"]
-            )
+            term = term * array_factor(shifts, weights, plane, **how)
         total = total + term
     return total
 
@@ -284,21 +268,3 @@ def array_factor(
 
     with np.errstate(invalid="ignore", over="ignore"):
         return in_blocks(factor, nu)
-
-
-def _towards_normal(source: Source, nu: Any) -> NDArray[np.complexfloating[Any]]:
-    """Return (conj(nu)/|nu|).n (...), the paper's factor of F; NaN at nu = 0."""
-    if not isinstance(source, Aperture | PlacedAperture):
-        raise ArgumentError(
-            f"expected plane elements for an obliquity, got {type(source).__name__}, which has no "
-            "normal; use obliquity=None"
-        )
-    normal = source.normal if isinstance(source, PlacedAperture) else np.array([0.0, 0.0, 1.0])
-    if execution.is_drjit(nu):
-        raise ArgumentError(
-            "expected nu as a NumPy array for an obliquity, got a Dr.Jit array; use nu.numpy()"
-        )
-    array = checked_points("nu", nu, 3, complex_allowed=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        length = np.sqrt(np.square(np.abs(array)).sum(axis=-1))
-        return np.asarray((array.conj() @ normal) / length)
