@@ -54,6 +54,7 @@ ARRAYS = {
         [1.0, -0.5j],
     ),
     "overlapping": pw.Array([HOLED, pw.shapes.square(1.0), HOLED], [1.0, -2.0, 0.0]),
+    "single slits": SLITS,
     "slits": pw.Array([SLITS, pw.shapes.slit(0.4, 0.5)], [1.0, -0.8]),
 }
 
@@ -61,8 +62,9 @@ ARRAYS = {
 @pytest.mark.parametrize("source", ARRAYS.values(), ids=ARRAYS)
 def test_sums_of_the_wigner_function_of_arrays_converge(source):
     x, density = pw.sample_automean(source, 4 * COUNT, seed=6)
-    contents = [getattr(e, "area", None) or e.length for e in source.elements]
-    bound = (abs(source.weights) @ contents) ** 2
+    elements = getattr(source, "elements", [source])
+    contents = [getattr(e, "area", None) or e.length for e in elements]
+    bound = (abs(getattr(source, "weights", np.ones(1))) @ contents) ** 2
     for nu in ([0.0] * x.shape[1], [0.4] * x.shape[1]):
         terms = pw.wigner(source, x, nu) / density
         deviation = terms.std() / np.sqrt(len(terms)) + ROUNDING * bound

@@ -30,6 +30,7 @@ from polywigner.source.normal_form import (
     RepeatedElement,
     Source,
     SourceElement,
+    coherent_form,
     normal_form,
 )
 
@@ -70,10 +71,10 @@ def times_direction_cosine(
     if not any(element.weight for element in elements):
         raise grazing_error(length)
     if form.repeated is None:
-        return Source(elements, dimension=form.dimension).public
+        return coherent_form(elements, form.dimension).public
     element, weights = elements[0], form.weights * elements[0].weight
     copies = RepeatedElement(replace(element, weight=1.0), form.repeated.positions, weights)
-    return Source(None, dimension=form.dimension, repeated=copies).public
+    return coherent_form(copies, form.dimension).public
 
 
 def grazing_error(wavelength: float) -> IlluminationError:

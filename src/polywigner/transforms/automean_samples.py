@@ -13,7 +13,7 @@ from polywigner.geometry import Aperture, Slits, automean
 from polywigner.geometry.arguments import checked_count, checked_generator, real_numbers
 from polywigner.geometry.convex import point_in_trapezoid, trapezoids
 from polywigner.kernels import kernel_for
-from polywigner.source.normal_form import normal_form
+from polywigner.source import Array
 from polywigner.transforms.checked_calls import PhaseSpaceSource
 from polywigner.transforms.wavefronts import flat_source
 
@@ -104,10 +104,11 @@ def _numbers(samples: Any, columns: int, seed: Any) -> Values:
 
 def _support(source: Any) -> Aperture | Slits:
     """Return the automean."""
-    form = normal_form(source)
-    if form.dimension == 2:
-        return automean(source if isinstance(source, Aperture) else source.support)
-    ends = np.concatenate([element.outline.intervals for element in form.elements]) / 2
+    if isinstance(source, Array) and source.dimension > 1:
+        return automean(source.support)
+    if isinstance(source, Aperture):
+        return automean(source)
+    ends = np.concatenate([element.intervals for element in source.elements_in_plane]) / 2
     # Separately sorted begins and ends bound the union of all sums of two intervals, with a gap if
     # a begin exceeds all ends before it.
     begins, ends = np.sort((ends[:, None] + ends).reshape(-1, 2), axis=0).T

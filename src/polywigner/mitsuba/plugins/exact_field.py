@@ -375,7 +375,7 @@ def plane_waves_of(source: SceneSource) -> SceneSource:
         return source
     flat = normal_form(source.source)
     elements = [_curved(element, source) for element in flat.in_plane.elements]
-    result: SceneSource = flat._with(elements=elements).public
+    result: SceneSource = flat.with_elements(elements).public
     return result
 
 
