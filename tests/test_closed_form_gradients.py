@@ -245,7 +245,7 @@ def test_vertices_and_intervals_that_make_no_outline_are_refused(ring):
         pw.differentiable(vertices=_points(np.array(ring, float)))
     with pytest.raises(GeometryError, match="expected"):
         pw.differentiable(intervals=_points(INTERVALS[[1, 0, 2]]))
-    with pytest.raises(GeometryError, match="turned over"):
+    with pytest.raises(GeometryError, match="orientation of the outline"):
         square = pw.shapes.square(1.0)
         pw.differentiable(square, vertices=_points(square.rings[0] * [1, -1]))
 

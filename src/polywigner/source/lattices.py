@@ -136,10 +136,11 @@ def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDAr
 
 @dataclass(frozen=True)
 class Profile:
-    """Weights factor a_i exp(2 pi i turns i) along one direction, with real a_i if possible."""
+    """Weights factor a_i exp(2 pi i c i) along one direction, with real a_i if possible."""
 
     amplitudes: tuple[complex, ...]
-    turns: float
+    cycles_per_element: float
+    """The slope c of the phase."""
     factor: complex
 
     @property

@@ -242,7 +242,7 @@ _EXPECTED = {
 def _table(name: str, text: str) -> dict[str, Any]:
     """Convert a short text to a table of a source file."""
     if name == "steering":
-        return {"kind": name, **dict(zip(("theta", "phi"), direction_angles(text), strict=True))}
+        return {"kind": name, **dict(zip(("theta", "phi"), parse_direction(text), strict=True))}
     if name == "focus":
         return {"kind": "focusing", "point": _parts(text)}
     written = text.strip() if name == "array" else text.strip().lower()
@@ -333,7 +333,7 @@ def _times(aperture: Aperture, field: Illumination) -> Aperture:
     return aperture.with_illumination(field if other is None else other * field)
 
 
-def direction_angles(text: str) -> tuple[float, float]:
+def parse_direction(text: str) -> tuple[float, float]:
     """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; QuantityError if invalid."""
     theta, *phi = map(quantities.parse_angle, _parts(text))
     if len(phi) > 1 or not abs(theta) < math.pi / 2:  # perhaps degrees without a unit

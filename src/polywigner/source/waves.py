@@ -248,7 +248,6 @@ def fit_illumination(
     *,
     order: int = 4,
     cut_off: float = _CUT_OFF,
-    largest_residual: float | None = None,
 ) -> FittedIllumination:
     """Fit plane waves of fixed frequencies to a sampled field by least squares.
 
@@ -271,7 +270,6 @@ def fit_illumination(
     order : largest number of periods, reduced for few samples. A phase of q cycles over the
         aperture needs an order of about 2 q + 4.
     cut_off : fraction of the largest singular value, from 1e-15 up to below 1; larger for noise.
-    largest_residual : residual above which the fit is an error; None: no limit.
 
     Returns
     -------
@@ -311,13 +309,6 @@ def fit_illumination(
     amplitudes, _, rank, _ = np.linalg.lstsq(waves, field, rcond=least)
     size = float(np.linalg.norm(field))
     residual = float(np.linalg.norm(waves @ amplitudes - field)) / size
-    if largest_residual is not None and not residual <= checked_number(
-        largest_residual, "largest_residual", "a number"
-    ):
-        raise IlluminationError(
-            f"expected a fit with a residual of at most {largest_residual:g}, got {residual:.3g} "
-            f"with {len(kappa)} waves; give a higher order or other frequencies"
-        )
     cancellation = float(np.abs(amplitudes).sum()) / (size / np.sqrt(len(field)))
     fitted = Illumination(amplitudes, kappa).moved(centre)
     return FittedIllumination(fitted, residual, int(rank), cancellation)

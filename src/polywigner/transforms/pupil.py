@@ -160,7 +160,7 @@ def mtf(
     for length in lengths.tolist():
         checked_wavelength(length)
     distance = checked_length(focal_length, "focal_length")
-    fractions = shares_of(weights, lengths.size)
+    fractions = fractions_of(weights, lengths.size)
     warn_of_lens(source, float(lengths.max()), distance)
     dimension = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(source))).dimension
     cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
@@ -193,7 +193,7 @@ def _checked_pupil(source: Any) -> PhaseSpaceSource:
     return pupil
 
 
-def shares_of(weights: Any, count: int) -> NDArray[np.float64]:
+def fractions_of(weights: Any, count: int) -> NDArray[np.float64]:
     """Return weights (count,) as fractions of their sum."""
     given = (
         np.ones(count) if weights is None else checked_row(weights, f"expected weights ({count},)")

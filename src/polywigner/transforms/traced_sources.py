@@ -172,21 +172,15 @@ def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
 
 def _of_rings(parts: list[list[NDArray[np.float64]]], illumination: Field | None) -> Aperture:
     """Return an aperture of exactly these vertices. Raises GeometryError if it is not valid."""
-    if not all(np.isfinite(ring).all() for part in parts for ring in part):
-        raise GeometryError("expected finite vertices, got inf or nan")
     for part in parts:
         for number, ring in enumerate(part):
-            if len(ring) < 3 or signed_area(ring) == 0:
-                raise GeometryError("expected vertices around an area, got a ring without one")
-            if (ring == np.roll(ring, 1, axis=0)).all(axis=1).any():
+            area = signed_area(ring) if len(ring) > 2 and np.isfinite(ring).all() else 0.0
+            is_repeated = (ring == np.roll(ring, 1, axis=0)).all(axis=1).any()
+            if is_repeated or not (area < 0 if number else area > 0):
                 raise GeometryError(
-                    "expected vertices that differ from their neighbours, got a repeated one; "
-                    "leave it out"
-                )
-            if (signed_area(ring) > 0) == bool(number):
-                raise GeometryError(
-                    "expected vertices that leave the outline's orientation as it is, got a ring "
-                    "turned over; take shorter steps"
+                    "expected finite vertices that differ from their neighbours, around areas with "
+                    f"the orientation of the outline, got {ring.tolist()!r:.100}; take shorter "
+                    "steps, or leave out repeated vertices"
                 )
     Aperture(shapely.MultiPolygon([(part[0], part[1:]) for part in parts]))
     result = Aperture._of_parts([tuple(part) for part in parts])

@@ -319,8 +319,11 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     constant = complex(np.prod([profile.factor for profile in profiles]))
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
         # phases are 0 at the centre
-        constant *= complex(np.exp(1j * np.pi * profile.turns * (count - 1)))
-    factors, turns = map(profile_factor, profiles), (profile.turns for profile in profiles)
+        constant *= complex(np.exp(1j * np.pi * profile.cycles_per_element * (count - 1)))
+    factors, turns = (
+        map(profile_factor, profiles),
+        (profile.cycles_per_element for profile in profiles),
+    )
     return _Tables(frame, (), tuple(factors), constant, tuple(turns))
 
 
