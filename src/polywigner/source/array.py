@@ -171,17 +171,21 @@ class Array(TakesWaves):
 
     Parameters
     ----------
-    elements : Slits, or any mix of apertures (in the plane z = 0), placed apertures and polyhedra.
-        A list of elements with waves of one curvature becomes a :class:`Wavefront` on an array.
-    weights : (n,) complex amplitude of each element; default: all 1.
+    elements : sequence of Slits, or of Aperture, PlacedAperture and Polyhedron
+        Apertures lie in the plane z = 0. A list of elements with waves of one curvature becomes a
+        :class:`Wavefront` on an array.
+    weights : array_like, shape (n,), optional
+        Complex amplitude of each element; default: all 1.
 
     Raises
     ------
     ArgumentError
-        The list is empty, an element has another type, or slits are mixed with other elements.
+        If the list is empty, an element has another type, or slits are mixed with other elements.
     IlluminationError
-        The weights are not n finite complex numbers, or all zero.
+        If the weights are not n finite complex numbers, or all zero.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pair = pw.Array([pw.shapes.square(1.0), pw.shapes.square(1.0).moved((3, 0))], [1, -1])
     >>> bool(abs(pw.fourier(pair, (0.0, 0.0))) < 1e-12)
@@ -209,7 +213,10 @@ class Array(TakesWaves):
     def with_paths(self, paths: PathLengths | None) -> Array:
         """Return this array with the part of its phases that is due to path lengths.
 
-        Raises ArgumentError for path lengths of another number of elements.
+        Raises
+        ------
+        ArgumentError
+            If there are path lengths of another number of elements.
         """
         size = len(self.weights)
         if paths is not None and not len(paths.cycles) == len(paths.slopes) == size:
@@ -252,7 +259,10 @@ class Array(TakesWaves):
     def bounds(self) -> tuple[float, ...]:
         """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
 
-        Raises GeometryError if an element does not lie in that plane.
+        Raises
+        ------
+        GeometryError
+            If an element does not lie in that plane.
         """
         if self.repeated is not None:
             element, positions = self.repeated
@@ -266,7 +276,10 @@ class Array(TakesWaves):
     def elements_in_plane(self) -> tuple[Any, ...]:
         """The elements as apertures in the plane z = 0, poses in that plane applied; or the slits.
 
-        Raises GeometryError if an element does not lie in that plane.
+        Raises
+        ------
+        GeometryError
+            If an element does not lie in that plane.
         """
         if self.dimension == 1:
             return self.elements
@@ -278,7 +291,10 @@ class Array(TakesWaves):
 
         ``polywigner.automean(array.support)`` contains the support of the Wigner function.
 
-        Raises GeometryError if an element does not lie in the plane z = 0, and for slits.
+        Raises
+        ------
+        GeometryError
+            If an element does not lie in the plane z = 0, and for slits.
         """
         if self.dimension == 1:
             raise GeometryError("expected apertures for a support in the plane, got Slits")
@@ -287,7 +303,10 @@ class Array(TakesWaves):
     def placed(self, to_world: ArrayLike) -> Array:
         """Return the array in a rigid pose (4, 4), for transforms with three-component nu.
 
-        Raises GeometryError for a matrix that is not a rotation and a translation, and for slits.
+        Raises
+        ------
+        GeometryError
+            If the matrix is not a rotation and a translation, and for slits.
         """
         pose = rigid_pose(to_world)
         return Array([_placed(element, pose) for element in self.elements], self.weights)
@@ -356,25 +375,31 @@ def phased_array(
 
     Parameters
     ----------
-    element : Aperture or Slits, with an illumination or without; or one of these with a curved
-        wave, which is copied as well.
-    positions : (n, d) shifts in m, d = 2 for an aperture; for slits (n, 1) or (n,).
-    weights : (n,) complex; default: all 1.
+    element : Aperture, Slits or Wavefront
+        An element with or without an illumination; the curved wave of a Wavefront is copied as
+        well.
+    positions : array_like, shape (n, d)
+        Shifts of the copies in m, d = 2 for an aperture; for slits (n, 1) or (n,).
+    weights : array_like, shape (n,), optional
+        Complex weights of the copies; default: all 1.
 
     Returns
     -------
-    Array, or a Wavefront on an array for an element with a curved wave.
+    Array or Wavefront
+        A Wavefront on an array for an element with a curved wave.
 
     Raises
     ------
     ArgumentError
-        The element has another type, or the positions are not (n, d) finite numbers.
+        If the element has another type, or the positions are not (n, d) finite numbers.
     IlluminationError
-        The weights are not n finite complex numbers, or all zero.
+        If the weights are not n finite complex numbers, or all zero.
 
+    Examples
+    --------
     >>> import polywigner as pw
-    >>> places = pw.arrays.grid_positions(8, 8, 2e-3, 2e-3)
-    >>> len(pw.phased_array(pw.shapes.square(1.5e-3), places))
+    >>> positions = pw.arrays.grid_positions(8, 8, 2e-3, 2e-3)
+    >>> len(pw.phased_array(pw.shapes.square(1.5e-3), positions))
     64
     """
     if isinstance(element, Wavefront):
@@ -475,22 +500,29 @@ def segmented_pupil(
 
     Parameters
     ----------
-    pupil : Aperture whose ``segments`` are the segments, in their order; or a list of apertures,
+    pupil : Aperture or sequence of Aperture
+        An aperture whose ``segments`` are the n segments, in their order; or a list of apertures,
         each with its own field.
-    wavelength : in m, to which the phases of the returned array belong.
-    piston : (n,) path length of the wavefront at each segment's centroid in m, or one number. The
-        piston of a segmented mirror is twice its step.
-    tilt : (n, 2) slopes of the wavefront along x and y on each segment, without unit.
+    wavelength : float
+        Wavelength in m to which the phases of the returned array belong.
+    piston : float or array_like, shape (n,), default 0
+        Path length of the wavefront at each segment's centroid in m. The piston of a segmented
+        mirror is twice its step.
+    tilt : float or array_like, shape (2,) or (n, 2), default 0
+        Slopes of the wavefront along x and y on each segment, without unit.
 
     Returns
     -------
-    Array of segments, for :func:`psf`, :func:`mtf`, :func:`otf` and others.
+    Array
+        The segments, for :func:`psf`, :func:`mtf`, :func:`otf` and others.
 
     Raises
     ------
     ArgumentError
-        The pupil has another type, or pistons and tilts are not n finite numbers.
+        If the pupil has another type, or pistons and tilts are not n finite numbers.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> mirror = pw.shapes.hexagonal_segments(1.32, 0.01, rings=1)
     >>> waves = pw.segmented_pupil(mirror, 2e-6, piston=[0, 0, 0, 1e-6, 0, 0])

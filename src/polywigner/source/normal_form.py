@@ -241,7 +241,10 @@ class Source:
     def bounds(self) -> tuple[float, ...]:
         """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
 
-        Raises GeometryError if an element does not lie in that plane.
+        Raises
+        ------
+        GeometryError
+            If an element does not lie in that plane.
         """
         if self.repeated is not None:
             low, high = self.repeated.positions.min(axis=0), self.repeated.positions.max(axis=0)
@@ -255,7 +258,10 @@ class Source:
     def in_plane(self) -> Source:
         """The source with the poses of its elements applied, in the plane z = 0.
 
-        Raises GeometryError if an element does not lie in that plane.
+        Raises
+        ------
+        GeometryError
+            If an element does not lie in that plane.
         """
         if self.repeated is not None or all(e.pose is None for e in self.elements):
             return self
@@ -341,7 +347,10 @@ def coherent_form(
 def normal_form(public: PublicSource | Source) -> Source:
     """Return the normal form of a public source, cached in the source.
 
-    Raises ArgumentError for other objects, and for polyhedra and arrays of polyhedra.
+    Raises
+    ------
+    ArgumentError
+        For other objects, and for polyhedra and arrays of polyhedra.
     """
     if isinstance(public, Source):
         return public

@@ -261,18 +261,28 @@ def _parts(text: str) -> list[Any]:
 def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
     """Apply short texts for field, copies, weights and wave to a source.
 
-    Lengths without a unit are in metres, angles in radians. Errors begin with the name of the text:
-    QuantityError or FileFormatError for an invalid text, ArgumentError for a text that does not fit
-    the source.
+    Lengths without a unit are in metres, angles in radians.
 
     Parameters
     ----------
-    source
-        An Aperture; with `steering`, `focus`, `curved` and `coherence` also a phased array.
-    texts
+    source : Aperture or Array
+        With `steering`, `focus`, `curved` and `coherence` also a phased array.
+    texts : mapping of str to str
         Texts by their names, :data:`SOURCE_TEXTS`; docs/source_files.md has their grammar.
-    wavelength
-        Wavelength in metres, for steering, focus and curved waves.
+    wavelength : float or None
+        Wavelength in m, for steering, focus and curved waves.
+
+    Returns
+    -------
+    Aperture, Array or Wavefront
+        The changed source.
+
+    Raises
+    ------
+    QuantityError, FileFormatError
+        If a text is invalid. Errors begin with the name of the text.
+    ArgumentError
+        If a text does not fit the source.
     """
     for name in SOURCE_TEXTS:
         if name in texts:

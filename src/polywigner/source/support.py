@@ -18,7 +18,10 @@ def mutual_support(source: Aperture | Array) -> Aperture:
     The region is the automean {(a + b)/2} of an aperture, or of the support of an array, for up to
     500 pairs of convex pieces. In other cases it is the convex hull, which contains the automean.
 
-    Raises GeometryError for arrays of slits, and if elements do not lie in the plane z = 0.
+    Raises
+    ------
+    GeometryError
+        For arrays of slits, and if elements do not lie in the plane z = 0.
     """
     if isinstance(source, Array):
         if source.dimension > 1 and len(source) ** 2 > 2 * _MOST_PAIRS:  # a piece at least of each

@@ -96,8 +96,20 @@ _Waves = tuple[NDArray[Any], NDArray[Any]]
 
 
 def uniform(dimension: int = 2) -> Illumination:
-    """Return the field 1, a plane wave of frequency 0. `dimension`: 2, or 1 for slits.
+    """Return the field 1, a plane wave of frequency 0.
 
+    Parameters
+    ----------
+    dimension : int, default 2
+        2, or 1 for slits.
+
+    Returns
+    -------
+    Illumination
+        The field.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> float(pw.uniform()((0.0, 0.0)).real)
     1.0
@@ -113,16 +125,25 @@ def steering(direction: ArrayLike, wavelength: float) -> Illumination:
 
     Parameters
     ----------
-    direction : unit vector (3,) with a positive z, of length 1 to 1e-6; or its components (2,)
-        along the aperture; or for slits the sine of the angle.
-    wavelength : in metres.
+    direction : array_like, shape (3,) or (2,)
+        Unit vector with a positive z, of length 1 to 1e-6; or its components along the aperture; or
+        for slits the sine of the angle.
+    wavelength : float
+        Wavelength in m.
+
+    Returns
+    -------
+    Illumination
+        The field.
 
     Raises
     ------
     ArgumentError
-        The vector is not a unit vector, or points behind the aperture; the components are longer
-        than 1; or the wavelength is not above zero.
+        If the vector is not a unit vector or points behind the aperture, the components are longer
+        than 1, or the wavelength is not above zero.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> beam = pw.steering((0.5, 0.0, 3**0.5 / 2), 10e-3)
     >>> beam.frequencies.tolist()
@@ -138,17 +159,30 @@ def cosine_taper(
 ) -> Illumination:
     """Return the taper u(x, y) = cos(pi x/width)^power cos(pi y/height)^power.
 
-    It is 1 at the centre and 0 at the edges, and has power + 1 waves for each axis.
+    The taper is 1 at the centre and 0 at the edges, and has power + 1 waves for each axis.
 
     Parameters
     ----------
-    width, height : in metres. None: no taper along this axis.
-    power : 1 for a cosine, 2 for a squared cosine, up to 32.
-    dimension : 2; or 1 for slits, whose taper has a width alone.
+    width, height : float or None
+        Lengths in m; None: no taper along this axis.
+    power : int, default 1
+        1 for a cosine, 2 for a squared cosine, up to 32.
+    dimension : int, default 2
+        2; or 1 for slits, whose taper has a width alone.
 
-    Raises ArgumentError for lengths that are not above zero, both None, a power out of range, and a
-    height for slits.
+    Returns
+    -------
+    Illumination
+        The field.
 
+    Raises
+    ------
+    ArgumentError
+        If a length is not above zero, both are None, the power is out of range, or slits have a
+        height.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> taper = pw.cosine_taper(10e-3, 10e-3)
     >>> [round(float(abs(taper(x))), 12) for x in [(0.0, 0.0), (5e-3, 0.0)]]
@@ -176,13 +210,25 @@ def te_mode(
 
     Parameters
     ----------
-    width, height : inner lengths of the guide along x and y in metres.
-    m, n : half periods along x and along y, from 0, not both 0.
-    component : "y" (needs m of 1 or more), or "x" (needs n of 1 or more).
+    width, height : float
+        Inner lengths of the guide along x and y in m.
+    m, n : int
+        Half periods along x and along y, from 0, not both 0; default: TE10.
+    component : {"y", "x"}, default "y"
+        "y" needs m of 1 or more, "x" needs n of 1 or more.
 
-    Raises ArgumentError for lengths that are not above zero, numbers out of range, and a component
-    that the mode does not have.
+    Returns
+    -------
+    Illumination
+        The field.
 
+    Raises
+    ------
+    ArgumentError
+        If a length is not above zero, a number is out of range, or the mode lacks the component.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> mode = pw.te_mode(10e-3, 5e-3)
     >>> round(float(abs(mode((5e-3, 0.0)))), 12)  # zero at the wall
@@ -220,22 +266,40 @@ def taylor_taper(
         F_m = (-1)^(m+1)/2 prod_{i < nbar} [1 - m^2/(s^2 (A^2 + (i - 1/2)^2))]
                          / prod_{i < nbar, i != m} [1 - m^2/i^2]
 
-    2 nbar - 1 waves for each axis. The zeros of the transform are at
-    |nu| width = s sqrt(A^2 + (i - 1/2)^2) for i < nbar, then at nbar, nbar + 1, ...; the first
-    sidelobe lies at -sll dB, or less than 0.7 dB below it, the others are lower and fall as
-    1/|nu| from nbar on. T. T. Taylor, IRE Trans. Antennas Propag. AP-3 (1955) 16-28.
+    This takes 2 nbar - 1 waves for each axis. The zeros of the transform are at
+    |nu| width = s sqrt(A^2 + (i - 1/2)^2) for i < nbar, then at nbar, nbar + 1, ... The first
+    sidelobe lies at -sll dB, or less than 0.7 dB below it. The others are lower and fall as 1/|nu|
+    from nbar on.
 
     Parameters
     ----------
-    width, height : in metres. None: no taper along this axis.
-    sll : sidelobe suppression in dB, above 0 and up to 200: 30 for sidelobes at -30 dB.
-    nbar : number of shifted zeros plus one, up to 100. Taylor recommends at least 2 A^2 + 1/2 (4
-        for 30 dB, 7 for 40 dB); smaller values may raise the sidelobes.
-    dimension : 2; or 1 for slits, whose taper has a width alone.
+    width, height : float or None
+        Lengths in m; None: no taper along this axis.
+    sll : float, default 30
+        Sidelobe suppression in dB, above 0 and up to 200: 30 for sidelobes at -30 dB.
+    nbar : int, default 4
+        Number of shifted zeros plus one, up to 100. Taylor recommends at least 2 A^2 + 1/2 (4 for
+        30 dB, 7 for 40 dB); smaller values may raise the sidelobes.
+    dimension : int, default 2
+        2; or 1 for slits, whose taper has a width alone.
 
-    Raises ArgumentError for lengths that are not above zero, both None, sll and nbar out of range,
-    and a height for slits.
+    Returns
+    -------
+    Illumination
+        The field.
 
+    Raises
+    ------
+    ArgumentError
+        If a length is not above zero, both are None, sll or nbar is out of range, or slits have a
+        height.
+
+    References
+    ----------
+    T. T. Taylor, IRE Trans. Antennas Propag. AP-3 (1955) 16-28.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> taper = pw.taylor_taper(10e-3, sll=25.0)
     >>> bool(abs(taper((0.0, 0.0))) > abs(taper((4e-3, 0.0))))
@@ -305,7 +369,7 @@ def _half_periods(number: int, size: float, sine: bool) -> _Waves:
 
 
 def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
-    """F_1 ... F_(nbar - 1)."""
+    """Return F_1 ... F_(nbar - 1) of `taylor_taper`."""
     # arccosh(10^(sll/20)) without cancellation for small sll
     excess = math.expm1(decibels / 20 * math.log(10))
     a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi

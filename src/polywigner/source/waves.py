@@ -32,14 +32,18 @@ class Illumination:
 
     Parameters
     ----------
-    amplitudes : (m,) complex c_m, in the unit of the field.
-    frequencies : (m, d) real kappa_m in cycles per metre; for d = 1 also (m,).
+    amplitudes : array_like, shape (m,)
+        Complex amplitudes c_m in the unit of the field.
+    frequencies : array_like, shape (m, d)
+        Real frequencies kappa_m in cycles per metre; for d = 1 also (m,).
 
     Raises
     ------
     IlluminationError
-        A value is not finite, the shapes do not match, or the field is zero everywhere.
+        If a value is not finite, the shapes do not match, or the field is zero everywhere.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> tilt = pw.Illumination([1.0], [(100.0, 0.0)])  # towards s_x = 100 m^-1 times lambda
     >>> pw.shapes.square(0.01).with_illumination(tilt).illumination == tilt
@@ -81,9 +85,14 @@ class Illumination:
         )
 
     def turned(self, angle: float) -> Illumination:
-        """Return the field rotated about the origin by an angle in radians.
+        """Return the field rotated counter-clockwise about the origin by an angle in radians.
 
-        Counter-clockwise; quarter turns are exact. Raises IlluminationError for a field of slits.
+        Quarter turns are exact.
+
+        Raises
+        ------
+        IlluminationError
+            For a field of slits.
         """
         if self.dimension != 2:
             raise IlluminationError("expected a field in two dimensions to turn, got one of slits")
@@ -251,8 +260,9 @@ def fit_illumination(
 ) -> FittedIllumination:
     """Fit plane waves of fixed frequencies to a sampled field by least squares.
 
-    Minimises sum_j |u(x_j) - values_j|^2 by a singular value decomposition without singular values
-    below `cut_off`. The memory is 16 bytes times the number of samples times the number of waves.
+    The sum of |u(x_j) - values_j|^2 is minimised by a singular value decomposition without singular
+    values below `cut_off`. The memory is 16 bytes times the number of samples times the number of
+    waves.
 
     Samples in the plane do not determine the normal derivative of the field, which Kirchhoff and
     Rayleigh-Sommerfeld II use: they take the derivative of the fitted waves, which depends on the
@@ -262,27 +272,35 @@ def fit_illumination(
 
     Parameters
     ----------
-    points : (n, 2) positions in m; for slits (n, 1) or (n,). They need not form a grid. The fit is
-        meaningless outside their bounds, so sample up to the edges of the aperture.
-    values : (n,) complex field at these points.
-    frequencies : (m, d) in cycles per metre. None: waves whose period is twice the extent of the
+    points : array_like, shape (n, 2)
+        Positions in m; for slits (n, 1) or (n,). They need not form a grid. The fit is meaningless
+        outside their bounds, so sample up to the edges of the aperture.
+    values : array_like, shape (n,)
+        Complex field at these points.
+    frequencies : array_like, shape (m, d), optional
+        Frequencies in cycles per metre; default: waves whose period is twice the extent of the
         points, -order..order periods along each axis.
-    order : largest number of periods, reduced for few samples. A phase of q cycles over the
-        aperture needs an order of about 2 q + 4.
-    cut_off : fraction of the largest singular value, from 1e-15 up to below 1; larger for noise.
+    order : int, default 4
+        Largest number of periods, reduced for few samples. A phase of q cycles over the aperture
+        needs an order of about 2 q + 4.
+    cut_off : float, default 1e-6
+        Fraction of the largest singular value, from 1e-15 up to below 1; use larger values for
+        noise.
 
     Returns
     -------
-    FittedIllumination : (illumination, residual, rank, cancellation).
+    FittedIllumination
+        Named tuple (illumination, residual, rank, cancellation).
 
     Raises
     ------
     ArgumentError
-        Points, values or options have a wrong shape or range.
+        If points, values or options have a wrong shape or range.
     IlluminationError
-        All values are zero, the frequencies have a wrong shape, or the residual is above
-        `largest_residual`.
+        If all values are zero, or the frequencies have a wrong shape.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> import numpy as np
     >>> x = np.stack(np.meshgrid(*2 * [np.linspace(-1, 1, 9)]), axis=-1).reshape(-1, 2)

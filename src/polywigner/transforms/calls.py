@@ -221,8 +221,8 @@ def explain(
         explained by the first of them.
     arguments : array_like
         The points of the function as NumPy arrays: x and nu for ``"wigner"``.
-    function : str
-        "wigner" (default), "ambiguity", "autocorrelation", "fourier", "position_marginal" or
+    function : str, default "wigner"
+        "wigner", "ambiguity", "autocorrelation", "fourier", "position_marginal" or
         "lag_marginal".
     engine, precision : str, optional
         See :func:`fourier`.

@@ -58,18 +58,18 @@ def fourier(
     ----------
     source : Aperture, Slits, PlacedAperture, Polyhedron, Array or Wavefront
         Uniform (u = 1) or with an illumination; or the result of :func:`differentiable`.
-    nu : array_like (..., d)
+    nu : array_like, shape (..., d)
         Spatial frequencies in 1/m, real or complex (evanescent or absorbed waves). d = 1 for Slits,
         3 for polyhedra and placed apertures, 2 for an Aperture. An Aperture also accepts d = 3 and
         ignores the last component, because without a pose it lies in the plane z = 0.
-    precision : {None, "double", "single"}
-        None (default) is double for NumPy input, and the precision of Dr.Jit input.
-    engine : {"auto", "numpy", "llvm", "cuda"}
+    precision : {"double", "single"}, optional
+        Default: double for NumPy input, and the precision of Dr.Jit input.
+    engine : {"auto", "numpy", "llvm", "cuda"}, default "auto"
         Engine of the computation.
 
     Returns
     -------
-    complex ndarray (...)
+    ndarray of complex, shape (...)
         In m^d; complex64 for single precision. Dr.Jit input gives ``Complex2f``, or for tensors a
         tensor (..., 2) of real and imaginary parts. An ``xarray.DataArray``, components along its
         last dimension, gives one over its other dimensions, broadcast by name, with their
@@ -225,26 +225,26 @@ def array_factor(
 
     Parameters
     ----------
-    positions : array_like (n, d) or (n,)
+    positions : array_like, shape (n, d) or (n,)
         Positions in m, d = 1, 2 or 3.
-    weights : array_like (n,) or None
+    weights : array_like, shape (n,), or None
         Complex weights; None: all 1.
-    nu : array_like (..., d)
+    nu : array_like, shape (..., d)
         Spatial frequencies in 1/m, real or complex.
     precision, engine : str, optional
         See :func:`fourier`.
 
     Returns
     -------
-    complex ndarray (...)
+    ndarray of complex, shape (...)
         In the unit of the weights; types as in :func:`fourier`, DataArrays included.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type or shape.
+        If an argument has the wrong type or shape.
     IlluminationError
-        For weights that are not n finite complex numbers.
+        If the weights are not n finite complex numbers.
     EngineError
         If the engine is not available.
 

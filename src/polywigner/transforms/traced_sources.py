@@ -56,7 +56,7 @@ def differentiable(
         neighbours are kept.
     weights : Complex2f or Float (k,), or tensor (k,) or (k, 2), optional
         Weights of the elements of an Array; a second axis has real and imaginary parts.
-    amplitudes : like ``weights``, (m,), optional
+    amplitudes : Complex2f or Float (m,), or tensor (m,) or (m, 2), optional
         Amplitudes of the waves of an Aperture's illumination, in the order of its frequencies.
     intervals : Array2f (2, m) or tensor (m, 2), optional
         Begins and ends in m that replace those of Slits, in ascending order without contact.
@@ -69,7 +69,7 @@ def differentiable(
     Raises
     ------
     ArgumentError
-        For arrays of the wrong kind or number.
+        If an array has the wrong kind or number of entries.
     GeometryError
         For vertices that form no valid outline or reverse its orientation, and for intervals that
         do not ascend or that touch.
