@@ -252,7 +252,6 @@ SAMPLED: list[tuple[dict[str, Any], str]] = [
     ({"axis": (0.0, 0.0, 2.0)}, "unit vector"),
     ({"obliquity": "lambert"}, "obliquity"),
     ({"power": -1.0}, "expected power as"),
-    ({"power": 1.0, "aperture_power": 1.0}, "got both"),
     ({"wavelength": 0.0}, "wavelength"),
     ({"source": pw.Slits([[0.0, 1.0]])}, "Aperture"),
     ({"source": SQUARE.placed(np.eye(4)), "to_world": np.eye(4)}, "both"),
@@ -340,16 +339,13 @@ def test_a_wave_that_is_flat_and_coherent_has_the_rays_of_its_source():
 
 
 @pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "paper"])
-def test_a_watt_of_the_aperture_is_that_of_the_flat_source_a_radiated_one_is_not(obliquity):
+def test_a_power_scales_the_weights(obliquity):
     for source in (SQUARE, CURVED, SQUARE.partially_coherent(4e-3)):
         how: Any = {"count": 64, "obliquity": obliquity}
         rays = pw.sample_rays(source, WAVELENGTH, **how)
-        for count, own in (
-            ("aperture_power", SQUARE.area),
-            ("power", pw.radiated_power(source, WAVELENGTH, obliquity)),
-        ):
-            watt = pw.sample_rays(source, WAVELENGTH, **how, **{count: 1.0})
-            assert watt.weight.values == pytest.approx(rays.weight.values / own, rel=ROUNDING)
+        watt = pw.sample_rays(source, WAVELENGTH, **how, power=1.0)
+        total = pw.radiated_power(source, WAVELENGTH, obliquity)
+        assert watt.weight.values == pytest.approx(rays.weight.values / total, rel=ROUNDING)
 
 
 @pytest.mark.parametrize("source", [CURVED, SQUARE.partially_coherent(4e-3)])

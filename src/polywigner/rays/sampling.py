@@ -32,7 +32,6 @@ from polywigner.radiometry.directions import (
     largest_lag,
 )
 from polywigner.rays.bundles import bundle
-from polywigner.reception.norms import root_of_norm
 from polywigner.source.obliquities import ObliquityName, obliquity_of
 from polywigner.transforms import sample_automean, wigner
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
@@ -225,7 +224,6 @@ def sample_rays(
     to_world: ArrayLike | None = None,
     obliquity: ObliquityName | None = None,
     power: float | None = None,
-    aperture_power: float | None = None,
     engine: Engine = "auto",
 ) -> xarray.Dataset:
     """Draw rays of a source, weighted by its Wigner function: positions, directions and watts.
@@ -266,8 +264,6 @@ def sample_rays(
         As in :func:`irradiance`; None: h = cos; "paper": h = 1. Wavefronts support these two.
     power : float, optional
         Radiated power in W over all directions; default: the power of the unscaled source.
-    aperture_power : float, optional
-        Integral of |u|^2 over the aperture in W, instead of ``power``.
     engine : str, default "auto"
         See :func:`fourier`.
 
@@ -310,7 +306,7 @@ def sample_rays(
     name = condition.name
     check_slopes(radiator, name)
     flat = flat_source(radiator)
-    scale = _scale(radiator, length, name, power, aperture_power)
+    scale = _scale(radiator, length, name, power)
     parts = condition.terms(flat, length)
     tilts = 2 if is_partly_coherent(radiator) else 0
 
@@ -365,22 +361,12 @@ def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Values
     return source.aperture, source.pose
 
 
-def _scale(
-    source: Any, wavelength: float, obliquity: str, power: Any, aperture_power: Any
-) -> float:
+def _scale(source: Any, wavelength: float, obliquity: str, power: Any) -> float:
     """Return the requested power over the power of the unscaled source."""
-    if power is not None and aperture_power is not None:
-        raise ArgumentError(
-            "expected power or aperture_power, got both; power leaves through the hemisphere in "
-            "front, aperture_power is the integral of |u|^2 over the aperture: give one"
-        )
-    if power is None and aperture_power is None:
-        return 1.0
-    name, value = ("power", power) if aperture_power is None else ("aperture_power", aperture_power)
-    meaning = f"a number in W above zero and below {_MOST_WATTS:g}"
-    watts = checked_number(value, name, meaning)
-    if not 0 < watts < _MOST_WATTS:
-        raise ArgumentError(f"expected {name} as {meaning}, got {value_text(value)}")
     if power is None:
-        return watts / root_of_norm(source, wavelength, obliquity, "aperture") ** 2
+        return 1.0
+    meaning = f"a number in W above zero and below {_MOST_WATTS:g}"
+    watts = checked_number(power, "power", meaning)
+    if not 0 < watts < _MOST_WATTS:
+        raise ArgumentError(f"expected power as {meaning}, got {value_text(power)}")
     return watts / radiated_power(source, wavelength, obliquity)  # type: ignore

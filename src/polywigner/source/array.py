@@ -328,17 +328,13 @@ class Array(TakesWaves):
         return len(self.weights)
 
     def _repr_html_(self) -> str:
-        sizes = np.abs(self.weights)
+        rows = [("elements", str(len(self))), ("element", repr(self.distinct[0]))]
         rings: list[NDArray[np.float64]] = []
         if len(self) <= _MOST_DRAWN:
             rings = [ring for e in self.elements if isinstance(e, Aperture) for ring in e.rings]
-        rows = [("elements", str(len(self)))]
         if rings:
             extent = np.ptp(np.concatenate(rings), axis=0)
             rows.append(("size", length_text(*extent.tolist())))
-        same = (self.weights == 1).all()
-        rows.append(("weights", "all 1" if same else f"|w| {sizes.min():.4g} to {sizes.max():.4g}"))
-        rows.append(("element", repr(self.distinct[0])))
         return shown_as_html("Array", rows, rings)
 
     def __repr__(self) -> str:
