@@ -143,7 +143,7 @@ def radiant_intensity(
         band = checked_bandwidth(bandwidth, length)
         parts = wavelengths_of_band(length, band, longest_path(radiator), _BAND_ERROR)
         how: dict[str, Any] = {"precision": precision, "engine": engine}
-        # each call takes the phases of path lengths at its own wavelength
+        # Each call uses the phases of path lengths at its wavelength.
         total = sum(w * radiant_intensity(radiator, directions, one, **how) for one, w in parts)
         return np.asarray(total)[()]
 

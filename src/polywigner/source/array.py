@@ -335,6 +335,8 @@ class Array(TakesWaves):
         if rings:
             extent = np.ptp(np.concatenate(rings), axis=0)
             rows.append(("size", length_text(*extent.tolist())))
+        sizes, same = np.abs(self.weights), (self.weights == 1).all()
+        rows.append(("weights", "all 1" if same else f"|w| {sizes.min():.4g} to {sizes.max():.4g}"))
         return shown_as_html("Array", rows, rings)
 
     def __repr__(self) -> str:
@@ -366,8 +368,8 @@ def phased_array(
 ) -> Array | Wavefront:
     """Make an array of equal elements: copies of an element and its field at positions.
 
-    The field is that of `Array([element.moved(p) for p in positions], weights)`, at a fraction of
-    the cost. A PolywignerWarning reports elements that overlap.
+    The field equals `Array([element.moved(p) for p in positions], weights)`, at a fraction of the
+    cost. A PolywignerWarning reports elements that overlap.
 
     Parameters
     ----------

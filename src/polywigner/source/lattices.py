@@ -93,7 +93,7 @@ def _shortest(
 ) -> NDArray[np.float64] | None:
     """Return the shortest difference of positions, not parallel to ``other``, towards +x or +y."""
     best, length = None, np.inf
-    # equally spaced numbers, because positions are usually in the order of rows
+    # Equally spaced indices, because positions are usually ordered by rows.
     paired = np.linspace(0, len(positions) - 1, min(len(positions), _PAIRED_WITH_ALL))
     for start in positions[paired.astype(np.intp)]:
         block = positions - start

@@ -173,7 +173,7 @@ class Obliquity:
         a, b, mixed = self.field, self.slope, self.field * self.slope
         p = direction_cosines(normal_form(source).frequencies, wavelength)
         if not b or float(np.abs(p - p[0]).max()) <= _SAME_COSINE:
-            # floats, because products of NumPy's numbers with Dr.Jit arrays are NumPy arrays
+            # Python floats: products of NumPy scalars with Dr.Jit arrays would be NumPy arrays.
             return [(source, Forms(a * a, float(2 * mixed * p[0].real), float(abs(b * p[0]) ** 2)))]
         turned = times_direction_cosine(source, wavelength)
         if not a:

@@ -19,7 +19,7 @@ from polywigner.source import Array
 PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 Values = NDArray[Any] | Drjit
-_COMPLEX = ("fourier", "array factor")  # of real and complex nu
+_COMPLEX = ("fourier", "array factor")  # these transforms accept complex nu
 
 # Frequencies at a time for sums that use several arrays of this length: some 60 MiB.
 _BLOCK = 1 << 19

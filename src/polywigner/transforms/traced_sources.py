@@ -41,7 +41,7 @@ def differentiable(
 ) -> Differentiable:
     """Return a source with Dr.Jit arrays as some of its numbers, to differentiate by them.
 
-    `fourier`, `wigner` and `ambiguity` accept it in place of the source. They return Dr.Jit arrays,
+    `fourier`, `wigner` and `ambiguity` accept it instead of the source. They return Dr.Jit arrays,
     which ``dr.backward`` and ``dr.forward`` differentiate in closed form (docs/gradients). The
     source provides the other numbers and the rings of the vertices.
 
@@ -52,14 +52,14 @@ def differentiable(
         the ring ``vertices``, or the slits ``intervals``.
     vertices : Array2f (2, n) or tensor (n, 2), optional
         Points in m that replace the vertices of all rings (``Aperture.rings``) of all elements, one
-        ring after the other. Unlike those of an Aperture, vertices on the line between their
-        neighbours are kept.
+        ring after the other. Unlike an Aperture, the source keeps vertices on the line between
+        their neighbours.
     weights : Complex2f or Float (k,), or tensor (k,) or (k, 2), optional
         Weights of the elements of an Array; a second axis has real and imaginary parts.
     amplitudes : Complex2f or Float (m,), or tensor (m,) or (m, 2), optional
         Amplitudes of the waves of an Aperture's illumination, in the order of its frequencies.
     intervals : Array2f (2, m) or tensor (m, 2), optional
-        Begins and ends in m that replace those of Slits, in ascending order without contact.
+        Begins and ends in m that replace the intervals, in ascending order without contact.
 
     Returns
     -------
@@ -251,7 +251,7 @@ def _of_waves(element: Differentiable, nu: Drjit) -> Drjit:
 
 
 def _times(value: Drjit, numbers: Drjit | None, index: int, constant: complex) -> Drjit:
-    """Return a value times an entry of ``numbers``, or times a constant if there are none."""
+    """Return a value times an entry of ``numbers``, or times a constant if ``numbers`` is None."""
     if numbers is None:
         return execution.times_complex(value, constant)
     return value * execution.entries(numbers, np.array([index]))
