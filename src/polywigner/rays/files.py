@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError, at_key
-from polywigner.geometry.arguments import checked_choice, checked_flag, checked_path, warn_caller
+from polywigner.geometry.arguments import checked_flag, checked_path, warn_caller
 from polywigner.geometry.io.limits import check_regular
 from polywigner.interruption import atomic_path
 from polywigner.rays.bundles import bundle, checked_bundle, count_of
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 Values = NDArray[np.float64]
 
-LengthUnit = Literal["m", "in", "cm", "ft", "mm"]
-METRES = {"m": 1.0, "in": 0.0254, "cm": 0.01, "ft": 0.3048, "mm": 0.001}
-"""Metres per unit of length, in the order of the numbers in the header field DimensionUnits."""
+# Metres per unit of length (m, in, cm, ft, mm), by the header field DimensionUnits.
+_METRES = (1.0, 0.0254, 0.01, 0.3048, 0.001)
+_MM = 4
 
 _IDENTIFIERS = 1010, 8675309  # the second in files of old versions
 _HEADER = np.dtype(
@@ -45,16 +45,12 @@ _OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
 
 
 def save(
-    rays: xarray.Dataset,
-    path: str | os.PathLike[str],
-    *,
-    split: bool = False,
-    unit: LengthUnit = "mm",
+    rays: xarray.Dataset, path: str | os.PathLike[str], *, split: bool = False
 ) -> tuple[Path, ...]:
     """Write rays to a binary source file of OpticStudio.
 
-    The file has a header of 208 bytes, then x, y, z, l, m, n and power of each ray in single
-    precision. To keep rays for polywigner, use :func:`polywigner.write_netcdf` and
+    The file has a header of 208 bytes, then x, y, z (mm), l, m, n and power (W) of each ray in
+    single precision. To keep rays for polywigner, use :func:`polywigner.write_netcdf` and
     ``xarray.load_dataset``.
 
     Programs expect positive powers and may clip, ignore or reject negative powers: a warning
@@ -69,8 +65,6 @@ def save(
         The file, with the suffix ``.dat``; an existing file is replaced.
     split : bool, default False
         Whether to write positive and negative rays to separate files.
-    unit : {"m", "in", "cm", "ft", "mm"}, default "mm"
-        Unit of length in the file.
 
     Returns
     -------
@@ -91,16 +85,15 @@ def save(
     >>> [path.name for path in pw.rays.save(rays, folder / "square.dat", split=True)]
     ['square_positive.dat', 'square_negative.dat']
     """
-    checked_choice(unit, "unit", METRES)
     target, is_split = _checked_file(path), checked_flag(split, "split")
     position, direction, weight, _ = checked_bundle(rays)
     if not is_split:
         _warn_of_negative(weight)
-    columns = np.column_stack([position / METRES[unit], direction, weight])
+    columns = np.column_stack([position / _METRES[_MM], direction, weight])
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         parts = _SPLIT if is_split else (_SIGNED,)
-        return tuple(_write_part(rays, columns, target, unit, *part) for part in parts)
+        return tuple(_write_part(rays, columns, target, *part) for part in parts)
     except OSError as error:
         raise ArgumentError(
             f"expected to write {path}, got {error.strerror or error}; choose another path"
@@ -121,7 +114,6 @@ def _write_part(
     rays: xarray.Dataset,
     columns: Values,
     path: Path,
-    unit: str,
     sign: int,
     suffix: str,
     description: str,
@@ -136,7 +128,7 @@ def _write_part(
     header["SourceFlux"] = header["RaySetFlux"] = columns[:, 6].sum()
     header["Wavelength"] = float(rays.attrs.get("wavelength", 0.0)) / _MICROMETRE
     header["InclinationEnd"], header["AzimuthEnd"] = 180.0, 360.0
-    header["DimensionUnits"] = list(METRES).index(unit)
+    header["DimensionUnits"] = _MM
     header["Scale"] = 1.0
     with atomic_path(path) as scratch, np.errstate(over="ignore"):  # lost rays may overflow
         scratch.write_bytes(header.tobytes() + columns.astype("<f4").tobytes())
@@ -202,9 +194,9 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     header = np.frombuffer(content, _HEADER, 1)[0]
     if header["Identifier"] not in _IDENTIFIERS:
         raise wrong(f"the identifier {header['Identifier']}")
-    columns, units = _NUMBERS.get(int(header["ray_format_type"])), list(METRES.values())
+    columns = _NUMBERS.get(int(header["ray_format_type"]))
     unit, count = int(header["DimensionUnits"]), int(header["NbrRays"])
-    if columns is None or not 0 <= unit < len(units):
+    if columns is None or not 0 <= unit < len(_METRES):
         raise wrong(f"format {header['ray_format_type']} in unit {unit}")
     if header["flux_type"] != 0:
         raise wrong("powers in lumens, not in watts")
@@ -218,7 +210,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
         raise wrong(f"{len(wavelengths)} wavelengths in one file")
     wavelength = float([*wavelengths, header["Wavelength"]][0])
     attrs: dict[str, Any] = {"wavelength": wavelength * _MICROMETRE} if wavelength > 0 else {}
-    position, direction, weight = rays[:, :3] * units[unit], rays[:, 3:6], rays[:, 6]
+    position, direction, weight = rays[:, :3] * _METRES[unit], rays[:, 3:6], rays[:, 6]
     is_valid = np.isfinite(position).all(axis=1)  # positions of lost rays are NaN
     if not np.isfinite(rays[is_valid, 3:7]).all():
         raise wrong("directions or powers that are NaN")

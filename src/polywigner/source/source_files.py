@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import geometry
 from polywigner.errors import ArgumentError, FileFormatError, at_key, value_text
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
+from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_path, rigid_pose, write_lines
 from polywigner.geometry.io.limits import bytes_of, text_of
 from polywigner.geometry.parts import merge_parts, part_of_rings
@@ -60,7 +60,7 @@ _Item = TypeVar("_Item")
 NonEmpty = Annotated[list[_Item], msgspec.Meta(min_length=1)]
 Ring = Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=3)]
 
-# Outlines and bodies.
+# Outlines.
 
 
 class Context(NamedTuple):
@@ -147,19 +147,6 @@ class SlitsTable(_Illuminated, tag="slits"):
         return slits
 
 
-class PolyhedronTable(Kind, tag="polyhedron"):
-    file: str | None = None
-    unit: str | None = None
-    vertices: Coordinates | None = None
-    faces: list[list[int]] | None = None
-
-    def source(self, context: Context) -> Polyhedron:
-        with at_key(_origin(self, "file", "vertices")):
-            if self.file is None:
-                return Polyhedron(self.vertices or [], self.faces or [])
-            return geometry.read_polyhedron(context.path(self.file), self.unit or "mm")
-
-
 def _aperture(polygons: list[list[Any]]) -> Aperture:
     """Make an aperture of polygons, which are lists of rings with the exterior first.
 
@@ -188,7 +175,7 @@ class Paths(Table):
 
 
 class ArrayTable(Kind, tag="array"):
-    elements: list[ApertureTable | SlitsTable | PolyhedronTable]
+    elements: list[ApertureTable | SlitsTable]
     weights: list[Complex] | None = None
     paths: Paths | None = None
 
@@ -228,7 +215,7 @@ class PhasedArrayTable(Kind, tag="phased-array"):
         return phased_array(element, positions, weights)
 
 
-SourceTable = ApertureTable | SlitsTable | PolyhedronTable | ArrayTable | PhasedArrayTable
+SourceTable = ApertureTable | SlitsTable | ArrayTable | PhasedArrayTable
 
 
 # The top of a file.
@@ -300,7 +287,7 @@ def content_of(tables: Any, folder: Path, allow_outside: bool = False) -> FileCo
 def read_source(
     path: str | os.PathLike[str] | xarray.Dataset, allow_outside: bool = False
 ) -> Element | Array | Wavefront:
-    """Read an aperture with its field, slits, a body, or an array from a TOML or JSON file.
+    """Read an aperture with its field, slits or an array from a TOML or JSON file.
 
     docs/source_files.md describes the format. A source that :func:`write_source` wrote is read
     back equal. In files written by hand, quantities may be texts with units ("10 mm", "20 deg",
@@ -317,7 +304,7 @@ def read_source(
 
     Returns
     -------
-    Aperture, PlacedAperture, Slits, Polyhedron, Array or Wavefront
+    Aperture, PlacedAperture, Slits, Array or Wavefront
         The source.
 
     Raises
@@ -433,9 +420,6 @@ def table_of(source: Any) -> dict[str, Any]:
 def _table(source: Any) -> dict[str, Any]:
     if isinstance(source, PlacedAperture):
         return {**_table(source.aperture), "to_world": source.pose.tolist()}
-    if isinstance(source, Polyhedron):
-        faces = [list(face) for face in source.faces]
-        return {"kind": "polyhedron", "vertices": source.vertices.tolist(), "faces": faces}
     if isinstance(source, Array):
         return _array(source)
     if isinstance(source, Slits):
@@ -445,8 +429,8 @@ def _table(source: Any) -> dict[str, Any]:
         table = {"kind": "aperture", "polygons": polygons}
     else:
         raise ArgumentError(
-            "expected an Aperture, a placed aperture, Slits, a Polyhedron, an Array or a "
-            f"Wavefront, got {type(source).__name__}"
+            "expected an Aperture, a placed aperture, Slits, an Array of these or a Wavefront, got "
+            f"{type(source).__name__}"
         )
     if source.illumination is not None:
         amplitudes = _pairs(source.illumination.amplitudes)
@@ -508,7 +492,7 @@ def write_source(
 
     Parameters
     ----------
-    source : Aperture, PlacedAperture, Slits, Polyhedron, Array or Wavefront
+    source : Aperture, PlacedAperture, Slits, Array or Wavefront
         A source with its fields and weights.
     path : str or path
         The file; its suffix selects the format.
