@@ -165,7 +165,6 @@ BAD = {
         (lambda: pw.wigner(pw.Array([TETRAHEDRON]), ZERO, ZERO), "Polyhedron at 0"),
         (lambda: pw.wigner(pw.Array([TILTED]), ZERO, ZERO), "a tilt of 5 degrees"),
         (lambda: pw.ambiguity(pw.Array([RAISED]), ZERO, ZERO), "z = 0.25"),
-        (lambda: SLIT_ARRAY.placed(np.eye(4)), "Slits"),
         (lambda: SLIT_ARRAY.support, "Slits"),
         (lambda: pw.Slits([[0, 1], [0.5, 2]]), "do not overlap"),
         (lambda: pw.Slits([[0, 0]]), "wider than zero"),

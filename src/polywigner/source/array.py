@@ -16,7 +16,6 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.geometry.arguments import (
     checked_wavelength,
     finite_array,
-    rigid_pose,
     takes_frequency,
     warn_caller,
 )
@@ -50,17 +49,6 @@ def _checked_elements(elements: Any) -> tuple[Element, ...]:
             "make rectangles of the slits with polywigner.shapes.rectangle"
         )
     return items
-
-
-def _placed(element: Element, pose: NDArray[np.float64]) -> Element:
-    if isinstance(element, Aperture):
-        return element.placed(pose)
-    if isinstance(element, PlacedAperture):
-        return element.aperture.placed(pose @ element.pose)
-    if isinstance(element, Polyhedron):
-        moved = element.vertices @ pose[:3, :3].T + pose[:3, 3]
-        return Polyhedron(moved, element.faces)
-    raise GeometryError("expected apertures or polyhedra for a pose in space, got Slits")
 
 
 def aperture_in_plane(number: int, element: Element) -> Aperture:
@@ -299,17 +287,6 @@ class Array(TakesWaves):
         if self.dimension == 1:
             raise GeometryError("expected apertures for a support in the plane, got Slits")
         return Aperture(union_on_grid([element.polygons for element in self.elements_in_plane]))
-
-    def placed(self, to_world: ArrayLike) -> Array:
-        """Return the array in a rigid pose (4, 4), for transforms with three-component nu.
-
-        Raises
-        ------
-        GeometryError
-            If the matrix is not a rotation and a translation, and for slits.
-        """
-        pose = rigid_pose(to_world)
-        return Array([_placed(element, pose) for element in self.elements], self.weights)
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -170,42 +169,15 @@ def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np
 
 
 def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Values:
-    """Return sum_k w_k F_k(nu), (C1): each element in its own frame, with an error-free phase.
-
-    Elements that are shifted copies of one another are one element times an array factor, (L3).
-    """
-    total: Values = 0.0
-    for element, shifts, weights in _copies(array):
-        term = fourier(element, nu, **how)
-        if shifts is None:
-            term = execution.times_complex(term, complex(weights[0]))
-        else:
-            plane = nu if shifts.shape[1] != 2 else in_plane(nu)
-            term = term * array_factor(shifts, weights, plane, **how)
-        total = total + term
-    return total
-
-
-def _copies(array: Array) -> Iterator[tuple[Any, NDArray[np.float64] | None, NDArray[Any]]]:
-    """Yield elements, shifts (n, d) of their copies and weights (n,); shifts None for one."""
+    """Return sum_k w_k F_k(nu), (C1), or F of a repeated element times an array factor, (L3)."""
     if array.repeated is not None:
-        yield *array.repeated, array.weights
-        return
-    elements: Sequence[Any] = array.elements
-    groups: dict[object, list[int]] = {}
-    for k, element in enumerate(elements):
-        is_placed = isinstance(element, PlacedAperture)
-        key = (element.aperture, element.pose[:3, :3].tobytes()) if is_placed else k
-        groups.setdefault(key, []).append(k)
-    for members in groups.values():
-        first, weights = elements[members[0]], array.weights[members]
-        if len(members) == 1:
-            yield first, None, weights
-            continue
-        pose = first.pose.copy()
-        pose[:3, 3] = 0.0
-        shifts = np.array([elements[k].pose[:3, 3] for k in members])
-        yield first.aperture.placed(pose), shifts, weights
+        element, shifts = array.repeated
+        plane = in_plane(nu) if shifts.shape[1] == 2 else nu
+        return fourier(element, nu, **how) * array_factor(shifts, array.weights, plane, **how)
+    total: Values = 0.0
+    for element, weight in zip(array.elements, array.weights.tolist(), strict=True):
+        total = total + execution.times_complex(fourier(element, nu, **how), weight)
+    return total
 
 
 @takes_xarray("nu", units="1", long_name="array factor")
