@@ -171,9 +171,9 @@ def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np
 def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Values:
     """Return sum_k w_k F_k(nu), (C1), or F of a repeated element times an array factor, (L3)."""
     if array.repeated is not None:
-        element, shifts = array.repeated
+        first, shifts = array.repeated
         plane = in_plane(nu) if shifts.shape[1] == 2 else nu
-        return fourier(element, nu, **how) * array_factor(shifts, array.weights, plane, **how)
+        return fourier(first, nu, **how) * array_factor(shifts, array.weights, plane, **how)
     total: Values = 0.0
     for element, weight in zip(array.elements, array.weights.tolist(), strict=True):
         total = total + execution.times_complex(fourier(element, nu, **how), weight)
