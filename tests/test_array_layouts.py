@@ -145,14 +145,11 @@ def test_without_scipy_windows_name_the_extra_that_brings_it(monkeypatch):
     assert len(arrays.window_weights(8, "hamming")) == 8
 
 
-def test_thinned_elements_keep_the_weights_of_the_full_layout():
+def test_thinned_elements_keep_the_order_of_the_full_layout():
     full = arrays.grid_positions(8, 6, 1e-3)
-    weights = arrays.window_weights((8, 6), "hamming")
-    kept, index = arrays.thinned(full, 0.4, seed=3, return_index=True)
-    assert (kept == full[index]).all()
+    kept = arrays.thinned(full, 0.4, seed=3)
     assert (kept == arrays.thinned(full, 0.4, seed=3)).all()
-    array = pw.phased_array(pw.shapes.square(1e-3), kept, weights[index])
     assert not np.array_equal(kept, arrays.thinned(full, 0.4, seed=4))
     np.testing.assert_array_equal(arrays.thinned(full, 1.0, seed=0), full)
-    by_place = {tuple(p): w for p, w in zip(full.tolist(), weights, strict=True)}
-    assert array.weights.tolist() == [by_place[tuple(p)] for p in kept.tolist()]
+    order = [full.tolist().index(position) for position in kept.tolist()]
+    assert order == sorted(order)

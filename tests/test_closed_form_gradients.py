@@ -233,7 +233,7 @@ def test_what_is_no_differentiable_source_is_refused(make):
 def test_vertices_that_make_no_outline_are_refused(ring):
     with pytest.raises(GeometryError, match="expected"):
         pw.differentiable(vertices=_points(np.array(ring, float)))
-    with pytest.raises(GeometryError, match="turned over"):
+    with pytest.raises(GeometryError, match="orientation of the outline"):
         square = pw.shapes.square(1.0)
         pw.differentiable(square, vertices=_points(square.rings[0] * [1, -1]))
 

@@ -136,7 +136,6 @@ def test_sources_with_curved_waves_are_values():
     ("call", "message"),
     [
         (lambda wave: pw.fourier(wave, [1j, 0]), "nu to be real"),
-        (lambda wave: pw.fourier(wave, (0, 0), obliquity="paper"), "no obliquity"),
         (lambda wave: pw.fourier(wave, [0, 1e9]), "turns of phase along an edge"),
         (lambda wave: pw.amplitude(wave, [0, 0, 1e-9], WAVELENGTH, "fresnel"), "turns of phase"),
         (lambda wave: pw.projections(wave), "flat, coherent wave for projections"),

@@ -67,8 +67,7 @@ CORNER = pw.Aperture([(0, 0), (3e-3, 0), (3e-3, 1e-3), (1e-3, 1e-3), (1e-3, 3e-3
 @pytest.mark.parametrize(
     ("element", "positions", "words"),
     [
-        # squares of 1 mm every 0.75 mm: 4 x 3 elements, with 17 neighbours and 12 diagonal pairs
-        (SQUARE, pw.arrays.grid_positions(4, 3, 0.75e-3), "0 and 1 overlap by 2.5e-07 m^2, and 28"),
+        (SQUARE, pw.arrays.grid_positions(4, 3, 0.75e-3), "overlap by 2.5e-07 m^2"),
         (SQUARE, [(0, 0), (1e-3, 0), (0, 1e-3)], ""),
         (pw.shapes.square(1e-3 / 3), [(k / 3e3, 0) for k in range(9)], ""),
         # outlines count, not their boxes: 2.5 x 1 mm of the foot and 0.5 x 2 mm of the leg
@@ -88,9 +87,9 @@ def test_arrays_and_tables_warn_of_elements_that_overlap(
 
 
 def test_slits_and_many_elements_that_overlap_are_reported_as_well() -> None:
-    with pytest.warns(PolywignerWarning, match="0 and 1 overlap by 0.0003 m, counted"):
+    with pytest.warns(PolywignerWarning, match="0 and 1, counted from 0, overlap by 0.0003 m:"):
         pw.phased_array(pw.Slits([0, 1e-3]), [0, 0.7e-3])
-    with pytest.warns(PolywignerWarning, match="or more"):
+    with pytest.warns(PolywignerWarning, match="overlap by 1e-06"):
         pw.phased_array(SQUARE, np.zeros((2000, 2)))
 
 

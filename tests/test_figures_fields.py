@@ -228,7 +228,8 @@ def test_values_stand_at_their_coordinates():
     slits = pw.shapes.slit_pair((1e-3, 2e-3), (-2e-3, 3e-3))
     figure = draw_projections(pw.projections(slits, "wigner", samples=9))
     assert [axes.get_title() for axes in _panels(figure)] == ["$W$"]
-    result = pw.projections(SOURCE, "wigner", samples={"x": 9, "y": 8, "nu_x": 7, "nu_y": 6})
+    axes = {"x": np.linspace(0.0, 1e-2, 9), "y": np.linspace(-1e-3, 1e-2, 8)}
+    result = pw.projections(SOURCE, "wigner", samples=7, coordinates=axes)
     corner = _panels(draw_projections(result))[0]
     mesh = corner.collections[0]
     values = np.asarray(mesh.get_array()).reshape(8, 9)  # y upwards, x across

@@ -1,7 +1,4 @@
-"""Tapers, steering and fits: the fields that they promise, and the lobes that follow from them."""
-
-import pickle
-import warnings
+"""Tapers, steering and fits: their fields, and the lobes of these fields."""
 
 import numpy as np
 import pytest
@@ -75,14 +72,10 @@ def test_slits_have_tapers_of_their_width():
     np.testing.assert_allclose(pw.steering([-0.25], WAVELENGTH)(x), steered, atol=ROUNDING)
     field = pw.cosine_taper(A, power=3, dimension=1)
     np.testing.assert_allclose(field(x), np.cos(np.pi * x[:, 0] / A) ** 3, atol=ROUNDING)
-    taylor, series = pw.taylor_taper(A, dimension=1), [0.25j, 1, -0.5]
+    taylor = pw.taylor_taper(A, dimension=1)
     np.testing.assert_allclose(
         taylor(x), pw.taylor_taper(A)(np.pad(x, ((0, 0), (0, 1)))), atol=ROUNDING
     )
-    turns = 2j * np.pi * x[:, 0] / A
-    expected = 0.25j * np.exp(-turns) + 1 - 0.5 * np.exp(turns)
-    fourier = pw.fourier_taper(A, coefficients=series, dimension=1)
-    np.testing.assert_allclose(fourier(x), expected, atol=ROUNDING)
 
 
 @pytest.mark.parametrize(("m", "n"), [(1, 0), (0, 4), (2, 0), (3, 2)])
@@ -112,24 +105,6 @@ def test_sidelobes_of_a_taylor_taper_are_as_low_as_asked_for(sll, nbar):
     # beyond n-bar they fall like those of a uniform line source, 1/|nu|
     far = levels[-10:] - 20 * np.log10(1 / np.linspace(30.5, 39.5, 10))
     assert np.ptp(far) < 0.5
-
-
-def test_a_fourier_taper_is_its_series():
-    rng = np.random.default_rng(2)
-    series = rng.normal(size=(5, 3)) + 1j * rng.normal(size=(5, 3))
-    x = points()
-    turns = x / [A, B]
-    expected = sum(
-        series[k + 2, j + 1] * np.exp(2j * np.pi * (k * turns[:, 0] + j * turns[:, 1]))
-        for k in range(-2, 3)
-        for j in range(-1, 2)
-    )
-    tolerance = ROUNDING * np.abs(series).sum()
-    np.testing.assert_allclose(
-        pw.fourier_taper(A, B, coefficients=series)(x), expected, atol=tolerance
-    )
-    cosine = pw.fourier_taper(A, coefficients=[0.25, 0.5, 0.25])
-    np.testing.assert_allclose(cosine(x), np.cos(np.pi * turns[:, 0]) ** 2, atol=ROUNDING)
 
 
 def grid(nx=25, ny=17, centre=(0, 0)):
@@ -166,14 +141,12 @@ def test_a_fit_never_has_more_waves_than_samples():
     assert one.residual == 0
 
 
-def test_a_bad_fit_is_refused_if_asked_for():
+def test_a_fit_of_higher_order_has_a_smaller_residual():
     at = grid()
     steep = pw.steering((0.9, 0.0), WAVELENGTH)(at)
-    fit = pw.fit_illumination(at, steep, order=1)
-    assert fit.residual > 0.5
-    with pytest.raises(IlluminationError, match="higher order"):
-        pw.fit_illumination(at, steep, order=1, largest_residual=0.5)
-    result = pw.fit_illumination(at, steep, order=8, largest_residual=0.01)
+    assert pw.fit_illumination(at, steep, order=1).residual > 0.5
+    result = pw.fit_illumination(at, steep, order=8)
+    assert result.residual < 0.01
     with pytest.raises(ArgumentError, match=r"got FittedIllumination; give its \.illumination"):
         pw.shapes.square(1).with_illumination(result)
 
@@ -234,50 +207,3 @@ def test_turns_that_cannot_be_are_refused():
             pw.shapes.square(A).turned(angle)
     with pytest.raises(IlluminationError, match="slits"):
         pw.uniform(dimension=1).turned(ANGLE)
-
-
-AHEAD = (0.0, 0.0, 3.0)
-
-
-def warnings_of(source):
-    """By everything that takes an obliquity."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        for condition in ("kirchhoff", "rayleigh-sommerfeld-2"):
-            pw.amplitude(source, AHEAD, 1.0, condition, engine="numpy")
-            pw.amplitude(source, AHEAD, 1.0, "fraunhofer", obliquity=condition)
-            pw.irradiance(source, AHEAD, 1.0, obliquity=condition, tolerance=0.1, engine="numpy")
-            pw.radiation_pattern(source, 1.0, [0.0], [0.0], obliquity=condition)
-    return [str(w.message) for w in caught]
-
-
-def test_a_fit_with_evanescent_waves_warns_once_a_call_whatever_is_made_of_it():
-    x = np.linspace(-0.5, 0.5, 9)
-    places = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
-    waves = [(0.0, 0.0), (1.2, 0.0), (-1.2, 0.0)]
-    fit = pw.fit_illumination(places, np.cos(places[:, 0]), waves).illumination
-    changed = 2 * (fit * pw.uniform() + pw.uniform()).moved([0.1, 0.0]).turned(0.5) / 3 - fit
-    restored = pickle.loads(pickle.dumps(changed))
-    assert restored == changed == pw.Illumination(changed.amplitudes, changed.frequencies)
-    square = pw.shapes.square(1.0)
-    for source in (
-        square.with_illumination(restored),
-        pw.phased_array(square.with_illumination(fit), [(-1.0, 0.0), (1.0, 0.0)]),
-    ):
-        result = warnings_of(source)
-        assert len(result) == 8
-        assert all("does not fix" in message for message in result)
-
-
-def test_waves_that_are_given_or_travel_do_not_warn():
-    square = pw.shapes.square(1.0)
-    x = np.linspace(-0.5, 0.5, 9)
-    places = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
-    travelling = pw.fit_illumination(places, np.cos(places[:, 0]), [(0.0, 0.0), (0.6, 0.0)])
-    for field in (
-        travelling.illumination,
-        pw.te_mode(1.0, 1.0),
-        pw.te_mode(0.4, 0.4),  # below cut-off: evanescent, but given
-        pw.Illumination([1.0], [(1.2, 0.0)]),
-    ):
-        assert not warnings_of(square.with_illumination(field))

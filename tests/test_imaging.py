@@ -173,7 +173,7 @@ def test_crossed_bars_are_their_union_and_their_overlap_is_refused() -> None:
     expected = pw.partially_coherent_image(clear, (6e-6, 6e-6), *LENS)
     assert dark == pytest.approx(expected, abs=EXACT)
     for weights in (None, [1.0, -1.0]):
-        with pytest.raises(GeometryError, match=r"elements 0 and 1 of the mask overlap.*union"):
+        with pytest.raises(GeometryError, match=r"elements of the mask overlap.*union"):
             pw.partially_coherent_image(pw.Array(CROSSED, weights), (6e-6, 6e-6), *LENS)
     touching = pw.Array([pw.shapes.square(2e-6), pw.shapes.square(2e-6).moved((2e-6, 0.0))])
     both = pw.partially_coherent_image(touching, (6e-6, 6e-6), *LENS)
@@ -192,7 +192,7 @@ def test_crossed_bars_are_their_union_and_their_overlap_is_refused() -> None:
     ],
 )  # fmt: skip
 def test_a_mask_that_overlaps_its_copies_is_refused(mask: Any, period: Any) -> None:
-    with pytest.raises(GeometryError, match=r"overlaps its cop.*period"):
+    with pytest.raises(GeometryError, match=r"overlap.*copies.*period"):
         pw.partially_coherent_image(mask, period, *LENS)
 
 

@@ -62,15 +62,6 @@ def test_radiance_of_a_square_at_its_centre_is_the_closed_form() -> None:
     assert result == pytest.approx(closed / WAVELENGTH**2, abs=1e-4 * ACCURACY / WAVELENGTH**2)
 
 
-def test_the_papers_radiance_lacks_the_power_and_has_four_pi_too_many() -> None:
-    x, s = (1e-3, -2e-3), _direction(0.2)
-    for source, area in ((ELL, ELL.area), (ROW, ROW.support.area)):
-        ratio = pw.radiance(source, x, s, WAVELENGTH) / pw.radiance(
-            source, x, s, WAVELENGTH, normalisation="paper"
-        )
-        assert ratio == pytest.approx(4 * math.pi * area)
-
-
 def test_a_source_much_smaller_than_the_wavelength_is_lambertian() -> None:
     """F is its area in all directions, so that the radiant intensity goes with the cosine."""
     speck = pw.shapes.triangle(1e-6, 2e-6)
@@ -176,7 +167,6 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "two components": (lambda: pw.radiant_intensity(SQUARE, (0, 1), 1.0), r"\(\.\.\., 3\)"),
     "three for x": (lambda: pw.flux_vector(SQUARE, (0, 0, 0), 1.0), r"\(\.\.\., 2\)"),
     "no wavelength": (lambda: pw.power(SQUARE, 0.0), "wavelength"),
-    "a normalisation": (lambda: pw.radiance(SQUARE, (0, 0), (0, 0, 1), 1.0, "SI"), "paper"),
     "slits": (lambda: pw.power(pw.Slits([[0, 1]]), 1.0), "rectangles"),
     "a pose": (lambda: pw.power(SQUARE.placed(np.eye(4)), 1.0), "aperture"),
 }

@@ -10,7 +10,7 @@ import pytest
 import polywigner as pw
 from polywigner import arrays
 from polywigner.errors import PolywignerError
-from polywigner.source.source_tables import apply_texts, direction_angles
+from polywigner.source.source_tables import apply_texts, parse_direction
 
 WAVELENGTH = 3.19e-3
 PATCH = pw.shapes.rectangle(9e-3, 6e-3)
@@ -109,6 +109,6 @@ def test_beams_and_curved_waves_require_a_wavelength(name: str) -> None:
 
 
 def test_the_angles_of_a_direction_have_theta_from_zero() -> None:
-    theta, phi = direction_angles("-20 deg, 30 deg")
+    theta, phi = parse_direction("-20 deg, 30 deg")
     assert np.degrees([theta, phi]) == pytest.approx([20, 210])
-    assert direction_angles("0 deg, 30 deg") == (0.0, 0.0)
+    assert parse_direction("0 deg, 30 deg") == (0.0, 0.0)

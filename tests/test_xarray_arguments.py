@@ -63,9 +63,6 @@ CASES: dict[str, Case] = {
     "radiance": (
         lambda x, s: pw.radiance(SQUARE, x, s, WAVELENGTH), (X, _directions(4)), "W m-2 sr-1"
     ),
-    "radiance of the paper": (
-        lambda x, s: pw.radiance(SQUARE, x, s, WAVELENGTH, "paper"), (X, _directions(4)), "m-4 sr-1"
-    ),
     "radiant_intensity": (
         lambda s: pw.radiant_intensity(SQUARE, s, frequency=1e11), (_directions(2, 4),), "W sr-1"
     ),

@@ -74,7 +74,6 @@ if TYPE_CHECKING:
     from polywigner.source import arrays as arrays
     from polywigner.source import cosine_taper as cosine_taper
     from polywigner.source import fit_illumination as fit_illumination
-    from polywigner.source import fourier_taper as fourier_taper
     from polywigner.source import phased_array as phased_array
     from polywigner.source import read_polarisation as read_polarisation
     from polywigner.source import read_source as read_source
@@ -112,7 +111,7 @@ _NAMES = {
         read_polyhedron read_sheets shapes
     """,
     "polywigner.source": """
-        Array Illumination arrays cosine_taper fit_illumination fourier_taper phased_array
+        Array Illumination arrays cosine_taper fit_illumination phased_array
         read_polarisation read_source segmented_pupil steering taylor_taper te_mode uniform
         write_source
     """,

@@ -75,7 +75,7 @@ def pattern(
     import polywigner as pw
     from polywigner.figures import draw_pattern, outline_of
     from polywigner.propagation.pattern_files import read_nearest_pattern
-    from polywigner.source.source_tables import direction_angles
+    from polywigner.source.source_tables import parse_direction
 
     radiator, length = source.read_with_wavelength()
     wavelengths = outline_of(radiator).diameter / length
@@ -96,7 +96,7 @@ def pattern(
     along = pw.beam_cuts(radiator, length, **settings)
     metrics = pw.beam_metrics(along, power=watts, efficiency=efficiency)
     if source.steering is not None:  # a grating lobe may be larger than the steered beam
-        metrics = replace(metrics, steering=direction_angles(source.steering))
+        metrics = replace(metrics, steering=parse_direction(source.steering))
     title = field_title(source.source, length)
     figure = draw_pattern(values, cuts=[along], metrics=metrics, floor_db=floor_db, title=title)
     in_files: Any = None if obliquity is None else polarisation

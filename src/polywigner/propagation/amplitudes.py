@@ -146,9 +146,7 @@ def amplitude(
     Warns
     -----
     PolywignerWarning
-        If the estimated error exceeds the tolerance at some point; and for "kirchhoff" and
-        "rayleigh-sommerfeld-2" of a :func:`fit_illumination` with evanescent waves, whose normal
-        derivatives the fit does not determine.
+        If the estimated error exceeds the tolerance at some point.
 
     Examples
     --------
@@ -217,8 +215,6 @@ def amplitude(
         field, errors = curved_field(checked_wavefront(source), flat, length, name)
     else:
         radiator = radiator_of(source)
-        if name in CONDITIONS:
-            CONDITIONS[name].warn_of_fit(source, length)
         field, errors, limits = boundary_field(
             radiator, flat, length, name, allowed, double, engine
         )
@@ -262,7 +258,6 @@ def _fraunhofer(
     flat = flat_source(source)
     radiator = radiator_of(flat)
     check_slopes(source, kind)
-    CONDITIONS[kind].warn_of_fit(flat, wavelength)
     x, y = radiator.centre.tolist()
     ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
     doubled = distance_of(_OPS, ahead)

@@ -132,7 +132,6 @@ def array_tolerance(
     random = checked_generator(seed)
     polar, azimuth = checked_theta(theta), checked_phi(phi)
     condition = obliquity_of(obliquity)
-    condition.warn_of_fit(source, length)
     name = condition.name
     power, _ = powers_of(source, length, name)
     directions = unit_vectors(polar, azimuth)

@@ -610,7 +610,7 @@ def psf(
         checked_length(length, "wavelength")
     distance = checked_length(focal_length, "focal_length")
     system = FirstOrder.fourier(distance)
-    fractions = pupil.shares_of(weights, lengths.size)
+    fractions = pupil.fractions_of(weights, lengths.size)
     radius = pupil.checked_pupil_radius(source, pupil_radius)
     # exp(2 pi i w |x|^2/a^2) is a lens of power -2 w lambda/a^2, the same for all wavelengths
     bend = 2.0 * pupil.checked_waves(defocus) * float(fractions @ lengths) / radius / radius

@@ -136,7 +136,6 @@ def radiated_power(
     name = checked_choice(obliquity, "obliquity", OBLIQUITIES)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
     check_slopes(radiator, name)
-    OBLIQUITIES[name].warn_of_fit(flat_source(radiator), length)
     return powers_of(radiator, length, name)[0]
 
 
@@ -325,10 +324,8 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
         powers = vector_powers(parts, length, model)
         jones = checked_polarisation(polarisation, radiator)
         return FarField(radiator, length, at, powers, {"method": model}, jones=jones, how=how)
-    condition = obliquity_of(obliquity)
-    name = condition.name
+    name = obliquity_of(obliquity).name
     check_slopes(radiator, name)
-    condition.warn_of_fit(flat_source(radiator), length)
     at = partial(far_field, radiator, wavelength=length, obliquity=name)
     powers = powers_of(radiator, length, name)
     return FarField(radiator, length, at, powers, {"obliquity": name}, is_vector=False, how=how)

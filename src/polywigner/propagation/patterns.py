@@ -130,12 +130,6 @@ def radiation_pattern(
     EngineError
         If the engine is not available.
 
-    Warns
-    -----
-    PolywignerWarning
-        For "kirchhoff" and "rayleigh-sommerfeld-2" if a :func:`fit_illumination` has evanescent
-        waves: the fit does not determine their normal derivatives.
-
     >>> import polywigner as pw
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, 0.0, 0.0)
     >>> round(pattern.attrs["largest_directivity"], 2)  # dBi

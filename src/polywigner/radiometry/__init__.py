@@ -7,7 +7,7 @@ W/m^2; they radiate to z > 0. Wavelengths are in metres, directions unit vectors
 module               content
 ===================  ==========================================================================
 ``directions``       checked sources and directions; integrals over directions, exact to rounding
-``flux``             radiance, radiant intensity, flux and power in SI units; the evanescent share
+``flux``             radiance, radiant intensity, flux, power and evanescent power in SI units
 ===================  ==========================================================================
 """
 

@@ -1,8 +1,8 @@
-"""Sources and directions, checked, and integrals over all directions in front of a source.
+"""Checks of sources and directions, and integrals over all directions in front of a source.
 
 W(x, nu) and |F(nu)|^2 are sums of waves exp(i k rho sin(theta) cos(phi - phi0)) with rho up to the
-source's diameter. Gauss-Legendre points in theta and equidistant ones in phi integrate these to
-rounding as soon as there are some more of them than such a wave has half periods.
+source's diameter. Gauss-Legendre points in theta and equidistant points in phi integrate such waves
+exactly, except for rounding, if there are a few more points than half periods of the wave.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"
 
 
 def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
-    """Return a bandwidth in Hz about a wavelength in m; raise ArgumentError for others."""
+    """Return a valid bandwidth in Hz about a wavelength in m. Raises ArgumentError."""
     width = checked_number(bandwidth, "bandwidth", _MEANING)
     carrier = SPEED_OF_LIGHT / wavelength
     if not 0 < width < 2 * carrier:
@@ -52,7 +52,7 @@ def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
 def wavelengths_of_band(
     wavelength: float, bandwidth: float, lag: float, error: float
 ) -> list[tuple[float, float]]:
-    """(wavelength, weight) for the mean over the band, of a source ``lag`` m across."""
+    """Return (wavelength, weight) pairs for means over a band, for a source ``lag`` m across."""
     spread = bandwidth * lag / SPEED_OF_LIGHT
     if not spread <= _MOST_SPREAD:
         raise ArgumentError(
@@ -71,7 +71,7 @@ PlaneSource = Aperture | Array
 def checked_radiator(source: Any, partly: bool = False) -> PlaneSource | Wavefront:
     """Return a source of :func:`checked_source`, or one with a curved wave.
 
-    ``partly``: it may be partly coherent; else that raises IlluminationError.
+    Unless ``partly`` is true, a partly coherent source raises IlluminationError.
     """
     if not isinstance(source, Wavefront):
         return checked_source(source)
@@ -100,12 +100,12 @@ def checked_source(source: Any) -> PlaneSource:
             "expected an Aperture, or an Array of apertures in the plane z = 0, got "
             f"{type(flat).__name__}; {advice}"
         )
-    # poses within the plane applied: spatial frequencies then have two components
+    # Poses in the plane are applied, so that spatial frequencies have two components.
     return source if source.dimension == 2 else Array(source.elements_in_plane, source.weights)
 
 
 def checked_directions(direction: Any) -> Floats:
-    """Return unit vectors (..., 3) into z >= 0; raise ArgumentError for others."""
+    """Return unit vectors (..., 3) with z >= 0. Raises ArgumentError for other vectors."""
     check_no_drjit(direction=direction)
     array = checked_unit_vectors("direction", direction)
     back = array[..., 2] < 0
@@ -118,7 +118,7 @@ def checked_directions(direction: Any) -> Floats:
 
 
 def checked_positions(x: Any) -> Floats:
-    """Return positions (..., 2) on the aperture in metres; raise ArgumentError for others."""
+    """Return finite positions (..., 2) on the aperture in m. Raises ArgumentError."""
     check_no_drjit(x=x)
     array = checked_vectors(x, "expected finite positions x of shape (..., 2)", (2,))
     if not np.isfinite(array).all():
@@ -128,21 +128,25 @@ def checked_positions(x: Any) -> Floats:
 
 # ---- integrals over directions -------------------------------------------------------------------
 
-# Largest width of a source: 1.5e11 directions, half a day of two cores for the power of a square.
+# Largest width of a source in wavelengths: its power takes 1.5e11 directions, half a day for a
+# square on two cores.
 _MOST_WAVELENGTHS = 1e5
 # Directions per block: a few MB.
 _BLOCK = 1 << 17
 # Number of values of F or W, a few seconds of work, above which a terminal shows progress.
 _LONG = 1 << 25
-# Width in wavelengths above which lags are used: below, directions take seconds at most. Allowed
-# difference of two ends of the lags, as a fraction of the power; fraction of a grazing frequency.
+# Integrals over lags: smallest width of the source in wavelengths, since smaller sources take
+# seconds at most by directions; largest difference of the results for two cut-offs of the lags, as
+# a fraction of the power; and largest frequency of the field, as a fraction of 1/wavelength.
 _WIDE, _SAME, _STEEP = 600.0, 1e-6, 0.8
-# The end of the lags: its softness for waves along the normal, which leaves exp(-32) of the rim of
-# the hemisphere, and how many times that it is off, twice; beyond, 1e-14 is left.
+# Smooth cut-off of the lags: its width in wavelengths for waves along the normal, which reduces the
+# contribution of the rim of the hemisphere to exp(-32); its two positions, and the end of the
+# integral behind it, in units of this width. 1e-14 is left beyond the end.
 _SOFT, _ENDS, _BEYOND = 1.8, (4.5, 6.5), 5.5
-# Largest number of edge directions that separate panels; nodes of a panel and of a period.
+# Largest number of directions of edges that separate panels of the angle of the lag; Gauss nodes of
+# a panel, and of one wavelength of lag.
 _MOST_KINKS, _ON_PANEL, _ON_PERIOD = 48, 8, 12
-# Largest phase of a wave on one panel of theta: points of long panels cost their cube to find.
+# Largest phase of a wave on one panel of theta: the cost of Gauss nodes grows with their cube.
 _PANEL = 400.0
 
 
@@ -162,9 +166,9 @@ def largest_lag(source: PlaneSource | Wavefront) -> float:
 
 
 def longest_path(source: PlaneSource | Wavefront) -> float:
-    """Bound in m on the difference of two paths from the source to a point.
+    """Return a bound in m on the difference of two paths from the source to a point.
 
-    That is the largest lag and the difference of the path lengths on the source itself.
+    The bound is the largest lag plus the largest difference of the path lengths on the source.
     """
     lag, flat = largest_lag(source), flat_source(source)
     paths = getattr(flat, "paths", None)
@@ -193,12 +197,13 @@ def check_width(lag: float, wavelength: float) -> None:
 def directions_and_weights(
     lag: float, wavelength: float, positions: int = 1
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Unit vectors (n, 3) of z > 0 and solid angles (n,), in blocks.
+    """Yield blocks of unit vectors (n, 3) with z > 0 and solid angles (n,).
 
-    Functions band-limited as above by ``lag``, times polynomials of the direction's components,
-    are integrated to 1e-14 of the largest value, with about 15 (lag/wavelength)^2 points, at least
-    a hundred. A terminal shows a progress bar for long computations; each block serves
-    ``positions`` positions. Raises ArgumentError for lags of too many wavelengths.
+    The sums integrate functions band-limited by ``lag`` in m, times polynomials of the direction's
+    components, to 1e-14 of the largest value. They have about 15 (lag/wavelength)^2 points, at
+    least a hundred. Terminals show a progress bar for long computations; ``positions`` is the
+    number of positions at which the caller evaluates each direction. Raises ArgumentError for lags
+    of too many wavelengths.
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
@@ -226,20 +231,20 @@ def _rings(theta: Floats, weight: Floats, counts: NDArray[np.intp]) -> tuple[Flo
 
 
 def _azimuths(phase: Floats) -> NDArray[np.intp]:
-    """Number of azimuths that integrate exp(i phase cos(phi)) cos(phi)^m, m = 0, 1, 2, to 3e-15.
+    """Return the numbers of azimuths that integrate exp(i phase cos(phi)) cos(phi)^m to 3e-15.
 
-    What n of them leave is 2 J_n(phase), negligible from a few phase^(1/3) beyond n = phase on. The
-    numbers were found by trying phases from 0.1 to 3000.
+    m is 0, 1 or 2. The error of n azimuths is 2 J_n(phase), negligible if n exceeds the phase by a
+    few phase^(1/3). The constants were determined with phases from 0.1 to 3000.
     """
     return np.ceil(phase + 11.0 * np.cbrt(phase) + 9.0).astype(np.intp)
 
 
 @lru_cache(maxsize=8)
 def _polar(phase: float) -> tuple[Floats, Floats]:
-    """Angles (n,) in (0, pi/2) and weights; numbers found as for azimuths.
+    """Return polar angles (n,) in (0, pi/2) and weights; constants as in `_azimuths`.
 
-    On half a panel the wave turns by at most pi/4 of its phase, and n points integrate what turns
-    by less than 2 n and a few cube roots of it.
+    On half a panel the phase of the wave changes by at most pi/4 of its amplitude, and n points
+    integrate phases below 2 n minus a few cube roots of n.
     """
     panels = max(1, math.ceil(phase / _PANEL))
     along = phase / panels
@@ -256,9 +261,9 @@ def power_by_lags(
 ) -> float | None:
     """Return the power of a wide source in W (E5); None if a sum over directions is required.
 
-    The factor of a direction is smooth but at the horizon. So lags beyond some wavelengths count by
-    the far sides that are parallel, as (wavelength/width)^(5/2) of the power, and to the power of
-    3/2 by obliquities that take slopes; a soft end leaves them out.
+    The obliquity factor is smooth except at the horizon, so lags beyond some wavelengths contribute
+    only through parallel sides: (wavelength/width)^(5/2) of the power, or the power 3/2 of this
+    ratio for obliquities with a normal derivative. A smooth cut-off leaves these lags out.
     """
     slope = steepest(source, wavelength)
     soft = _SOFT / (1.0 - min(slope, _STEEP))
@@ -293,9 +298,10 @@ def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
 
 
 def _lag_angles(source: PlaneSource | Wavefront, turns: float) -> tuple[Floats, Floats]:
-    """Directions (n,) of lags over half a circle, and weights for all of it.
+    """Return the angles (n,) of lags over half a circle, and weights for the whole circle.
 
-    R_xi has kinks where lags are along edges. ``turns``: largest change of its phase, by angle.
+    R_xi has kinks at lags along edges, which separate panels of angles. ``turns`` is a bound on the
+    derivative of its phase in the angle.
     """
     flat: Any = flat_source(source)
     rings = [ring for element in getattr(flat, "distinct", (flat,)) for ring in element.rings]
@@ -314,13 +320,13 @@ def _lag_angles(source: PlaneSource | Wavefront, turns: float) -> tuple[Floats, 
     return np.concatenate(nodes), np.concatenate(weights)
 
 
-# Smallest radiated fraction of the energy: rounding errors are 1e-13 of the energy, so that
-# directivities of sources that radiate less have no digits.
+# Smallest radiated fraction of the energy: rounding errors are 1e-13 of the energy, so the
+# directivity of a source that radiates less has no correct digit.
 _DARK = 1e-12
 
 
 def checked_powers(power: float, energy: float, wavelength: float) -> tuple[float, float]:
-    """Return both; raise IlluminationError for a source that radiates nothing."""
+    """Return power and energy. Raises IlluminationError for a source that radiates nothing."""
     if not power > _DARK * max(0.0, energy):
         raise IlluminationError(
             f"source radiates only {power:.3g} W at a wavelength of {wavelength:g} m; check the "

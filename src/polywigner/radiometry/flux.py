@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.execution import Engine, Precision, checked_precision
-from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_choice, checked_wavelength, takes_frequency
+from polywigner.geometry import Wavefront
+from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.radiometry.directions import (
     PlaneSource,
     checked_bandwidth,
@@ -27,27 +26,20 @@ from polywigner.radiometry.directions import (
 )
 from polywigner.transforms import fourier, wigner
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.wavefronts import flat_source, mean_over_tilts
+from polywigner.transforms.wavefronts import mean_over_tilts
 from polywigner.transforms.xarray_arguments import takes_xarray
-
-Normalisation = Literal["si", "paper"]
 
 # Error of the mean over a band, relative to the largest intensity.
 _BAND_ERROR = 1e-12
 
 
-def _radiance_units(arguments: dict[str, Any]) -> str:
-    return "m-4 sr-1" if arguments.get("normalisation") == "paper" else "W m-2 sr-1"
-
-
 @takes_frequency
-@takes_xarray("x", "direction", units=_radiance_units, long_name="radiance L(x, s)")
+@takes_xarray("x", "direction", units="W m-2 sr-1", long_name="radiance L(x, s)")
 def radiance(
     source: PlaneSource | Wavefront,
     x: ArrayLike,
     direction: ArrayLike,
     wavelength: float,
-    normalisation: Normalisation = "si",
     *,
     precision: Precision = None,
     engine: Engine = "auto",
@@ -56,45 +48,49 @@ def radiance(
 
     The radiance can be negative, as W: only integrals over position or direction are measurable.
     Integrated over both, with the projected solid angle, it gives the power (docs/radiometry.md,
-    (E1)). The paper's W/(4 pi A lambda^2) is ``normalisation="paper"``: the 4 pi is spurious, and
-    A makes it a mean over the aperture (docs/corrections.md).
+    (E1)). In the paper's W/(4 pi A lambda^2) the 4 pi is spurious, and A makes it a mean over the
+    aperture (docs/corrections.md).
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
-        curved or partly coherent wave.
-    x : (..., 2) positions in m, outside of the source too: in its automean.
-    direction : (..., 3) unit vectors with z >= 0; broadcasts against ``x``.
-    wavelength : in m.
-    normalisation : "si"; or "paper", without the power |u|^2 A of the source: per m^4 and sr, A
-        the area of the aperture, or of the union of an array's elements.
-    precision, engine : see :func:`fourier`.
+    source : Aperture, Array or Wavefront
+        Apertures in the plane z = 0, |u|^2 on them in W/m^2; a Wavefront may be curved or partly
+        coherent.
+    x : array_like, shape (..., 2)
+        Positions in m, also outside the source: the support is its automean.
+    direction : array_like, shape (..., 3)
+        Unit vectors with z >= 0; they broadcast against ``x``.
+    wavelength : float
+        Wavelength in m, or ``frequency=`` in Hz.
+    precision, engine : str, optional
+        See :func:`fourier`.
 
     Returns
     -------
-    (...) real, in W/(m^2 sr). Accurate to 1e-12 (single precision: 5e-6) int |u|^2/lambda^2.
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
+    ndarray of float, shape (...)
+        Radiance in W/(m^2 sr), accurate to 1e-12 (single precision: 5e-6) int |u|^2/lambda^2. An
+        ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
-    elements do not lie in the plane z = 0; EngineError without the engine.
+    ArgumentError
+        If an argument has the wrong type, shape or range.
+    GeometryError
+        If an Array has elements outside the plane z = 0.
+    EngineError
+        If the engine is not available.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> round(float(pw.radiance(pw.shapes.square(10e-3), (0, 0), (0, 0, 1), 3.2e-3)), 3)  # W/m^2/sr
     39.063
     """
     radiator = checked_radiator(source, partly=True)
     length = checked_wavelength(wavelength)
-    checked_choice(normalisation, "normalisation", get_args(Normalisation))
     nu = checked_directions(direction)[..., :2] / length
     result = wigner(radiator, checked_positions(x), nu, precision=precision, engine=engine)
-    scale = 1.0
-    if normalisation == "paper":
-        flat = flat_source(radiator)
-        area = flat.area if isinstance(flat, Aperture) else flat.support.area
-        scale = 1 / (4 * math.pi * area)
-    return result * result.dtype.type(scale / length**2)
+    return result / result.dtype.type(length**2)
 
 
 @takes_frequency
@@ -114,18 +110,28 @@ def radiant_intensity(
 
     Parameters
     ----------
-    source, wavelength, precision, engine : as of :func:`radiance`.
-    direction : (..., 3) unit vectors with z >= 0.
-    bandwidth : in Hz; the mean over light of all frequencies that are at most half of it from that
-        of the wavelength (docs/coherence.md, (PC6)). None: light of the one wavelength.
+    source, wavelength, precision, engine
+        As in :func:`radiance`.
+    direction : array_like, shape (..., 3)
+        Unit vectors with z >= 0.
+    bandwidth : float, optional
+        Bandwidth in Hz: the result is the mean over all frequencies that differ from the frequency
+        of the wavelength by at most half the bandwidth (docs/coherence.md, (PC6)). Default: one
+        wavelength.
 
     Returns
     -------
-    (...) real, not negative, in W/sr.
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
+    ndarray of float, shape (...)
+        Radiant intensity in W/sr, not negative. An ``xarray.DataArray`` gives one, as in
+        :func:`fourier`.
 
-    Raises as :func:`radiance` does.
+    Raises
+    ------
+    ArgumentError, GeometryError, EngineError
+        As :func:`radiance`.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> round(float(pw.radiant_intensity(pw.shapes.square(10e-3), (0, 0, 1), 3.2e-3)), 6)  # W/sr
     0.000977
@@ -137,7 +143,7 @@ def radiant_intensity(
         band = checked_bandwidth(bandwidth, length)
         parts = wavelengths_of_band(length, band, longest_path(radiator), _BAND_ERROR)
         how: dict[str, Any] = {"precision": precision, "engine": engine}
-        # each call takes the phases of path lengths at its own wavelength
+        # Each call uses the phases of path lengths at its wavelength.
         total = sum(w * radiant_intensity(radiator, directions, one, **how) for one, w in parts)
         return np.asarray(total)[()]
 
@@ -169,24 +175,33 @@ def flux_vector(
     """Compute the flux vector J(x) = int L(x, s) s dOmega over the directions of z > 0.
 
     J_z is the radiated power per area, the part of |u|^2 with |nu| < 1/lambda (docs/radiometry.md,
-    (E3)). It can be negative, and is not zero outside of the source. The components along the plane
+    (E3)). It can be negative, and is not zero outside the source. The components along the plane
     are zero for fields that are real up to a constant phase. The paper leaves out the z component
     of the direction.
 
+    The cost is W in some 15 (diameter/wavelength)^2 + 1000 directions for each position; memory is
+    bounded. Terminals show a progress bar for computations of more than some seconds.
+
     Parameters
     ----------
-    source, wavelength, engine : as of :func:`radiance`.
-    x : (..., 2) positions in m.
+    source, wavelength, engine
+        As in :func:`radiance`.
+    x : array_like, shape (..., 2)
+        Positions in m.
 
     Returns
     -------
-    (..., 3) in W/m^2. Accurate to 1e-12 int |u|^2/lambda^2. Cost: W in some
-    15 (diameter/wavelength)^2 + 1000 directions for each position; memory is bounded. A terminal
-    shows a bar where that takes more than seconds.
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`, J along ``flux_component``.
+    ndarray of float, shape (..., 3)
+        J in W/m^2, accurate to 1e-12 int |u|^2/lambda^2. An ``xarray.DataArray`` gives one, as in
+        :func:`fourier`, with J along ``flux_component``.
 
-    Raises as :func:`radiance` does.
+    Raises
+    ------
+    ArgumentError, GeometryError, EngineError
+        As :func:`radiance`.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> round(float(pw.flux_vector(pw.shapes.square(10e-3), (0, 0), 3.2e-3)[2]), 2)  # W/m^2
     0.95
@@ -210,22 +225,31 @@ def flux_vector(
 def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine = "auto") -> float:
     """Compute the power through a far hemisphere, int |F|^2 d nu over |nu| < 1/lambda.
 
-    It is the integral of :func:`radiant_intensity`, and int |u|^2 dx less its evanescent part
+    It is the integral of :func:`radiant_intensity`, and int |u|^2 dx minus its evanescent part
     (docs/radiometry.md, (E4)).
+
+    The cost is F in some 15 (diameter/wavelength)^2 + 1000 directions. Sources wider than 600
+    wavelengths are integrated over lags (docs/radiometry.md, (E5)), within a second and with an
+    accuracy of 1e-8, unless they have small parts, many elements or steep waves. Terminals show a
+    progress bar for computations of more than some seconds.
 
     Parameters
     ----------
-    source, wavelength, engine : as of :func:`radiance`.
+    source, wavelength, engine
+        As in :func:`radiance`.
 
     Returns
     -------
-    In W. Accurate to 1e-12 of int |u|^2. Cost: F in some 15 (diameter/wavelength)^2 + 1000
-    directions. Beyond 600 wavelengths by lags (docs/radiometry.md, (E5)), accurate to 1e-8 and done
-    within a second, where small parts, many elements or steep waves do not forbid it; a terminal
-    shows a bar where it takes more than seconds.
+    float
+        Power in W, accurate to 1e-12 of int |u|^2.
 
-    Raises as :func:`radiance` does.
+    Raises
+    ------
+    ArgumentError, GeometryError, EngineError
+        As :func:`radiance`.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> round(pw.power(pw.shapes.square(10e-3), frequency=94e9) * 1e6, 2)  # uW
     93.38
@@ -243,6 +267,8 @@ def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine 
 class EnergyBudget:
     """Propagating and evanescent parts of int |u|^2 of a source, in W.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> budget = pw.energy_budget(pw.shapes.square(10e-3), 3.2e-3)
     >>> round(budget.evanescent_fraction, 4)
@@ -276,16 +302,25 @@ def energy_budget(
 ) -> EnergyBudget:
     """Compute the radiated and the evanescent power of a source (docs/radiometry.md, (E4)).
 
+    The cost is the cost of :func:`power`.
+
     Parameters
     ----------
-    source, wavelength, engine : as of :func:`radiance`.
+    source, wavelength, engine
+        As in :func:`radiance`.
 
     Returns
     -------
-    :class:`EnergyBudget`, in W; accurate to 1e-12 of the total. Cost as of :func:`power`.
+    EnergyBudget
+        Powers in W, accurate to 1e-12 of the total.
 
-    Raises as :func:`radiance` does.
+    Raises
+    ------
+    ArgumentError, GeometryError, EngineError
+        As :func:`radiance`.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> budget = pw.energy_budget(pw.shapes.square(10e-3), 3.2e-3)
     >>> round(budget.propagating / budget.total, 4)

@@ -18,7 +18,6 @@ from polywigner.geometry.arguments import (
     rigid_pose,
     shape_of,
 )
-from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:
     import xarray
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 Values = NDArray[np.float64]
 
-# Units and meanings.
+# Units and long names of the variables of a dataset of rays.
 _VARIABLES = {
     "position": ("m", "point on the ray"),
     "direction": ("1", "unit vector along the ray"),
@@ -34,8 +33,6 @@ _VARIABLES = {
 }
 # Tolerance of unit vectors: ray tracers may use single precision.
 _UNIT = 1e-4
-MOST_BATCHES = 1024
-"""Limit of independent sets."""
 
 
 def bundle(
@@ -73,19 +70,27 @@ def traced(
 
     Parameters
     ----------
-    rays : the rays before tracing, from :func:`polywigner.sample_rays` or :func:`load`.
-    position : (n, 3) in m, a point on each ray behind the optics.
-    direction : (n, 3) unit vectors.
-    weight : (n,) in W, if the optics absorb power; None: unchanged.
+    rays : xarray.Dataset
+        The n rays before tracing, from :func:`polywigner.sample_rays` or :func:`load`.
+    position : array_like, shape (n, 3)
+        A point on each ray behind the optics, in m.
+    direction : array_like, shape (n, 3)
+        Unit vectors along the rays.
+    weight : array_like, shape (n,), optional
+        Powers in W, if the optics absorb power; default: unchanged.
 
     Returns
     -------
-    xarray.Dataset, as returned by :func:`polywigner.sample_rays`.
+    xarray.Dataset
+        Rays as returned by :func:`polywigner.sample_rays`.
 
     Raises
     ------
-    ArgumentError : other objects than rays, arrays of wrong shape.
+    ArgumentError
+        If the rays are another object, or an array has another shape.
 
+    Examples
+    --------
     >>> import numpy as np
     >>> import polywigner as pw
     >>> rays = pw.sample_rays(pw.shapes.square(10e-3), 3.2e-3, 100)
@@ -120,19 +125,8 @@ def checked_bundle(rays: Any) -> tuple[Values, Values, Values, NDArray[Any] | No
         raise ArgumentError(
             f"expected position and direction over ray and component, weight over ray: {error}"
         ) from None
-    return *_columns(len(arrays[2]), *arrays), _batch(rays) if "batch" in rays.coords else None
-
-
-def _batch(rays: Any) -> NDArray[np.integer[Any]]:
-    """Return the numbers (n,) of the sets of rays."""
-    batch: NDArray[np.integer[Any]] = rays["batch"].values
-    is_row = batch.dtype.kind in "iu" and batch.shape == (rays.sizes["ray"],)
-    if not is_row or not (batch.min(initial=0) >= 0 and batch.max(initial=0) < MOST_BATCHES):
-        raise ArgumentError(
-            f"expected batch as integers (ray,) from 0 to {MOST_BATCHES - 1}, got {batch.dtype} "
-            f"of shape {batch.shape}"
-        )
-    return batch
+    batch = rays["batch"].values if "batch" in rays.coords else None
+    return *_columns(len(arrays[2]), *arrays), batch
 
 
 def count_of(rays: xarray.Dataset) -> int:
@@ -159,11 +153,11 @@ def _columns(count: int, *values: Any) -> tuple[Values, Values, Values]:
     return position, direction, weight
 
 
-# Limits of pixels along an axis and in total, and of sums of 16 batches: 1 GB.
+# Limits of pixels along an axis and in total, and of pixels times batches: 1 GB.
 _MOST_PIXELS = 1 << 14
 _MOST_IN_ALL = 1 << 22
 _MOST_SUMS = 1 << 26
-# Rays of one step: some 100 MB.
+# Rays per block: some 100 MB.
 _BLOCK = 1 << 20
 # Distance from the plane, as a fraction of the largest coordinate, at which rays still end on it.
 _ON_PLANE = 1e-9
@@ -184,37 +178,50 @@ def rebuild(
 
     Parameters
     ----------
-    rays : from :func:`polywigner.sample_rays`, :func:`load` or :func:`traced`.
-    plane : z in m of a plane parallel to x and y; or the (4, 4) pose of the plane.
-    bounds : (xmin, ymin, xmax, ymax) in m of the grid of pixels, in the frame of the plane.
-    shape : numbers of pixels along x and y.
-    virtual : whether to include rays that meet the plane backwards, as in a virtual image.
+    rays : xarray.Dataset
+        From :func:`polywigner.sample_rays`, :func:`load` or :func:`traced`.
+    plane : float or array_like, shape (4, 4)
+        z in m of a plane parallel to x and y; or the pose of the plane.
+    bounds : array_like, shape (4,)
+        (xmin, ymin, xmax, ymax) in m of the grid of pixels, in the frame of the plane.
+    shape : (int, int)
+        Numbers of pixels along x and y.
+    virtual : bool, default False
+        Whether to include rays that meet the plane backwards, as in a virtual image.
 
     Returns
     -------
-    xarray.Dataset with ``irradiance`` (y, x) and its ``standard_error`` (y, x) in W/m^2, over y and
-    x of the pixel centres in m: rows are along x, the first at the bottom (``origin="lower"``).
-    The error of independent rays follows from their weights, of quasi-random rays from the scatter
-    of 16 batches, within a fifth. Attributes: ``power`` and ``power_error``, the sum over the grid
-    in W; ``lost``, the number of rays with NaN; ``missed``, the number that do not meet the grid.
+    xarray.Dataset
+        ``irradiance`` (y, x) and its ``standard_error`` (y, x) in W/m^2, over y and x of the pixel
+        centres in m: rows are along x, the first at the bottom (``origin="lower"``). The error of
+        independent rays follows from their weights. The error of quasi-random rays follows from
+        the scatter of 16 batches, within a fifth. Attributes: ``power`` and ``power_error``, the
+        sum over the grid in W; ``lost``, the number of rays with NaN; ``missed``, the number of
+        rays that do not meet the grid.
 
     Raises
     ------
-    ArgumentError : arguments of the wrong type, shape or range. GeometryError : a pose that is not
-        rigid. MissingExtraError : no xarray.
+    ArgumentError
+        If an argument has the wrong type, shape or range.
+    GeometryError
+        If a pose is not rigid.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> rays = pw.sample_rays(pw.shapes.square(10e-3), 3.2e-3, 4096)
     >>> image = pw.rays.rebuild(rays, 0.1, (-0.03, -0.02, 0.03, 0.02), (6, 4))
     >>> image.irradiance.dims, image.irradiance.shape
     (('y', 'x'), (4, 6))
     """
+    import xarray
+
     position, direction, weight, batch = checked_bundle(rays)
     pose = _pose(plane)
     checked_flag(virtual, "virtual")
     edges = _edges(bounds, shape)
     pixels = math.prod(len(axis) - 1 for axis in edges)
-    # a selection may lack some batches
+    # A selection of rays may lack some batches.
     known, number = np.unique([0] if batch is None else batch, return_inverse=True)
     batches = max(1, len(known))
     if batches * pixels > _MOST_SUMS:
@@ -222,7 +229,7 @@ def rebuild(
             f"expected at most {_MOST_SUMS} pixels of all batches, got {batches} batches of "
             f"{pixels} pixels; use fewer pixels"
         )
-    # the last entry is the sum over all pixels
+    # The last entry is the sum over all pixels.
     sums, squares = np.zeros((batches, pixels + 1)), np.zeros(pixels + 1)
     lost = missed = 0
     for start in range(0, len(weight), _BLOCK):
@@ -242,25 +249,25 @@ def rebuild(
     squares[-1] = squares[:-1].sum()
     total, error = _errors(sums, squares, count_of(rays))
     area = math.prod(float(axis[-1] - axis[0]) for axis in edges) / pixels
-    about = {"power": total[-1], "power_error": error[-1], "lost": lost, "missed": missed}
-    values = {
-        "irradiance": (total[:-1], "irradiance, mean over a pixel"),
-        "standard_error": (error[:-1], "standard error of the irradiance"),
+    size = len(edges[1]) - 1, len(edges[0]) - 1
+    columns = {
+        "irradiance": (total, "irradiance, mean over a pixel"),
+        "standard_error": (error, "standard error of the irradiance"),
     }
-    size, units = (len(edges[1]) - 1, len(edges[0]) - 1), {"units": "W m-2"}
-    return labelled_arrays(
-        {
-            name: labelled_array(
-                (value / area).reshape(size), ("y", "x"), units | {"long_name": text}
-            )
-            for name, (value, text) in values.items()
-        },
-        {
-            name: labelled_array((axis[1:] + axis[:-1]) / 2, (name,), {"units": "m"})
-            for name, axis in zip("xy", edges, strict=True)
-        },
-        {**rays.attrs, **about},
-    )
+    images = {
+        name: (
+            ("y", "x"),
+            (values[:-1] / area).reshape(size),
+            {"units": "W m-2", "long_name": text},
+        )
+        for name, (values, text) in columns.items()
+    }
+    coords = {
+        name: ((name,), (axis[1:] + axis[:-1]) / 2, {"units": "m"})
+        for name, axis in zip("xy", edges, strict=True)
+    }
+    about = {"power": total[-1], "power_error": error[-1], "lost": lost, "missed": missed}
+    return xarray.Dataset(images, coords, {**rays.attrs, **about})
 
 
 def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
@@ -269,7 +276,7 @@ def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
     batches = len(sums)
     if batches > 1:
         return total, math.sqrt(batches) * np.std(sums, axis=0, ddof=1)
-    # n times the variance of one ray; rays that miss a pixel contribute zero
+    # n times the variance of the power of one ray; rays that miss a pixel contribute zero.
     variance = squares - total**2 / count
     return total, np.sqrt(np.maximum(variance, 0.0) * count / max(1, count - 1))
 

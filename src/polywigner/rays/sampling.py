@@ -32,19 +32,14 @@ from polywigner.radiometry.directions import (
     largest_lag,
 )
 from polywigner.rays.bundles import bundle
-from polywigner.reception.norms import root_of_norm
-from polywigner.source.obliquities import (
-    ObliquityName,
-    obliquity_of,
-)
+from polywigner.source.obliquities import ObliquityName, obliquity_of
 from polywigner.transforms import sample_automean, wigner
-from polywigner.transforms.automean_samples import Weights
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 
 if TYPE_CHECKING:
     import xarray
 
-RaySampling = Literal["uniform", "marginal", "quasi-random"]
+RaySampling = Literal["uniform", "quasi-random"]
 
 Values = NDArray[np.float64]
 
@@ -63,14 +58,13 @@ def _numbers(
 ) -> Iterator[tuple[Values, int | None]]:
     """Yield uniform numbers (m, k) in [0, 1), and the batch of quasi-random numbers.
 
-    Two are for the direction, two or with "marginal" four for the position, and ``tilts`` for the
-    tilt. Raises MissingExtraError for quasi-random numbers without scipy.
+    Two columns are for the direction, two for the position, and ``tilts`` for the tilt. Raises
+    MissingExtraError for quasi-random numbers without scipy.
     """
     generator = checked_generator(seed)
     if sampling != "quasi-random":
-        columns = (6 if sampling == "marginal" else 4) + tilts
         for start in range(0, count, _BLOCK):
-            yield generator.random((min(_BLOCK, count - start), columns)), None
+            yield generator.random((min(_BLOCK, count - start), 4 + tilts)), None
         return
     library = require("scipy.stats.qmc", "arrays", "has quasi-random numbers (Sobol)")
     for batch in range(BATCHES):
@@ -89,7 +83,7 @@ def _normal_numbers(numbers: Values) -> Values:
     """
     plane = _disc(numbers)
     before = (plane**2).sum(axis=1)
-    # the rim is infinitely far away
+    # The rim of the disc is mapped to infinity, so the largest value is just below 1.
     after = -2 * np.log1p(-np.minimum(before, 1 - np.finfo(np.float64).epsneg))
     outward = np.sqrt(np.divide(after, before, out=np.full_like(before, 2.0), where=before > 0))
     return np.asarray(plane * outward[:, None])
@@ -114,7 +108,7 @@ class Cone:
         """
         centre = None if slope is None or math.isinf(self.width) else self._beam_centres(slope)
         ratio = self.width / self.radius
-        # ratio * ratio overflows to infinity; ratio**2 would raise an error
+        # ratio * ratio overflows to infinity, but ratio**2 raises an error.
         plane, area = _concentrated(_disc(numbers), ratio * ratio, centre)
         plane *= self.radius
         along = np.sqrt(np.maximum(1.0 - (plane**2).sum(axis=1), 0.0))
@@ -157,7 +151,7 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
 def _frame(axis: Values) -> Values:
     """Return a rotation whose last column is the axis, the identity for z."""
     x, y, z = axis
-    # z >= 0 in front of the source, so there is no pole (Duff and others 2017)
+    # The axis has z >= 0, so the denominator is not zero (Duff and others 2017).
     a = -1.0 / (1.0 + z)
     b = x * y * a
     return np.array([[1 + x * x * a, b, x], [b, 1 + y * y * a, y], [-x, -y, z]])
@@ -189,7 +183,7 @@ def _reach(plane: Values, centre: Values) -> Values:
     )
     inside = np.maximum(1.0 - (centre**2).sum(axis=1), 0.0)
     chord = np.sqrt(along**2 + inside)
-    # avoids the cancellation in chord - along for positive values
+    # The quotient avoids the cancellation in chord - along for positive values.
     reach = np.divide(inside, chord + along, out=chord - along, where=along > 0)
     return np.asarray(reach**2)
 
@@ -230,7 +224,6 @@ def sample_rays(
     to_world: ArrayLike | None = None,
     obliquity: ObliquityName | None = None,
     power: float | None = None,
-    aperture_power: float | None = None,
     engine: Engine = "auto",
 ) -> xarray.Dataset:
     """Draw rays of a source, weighted by its Wigner function: positions, directions and watts.
@@ -242,39 +235,57 @@ def sample_rays(
 
     Parameters
     ----------
-    source : Aperture, placed or not, or Array of apertures in the plane z = 0, |u|^2 on it in
-        W/m^2, with any fields; or a Wavefront, curved or partially coherent. Each ray of a
-        partially coherent wave has a random tilt. The source radiates to +z.
-    wavelength : in m; or ``frequency=`` in Hz.
-    count : number of rays, up to 100 million.
-    seed : seed of the random numbers, or a NumPy Generator.
-    sampling : positions "uniform" in the automean, or in proportion to the position "marginal",
-        see :func:`sample_automean`, from independent random numbers; or "quasi-random", uniform
-        from Sobol sequences, with about half the noise (needs scipy, of the extra ``arrays``): 16
-        independent sets, numbered by the coordinate ``batch``.
-    cone : half angle in rad of the cone of directions; None: the hemisphere.
-    axis : unit vector (3,), axis of the cone in the frame of the source; use the beam direction of
+    source : Aperture, PlacedAperture, Array or Wavefront
+        Apertures in the plane z = 0 with any fields, |u|^2 in W/m^2; a Wavefront may be curved or
+        partially coherent. Each ray of a partially coherent wave has a random tilt. The source
+        radiates to +z.
+    wavelength : float
+        In m; or ``frequency=`` in Hz.
+    count : int
+        Number of rays, up to 100 million.
+    seed : int or numpy.random.Generator, default 0
+        Seed of the random numbers.
+    sampling : {"uniform", "quasi-random"}, default "uniform"
+        Positions uniform in the automean: from independent random numbers, or from Sobol sequences
+        with about half the noise. Sobol sequences need scipy, of the extra ``arrays``; the rays are
+        16 independent sets, numbered by the coordinate ``batch``.
+    cone : float, optional
+        Half angle in rad of the cone of directions; default: the hemisphere.
+    axis : array_like, shape (3,), default (0, 0, 1)
+        Unit vector along the axis of the cone in the frame of the source; use the beam direction of
         a steered source.
-    directions : "beam" draws most rays within wavelength/diameter of the axis, or of the local
-        wave of a Wavefront; "uniform" is uniform in projected solid angle.
-    to_world : (4, 4) rigid pose of the source, translation in m; None: the pose of a placed
-        aperture, or the identity.
-    obliquity : as in :func:`irradiance`; None: h = cos; "paper": h = 1. Wavefronts support these.
-    power : radiated power in W over all directions; None: the power of the unscaled source.
-    aperture_power : instead of ``power``, int |u|^2 over the aperture in W.
-    engine : see :func:`fourier`.
+    directions : {"beam", "uniform"}, default "beam"
+        "beam" draws most rays within wavelength/diameter of the axis, or of the local wave of a
+        Wavefront; "uniform" is uniform in projected solid angle.
+    to_world : array_like, shape (4, 4), optional
+        Rigid pose of the source, translation in m; default: the pose of a placed aperture, or the
+        identity.
+    obliquity : str, optional
+        As in :func:`irradiance`; None: h = cos; "paper": h = 1. Wavefronts support these two.
+    power : float, optional
+        Radiated power in W over all directions; default: the power of the unscaled source.
+    engine : str, default "auto"
+        See :func:`fourier`.
 
     Returns
     -------
-    xarray.Dataset with ``position`` (ray, component) in m, ``direction`` (ray, component) and
-    ``weight`` (ray) in W. The settings are in its attributes.
+    xarray.Dataset
+        ``position`` (ray, component) in m, ``direction`` (ray, component) and ``weight`` (ray) in
+        W. The settings are in its attributes.
 
     Raises
     ------
-    ArgumentError : arguments of the wrong type, shape or range. GeometryError : a pose that is not
-        rigid, an Array with elements outside the plane z = 0. IlluminationError : a power for a
-        source without power. MissingExtraError : no xarray or scipy.
+    ArgumentError
+        If an argument has the wrong type, shape or range.
+    GeometryError
+        If a pose is not rigid, or an Array has elements outside the plane z = 0.
+    IlluminationError
+        If a power is requested of a source that radiates none.
+    MissingExtraError
+        If xarray or scipy is not installed.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> square = pw.shapes.square(10e-3)
     >>> rays = pw.sample_rays(square, 3.2e-3, 4096)
@@ -286,7 +297,6 @@ def sample_rays(
     radiator, pose = _placed(source, to_world)
     length = checked_wavelength(wavelength)
     checked_choice(sampling, "sampling", get_args(RaySampling))
-    density: Weights = "marginal" if sampling == "marginal" else "uniform"
     least = 2 * BATCHES if sampling == "quasi-random" else 1
     n = checked_count(count, "count", least, _MOST)
     checked_choice(directions, "directions", get_args(Directions))
@@ -296,7 +306,7 @@ def sample_rays(
     name = condition.name
     check_slopes(radiator, name)
     flat = flat_source(radiator)
-    scale = _scale(radiator, length, name, power, aperture_power)
+    scale = _scale(radiator, length, name, power)
     parts = condition.terms(flat, length)
     tilts = 2 if is_partly_coherent(radiator) else 0
 
@@ -306,11 +316,11 @@ def sample_rays(
     for numbers, number in _numbers(sampling, n, seed, tilts):
         some = slice(start, start + len(numbers))
         first, tilt = np.split(numbers, [numbers.shape[1] - tilts], axis=1)
-        points, per_area = sample_automean(flat, first[:, 2:], density, engine=engine)
+        points, per_area = sample_automean(flat, first[:, 2:])
         slope = None
         if isinstance(radiator, Wavefront):
-            # a curved wave shifts W of the flat source by its slope Q (x - c), (Q2); a partially
-            # coherent wave is a mean over normal tilts, (PC4)
+            # A curved wave shifts W of the flat source by its slope Q (x - c), (Q2); a partially
+            # coherent wave is a mean over normal tilts, (PC4).
             slope = (points - radiator.centre) @ radiator.curvature
             if tilts:
                 slope += _normal_numbers(tilt) / (2 * math.pi * radiator.coherence_width)
@@ -351,22 +361,12 @@ def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Values
     return source.aperture, source.pose
 
 
-def _scale(
-    source: Any, wavelength: float, obliquity: str, power: Any, aperture_power: Any
-) -> float:
+def _scale(source: Any, wavelength: float, obliquity: str, power: Any) -> float:
     """Return the requested power over the power of the unscaled source."""
-    if power is not None and aperture_power is not None:
-        raise ArgumentError(
-            "expected power or aperture_power, got both; power leaves through the hemisphere in "
-            "front, aperture_power is the integral of |u|^2 over the aperture: give one"
-        )
-    if power is None and aperture_power is None:
-        return 1.0
-    name, value = ("power", power) if aperture_power is None else ("aperture_power", aperture_power)
-    meaning = f"a number in W above zero and below {_MOST_WATTS:g}"
-    watts = checked_number(value, name, meaning)
-    if not 0 < watts < _MOST_WATTS:
-        raise ArgumentError(f"expected {name} as {meaning}, got {value_text(value)}")
     if power is None:
-        return watts / root_of_norm(source, wavelength, obliquity, "aperture") ** 2
+        return 1.0
+    meaning = f"a number in W above zero and below {_MOST_WATTS:g}"
+    watts = checked_number(power, "power", meaning)
+    if not 0 < watts < _MOST_WATTS:
+        raise ArgumentError(f"expected power as {meaning}, got {value_text(power)}")
     return watts / radiated_power(source, wavelength, obliquity)  # type: ignore

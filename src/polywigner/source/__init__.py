@@ -16,7 +16,6 @@ from polywigner.source.array import Array, Element, phased_array, segmented_pupi
 from polywigner.source.source_files import read_polarisation, read_source, write_source
 from polywigner.source.tapers import (
     cosine_taper,
-    fourier_taper,
     steering,
     taylor_taper,
     te_mode,
@@ -32,7 +31,6 @@ __all__ = [
     "arrays",
     "cosine_taper",
     "fit_illumination",
-    "fourier_taper",
     "phased_array",
     "read_polarisation",
     "read_source",

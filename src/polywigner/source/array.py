@@ -16,7 +16,6 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.geometry.arguments import (
     checked_wavelength,
     finite_array,
-    rigid_pose,
     takes_frequency,
     warn_caller,
 )
@@ -49,17 +48,6 @@ def _checked_elements(elements: Any) -> tuple[Element, ...]:
             "make rectangles of the slits with polywigner.shapes.rectangle"
         )
     return items
-
-
-def _placed(element: Element, pose: NDArray[np.float64]) -> Element:
-    if isinstance(element, Aperture):
-        return element.placed(pose)
-    if isinstance(element, PlacedAperture):
-        return element.aperture.placed(pose @ element.pose)
-    if isinstance(element, Polyhedron):
-        moved = element.vertices @ pose[:3, :3].T + pose[:3, 3]
-        return Polyhedron(moved, element.faces)
-    raise GeometryError("expected apertures or polyhedra for a pose in space, got Slits")
 
 
 def aperture_in_plane(number: int, element: Element) -> Aperture:
@@ -166,17 +154,21 @@ class Array(TakesWaves):
 
     Parameters
     ----------
-    elements : Slits, or any mix of apertures (in the plane z = 0), placed apertures and polyhedra.
-        A list of elements with waves of one curvature becomes a :class:`Wavefront` on an array.
-    weights : (n,) complex amplitude of each element; default: all 1.
+    elements : sequence of Slits, or of Aperture, PlacedAperture and Polyhedron
+        Apertures lie in the plane z = 0. A list of elements with waves of one curvature becomes a
+        :class:`Wavefront` on an array.
+    weights : array_like, shape (n,), optional
+        Complex amplitude of each element; default: all 1.
 
     Raises
     ------
     ArgumentError
-        The list is empty, an element has another type, or slits are mixed with other elements.
+        If the list is empty, an element has another type, or slits are mixed with other elements.
     IlluminationError
-        The weights are not n finite complex numbers, or all zero.
+        If the weights are not n finite complex numbers, or all zero.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pair = pw.Array([pw.shapes.square(1.0), pw.shapes.square(1.0).moved((3, 0))], [1, -1])
     >>> bool(abs(pw.fourier(pair, (0.0, 0.0))) < 1e-12)
@@ -204,7 +196,10 @@ class Array(TakesWaves):
     def with_paths(self, paths: PathLengths | None) -> Array:
         """Return this array with the part of its phases that is due to path lengths.
 
-        Raises ArgumentError for path lengths of another number of elements.
+        Raises
+        ------
+        ArgumentError
+            If there are path lengths of another number of elements.
         """
         size = len(self.weights)
         if paths is not None and not len(paths.cycles) == len(paths.slopes) == size:
@@ -247,7 +242,10 @@ class Array(TakesWaves):
     def bounds(self) -> tuple[float, ...]:
         """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
 
-        Raises GeometryError if an element does not lie in that plane.
+        Raises
+        ------
+        GeometryError
+            If an element does not lie in that plane.
         """
         if self.repeated is not None:
             element, positions = self.repeated
@@ -261,7 +259,10 @@ class Array(TakesWaves):
     def elements_in_plane(self) -> tuple[Any, ...]:
         """The elements as apertures in the plane z = 0, poses in that plane applied; or the slits.
 
-        Raises GeometryError if an element does not lie in that plane.
+        Raises
+        ------
+        GeometryError
+            If an element does not lie in that plane.
         """
         if self.dimension == 1:
             return self.elements
@@ -273,19 +274,14 @@ class Array(TakesWaves):
 
         ``polywigner.automean(array.support)`` contains the support of the Wigner function.
 
-        Raises GeometryError if an element does not lie in the plane z = 0, and for slits.
+        Raises
+        ------
+        GeometryError
+            If an element does not lie in the plane z = 0, and for slits.
         """
         if self.dimension == 1:
             raise GeometryError("expected apertures for a support in the plane, got Slits")
         return Aperture(union_on_grid([element.polygons for element in self.elements_in_plane]))
-
-    def placed(self, to_world: ArrayLike) -> Array:
-        """Return the array in a rigid pose (4, 4), for transforms with three-component nu.
-
-        Raises GeometryError for a matrix that is not a rotation and a translation, and for slits.
-        """
-        pose = rigid_pose(to_world)
-        return Array([_placed(element, pose) for element in self.elements], self.weights)
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
@@ -332,30 +328,36 @@ def phased_array(
 ) -> Array | Wavefront:
     """Make an array of equal elements: copies of an element and its field at positions.
 
-    The field is that of `Array([element.moved(p) for p in positions], weights)`, at a fraction of
-    the cost. A PolywignerWarning reports elements that overlap.
+    The field equals `Array([element.moved(p) for p in positions], weights)`, at a fraction of the
+    cost. A PolywignerWarning reports elements that overlap.
 
     Parameters
     ----------
-    element : Aperture or Slits, with an illumination or without; or one of these with a curved
-        wave, which is copied as well.
-    positions : (n, d) shifts in m, d = 2 for an aperture; for slits (n, 1) or (n,).
-    weights : (n,) complex; default: all 1.
+    element : Aperture, Slits or Wavefront
+        An element with or without an illumination; the curved wave of a Wavefront is copied as
+        well.
+    positions : array_like, shape (n, d)
+        Shifts of the copies in m, d = 2 for an aperture; for slits (n, 1) or (n,).
+    weights : array_like, shape (n,), optional
+        Complex weights of the copies; default: all 1.
 
     Returns
     -------
-    Array, or a Wavefront on an array for an element with a curved wave.
+    Array or Wavefront
+        A Wavefront on an array for an element with a curved wave.
 
     Raises
     ------
     ArgumentError
-        The element has another type, or the positions are not (n, d) finite numbers.
+        If the element has another type, or the positions are not (n, d) finite numbers.
     IlluminationError
-        The weights are not n finite complex numbers, or all zero.
+        If the weights are not n finite complex numbers, or all zero.
 
+    Examples
+    --------
     >>> import polywigner as pw
-    >>> places = pw.arrays.grid_positions(8, 8, 2e-3, 2e-3)
-    >>> len(pw.phased_array(pw.shapes.square(1.5e-3), places))
+    >>> positions = pw.arrays.grid_positions(8, 8, 2e-3, 2e-3)
+    >>> len(pw.phased_array(pw.shapes.square(1.5e-3), positions))
     64
     """
     if isinstance(element, Wavefront):
@@ -370,7 +372,7 @@ def phased_array(
     return array
 
 
-# The search for overlaps ends after this many pairs: a million equal positions have 5e11.
+# Largest number of pairs in a block of the search: a million equal positions have 5e11 pairs.
 _MOST_PAIRS = 1000
 # Overlaps below this fraction of an element are rounding errors of elements that touch.
 _TOUCHING = 1e-9
@@ -379,11 +381,10 @@ _ROWS = 32
 
 
 def warn_of_overlaps(array: Array) -> None:
-    """Warn if elements of an array cover the same area, or slits the same length.
+    """Warn if two elements of an array cover the same area, or slits the same length.
 
-    Elements that only touch do not overlap. The warning names the pair with the largest overlap.
+    Elements that only touch do not overlap.
     """
-    shifts = np.zeros((len(array), 2))
     if array.repeated is None:
         try:
             elements = array.elements_in_plane
@@ -393,36 +394,27 @@ def warn_of_overlaps(array: Array) -> None:
     else:
         element, positions = array.repeated
         outlines = np.full(len(array), _outline(element), object)
-        shifts[:, : positions.shape[1]] = positions
-    bounds = shapely.bounds(outlines) + np.tile(shifts, 2)
+        points, number = shapely.get_coordinates(outlines, return_index=True)
+        points[:, : positions.shape[1]] += positions[number]
+        shapely.set_coordinates(outlines, points)
+    bounds = shapely.bounds(outlines)
     margins = np.tile(_TOUCHING * (bounds[:, 2:] - bounds[:, :2]), 2) * (1, 1, -1, -1)
     boxes = shapely.box(*(bounds + margins).T)
     tree = shapely.STRtree(boxes)
-    overlaps: list[tuple[float, int, int]] = []
     for start in range(0, len(boxes), _ROWS):
         first, second = tree.query(boxes[start : start + _ROWS])
         ahead = np.flatnonzero(second > first + start)[:_MOST_PAIRS]
         first, second = first[ahead] + start, second[ahead]
-        counts = shapely.get_num_coordinates(outlines[second])
-        offsets = np.repeat(shifts[second] - shifts[first], counts, axis=0)
-        moved = shapely.transform(outlines[second], lambda points, by=offsets: points + by)
-        shared = shapely.area(shapely.intersection(outlines[first], moved))
-        real = shared > _TOUCHING * shapely.area(outlines[first])
-        columns = (values[real].tolist() for values in (shared, first, second))
-        overlaps += zip(*columns, strict=True)
-        if len(overlaps) >= _MOST_PAIRS:
-            break
-    if not overlaps:
-        return
-    area, one, other = max(overlaps, key=lambda pair: (pair[0], -pair[1], -pair[2]))
-    more = len(overlaps) - 1
-    unit = "m" if array.dimension == 1 else "m^2"
-    others = f", and {more} other pair{'s' * (more > 1)}" if more else ""
-    limit = " or more" if len(overlaps) >= _MOST_PAIRS else ""
-    warn_caller(
-        f"elements {one} and {other} overlap by {area:.4g} {unit}{others}{limit}, counted from 0: "
-        "their fields add up there; check the positions, their unit and the element's size"
-    )
+        shared = shapely.area(shapely.intersection(outlines[first], outlines[second]))
+        overlaps = np.flatnonzero(shared > _TOUCHING * shapely.area(outlines[first]))
+        if len(overlaps):
+            worst = overlaps[shared[overlaps].argmax()]
+            warn_caller(
+                f"elements {first[worst]} and {second[worst]}, counted from 0, overlap by "
+                f"{shared[worst]:.4g} {'m' if array.dimension == 1 else 'm^2'}: their fields add "
+                "up there; check the positions, their unit and the element's size"
+            )
+            return
 
 
 def _outline(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygon:
@@ -466,22 +458,29 @@ def segmented_pupil(
 
     Parameters
     ----------
-    pupil : Aperture whose ``segments`` are the segments, in their order; or a list of apertures,
+    pupil : Aperture or sequence of Aperture
+        An aperture whose ``segments`` are the n segments, in their order; or a list of apertures,
         each with its own field.
-    wavelength : in m, to which the phases of the returned array belong.
-    piston : (n,) path length of the wavefront at each segment's centroid in m, or one number. The
-        piston of a segmented mirror is twice its step.
-    tilt : (n, 2) slopes of the wavefront along x and y on each segment, without unit.
+    wavelength : float
+        Wavelength in m to which the phases of the returned array belong.
+    piston : float or array_like, shape (n,), default 0
+        Path length of the wavefront at each segment's centroid in m. The piston of a segmented
+        mirror is twice its step.
+    tilt : float or array_like, shape (2,) or (n, 2), default 0
+        Slopes of the wavefront along x and y on each segment, without unit.
 
     Returns
     -------
-    Array of segments, for :func:`psf`, :func:`mtf`, :func:`otf` and others.
+    Array
+        The segments, for :func:`psf`, :func:`mtf`, :func:`otf` and others.
 
     Raises
     ------
     ArgumentError
-        The pupil has another type, or pistons and tilts are not n finite numbers.
+        If the pupil has another type, or pistons and tilts are not n finite numbers.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> mirror = pw.shapes.hexagonal_segments(1.32, 0.01, rings=1)
     >>> waves = pw.segmented_pupil(mirror, 2e-6, piston=[0, 0, 0, 1e-6, 0, 0])

@@ -6,7 +6,7 @@ import math
 import os
 import warnings
 from collections.abc import Sequence
-from typing import Any, Literal, overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,6 @@ from polywigner.errors import ArgumentError, FileFormatError, at_key, require, v
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
     checked_count,
-    checked_flag,
     checked_length,
     checked_number,
     checked_path,
@@ -57,10 +56,22 @@ def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = Non
 
     Parameters
     ----------
-    nx, ny : elements along x and y.
-    pitch_x, pitch_y : distances in metres; pitch_y None: the same.
+    nx, ny : int
+        Number of elements along x and y.
+    pitch_x : float
+        Distance of neighbours along x in m.
+    pitch_y : float, optional
+        Distance of neighbours along y in m; default: ``pitch_x``.
 
-    Raises ArgumentError for counts below 1, more than 2^20 elements, and pitches not above zero.
+    Returns
+    -------
+    ndarray of float, shape (nx ny, 2)
+        Positions in m.
+
+    Raises
+    ------
+    ArgumentError
+        If a count is below 1, a pitch is not above zero, or there are more than 2^20 elements.
     """
     return _rows(nx, ny, pitch_x, pitch_y, 1.0, False)
 
@@ -70,16 +81,27 @@ def triangular_positions(
 ) -> Positions:
     """Return a triangular lattice: ny rows of nx elements, alternately shifted by half a pitch.
 
-    The positions (nx ny, 2) have y running fastest. Compared with :func:`grid_positions`, even rows
-    are shifted by a quarter of pitch_x to the left, odd rows to the right.
+    Compared with :func:`grid_positions`, even rows are shifted by a quarter of pitch_x to the left,
+    odd rows to the right.
 
     Parameters
     ----------
-    nx, ny : elements of a row, and rows.
-    pitch_x, pitch_y : distance in a row, and between rows, in metres. pitch_y None: sqrt(3)/2
-        pitch_x, for equilateral triangles.
+    nx, ny : int
+        Number of elements of a row, and number of rows.
+    pitch_x : float
+        Distance of neighbours in a row in m.
+    pitch_y : float, optional
+        Distance of the rows in m; default: sqrt(3)/2 pitch_x, for equilateral triangles.
 
-    Raises ArgumentError as :func:`grid_positions` does.
+    Returns
+    -------
+    ndarray of float, shape (nx ny, 2)
+        Positions in m, with y running fastest.
+
+    Raises
+    ------
+    ArgumentError
+        As :func:`grid_positions`.
     """
     return _rows(nx, ny, pitch_x, pitch_y, math.sqrt(0.75), True)
 
@@ -101,11 +123,23 @@ def _rows(
 def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
     """Return concentric rings with counts[k] elements at equal angles on the radius radii[k].
 
-    The positions (sum of counts, 2) are sorted by ring, each counter-clockwise from the x axis. A
-    radius of 0 with a count of 1 is an element at the centre.
+    Parameters
+    ----------
+    radii : float or array_like, shape (k,)
+        Radii of the rings in m. A radius of 0 with a count of 1 is an element at the centre.
+    counts : int or array_like, shape (k,)
+        Number of elements of each ring.
 
-    Raises ArgumentError for radii below zero, counts below 1, several elements at the centre,
-    another number of counts than of radii, and more than 2^20 elements.
+    Returns
+    -------
+    ndarray of float, shape (sum of counts, 2)
+        Positions in m, sorted by ring, each counter-clockwise from the x axis.
+
+    Raises
+    ------
+    ArgumentError
+        If a radius is below zero, a count is below 1, several elements are at the centre, the
+        numbers of counts and radii differ, or there are more than 2^20 elements.
     """
     sizes = [checked_length(r, "each of the radii", zero=True) for r in _listed(radii)]
     numbers = [checked_count(n, "each of the counts", 1, MOST_ELEMENTS) for n in _listed(counts)]
@@ -121,34 +155,9 @@ def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
     return np.concatenate(rings) + 0.0
 
 
-@overload
 def thinned(
-    positions: ArrayLike,
-    fill: float,
-    seed: int,
-    taper: ArrayLike | None = None,
-    return_index: Literal[False] = False,
-) -> Positions: ...
-
-
-@overload
-def thinned(
-    positions: ArrayLike,
-    fill: float,
-    seed: int,
-    taper: ArrayLike | None = None,
-    *,
-    return_index: Literal[True],
-) -> tuple[Positions, NDArray[np.intp]]: ...
-
-
-def thinned(
-    positions: ArrayLike,
-    fill: float,
-    seed: int,
-    taper: ArrayLike | None = None,
-    return_index: bool = False,
-) -> Positions | tuple[Positions, NDArray[np.intp]]:
+    positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | None = None
+) -> Positions:
     """Draw positions at random from a full layout: statistical thinning.
 
     Each element is drawn independently with a probability p_k proportional to the taper; the mean
@@ -157,23 +166,30 @@ def thinned(
 
         <|AF|^2> = |sum_k p_k exp(-2 pi i nu.x_k)|^2 + sum_k p_k (1 - p_k)
 
-    M. I. Skolnik, J. W. Sherman, F. C. Ogg, IEEE Trans. Antennas Propag. 12 (1964) 408-417.
-
     Parameters
     ----------
-    positions : (n, 2) in metres; for slits (n,) or (n, 1); in space (n, 3).
-    fill : mean fraction of drawn elements, above 0 and up to 1, or up to mean/peak of the taper.
-    seed : of NumPy's default generator: equal seeds draw equal elements.
-    taper : (n,) real weights of the full array, of zero or more; None: all equal.
-    return_index : whether to return the numbers (m,) in the full layout as well, for
-        `window_weights(...)[index]`.
+    positions : array_like, shape (n, 2) or (n, 3)
+        Full layout in m; for slits (n,) or (n, 1).
+    fill : float
+        Mean fraction of drawn elements, above 0 and up to 1, or up to mean/peak of the taper.
+    seed : int
+        Seed of NumPy's default generator: equal seeds draw equal elements.
+    taper : array_like, shape (n,), optional
+        Real weights of the full array, of zero or more; default: all equal.
 
     Returns
     -------
-    (m, d) positions in the original order.
+    ndarray of float, shape (m, d)
+        The m drawn positions in their original order.
 
-    Raises ArgumentError for positions, tapers, fills and seeds out of shape or range, and if no
-    element was drawn.
+    Raises
+    ------
+    ArgumentError
+        If an argument has the wrong shape or range, or no element is drawn.
+
+    References
+    ----------
+    M. I. Skolnik, J. W. Sherman, F. C. Ogg, IEEE Trans. Antennas Propag. 12 (1964) 408-417.
     """
     layout = checked_positions(positions, (1, 2, 3))
     fraction = checked_number(fill, "fill", "a fraction above 0 and up to 1")
@@ -193,11 +209,10 @@ def thinned(
             f"got {value_text(fill)}"
         )
     random = np.random.default_rng(checked_count(seed, "seed", 0))
-    index = np.flatnonzero(random.random(len(layout)) < density * (fraction / density.mean()))
-    if not len(index):
+    is_drawn = random.random(len(layout)) < density * (fraction / density.mean())
+    if not is_drawn.any():
         raise ArgumentError("expected an element to be drawn, got none; try another seed")
-    is_indexed = checked_flag(return_index, "return_index")
-    return (layout[index], index) if is_indexed else layout[index]
+    return layout[is_drawn]
 
 
 def _listed(values: Any) -> list[Any]:
@@ -232,20 +247,31 @@ def virtual_array(
 
     Parameters
     ----------
-    transmit, receive : positions (n, d) and (m, d) in metres, d = 2; for slits (n,) or (n, 1); in
-        space (n, 3).
-    transmit_weights, receive_weights : (n,) and (m,) complex; None: all 1.
+    transmit, receive : array_like, shape (n, d) and (m, d)
+        Positions in m, d = 2; for slits (n,) or (n, 1); in space (n, 3).
+    transmit_weights, receive_weights : array_like, shape (n,) and (m,), optional
+        Complex weights; default: all 1.
 
     Returns
     -------
-    Positions (p, d) with p up to n m, by ascending x, then y, then z, and weights (p,).
+    positions : ndarray of float, shape (p, d)
+        Positions in m, p up to n m, by ascending x, then y, then z.
+    weights : ndarray of complex, shape (p,)
+        Weights of the virtual elements.
 
-    Raises ArgumentError for positions out of shape, of two dimensions, and more than 2^20 products;
-    IlluminationError for weights that are not n finite complex numbers, or all zero.
+    Raises
+    ------
+    ArgumentError
+        If positions have the wrong shape or different dimensions, or there are more than 2^20
+        products.
+    IlluminationError
+        If weights are not n finite complex numbers, or all zero.
 
+    Examples
+    --------
     >>> import polywigner as pw
-    >>> places, weights = pw.arrays.virtual_array([0.0, 2e-3], [0.0, 1e-3])
-    >>> places[:, 0].tolist(), weights.real.tolist()
+    >>> positions, weights = pw.arrays.virtual_array([0.0, 2e-3], [0.0, 1e-3])
+    >>> positions[:, 0].tolist(), weights.real.tolist()
     ([0.0, 0.001, 0.002, 0.003], [1.0, 1.0, 1.0, 1.0])
     """
     sent, received = (checked_positions(p, (1, 2, 3)) for p in (transmit, receive))
@@ -285,14 +311,24 @@ def steering_weights(
 
     Parameters
     ----------
-    positions : (n, 2) in metres; for slits (n,) or (n, 1); (n, 3) in space, which require a
-        direction (3,).
-    direction : unit vector (3,) with a positive z; or its components (2,) along the array; or for
-        slits the sine of the angle.
-    wavelength : in metres.
+    positions : array_like, shape (n, 2) or (n, 3)
+        Positions in m; for slits (n,) or (n, 1). Positions in space require a direction (3,).
+    direction : array_like, shape (3,) or (2,)
+        Unit vector with a positive z; or its components along the array; or for slits the sine of
+        the angle.
+    wavelength : float
+        Wavelength in m.
 
-    Raises ArgumentError for positions out of shape, directions that do not fit them or are of no
-    unit vector, and wavelengths that are not above zero.
+    Returns
+    -------
+    ndarray of complex, shape (n,)
+        Weights of modulus 1.
+
+    Raises
+    ------
+    ArgumentError
+        If positions have the wrong shape, the direction does not fit them or is not part of a unit
+        vector, or the wavelength is not above zero.
     """
     positions = checked_positions(positions, (1, 2, 3))
     towards = unit_vector(direction) if positions.shape[1] == 3 else transverse(direction)
@@ -316,12 +352,23 @@ def focusing_weights(
 
     Parameters
     ----------
-    positions : (n, 2) in metres, in the plane z = 0.
-    point : (x, y, z) in metres, z > 0.
-    wavelength : in metres.
+    positions : array_like, shape (n, 2)
+        Positions in m in the plane z = 0.
+    point : array_like, shape (3,)
+        Focus (x, y, z) in m, z > 0.
+    wavelength : float
+        Wavelength in m.
 
-    Raises ArgumentError for positions or points out of shape, a point not in front of the array,
-    and wavelengths that are not above zero.
+    Returns
+    -------
+    ndarray of complex, shape (n,)
+        Weights of modulus 1.
+
+    Raises
+    ------
+    ArgumentError
+        If positions or the point have the wrong shape, the point is not in front of the array, or
+        the wavelength is not above zero.
     """
     positions = checked_positions(positions, (2,))
     expected = "expected a point (x, y, z) with z above zero"
@@ -342,18 +389,27 @@ def window_weights(
 
     Parameters
     ----------
-    shape : n elements in a row, or (nx, ny) in a grid.
-    window : "uniform", "taylor", "chebyshev" (Dolph) or "hamming"; or one for each axis. Taylor and
-        Chebyshev are scipy's and need the extra `arrays`.
-    sll : of "taylor" and "chebyshev": sidelobe suppression in dB, above 0 and up to 200.
-    nbar : of "taylor": number of sidelobes at about this level, plus one.
+    shape : int or (int, int)
+        n elements in a row, or (nx, ny) in a grid.
+    window : str or sequence of str
+        "uniform", "taylor", "chebyshev" (Dolph) or "hamming"; or one for each axis. "taylor" and
+        "chebyshev" need scipy, of the extra `arrays`.
+    sll : float, default 30
+        Sidelobe suppression in dB of "taylor" and "chebyshev", above 0 and up to 200.
+    nbar : int, default 4
+        Number of sidelobes of "taylor" at about this level, plus one.
 
     Returns
     -------
-    (n,), or (nx ny,) with y running fastest, as :func:`grid_positions` has the elements.
+    ndarray of float, shape (n,) or (nx ny,)
+        Amplitudes with y running fastest, in the order of :func:`grid_positions`.
 
-    Raises ArgumentError for shapes, windows and options out of range; MissingExtraError without
-    scipy.
+    Raises
+    ------
+    ArgumentError
+        If a shape, window or option is out of range.
+    MissingExtraError
+        If scipy is not installed.
     """
     sizes = tuple(shape) if isinstance(shape, Sequence) else (shape,)
     if len(sizes) not in (1, 2):
@@ -401,19 +457,37 @@ def read_elements(
 
     Parameters
     ----------
-    path : the table, as text.
-    element : the Aperture that each row places, with its own field.
-    unit : of x and y, such as "mm" or a number of metres.
+    path : str or path
+        The table, a text file.
+    element : Aperture
+        The element that each row places, with its own field.
+    unit : str or float, default "mm"
+        Unit of x and y, or a number of metres.
 
     Returns
     -------
-    An :class:`polywigner.Array`, a :func:`polywigner.phased_array` if all angles are equal.
+    Array
+        A :func:`polywigner.phased_array` if all angles are equal.
 
-    Raises FileFormatError for a file that is missing, larger than 64 MiB, or not a table of finite
-    numbers with these columns; ArgumentError for an element that is not an Aperture;
-    IlluminationError for weights that are all zero; QuantityError for an invalid unit. Warns
-    (PolywignerWarning) if elements overlap.
+    Raises
+    ------
+    FileFormatError
+        If the file is missing, larger than 64 MiB, or not a table of finite numbers with these
+        columns.
+    ArgumentError
+        If the element is not an Aperture.
+    IlluminationError
+        If the weights are all zero.
+    QuantityError
+        If the unit is invalid.
 
+    Warns
+    -----
+    PolywignerWarning
+        If elements overlap.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "array.csv"

@@ -93,7 +93,7 @@ def _shortest(
 ) -> NDArray[np.float64] | None:
     """Return the shortest difference of positions, not parallel to ``other``, towards +x or +y."""
     best, length = None, np.inf
-    # equally spaced numbers, because positions are usually in the order of rows
+    # Equally spaced indices, because positions are usually ordered by rows.
     paired = np.linspace(0, len(positions) - 1, min(len(positions), _PAIRED_WITH_ALL))
     for start in positions[paired.astype(np.intp)]:
         block = positions - start
@@ -136,10 +136,11 @@ def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDAr
 
 @dataclass(frozen=True)
 class Profile:
-    """Weights factor a_i exp(2 pi i turns i) along one direction, with real a_i if possible."""
+    """Weights factor a_i exp(2 pi i c i) along one direction, with real a_i if possible."""
 
     amplitudes: tuple[complex, ...]
-    turns: float
+    cycles_per_element: float
+    """The slope c of the phase."""
     factor: complex
 
     @property

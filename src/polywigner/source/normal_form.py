@@ -96,12 +96,6 @@ class SourceElement:
         turns = [exact_turns(kappa, shift.tolist()) for kappa in self.frequencies.tolist()]
         return self.amplitudes * np.exp(-2j * np.pi * np.array(turns))
 
-    @cached_property
-    def _key(self) -> tuple[Any, ...]:
-        pose = None if self.pose is None else self.pose.tobytes()
-        waves = self.amplitudes.tobytes(), (self.frequencies + 0.0).tobytes()
-        return self.outline, self.weight, *waves, pose
-
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -137,64 +131,40 @@ class WaveGroup:
 
 
 @final
+@dataclass(frozen=True, eq=False)
 class Source:
-    """Elements that radiate together, with one curvature and one coherence width.
+    """Elements that radiate together, with one curvature and one coherence width."""
 
-    Sources with the same content are equal. ``repeated`` replaces the elements of a phased array,
-    which are made on demand.
-    """
+    content: tuple[SourceElement, ...] | RepeatedElement
+    """The elements, or for a phased array the repeated element."""
+    dimension: int
+    """Components of a position: 2, or 1 for slits."""
+    curvature: Floats
+    """Q (d, d) in 1/m^2, symmetric; zero: flat."""
+    centre: Floats
+    """c (d,) in m, where the curved wave touches the plane."""
+    coherence_width: float = np.inf
+    """Standard deviation in m of the degree of coherence over lag; infinite: coherent."""
+    wavelength: float | None = None
+    """Wavelength in m of the curvature; None: the curvature is the same at all wavelengths."""
+    paths: PathLengths | None = None
+    """The part of the elements' phases that is due to path lengths; None: no part."""
 
-    def __init__(
-        self,
-        elements: Sequence[SourceElement] | None,
-        *,
-        dimension: int,
-        curvature: ArrayLike | None = None,
-        centre: ArrayLike | None = None,
-        coherence_width: float = np.inf,
-        wavelength: float | None = None,
-        repeated: RepeatedElement | None = None,
-        paths: PathLengths | None = None,
-    ) -> None:
-        if elements is not None:
-            self.__dict__["elements"] = tuple(elements)
-        q = np.zeros((dimension, dimension)) if curvature is None else np.asarray(curvature)
-        self.dimension = dimension
-        """Components of a position: 2, or 1 for slits."""
-        self.curvature: Floats = q
-        """Q (d, d) in 1/m^2, symmetric; zero: flat."""
-        self.centre: Floats = np.zeros(dimension) if centre is None else np.asarray(centre)
-        """c (d,) in m, where the curved wave touches the plane."""
-        self.coherence_width = coherence_width
-        """Standard deviation in m of the degree of coherence over lag; infinite: coherent."""
-        self.wavelength = wavelength
-        """Wavelength in m to which the curvature belongs; None: it is the same at all."""
-        self.repeated = repeated
-        """The copies by which a phased array was made; :attr:`lattice` finds others."""
-        self.paths = paths
-        """Phases of the elements that stem from path lengths; None: none of them."""
+    def with_elements(self, elements: Sequence[SourceElement], **changes: Any) -> Source:
+        """Return a source with other elements."""
+        return replace(self, content=tuple(elements), **changes)
 
-    def _with(self, **changes: Any) -> Source:
-        """Return a source with other values; ``elements`` also replaces repeated elements."""
-        values: dict[str, Any] = {
-            "elements": self.__dict__.get("elements"),
-            "dimension": self.dimension,
-            "curvature": self.curvature,
-            "centre": self.centre,
-            "coherence_width": self.coherence_width,
-            "wavelength": self.wavelength,
-            "repeated": self.repeated,
-            "paths": self.paths,
-        }
-        if "elements" in changes or "repeated" in changes:
-            values |= {"elements": None, "repeated": None}
-        return Source(**(values | changes))
+    @property
+    def repeated(self) -> RepeatedElement | None:
+        """The repeated element of a phased array; :attr:`lattice` finds other copies."""
+        return self.content if isinstance(self.content, RepeatedElement) else None
 
     @cached_property
     def elements(self) -> tuple[SourceElement, ...]:
         """The elements, in the order of the weights."""
-        assert self.repeated is not None  # else __init__ has set them
-        copies = self.repeated
+        if not isinstance(self.content, RepeatedElement):
+            return self.content
+        copies = self.content
         return tuple(
             replace(copies.element.moved(position), weight=weight)
             for position, weight in zip(copies.positions, copies.weights.tolist(), strict=True)
@@ -238,12 +208,6 @@ class Source:
         return self.coherence_width == np.inf
 
     @cached_property
-    def is_uniform(self) -> bool:
-        """Whether the field, without a curved wave, is 1 on all elements."""
-        weights_are_one = bool((self.weights == 1.0).all())
-        return weights_are_one and all(element.has_unit_field for element in self.distinct)
-
-    @cached_property
     def frequencies(self) -> Floats:
         """(m, d) frequencies in 1/m of all waves, each once."""
         return np.unique(np.concatenate([e.frequencies for e in self.distinct]) + 0.0, axis=0)
@@ -277,7 +241,10 @@ class Source:
     def bounds(self) -> tuple[float, ...]:
         """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
 
-        Raises GeometryError if an element does not lie in that plane.
+        Raises
+        ------
+        GeometryError
+            If an element does not lie in that plane.
         """
         if self.repeated is not None:
             low, high = self.repeated.positions.min(axis=0), self.repeated.positions.max(axis=0)
@@ -291,7 +258,10 @@ class Source:
     def in_plane(self) -> Source:
         """The source with the poses of its elements applied, in the plane z = 0.
 
-        Raises GeometryError if an element does not lie in that plane.
+        Raises
+        ------
+        GeometryError
+            If an element does not lie in that plane.
         """
         if self.repeated is not None or all(e.pose is None for e in self.elements):
             return self
@@ -303,7 +273,7 @@ class Source:
             )
             for k, element in enumerate(self.elements)
         ]
-        return self._with(elements=flat)
+        return self.with_elements(flat)
 
     def moved(self, shift: ArrayLike) -> Source:
         """Return the source and its field shifted by (d,)."""
@@ -313,23 +283,11 @@ class Source:
         centre = self.centre + offset if self.curvature.any() else self.centre
         if self.repeated is not None:
             copies = replace(self.repeated, positions=self.repeated.positions + offset)
-            return self._with(repeated=copies, centre=centre)
+            return replace(self, content=copies, centre=centre)
         elements = [element.moved(offset) for element in self.in_plane.elements]
-        return self._with(elements=elements, centre=centre)
+        return self.with_elements(elements, centre=centre)
 
     # ---- sources made from this one
-
-    @property
-    def flat(self) -> Source:
-        """The source with a flat, coherent wave."""
-        if self.is_flat and self.is_coherent:
-            return self
-        return self._with(curvature=None, centre=None, coherence_width=np.inf, wavelength=None)
-
-    @property
-    def coherent(self) -> Source:
-        """The source with a coherent wave."""
-        return self if self.is_coherent else self._with(coherence_width=np.inf)
 
     def with_weights(self, weights: ArrayLike) -> Source:
         """Return the source with other weights (n,)."""
@@ -337,9 +295,9 @@ class Source:
         if factors.shape != (len(self),):
             raise ArgumentError(f"expected {len(self)} weights, got shape {factors.shape}")
         if self.repeated is not None:
-            return self._with(repeated=replace(self.repeated, weights=factors))
+            return replace(self, content=replace(self.repeated, weights=factors))
         pairs = zip(self.elements, factors.tolist(), strict=True)
-        return self._with(elements=[replace(e, weight=w) for e, w in pairs])
+        return self.with_elements([replace(e, weight=w) for e, w in pairs])
 
     def tilted(self, kappa: ArrayLike) -> Source:
         """Return the source times exp(2 pi i kappa.x), kappa (d,)."""
@@ -347,31 +305,12 @@ class Source:
         if not tilt.any():
             return self
         if self.repeated is None:
-            return self._with(elements=[e.tilted(tilt) for e in self.in_plane.elements])
+            return self.with_elements([e.tilted(tilt) for e in self.in_plane.elements])
         copies = self.repeated  # copies contain the tilt of the element
         phases = np.exp(2j * np.pi * (copies.positions @ tilt))
         element = copies.element.tilted(tilt)
         tilted = RepeatedElement(element, copies.positions, copies.weights * phases)
-        return self._with(repeated=tilted)
-
-    def at_wavelength(self, wavelength: float) -> Source:
-        """Return the source with the phases of its path lengths at another wavelength in m."""
-        changes: dict[str, Any] = {}
-        paths = self.paths
-        if paths is not None and paths.wavelength != wavelength:
-            ratio = paths.wavelength / wavelength
-            cycles, slopes = paths.cycles * (ratio - 1), paths.slopes * (ratio - 1)
-            phases = np.exp(2j * np.pi * (cycles - np.round(cycles))).tolist()
-            changes["elements"] = [
-                replace(element.tilted(slope), weight=element.weight * phase)
-                for element, slope, phase in zip(self.elements, slopes, phases, strict=True)
-            ]
-            changes["paths"] = PathLengths(paths.cycles * ratio, paths.slopes * ratio, wavelength)
-        if self.wavelength not in (None, wavelength) and not self.is_flat:
-            assert self.wavelength is not None
-            changes["curvature"] = self.curvature * (self.wavelength / wavelength)
-            changes["wavelength"] = wavelength
-        return self._with(**changes) if changes else self
+        return replace(self, content=tilted)
 
     @cached_property
     def public(self) -> Any:
@@ -393,44 +332,25 @@ class Source:
             return flat
         return Wavefront(flat, self.curvature, self.centre, self.coherence_width, self.wavelength)
 
-    # ---- equality by content
 
-    @cached_property
-    def _key(self) -> tuple[Any, ...]:
-        if self.repeated is not None:
-            copies = self.repeated
-            content: tuple[Any, ...] = (
-                copies.element._key,
-                copies.positions.tobytes(),
-                copies.weights.tobytes(),
-            )
-        else:
-            content = tuple(element._key for element in self.elements)
-        wave = (self.curvature + 0.0).tobytes(), (self.centre + 0.0).tobytes()
-        design = None if self.is_flat else self.wavelength
-        paths = None if self.paths is None else self.paths.wavelength
-        return content, *wave, self.coherence_width, design, paths
-
-    @cached_property
-    def _hash(self) -> int:
-        return hash(self._key)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Source):
-            return NotImplemented
-        return self is other or self._key == other._key
-
-    def __hash__(self) -> int:
-        return self._hash
-
-    def __repr__(self) -> str:
-        return f"Source({len(self)} elements, {self.dimension}D)"
+def coherent_form(
+    content: Sequence[SourceElement] | RepeatedElement,
+    dimension: int,
+    paths: PathLengths | None = None,
+) -> Source:
+    """Return the normal form of a source with a flat, coherent wave."""
+    flat = np.zeros((dimension, dimension)), np.zeros(dimension)
+    known = content if isinstance(content, RepeatedElement) else tuple(content)
+    return Source(known, dimension, *flat, paths=paths)
 
 
 def normal_form(public: PublicSource | Source) -> Source:
     """Return the normal form of a public source, cached in the source.
 
-    Raises ArgumentError for other objects, and for polyhedra and arrays of polyhedra.
+    Raises
+    ------
+    ArgumentError
+        For other objects, and for polyhedra and arrays of polyhedra.
     """
     if isinstance(public, Source):
         return public
@@ -444,22 +364,22 @@ def normal_form(public: PublicSource | Source) -> Source:
 
 def _converted(public: PublicSource) -> Source:
     if isinstance(public, Wavefront):
-        flat = normal_form(public.source)
-        return flat._with(
+        return replace(
+            normal_form(public.source),
             curvature=public.curvature,
             centre=public.centre,
             coherence_width=public.coherence_width,
             wavelength=public.wavelength,
         )
     if not isinstance(public, Array):
-        return Source([_element(public, 1.0)], dimension=1 if isinstance(public, Slits) else 2)
+        return coherent_form([_element(public, 1.0)], 1 if isinstance(public, Slits) else 2)
     dimension = 1 if public.dimension == 1 else 2
     if public.repeated is not None:
         element, positions = public.repeated
         copies = RepeatedElement(_element(element, 1.0), positions, public.weights)
-        return Source(None, dimension=dimension, repeated=copies)
+        return coherent_form(copies, dimension)
     pairs = zip(public.elements, public.weights.tolist(), strict=True)
-    return Source([_element(e, w) for e, w in pairs], dimension=dimension, paths=public.paths)
+    return coherent_form([_element(e, w) for e, w in pairs], dimension, public.paths)
 
 
 def _element(public: Any, weight: complex) -> SourceElement:

@@ -15,15 +15,14 @@ and (1 + p_m) c_m, see (D2) and (D3). The factor g = c of the paper is not a bou
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError, PolywignerWarning
-from polywigner.geometry import Aperture, PlacedAperture
+from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_length
 from polywigner.source.array import Array
 from polywigner.source.normal_form import (
@@ -31,6 +30,7 @@ from polywigner.source.normal_form import (
     RepeatedElement,
     Source,
     SourceElement,
+    coherent_form,
     normal_form,
 )
 
@@ -71,10 +71,10 @@ def times_direction_cosine(
     if not any(element.weight for element in elements):
         raise grazing_error(length)
     if form.repeated is None:
-        return Source(elements, dimension=form.dimension).public
+        return coherent_form(elements, form.dimension).public
     element, weights = elements[0], form.weights * elements[0].weight
     copies = RepeatedElement(replace(element, weight=1.0), form.repeated.positions, weights)
-    return Source(None, dimension=form.dimension, repeated=copies).public
+    return coherent_form(copies, form.dimension).public
 
 
 def grazing_error(wavelength: float) -> IlluminationError:
@@ -91,18 +91,18 @@ ObliquityName = Literal[BoundaryCondition, "paper"]
 
 
 class Forms(NamedTuple):
-    """Coefficients of the factor g of a cosine c (D2): g = square c^2 + linear c + one.
+    """Coefficients of the factor g of a cosine c (D2): g = square c^2 + linear c + constant.
 
     The factors take floats or arrays of any engine.
     """
 
     square: float
     linear: float
-    one: float
+    constant: float
 
     def irradiance(self, cosine: Any) -> Any:
         """Return g at a cosine, to leading order."""
-        return self.square * cosine * cosine + self.linear * cosine + self.one
+        return self.square * cosine * cosine + self.linear * cosine + self.constant
 
     def radiance(self, cosine: Any) -> Any:
         """Return h = g/cos for a cosine above zero: the factor in the radiance h W/lambda^2, (R1).
@@ -110,14 +110,16 @@ class Forms(NamedTuple):
         If a boundary condition needs the normal derivative, the dimensionless h grows without bound
         towards grazing directions; the cosine of the projected area makes the power finite.
         """
-        return self.square * cosine + self.linear + (self.one / cosine if self.one else 0.0)
+        return (
+            self.square * cosine + self.linear + (self.constant / cosine if self.constant else 0.0)
+        )
 
     def at_lags(self, q: Floats) -> Floats:
         """Return the transform of h over the disc of the hemisphere, at lags q/(2 pi) wavelengths.
 
         Bessel functions are integrals over n equidistant angles, exact to rounding for n > q.
         """
-        total = self.square * (np.sin(q) / q - np.cos(q)) / q**2 + self.one * np.sin(q) / q
+        total = self.square * (np.sin(q) / q - np.cos(q)) / q**2 + self.constant * np.sin(q) / q
         if self.linear:
             count = int(np.ceil(q.max())) + 40
             angle = (np.arange(count) + 0.5) * (np.pi / count)
@@ -168,11 +170,10 @@ class Obliquity:
         """
         if not self.is_boundary_condition:
             return [(source, Forms(0.0, 1.0, 0.0))]
-        self.warn_of_fit(source, wavelength)
         a, b, mixed = self.field, self.slope, self.field * self.slope
         p = direction_cosines(normal_form(source).frequencies, wavelength)
         if not b or float(np.abs(p - p[0]).max()) <= _SAME_COSINE:
-            # floats, because products of NumPy's numbers with Dr.Jit arrays are NumPy arrays
+            # Python floats: products of NumPy scalars with Dr.Jit arrays would be NumPy arrays.
             return [(source, Forms(a * a, float(2 * mixed * p[0].real), float(abs(b * p[0]) ** 2)))]
         turned = times_direction_cosine(source, wavelength)
         if not a:
@@ -183,29 +184,6 @@ class Obliquity:
             (turned, Forms(0.0, -mixed, b * b)),
             (times_direction_cosine(source, wavelength, 1.0), Forms(0.0, mixed, 0.0)),
         ]
-
-    def warn_of_fit(self, source: Any, wavelength: float) -> None:
-        """Warn if the obliquity needs normal derivatives of evanescent waves of a fitted field.
-
-        A fit does not determine these derivatives. Other fields, such as tapers, do.
-        """
-        if not self.needs_normal_derivative:
-            return
-        for element in getattr(source, "distinct", (source,)):
-            flat = element.aperture if isinstance(element, PlacedAperture) else element
-            field = getattr(flat, "illumination", None)
-            if field is None or not field.is_fit:
-                continue
-            evanescent = int((direction_cosines(field.frequencies, wavelength).imag > 0).sum())
-            if evanescent:
-                warnings.warn(
-                    f"{evanescent} of the {len(field)} waves of a fitted field are evanescent, and "
-                    f"{self.name!r} needs their normal derivatives, which a fit does not fix; "
-                    f"use {DEFAULT!r}, or fit frequencies below 1/wavelength only",
-                    PolywignerWarning,
-                    stacklevel=3,
-                )
-                return
 
 
 _ALL = (

@@ -54,13 +54,25 @@ def checked_polarisation(polarisation: Any, source: Any = None) -> Complexes:
 
     Parameters
     ----------
-    polarisation
+    polarisation : str or array_like
         "x", "y", "right", "left", a slant from x towards y such as "45 deg"; or a complex Jones
-        vector (2,) of any length; for an `Array` of n elements also vectors (n, 2), or a list of
-        n names. Other values raise ArgumentError.
-    source
+        vector (2,) of any length; for an `Array` of n elements also vectors (n, 2), or a list of n
+        names.
+    source : object, optional
         The polarised source; None allows a single vector only.
 
+    Returns
+    -------
+    ndarray of complex, shape (2,) or (n, 2)
+        Jones vectors of length 1.
+
+    Raises
+    ------
+    ArgumentError
+        For other values.
+
+    Examples
+    --------
     >>> checked_polarisation("right").round(3)
     array([0.707+0.j   , 0.   +0.707j])
     """
@@ -149,6 +161,8 @@ def stokes_vector(polarisation: Complexes) -> Stokes:
 
     Mitsuba has the same sign of S3: -1 for "right", which is called left in optics.
 
+    Examples
+    --------
     >>> stokes_vector(checked_polarisation("right"))
     (1.0, 0.0, 0.0, -1.0)
     """
@@ -191,9 +205,13 @@ def ludwig_axes(x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any
     q = x and q = y: the axes rotate with z into s by the smallest angle. With Kirchhoff's condition
     the product with a scalar far field is a Huygens source.
 
-    Source: A. C. Ludwig, "The definition of cross polarization", IEEE Trans. Antennas Propag. 21,
-    116 (1973).
+    References
+    ----------
+    A. C. Ludwig, "The definition of cross polarization", IEEE Trans. Antennas Propag. 21, 116
+    (1973).
 
+    Examples
+    --------
     >>> ludwig_axes(0.0, 0.6, 0.8)
     ((1.0, -0.0, -0.0), (-0.0, 0.8, -0.6))
     """
@@ -211,6 +229,8 @@ def polarisation_text(polarisation: Complexes) -> str:
 def polarisation_name(polarisation: Complexes) -> str:
     """Format Jones vectors (2,) or (n, 2) for messages: "y", "45 deg", "right".
 
+    Examples
+    --------
     >>> polarisation_name(checked_polarisation("45 deg")), polarisation_name(np.array([0, 1]))
     ('45 deg', 'y')
     """
@@ -228,6 +248,8 @@ def polarisation_name(polarisation: Complexes) -> str:
 def polarisation_of_text(text: str, source: Any) -> Complexes:
     """Parse the Jones vectors of a scene: names, slants or "1, 0.5j", separated by ";".
 
+    Examples
+    --------
     >>> polarisation_of_text("1, 1j", None).round(3)
     array([0.707+0.j   , 0.   +0.707j])
     """

@@ -19,8 +19,8 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import geometry
-from polywigner.errors import ArgumentError, FileFormatError, GeometryError, at_key, value_text
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
+from polywigner.errors import ArgumentError, FileFormatError, at_key, value_text
+from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_path, rigid_pose, write_lines
 from polywigner.geometry.io.limits import bytes_of, text_of
 from polywigner.geometry.parts import merge_parts, part_of_rings
@@ -60,7 +60,7 @@ _Item = TypeVar("_Item")
 NonEmpty = Annotated[list[_Item], msgspec.Meta(min_length=1)]
 Ring = Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=3)]
 
-# Outlines and bodies.
+# Outlines.
 
 
 class Context(NamedTuple):
@@ -147,19 +147,6 @@ class SlitsTable(_Illuminated, tag="slits"):
         return slits
 
 
-class PolyhedronTable(Kind, tag="polyhedron"):
-    file: str | None = None
-    unit: str | None = None
-    vertices: Coordinates | None = None
-    faces: list[list[int]] | None = None
-
-    def source(self, context: Context) -> Polyhedron:
-        with at_key(_origin(self, "file", "vertices")):
-            if self.file is None:
-                return Polyhedron(self.vertices or [], self.faces or [])
-            return geometry.read_polyhedron(context.path(self.file), self.unit or "mm")
-
-
 def _aperture(polygons: list[list[Any]]) -> Aperture:
     """Make an aperture of polygons, which are lists of rings with the exterior first.
 
@@ -188,7 +175,7 @@ class Paths(Table):
 
 
 class ArrayTable(Kind, tag="array"):
-    elements: list[ApertureTable | SlitsTable | PolyhedronTable]
+    elements: list[ApertureTable | SlitsTable]
     weights: list[Complex] | None = None
     paths: Paths | None = None
 
@@ -228,7 +215,7 @@ class PhasedArrayTable(Kind, tag="phased-array"):
         return phased_array(element, positions, weights)
 
 
-SourceTable = ApertureTable | SlitsTable | PolyhedronTable | ArrayTable | PhasedArrayTable
+SourceTable = ApertureTable | SlitsTable | ArrayTable | PhasedArrayTable
 
 
 # The top of a file.
@@ -300,7 +287,7 @@ def content_of(tables: Any, folder: Path, allow_outside: bool = False) -> FileCo
 def read_source(
     path: str | os.PathLike[str] | xarray.Dataset, allow_outside: bool = False
 ) -> Element | Array | Wavefront:
-    """Read an aperture with its field, slits, a body, or an array from a TOML or JSON file.
+    """Read an aperture with its field, slits or an array from a TOML or JSON file.
 
     docs/source_files.md describes the format. A source that :func:`write_source` wrote is read
     back equal. In files written by hand, quantities may be texts with units ("10 mm", "20 deg",
@@ -309,24 +296,29 @@ def read_source(
 
     Parameters
     ----------
-    path : the file; or a dataset that polywigner computed, which contains its source.
-    allow_outside : whether the file may name files outside its own folder, links followed. Keep
-        the default for untrusted files.
+    path : str, path or xarray.Dataset
+        The file; or a dataset that polywigner computed, which contains its source.
+    allow_outside : bool, default False
+        Whether the file may name files outside its own folder, links followed. Keep the default for
+        untrusted files.
 
     Returns
     -------
-    Aperture, placed aperture, Slits, Polyhedron, Array or Wavefront.
+    Aperture, PlacedAperture, Slits, Array or Wavefront
+        The source.
 
     Raises
     ------
     FileFormatError
-        The file is missing, empty, too large (64 MiB) or not TOML or JSON; names a file outside its
-        folder; or has an unknown key or a wrong value. A dataset contains no source.
+        If the file is missing, empty, too large (64 MiB) or not TOML or JSON; names a file outside
+        its folder; or has an unknown key or a wrong value; or if a dataset contains no source.
     GeometryError, IlluminationError, ArgumentError, QuantityError
-        The values describe no valid source: see the functions and classes that the file names.
+        If the values describe no valid source: see the functions and classes that the file names.
     MissingExtraError
-        A library that a window or an outline needs is not installed.
+        If a library that a window or an outline needs is not installed.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "antenna.toml"
@@ -354,15 +346,26 @@ def read_polarisation(
 
     Parameters
     ----------
-    path, allow_outside : as for :func:`read_source`, which reads the source itself.
+    path : str or path
+        The file of :func:`read_source`.
+    allow_outside : bool, default False
+        As in :func:`read_source`.
 
     Returns
     -------
-    The Jones vector (2,) along the source's x and y, complex; one for each element (n, 2) if the
-    file has a list of polarisations for an array; None if the file has no polarisation.
+    ndarray of complex, shape (2,) or (n, 2), or None
+        Jones vector along the source's x and y, or one vector for each element of an array if the
+        file has a list of polarisations; None if the file has no polarisation.
 
-    Raises the errors of :func:`read_source`, and ArgumentError for an invalid polarisation.
+    Raises
+    ------
+    FileFormatError
+        As :func:`read_source`, whose other errors are raised as well.
+    ArgumentError
+        If the polarisation is invalid.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "antenna.toml"
@@ -381,16 +384,20 @@ def read_content(path: str | os.PathLike[str], allow_outside: bool = False) -> F
         return content_of(tables, file.parent, allow_outside)
 
 
-def _parsed(text: str, suffix: str) -> Any:
-    """Parse the tables of a text in TOML or JSON."""
-    parsers = {".toml": tomllib.loads, ".json": json.loads}
-    if suffix.lower() not in parsers:
+def _suffix_of(suffix: str) -> str:
+    if suffix.lower() not in (".toml", ".json"):
         raise FileFormatError(
             f"expected a source file with the suffix .toml or .json, got {suffix or 'none'!r}; "
             "outlines alone are read by polywigner.read_aperture"
         )
+    return suffix.lower()
+
+
+def _parsed(text: str, suffix: str) -> Any:
+    """Parse the tables of a text in TOML or JSON."""
+    parse = json.loads if _suffix_of(suffix) == ".json" else tomllib.loads
     try:
-        return parsers[suffix.lower()](text)
+        return parse(text)
     except (ValueError, RecursionError) as error:
         raise FileFormatError(f"expected valid {suffix[1:].upper()}: {error}") from None
 
@@ -413,9 +420,6 @@ def table_of(source: Any) -> dict[str, Any]:
 def _table(source: Any) -> dict[str, Any]:
     if isinstance(source, PlacedAperture):
         return {**_table(source.aperture), "to_world": source.pose.tolist()}
-    if isinstance(source, Polyhedron):
-        faces = [list(face) for face in source.faces]
-        return {"kind": "polyhedron", "vertices": source.vertices.tolist(), "faces": faces}
     if isinstance(source, Array):
         return _array(source)
     if isinstance(source, Slits):
@@ -425,8 +429,8 @@ def _table(source: Any) -> dict[str, Any]:
         table = {"kind": "aperture", "polygons": polygons}
     else:
         raise ArgumentError(
-            "expected an Aperture, a placed aperture, Slits, a Polyhedron, an Array or a "
-            f"Wavefront, got {type(source).__name__}"
+            "expected an Aperture, a placed aperture, Slits, an Array of these or a Wavefront, got "
+            f"{type(source).__name__}"
         )
     if source.illumination is not None:
         amplitudes = _pairs(source.illumination.amplitudes)
@@ -488,15 +492,22 @@ def write_source(
 
     Parameters
     ----------
-    source : Aperture, placed aperture, Slits, Polyhedron, Array or Wavefront, with fields and
-        weights.
-    path : the suffix selects the format.
-    polarisation : as in :func:`polywigner.field`, for :func:`read_polarisation`; None writes none.
+    source : Aperture, PlacedAperture, Slits, Array or Wavefront
+        A source with its fields and weights.
+    path : str or path
+        The file; its suffix selects the format.
+    polarisation : str or array_like, optional
+        As in :func:`polywigner.field`, for :func:`read_polarisation`; default: none.
 
-    Raises ArgumentError for another object, an invalid polarisation, or a path that cannot be
-    written; FileFormatError for another suffix; GeometryError for a source that a file cannot
-    represent exactly, such as an outline that a shift by 10^15 times its size has made invalid.
+    Raises
+    ------
+    ArgumentError
+        If the source is another object, the polarisation is invalid, or the path cannot be written.
+    FileFormatError
+        If the path has another suffix.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "antenna.toml"
@@ -508,12 +519,6 @@ def write_source(
     if polarisation is not None:
         jones = checked_polarisation(polarisation, source)
         table["polarisation"] = jones.view(np.float64).reshape(*jones.shape, 2).tolist()
-    text = json.dumps(table) if file.suffix.lower() == ".json" else _toml(table).rstrip("\n")
     with at_key(str(file)):
-        tables = _parsed(text, file.suffix)
-    fault = f"a file cannot represent {source!r} exactly"
-    with at_key(fault):
-        again = content_of(tables, file.parent).source
-    if again != source:
-        raise GeometryError(f"{fault}; build it anew from its vertices")
-    write_lines(file, [text])
+        is_json = _suffix_of(file.suffix) == ".json"
+    write_lines(file, [json.dumps(table) if is_json else _toml(table).rstrip("\n")])

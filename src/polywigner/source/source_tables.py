@@ -137,7 +137,7 @@ _OF_ANNOTATION: dict[str, Any] = {
 }  # fmt: skip
 _OF_KEY: dict[str, Any] = {
     "wavelength": Length, "frequency": Frequency, "sll": Decibels, "window": str | list[str],
-    "counts": list[int], "coefficients": list[Any], "amplitudes": list[Complex],
+    "counts": list[int], "amplitudes": list[Complex],
     "frequencies": list[float | list[float]],
 }  # fmt: skip
 # Parameters that follow from other tables.
@@ -173,7 +173,7 @@ def _row(count: int, pitch: float) -> NDArray[np.float64]:
 FieldTable = _union_of({
     "uniform": tapers.uniform, "steering": tapers.steering, "waves": Illumination,
     "cosine_taper": tapers.cosine_taper, "taylor_taper": tapers.taylor_taper,
-    "te_mode": tapers.te_mode, "fourier_taper": tapers.fourier_taper,
+    "te_mode": tapers.te_mode,
 })  # fmt: skip
 LayoutTable = _union_of({
     "row": _row, "grid": arrays.grid_positions, "triangular": arrays.triangular_positions,
@@ -200,9 +200,6 @@ def called(table: Any, wavelength: float | None = None, layout: Any = None, **co
     if "theta" in values:
         towards = tapers.direction_of(values.pop("theta"), values.pop("phi"))
         values["direction"] = towards[: context["dimension"]]
-    if "coefficients" in values:
-        kind = list[Complex] if values["height"] is None else list[list[Complex]]
-        values["coefficients"] = converted(values["coefficients"], kind, key="coefficients")
     if "shape" in parameters:
         counts = (getattr(layout, key, None) for key in ("count", "nx", "ny"))
         values["shape"] = [count for count in counts if isinstance(count, int)]
@@ -245,7 +242,7 @@ _EXPECTED = {
 def _table(name: str, text: str) -> dict[str, Any]:
     """Convert a short text to a table of a source file."""
     if name == "steering":
-        return {"kind": name, **dict(zip(("theta", "phi"), direction_angles(text), strict=True))}
+        return {"kind": name, **dict(zip(("theta", "phi"), parse_direction(text), strict=True))}
     if name == "focus":
         return {"kind": "focusing", "point": _parts(text)}
     written = text.strip() if name == "array" else text.strip().lower()
@@ -264,18 +261,28 @@ def _parts(text: str) -> list[Any]:
 def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
     """Apply short texts for field, copies, weights and wave to a source.
 
-    Lengths without a unit are in metres, angles in radians. Errors begin with the name of the text:
-    QuantityError or FileFormatError for an invalid text, ArgumentError for a text that does not fit
-    the source.
+    Lengths without a unit are in metres, angles in radians.
 
     Parameters
     ----------
-    source
-        An Aperture; with `steering`, `focus`, `curved` and `coherence` also a phased array.
-    texts
+    source : Aperture or Array
+        With `steering`, `focus`, `curved` and `coherence` also a phased array.
+    texts : mapping of str to str
         Texts by their names, :data:`SOURCE_TEXTS`; docs/source_files.md has their grammar.
-    wavelength
-        Wavelength in metres, for steering, focus and curved waves.
+    wavelength : float or None
+        Wavelength in m, for steering, focus and curved waves.
+
+    Returns
+    -------
+    Aperture, Array or Wavefront
+        The changed source.
+
+    Raises
+    ------
+    QuantityError, FileFormatError
+        If a text is invalid. Errors begin with the name of the text.
+    ArgumentError
+        If a text does not fit the source.
     """
     for name in SOURCE_TEXTS:
         if name in texts:
@@ -336,7 +343,7 @@ def _times(aperture: Aperture, field: Illumination) -> Aperture:
     return aperture.with_illumination(field if other is None else other * field)
 
 
-def direction_angles(text: str) -> tuple[float, float]:
+def parse_direction(text: str) -> tuple[float, float]:
     """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; QuantityError if invalid."""
     theta, *phi = map(quantities.parse_angle, _parts(text))
     if len(phi) > 1 or not abs(theta) < math.pi / 2:  # perhaps degrees without a unit

@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError, value_text
+from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import (
     checked_count,
     checked_length,
     checked_number,
     checked_vectors,
     finite_array,
-    shape_of,
     takes_frequency,
 )
 from polywigner.source.waves import Illumination
@@ -97,8 +96,20 @@ _Waves = tuple[NDArray[Any], NDArray[Any]]
 
 
 def uniform(dimension: int = 2) -> Illumination:
-    """Return the field 1, a plane wave of frequency 0. `dimension`: 2, or 1 for slits.
+    """Return the field 1, a plane wave of frequency 0.
 
+    Parameters
+    ----------
+    dimension : int, default 2
+        2, or 1 for slits.
+
+    Returns
+    -------
+    Illumination
+        The field.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> float(pw.uniform()((0.0, 0.0)).real)
     1.0
@@ -114,16 +125,25 @@ def steering(direction: ArrayLike, wavelength: float) -> Illumination:
 
     Parameters
     ----------
-    direction : unit vector (3,) with a positive z, of length 1 to 1e-6; or its components (2,)
-        along the aperture; or for slits the sine of the angle.
-    wavelength : in metres.
+    direction : array_like, shape (3,) or (2,)
+        Unit vector with a positive z, of length 1 to 1e-6; or its components along the aperture; or
+        for slits the sine of the angle.
+    wavelength : float
+        Wavelength in m.
+
+    Returns
+    -------
+    Illumination
+        The field.
 
     Raises
     ------
     ArgumentError
-        The vector is not a unit vector, or points behind the aperture; the components are longer
-        than 1; or the wavelength is not above zero.
+        If the vector is not a unit vector or points behind the aperture, the components are longer
+        than 1, or the wavelength is not above zero.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> beam = pw.steering((0.5, 0.0, 3**0.5 / 2), 10e-3)
     >>> beam.frequencies.tolist()
@@ -139,17 +159,30 @@ def cosine_taper(
 ) -> Illumination:
     """Return the taper u(x, y) = cos(pi x/width)^power cos(pi y/height)^power.
 
-    It is 1 at the centre and 0 at the edges, and has power + 1 waves for each axis.
+    The taper is 1 at the centre and 0 at the edges, and has power + 1 waves for each axis.
 
     Parameters
     ----------
-    width, height : in metres. None: no taper along this axis.
-    power : 1 for a cosine, 2 for a squared cosine, up to 32.
-    dimension : 2; or 1 for slits, whose taper has a width alone.
+    width, height : float or None
+        Lengths in m; None: no taper along this axis.
+    power : int, default 1
+        1 for a cosine, 2 for a squared cosine, up to 32.
+    dimension : int, default 2
+        2; or 1 for slits, whose taper has a width alone.
 
-    Raises ArgumentError for lengths that are not above zero, both None, a power out of range, and a
-    height for slits.
+    Returns
+    -------
+    Illumination
+        The field.
 
+    Raises
+    ------
+    ArgumentError
+        If a length is not above zero, both are None, the power is out of range, or slits have a
+        height.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> taper = pw.cosine_taper(10e-3, 10e-3)
     >>> [round(float(abs(taper(x))), 12) for x in [(0.0, 0.0), (5e-3, 0.0)]]
@@ -177,13 +210,25 @@ def te_mode(
 
     Parameters
     ----------
-    width, height : inner lengths of the guide along x and y in metres.
-    m, n : half periods along x and along y, from 0, not both 0.
-    component : "y" (needs m of 1 or more), or "x" (needs n of 1 or more).
+    width, height : float
+        Inner lengths of the guide along x and y in m.
+    m, n : int
+        Half periods along x and along y, from 0, not both 0; default: TE10.
+    component : {"y", "x"}, default "y"
+        "y" needs m of 1 or more, "x" needs n of 1 or more.
 
-    Raises ArgumentError for lengths that are not above zero, numbers out of range, and a component
-    that the mode does not have.
+    Returns
+    -------
+    Illumination
+        The field.
 
+    Raises
+    ------
+    ArgumentError
+        If a length is not above zero, a number is out of range, or the mode lacks the component.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> mode = pw.te_mode(10e-3, 5e-3)
     >>> round(float(abs(mode((5e-3, 0.0)))), 12)  # zero at the wall
@@ -221,22 +266,40 @@ def taylor_taper(
         F_m = (-1)^(m+1)/2 prod_{i < nbar} [1 - m^2/(s^2 (A^2 + (i - 1/2)^2))]
                          / prod_{i < nbar, i != m} [1 - m^2/i^2]
 
-    2 nbar - 1 waves for each axis. The zeros of the transform are at
-    |nu| width = s sqrt(A^2 + (i - 1/2)^2) for i < nbar, then at nbar, nbar + 1, ...; the first
-    sidelobe lies at -sll dB, or less than 0.7 dB below it, the others are lower and fall as
-    1/|nu| from nbar on. T. T. Taylor, IRE Trans. Antennas Propag. AP-3 (1955) 16-28.
+    This takes 2 nbar - 1 waves for each axis. The zeros of the transform are at
+    |nu| width = s sqrt(A^2 + (i - 1/2)^2) for i < nbar, then at nbar, nbar + 1, ... The first
+    sidelobe lies at -sll dB, or less than 0.7 dB below it. The others are lower and fall as 1/|nu|
+    from nbar on.
 
     Parameters
     ----------
-    width, height : in metres. None: no taper along this axis.
-    sll : sidelobe suppression in dB, above 0 and up to 200: 30 for sidelobes at -30 dB.
-    nbar : number of shifted zeros plus one, up to 100. Taylor recommends at least 2 A^2 + 1/2 (4
-        for 30 dB, 7 for 40 dB); smaller values may raise the sidelobes.
-    dimension : 2; or 1 for slits, whose taper has a width alone.
+    width, height : float or None
+        Lengths in m; None: no taper along this axis.
+    sll : float, default 30
+        Sidelobe suppression in dB, above 0 and up to 200: 30 for sidelobes at -30 dB.
+    nbar : int, default 4
+        Number of shifted zeros plus one, up to 100. Taylor recommends at least 2 A^2 + 1/2 (4 for
+        30 dB, 7 for 40 dB); smaller values may raise the sidelobes.
+    dimension : int, default 2
+        2; or 1 for slits, whose taper has a width alone.
 
-    Raises ArgumentError for lengths that are not above zero, both None, sll and nbar out of range,
-    and a height for slits.
+    Returns
+    -------
+    Illumination
+        The field.
 
+    Raises
+    ------
+    ArgumentError
+        If a length is not above zero, both are None, sll or nbar is out of range, or slits have a
+        height.
+
+    References
+    ----------
+    T. T. Taylor, IRE Trans. Antennas Propag. AP-3 (1955) 16-28.
+
+    Examples
+    --------
     >>> import polywigner as pw
     >>> taper = pw.taylor_taper(10e-3, sll=25.0)
     >>> bool(abs(taper((0.0, 0.0))) > abs(taper((4e-3, 0.0))))
@@ -248,46 +311,6 @@ def taylor_taper(
     amplitudes /= amplitudes.sum()
     orders = np.arange(1 - zeros, zeros)
     return _tapered(width, height, dimension, lambda size: (amplitudes, orders / size))
-
-
-def fourier_taper(
-    width: float, height: float | None = None, *, coefficients: ArrayLike, dimension: int = 2
-) -> Illumination:
-    """Return a Fourier series over the width: u(x) = sum_k a_k exp(2 pi i k x/width).
-
-    Parameters
-    ----------
-    width, height : periods along x and y in metres. Without a height, the field does not depend on
-        y.
-    coefficients : complex, of odd length, a_0 at the centre: (2K + 1,) for k = -K..K; with a height
-        (2K + 1, 2L + 1) for exp(2 pi i (k x/width + l y/height)). Cosines b_0 + b_1 cos(2 pi
-        x/width) have [b_1/2, b_0, b_1/2].
-    dimension : 2; or 1 for slits.
-
-    Raises ArgumentError for lengths that are not above zero, and a height for slits;
-    IlluminationError for coefficients that are not finite numbers of such a shape, or all zero.
-
-    >>> import polywigner as pw
-    >>> taper = pw.fourier_taper(2.0, coefficients=[0.25, 0.5, 0.25])  # (1 + cos(pi x))/2
-    >>> round(float(abs(taper((1.0, 0.0)))), 12)
-    0.0
-    """
-    across = _axes(width, height, dimension)
-    try:
-        series = np.array(coefficients, dtype=np.complex128)
-    except (TypeError, ValueError, OverflowError):
-        series = np.empty(0, np.complex128)
-    axes = 1 if height is None else 2
-    if series.ndim != axes or not all(n % 2 for n in series.shape):
-        shape = "(2 K + 1,)" if axes == 1 else "(2 K + 1, 2 L + 1)"
-        raise IlluminationError(
-            f"expected complex coefficients of shape {shape}, got {shape_of(coefficients)}"
-        )
-    orders = [np.arange(n) - n // 2 for n in series.shape]
-    lengths = [size for size in across if size is not None]
-    along = [k / size for k, size in zip(orders, lengths, strict=True)]
-    grid = np.meshgrid(*along, *[np.zeros(1)] * (dimension - axes), indexing="ij")
-    return Illumination(series.ravel(), np.stack(grid, axis=-1).reshape(-1, dimension))
 
 
 def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
@@ -346,7 +369,7 @@ def _half_periods(number: int, size: float, sine: bool) -> _Waves:
 
 
 def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
-    """F_1 ... F_(nbar - 1)."""
+    """Return F_1 ... F_(nbar - 1) of `taylor_taper`."""
     # arccosh(10^(sll/20)) without cancellation for small sll
     excess = math.expm1(decibels / 20 * math.log(10))
     a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi

@@ -31,14 +31,18 @@ class Illumination(Immutable):
 
     Parameters
     ----------
-    amplitudes : (m,) complex c_m, in the unit of the field.
-    frequencies : (m, d) real kappa_m in cycles per metre; for d = 1 also (m,).
+    amplitudes : array_like, shape (m,)
+        Complex amplitudes c_m in the unit of the field.
+    frequencies : array_like, shape (m, d)
+        Real frequencies kappa_m in cycles per metre; for d = 1 also (m,).
 
     Raises
     ------
     IlluminationError
-        A value is not finite, the shapes do not match, or the field is zero everywhere.
+        If a value is not finite, the shapes do not match, or the field is zero everywhere.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> tilt = pw.Illumination([1.0], [(100.0, 0.0)])  # towards s_x = 100 m^-1 times lambda
     >>> pw.shapes.square(0.01).with_illumination(tilt).illumination == tilt
@@ -49,19 +53,12 @@ class Illumination(Immutable):
     """(m,), read-only."""
     frequencies: NDArray[np.float64]
     """(m, d), read-only, in lexicographic order."""
-    is_fit: bool
-    """Whether waves come from :func:`polywigner.fit_illumination`; ignored by ``==`` and files."""
 
     def __init__(self, amplitudes: ArrayLike, frequencies: ArrayLike) -> None:
         waves = _merged(*_checked(amplitudes, frequencies))
         for name, array in zip(("amplitudes", "frequencies"), waves, strict=True):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        object.__setattr__(self, "is_fit", False)
-
-    def _from(self, amplitudes: Any, frequencies: Any, is_fit: bool = False) -> Illumination:
-        """Make a field from this field; it is a fit if this field or the other factor is."""
-        return restored(amplitudes, frequencies, self.is_fit or is_fit)
 
     @property
     def dimension(self) -> int:
@@ -82,32 +79,39 @@ class Illumination(Immutable):
         """Return the field shifted by (d,) m: u(x - shift)."""
         offset = checked_shift(shift, self.dimension)
         turns = [exact_turns(kappa, offset.tolist()) for kappa in self.frequencies.tolist()]
-        return self._from(self.amplitudes * np.exp(-2j * np.pi * np.array(turns)), self.frequencies)
+        return Illumination(
+            self.amplitudes * np.exp(-2j * np.pi * np.array(turns)), self.frequencies
+        )
 
     def turned(self, angle: float) -> Illumination:
-        """Return the field rotated about the origin by an angle in radians.
+        """Return the field rotated counter-clockwise about the origin by an angle in radians.
 
-        Counter-clockwise; quarter turns are exact. Raises IlluminationError for a field of slits.
+        Quarter turns are exact.
+
+        Raises
+        ------
+        IlluminationError
+            For a field of slits.
         """
         if self.dimension != 2:
             raise IlluminationError("expected a field in two dimensions to turn, got one of slits")
-        return self._from(self.amplitudes, turned_points(self.frequencies, angle))
+        return Illumination(self.amplitudes, turned_points(self.frequencies, angle))
 
     def scaled(self, factor: float) -> Illumination:
         """Return the field scaled about the origin by a factor."""
         size = checked_length(factor, "factor")
         with np.errstate(over="ignore"):
-            return self._from(self.amplitudes, self.frequencies / size)
+            return Illumination(self.amplitudes, self.frequencies / size)
 
     def __mul__(self, other: Illumination | complex) -> Illumination:
         if isinstance(other, Complex):
-            return self._from(self.amplitudes * complex(other), self.frequencies)
+            return Illumination(self.amplitudes * complex(other), self.frequencies)
         if not isinstance(other, Illumination):
             return NotImplemented
         self._check_dimension(other)
         products = np.multiply.outer(self.amplitudes, other.amplitudes)
         sums = self.frequencies[:, None] + other.frequencies
-        return self._from(products.ravel(), sums.reshape(-1, self.dimension), other.is_fit)
+        return Illumination(products.ravel(), sums.reshape(-1, self.dimension))
 
     __rmul__ = __mul__
 
@@ -122,7 +126,7 @@ class Illumination(Immutable):
             return NotImplemented
         if other == 0:
             raise IlluminationError("expected a number other than zero to divide a field by, got 0")
-        return self._from(self.amplitudes / complex(other), self.frequencies)
+        return Illumination(self.amplitudes / complex(other), self.frequencies)
 
     def __neg__(self) -> Illumination:
         return -1 * self
@@ -134,10 +138,9 @@ class Illumination(Immutable):
         if not isinstance(other, Illumination):
             return NotImplemented
         self._check_dimension(other)
-        return self._from(
+        return Illumination(
             np.concatenate([self.amplitudes, other.amplitudes]),
             np.concatenate([self.frequencies, other.frequencies]),
-            other.is_fit,
         )
 
     @cached_property
@@ -145,7 +148,7 @@ class Illumination(Immutable):
         return self.dimension, self.amplitudes.tobytes(), self.frequencies.tobytes()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return restored, (self.amplitudes, self.frequencies, self.is_fit)
+        return Illumination, (self.amplitudes, self.frequencies)
 
     def __len__(self) -> int:
         """The number of waves."""
@@ -154,13 +157,6 @@ class Illumination(Immutable):
     def __repr__(self) -> str:
         plural = "s" if len(self) > 1 else ""
         return f"Illumination({len(self)} plane wave{plural}, {self.dimension}D)"
-
-
-def restored(amplitudes: Any, frequencies: Any, is_fit: bool) -> Illumination:
-    """Make an Illumination with its attribute `is_fit`."""
-    field = Illumination(amplitudes, frequencies)
-    object.__setattr__(field, "is_fit", is_fit)
-    return field
 
 
 def exact_turns(kappa: list[float], shift: list[float]) -> float:
@@ -222,8 +218,6 @@ _CUT_OFF = 1e-6
 # approximated up to the edges.
 _PERIODS = 2
 
-# Samples per block of rows of the matrix.
-_ROWS = 4096
 _MOST_WAVES = 4096
 
 
@@ -247,42 +241,50 @@ def fit_illumination(
     *,
     order: int = 4,
     cut_off: float = _CUT_OFF,
-    largest_residual: float | None = None,
 ) -> FittedIllumination:
     """Fit plane waves of fixed frequencies to a sampled field by least squares.
 
-    Minimises sum_j |u(x_j) - values_j|^2 by a singular value decomposition without singular values
-    below `cut_off`. The memory is proportional to the square of the number of waves.
+    The sum of |u(x_j) - values_j|^2 is minimised by a singular value decomposition without singular
+    values below `cut_off`. The memory is 16 bytes times the number of samples times the number of
+    waves.
 
-    Samples in the plane do not determine the normal derivative of the field. Kirchhoff and
-    Rayleigh-Sommerfeld II use the derivative of the fitted waves, which depends on evanescent waves
-    (|kappa| > 1/wavelength), and warn. Two fits of one field on a square of one wavelength, with
-    residuals below 1e-9, differed by 0.12 dB with Rayleigh-Sommerfeld II, and 1e-4 dB with I.
+    Samples in the plane do not determine the normal derivative of the field, which Kirchhoff and
+    Rayleigh-Sommerfeld II use: they take the derivative of the fitted waves, which depends on the
+    evanescent waves (|kappa| > 1/wavelength) of the fit. Two fits of one field on a square of one
+    wavelength, with residuals below 1e-9, differed by 0.12 dB with Rayleigh-Sommerfeld II, and by
+    1e-4 dB with I. Use I, or fit frequencies below 1/wavelength only.
 
     Parameters
     ----------
-    points : (n, 2) positions in m; for slits (n, 1) or (n,). They need not form a grid. The fit is
-        meaningless outside their bounds, so sample up to the edges of the aperture.
-    values : (n,) complex field at these points.
-    frequencies : (m, d) in cycles per metre. None: waves whose period is twice the extent of the
+    points : array_like, shape (n, 2)
+        Positions in m; for slits (n, 1) or (n,). They need not form a grid. The fit is meaningless
+        outside their bounds, so sample up to the edges of the aperture.
+    values : array_like, shape (n,)
+        Complex field at these points.
+    frequencies : array_like, shape (m, d), optional
+        Frequencies in cycles per metre; default: waves whose period is twice the extent of the
         points, -order..order periods along each axis.
-    order : largest number of periods, reduced for few samples. A phase of q cycles over the
-        aperture needs an order of about 2 q + 4.
-    cut_off : fraction of the largest singular value, from 1e-15 up to below 1; larger for noise.
-    largest_residual : residual above which the fit is an error; None: no limit.
+    order : int, default 4
+        Largest number of periods, reduced for few samples. A phase of q cycles over the aperture
+        needs an order of about 2 q + 4.
+    cut_off : float, default 1e-6
+        Fraction of the largest singular value, from 1e-15 up to below 1; use larger values for
+        noise.
 
     Returns
     -------
-    FittedIllumination : (illumination, residual, rank, cancellation).
+    FittedIllumination
+        Named tuple (illumination, residual, rank, cancellation).
 
     Raises
     ------
     ArgumentError
-        Points, values or options have a wrong shape or range.
+        If points, values or options have a wrong shape or range.
     IlluminationError
-        All values are zero, the frequencies have a wrong shape, or the residual is above
-        `largest_residual`.
+        If all values are zero, or the frequencies have a wrong shape.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> import numpy as np
     >>> x = np.stack(np.meshgrid(*2 * [np.linspace(-1, 1, 9)]), axis=-1).reshape(-1, 2)
@@ -305,19 +307,13 @@ def fit_illumination(
             f"expected at most {_MOST_WAVES} waves, got {len(kappa)}; give fewer frequencies, or a "
             "lower order"
         )
-    amplitudes, left, rank = _least_squares(positions - centre, field, kappa, least)
+    waves = np.exp(2j * np.pi * ((positions - centre) @ kappa.T))
+    amplitudes, _, rank, _ = np.linalg.lstsq(waves, field, rcond=least)
     size = float(np.linalg.norm(field))
-    residual = left / size
-    if largest_residual is not None and not residual <= checked_number(
-        largest_residual, "largest_residual", "a number"
-    ):
-        raise IlluminationError(
-            f"expected a fit with a residual of at most {largest_residual:g}, got {residual:.3g} "
-            f"with {len(kappa)} waves; give a higher order or other frequencies"
-        )
+    residual = float(np.linalg.norm(waves @ amplitudes - field)) / size
     cancellation = float(np.abs(amplitudes).sum()) / (size / np.sqrt(len(field)))
-    fitted = restored(amplitudes, kappa, True).moved(centre)
-    return FittedIllumination(fitted, residual, rank, cancellation)
+    fitted = Illumination(amplitudes, kappa).moved(centre)
+    return FittedIllumination(fitted, residual, int(rank), cancellation)
 
 
 def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
@@ -359,29 +355,3 @@ def _lattice(extent: NDArray[np.float64], order: int, samples: int) -> NDArray[n
     steps = np.arange(-highest, highest + 1)
     along = [steps / (_PERIODS * size) if size else np.zeros(1) for size in extent]
     return np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, len(extent))
-
-
-def _least_squares(
-    positions: NDArray[np.float64],
-    field: NDArray[np.complex128],
-    kappa: NDArray[np.float64],
-    cut_off: float,
-) -> tuple[NDArray[np.complex128], float, int]:
-    """Return amplitudes, norm of the residual field, and rank.
-
-    A QR decomposition adds blocks of rows, with the field as the last column, so that any number of
-    samples fits into memory.
-    """
-    waves = len(kappa)
-    triangle: NDArray[np.complex128] = np.empty((0, waves + 1), np.complex128)
-    for start in range(0, len(positions), _ROWS):
-        block = slice(start, start + _ROWS)
-        matrix = np.exp(2j * np.pi * (positions[block] @ kappa.T))
-        rows = np.vstack([triangle, np.column_stack([matrix, field[block]])])
-        triangle = np.asarray(np.linalg.qr(rows, mode="r"))
-    left, values, right = np.linalg.svd(triangle[:, :waves], full_matrices=False)
-    used = values > cut_off * values[0]
-    along = left.conj().T @ triangle[:, waves]
-    amplitudes = right.conj().T[:, used] @ (along[used] / values[used])
-    remainder = triangle[:, waves] - triangle[:, :waves] @ amplitudes
-    return amplitudes, float(np.linalg.norm(remainder)), int(used.sum())

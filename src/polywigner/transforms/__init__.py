@@ -16,7 +16,7 @@ this is more (docs/accuracy.md, "Limits").
 """
 
 from polywigner.execution import Differentiable
-from polywigner.transforms.automean_samples import Weights, sample_automean
+from polywigner.transforms.automean_samples import sample_automean
 from polywigner.transforms.calls import explain
 from polywigner.transforms.checked_calls import PhaseSpaceSource, Source
 from polywigner.transforms.imaging import (
@@ -40,7 +40,6 @@ __all__ = [
     "PhaseSpaceFunction",
     "PhaseSpaceSource",
     "Source",
-    "Weights",
     "ambiguity",
     "array_factor",
     "autocorrelation",

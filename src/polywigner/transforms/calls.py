@@ -47,7 +47,6 @@ from polywigner.transforms.wavefronts import (
     chirp_transform,
     coherent_source,
     degree_of_coherence,
-    is_thin,
     mean_over_tilts,
     principal_axes,
     within_widths,
@@ -218,8 +217,8 @@ def explain(
         explained by the first of them.
     arguments : array_like
         The points of the function as NumPy arrays: x and nu for ``"wigner"``.
-    function : str
-        "wigner" (default), "ambiguity", "autocorrelation", "fourier", "position_marginal" or
+    function : str, default "wigner"
+        "wigner", "ambiguity", "autocorrelation", "fourier", "position_marginal" or
         "lag_marginal".
     engine, precision : str, optional
         See :func:`fourier`.
@@ -380,15 +379,11 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
 
     if not has_closed_form:
         return mean_over_tilts(of_coherent, wave, nu, x, double=double)
-    is_raised = not double and not traced and is_thin(wave)
-    if is_raised:
-        double, how = True, (None, how[1])
 
     def closed_form(limited: Wavefront, x: Values, nu: Values) -> Values:
         return _curved("wigner", limited, {"x": x, "nu": nu}, how)
 
-    values = within_widths(closed_form, of_coherent, wave, x, nu, double)
-    return values.astype(np.float32) if is_raised else values
+    return within_widths(closed_form, of_coherent, wave, x, nu, double)
 
 
 # --- curved waves

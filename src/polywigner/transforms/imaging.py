@@ -82,27 +82,27 @@ def transmission_cross_coefficient(
         segments. The optical axis passes through the origin.
     condenser : Aperture or Array
         Like ``pupil``; its elements are incoherent with one another.
-    xi_1, xi_2 : array_like (..., 2)
+    xi_1, xi_2 : array_like, shape (..., 2)
         Lags in the pupil in m, wavelength times distance times the object's frequency.
-    defocus : float
-        Wavefront aberration W20 at ``pupil_radius`` in waves, as in :func:`otf`; default 0.
+    defocus : float, default 0
+        Wavefront aberration W20 at ``pupil_radius`` in waves, as in :func:`otf`.
     pupil_radius : float, optional
         In m; default: the largest distance of a vertex of the pupil from the origin.
 
     Returns
     -------
-    complex ndarray (...)
+    ndarray of complex, shape (...)
         The transmitted fraction if xi_1 = xi_2. T is P conj P for a point as condenser. For a
         condenser much wider than the pupil it is :func:`otf` times the ratio of their areas.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type, shape or range, and for too many of them.
+        If an argument has the wrong type, shape or range, or there are too many pairs of lags.
     GeometryError
-        For arrays with elements outside the plane z = 0.
+        If an Array has elements outside the plane z = 0.
     IlluminationError
-        For fields that cancel.
+        If the fields cancel.
 
     Examples
     --------
@@ -150,28 +150,28 @@ def partially_coherent_image(
     ----------
     mask : Aperture or Array
         Apertures that do not overlap; their weights are the transmitted amplitudes.
-    period : array_like (2,) or (2, 2)
+    period : array_like, shape (2,) or (2, 2)
         Lengths along x and y in m, or vectors of the lattice as rows. The copies of the mask must
         not overlap.
     pupil, condenser, defocus, pupil_radius
         As in :func:`transmission_cross_coefficient`; a condenser of half the pupil's size has the
         coherence factor 0.5.
-    points : array_like (..., 2)
+    points : array_like, shape (..., 2)
         Points in the image in m, at the scale of the object.
     wavelength : float
         In m.
     distance : float
         Distance of the object from the pupil, or the focal length in front of it, in m: the
         frequency f is at wavelength distance f in the pupil.
-    transmission : complex
-        Amplitude that the elements transmit, times their weights; 0 is opaque, default 1.
-    background : complex
-        Amplitude that the mask transmits outside its elements. 0 (default) is opaque, 1 is clear,
-        as around opaque lines, and -0.245 is a phase-shifting film of 6 %.
+    transmission : complex, default 1
+        Amplitude that the elements transmit, times their weights; 0 is opaque.
+    background : complex, default 0
+        Amplitude that the mask transmits outside its elements: 0 is opaque, 1 is clear, as around
+        opaque lines, and -0.245 is a phase-shifting film of 6 %.
 
     Returns
     -------
-    float ndarray (...)
+    ndarray of float, shape (...)
         Irradiance relative to the irradiance without a mask and with all light transmitted, at
         least 0.
 
@@ -184,7 +184,7 @@ def partially_coherent_image(
         For elements that overlap each other or the mask's copies, and for arrays with elements
         outside the plane z = 0.
     IlluminationError
-        For fields that cancel.
+        If the fields cancel.
 
     Examples
     --------
@@ -361,37 +361,30 @@ def _check_orders(count: float, size: int) -> None:
 
 
 def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
-    """Raise GeometryError if elements of a mask overlap each other, or copies of the mask."""
+    """Raise GeometryError if elements of a mask overlap each other, or the copies of the mask."""
     if not isinstance(mask, Aperture | Array):
         raise ArgumentError(
             f"expected mask as an Aperture, or an Array of apertures, got {type(mask).__name__}"
         )
     elements = np.array([element.polygons for element in mask.elements_in_plane], object)
-    areas, tree = shapely.area(elements), shapely.STRtree(elements)
     low, high = np.reshape(shapely.total_bounds(elements), (2, 2))
     size = high - low
     corners = np.array([size, size * [1, -1]])
     most = np.ceil(abs(corners @ np.linalg.inv(lattice)).max(axis=0)).astype(int)
     numbers = np.stack(np.meshgrid(*(np.arange(-n, n + 1) for n in most)), axis=-1).reshape(-1, 2)
-    shifts = numbers[: len(numbers) // 2 + 1] @ lattice  # one of each pair of opposite shifts
-    for shift in shifts[(abs(shifts) < size).all(axis=1)][::-1]:
-        copies = shapely.transform(elements, lambda x, shift=shift: x + shift)
-        second, first = tree.query(copies)
-        if not shift.any():
-            first, second = first[first < second], second[first < second]
-        common = shapely.area(shapely.intersection(elements[first], copies[second]))
-        overlapping = np.flatnonzero(common > _OVERLAP * np.minimum(areas[first], areas[second]))
-        for k in overlapping[:1]:
-            pair = f"elements {first[k]} and {second[k]} of the mask overlap in {common[k]:.4g} m²"
-            if shift.any():
-                raise GeometryError(
-                    f"the mask overlaps its copy at ({shift[0]:.4g}, {shift[1]:.4g}) m: {pair}; "
-                    "pass a longer period, or cut the mask to one period"
-                )
-            raise GeometryError(
-                f"{pair}, where their transmissions would add; pass their union as one Aperture "
-                "(a | b)"
-            )
+    shifts = numbers @ lattice
+    shifts = shifts[(abs(shifts) < size).all(axis=1)]
+    copies = np.tile(elements, (len(shifts), 1))
+    points, number = shapely.get_coordinates(copies, return_index=True)
+    shapely.set_coordinates(copies, points + shifts[number // len(elements)])
+    areas = shapely.area(elements)
+    overlap = len(shifts) * areas.sum() - shapely.union_all(copies).area
+    if overlap > _OVERLAP * areas.min():
+        raise GeometryError(
+            "elements of the mask overlap each other or the copies of the mask, and their "
+            "transmissions would add; pass the union of the elements as one Aperture (a | b), or a "
+            "longer period"
+        )
 
 
 def _amplitudes(

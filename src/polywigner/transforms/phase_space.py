@@ -32,25 +32,25 @@ def autocorrelation(
     source : Aperture, Slits, Array or Wavefront
         d = 2 for apertures and arrays of apertures, 1 for slits. Fields may be uniform, sums of
         plane waves, curved or partly coherent.
-    x : array_like (..., d)
+    x : array_like, shape (..., d)
         Positions in m, the mean of the two points.
-    xi : array_like (..., d)
+    xi : array_like, shape (..., d)
         Lags in m, the difference of the two points.
     precision, engine : str, optional
         See :func:`fourier`.
 
     Returns
     -------
-    complex ndarray (...)
+    ndarray of complex, shape (...)
         Without unit; 0 or 1 for a uniform source. Dr.Jit arrays and DataArrays as in
         :func:`fourier`.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type or shape.
+        If an argument has the wrong type or shape.
     GeometryError
-        For an Array with elements outside the plane z = 0.
+        If an Array has elements outside the plane z = 0.
     EngineError
         If the engine is not available.
 
@@ -86,9 +86,9 @@ def wigner(
     source : Aperture, Slits, Array or Wavefront
         d = 2 for apertures and arrays of apertures, 1 for slits; or a source of
         :func:`differentiable`.
-    x : array_like (..., d)
+    x : array_like, shape (..., d)
         Positions in m.
-    nu : array_like (..., d)
+    nu : array_like, shape (..., d)
         Real spatial frequencies in 1/m.
     through : FirstOrder, optional
         System between the source and the plane of ``x`` and ``nu``. W there is W of the source at
@@ -100,16 +100,16 @@ def wigner(
 
     Returns
     -------
-    float ndarray (...)
+    ndarray of float, shape (...)
         In m^d; zero outside the automean; float32 for single precision. Dr.Jit arrays and
         DataArrays as in :func:`fourier`.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type or shape.
+        If an argument has the wrong type or shape.
     GeometryError
-        For an Array with elements outside the plane z = 0.
+        If an Array has elements outside the plane z = 0.
     EngineError
         If the engine is not available.
 
@@ -147,9 +147,9 @@ def ambiguity(
     source : Aperture, Slits, Array or Wavefront
         d = 2 for apertures and arrays of apertures, 1 for slits; or a source of
         :func:`differentiable`.
-    upsilon : array_like (..., d)
+    upsilon : array_like, shape (..., d)
         Real frequency shifts in 1/m.
-    xi : array_like (..., d)
+    xi : array_like, shape (..., d)
         Lags in m.
     through : FirstOrder, optional
         System between the source and the plane of the lags, (O3). For slits it must keep x and y
@@ -161,15 +161,15 @@ def ambiguity(
 
     Returns
     -------
-    complex ndarray (...)
+    ndarray of complex, shape (...)
         In m^d. Dr.Jit arrays and DataArrays as in :func:`fourier`.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type or shape.
+        If an argument has the wrong type or shape.
     GeometryError
-        For an Array with elements outside the plane z = 0.
+        If an Array has elements outside the plane z = 0.
     EngineError
         If the engine is not available.
 
@@ -199,22 +199,22 @@ def position_marginal(
     source : Aperture, Slits, Array or Wavefront
         d = 2 for apertures and arrays of apertures, 1 for slits. Fields may be uniform, sums of
         plane waves, curved or partly coherent.
-    x : array_like (..., d)
+    x : array_like, shape (..., d)
         Positions in m.
     precision, engine : str, optional
         See :func:`fourier`.
 
     Returns
     -------
-    float ndarray (...)
+    ndarray of float, shape (...)
         In m^d. Dr.Jit arrays and DataArrays as in :func:`fourier`.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type or shape.
+        If an argument has the wrong type or shape.
     GeometryError
-        For an Array with elements outside the plane z = 0.
+        If an Array has elements outside the plane z = 0.
     EngineError
         If the engine is not available.
 
@@ -242,23 +242,23 @@ def lag_marginal(
     source : Aperture, Slits, Array or Wavefront
         d = 2 for apertures and arrays of apertures, 1 for slits. Fields may be uniform, sums of
         plane waves, curved or partly coherent.
-    xi : array_like (..., d)
+    xi : array_like, shape (..., d)
         Lags in m.
     precision, engine : str, optional
         See :func:`fourier`.
 
     Returns
     -------
-    ndarray (...)
+    ndarray, shape (...)
         In m^d; real for a uniform source, complex for an Array and for a source with an
         illumination. Dr.Jit arrays and DataArrays as in :func:`fourier`.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type or shape.
+        If an argument has the wrong type or shape.
     GeometryError
-        For an Array with elements outside the plane z = 0.
+        If an Array has elements outside the plane z = 0.
     EngineError
         If the engine is not available.
 

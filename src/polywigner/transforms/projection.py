@@ -6,9 +6,7 @@ Every tile has its closed form, a row of one table.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,12 +46,16 @@ if TYPE_CHECKING:
 PhaseSpaceFunction = Literal["autocorrelation", "wigner", "ambiguity"]
 
 LARGEST_SAMPLES = 4096
-"""Along each axis: a tile of as many complex squares holds 256 MiB."""
+"""Largest number of samples along each axis: a complex square tile then takes 256 MiB."""
 
-# Default axes. Positions reach a sixteenth of the width beyond the outline on either side, lags as
-# much beyond the largest, frequencies to eight lobes.
+# Default axes. Positions reach a sixteenth of the width beyond the outline on either side, lags
+# to 9/8 of the width, and frequencies to eight lobes.
 _MARGIN = 9 / 8
 _LOBES = 8.0
+
+# Rounding error relative to the scale of a tile; the largest over the shapes of the tests was
+# 2e-13, for |nu| times diameter up to 1e3.
+_ROUNDING = 1e-12
 
 Values = NDArray[np.float64]
 Array = NDArray[Any]
@@ -63,16 +65,15 @@ def projections(
     source: PhaseSpaceSource,
     kind: PhaseSpaceFunction = "wigner",
     *,
-    samples: int | Mapping[str, int] = 129,
-    extent: Mapping[str, tuple[float, float]] | None = None,
+    samples: int = 129,
     coordinates: Mapping[str, ArrayLike] | None = None,
     tiles: Iterable[str] | None = None,
     engine: Engine = "auto",
 ) -> xarray.Dataset:
-    """The function integrated over two of its four coordinates, for every pair of the others.
+    """Integrate R, W or A over two of its four coordinates, for every pair of the others.
 
-    The tiles of the paper's Fig. (projs), and the two pairs that its grids leave out. Named after
-    the coordinates that are kept:
+    The tiles are those of the paper's Fig. (projs), and the two pairs that its grids leave out.
+    Each tile is named after the two coordinates that are kept:
 
     =================  ============================  ==========================================
     kind               coordinates                   tiles
@@ -86,49 +87,60 @@ def projections(
                                                      upsilon_y_xi_x, upsilon_x_xi_y
     =================  ============================  ==========================================
 
-    Every one of them is a closed form (docs/projections.md, (P2) to (P13)): no quadrature, and
-    nothing is lost between samples. The functions of slits have two coordinates only and are
-    their own projection: x_xi, x_nu or upsilon_xi.
+    Every tile is a closed form without quadrature (docs/projections.md, (P2) to (P13)), so features
+    between the samples do not change its values. The functions of slits have two coordinates only
+    and are their own projection: x_xi, x_nu or upsilon_xi.
 
-    Where a tile jumps, at vertical and horizontal edges of the outline and, for |u|^2 itself,
-    everywhere along it, its value is that on the right or upper side of the edge.
+    A tile may jump at vertical and horizontal edges of the outline, and |u|^2 jumps at all edges.
+    The value there is the value on the right or upper side of the edge.
+
+    The cost for s samples along an axis and n edges is s overlaps of the outline with its mirror
+    image and plane waves on some n edges at s^2 points for x_nu_x and upsilon_x_xi_x, up to n^2
+    pairs of edges at s^2 points for x_xi_y of the autocorrelation, and less for all other tiles. An
+    Array has overlaps of all pairs of elements whose boxes meet. With an illumination, waves are
+    counted once for every different frequency along the axis of integration, or every different
+    shift of pairs of waves (up to m^2 for m waves), and x_xi_y takes s^2 overlaps.
 
     Parameters
     ----------
-    source : Aperture or Slits, with or without an illumination, or an Array of either.
-    kind : which function.
-    samples : points along every axis, from 2 to 4096, or a mapping from coordinates to that; an
-        odd number has zero frequency and zero lag among them.
-    extent : from coordinates to (lowest, highest), in m or 1/m. Left out: positions to a
-        sixteenth of the width beyond the outline, lags to 9/8 of the width, frequencies to
-        8/width; the same with the height along y.
-    coordinates : from coordinates to (n,) values, n up to 4096, in m or 1/m, instead of both.
-    tiles : only these.
-    engine : see :func:`fourier`; computes the tiles that are marginals.
+    source : Aperture, Slits or Array
+        Apertures and slits with or without an illumination.
+    kind : {"autocorrelation", "wigner", "ambiguity"}, default "wigner"
+        The function.
+    samples : int, default 129
+        Number of samples along every axis without ``coordinates``, from 2 to 4096; an odd number
+        includes zero frequency and zero lag. Positions reach a sixteenth of the width of the source
+        beyond the outline, lags 9/8 of the width, and frequencies 8/width; the same with the height
+        along y.
+    coordinates : mapping of str to array_like, shape (n,), optional
+        Values along axes by the name of the coordinate, in m or 1/m, with n up to 4096.
+    tiles : iterable of str, optional
+        Names of the tiles to compute; default: all.
+    engine : str, default "auto"
+        Engine of the tiles that are marginals, see :func:`fourier`.
 
     Returns
     -------
-    xarray.Dataset. Complex for
-    "ambiguity", and for "autocorrelation" of an Array and under an illumination; real for all
-    others. The attributes of a tile: ``units``, ``long_name``, ``method`` (its closed form),
-    ``exact`` (1: no quadrature) and ``error``, the largest error that rounding makes in it, for
-    \\|nu\\| times diameter up to 1e3.
-
-    Cost, with s samples along an axis and n edges: s overlaps of the outline with its mirror image
-    and plane waves on some n edges at s^2 points for x_nu_x and upsilon_x_xi_x; up to n^2 pairs
-    of edges at s^2 points for x_xi_y of the autocorrelation; all other tiles less. Of an Array,
-    overlaps of all pairs of elements whose boxes meet. Under an illumination plane waves count once
-    for every different frequency along the axis that is integrated over, or every different shift
-    that pairs of waves make (m^2 or fewer for m waves), and x_xi_y takes s^2 overlaps.
+    xarray.Dataset
+        Tiles are complex for "ambiguity", and for the "autocorrelation" of an Array or with an
+        illumination; all others are real. The attributes of a tile: ``units``, ``long_name``,
+        ``method`` (its closed form) and ``error``, a bound of the rounding error for \\|nu\\| times
+        diameter up to 1e3.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
-    elements do not lie in the plane z = 0; EngineError without the engine.
+    ArgumentError
+        If an argument has the wrong type, shape or range.
+    GeometryError
+        If an Array has elements outside the plane z = 0.
+    EngineError
+        If the engine is not available.
 
+    Examples
+    --------
     >>> import polywigner as pw
-    >>> found = pw.projections(pw.shapes.square(1.0), samples=9, tiles=["x_y"])
-    >>> list(found.data_vars)
+    >>> tiles = pw.projections(pw.shapes.square(1.0), samples=9, tiles=["x_y"])
+    >>> list(tiles.data_vars)
     ['x_y']
     """
     checked_choice(kind, "kind", get_args(PhaseSpaceFunction))
@@ -141,8 +153,8 @@ def projections(
     checked_engine(engine)
     available = _tiles_of(dimension, kind)
     names = _requested(available, tiles)
-    axes = _axes(source, available, samples, extent, coordinates)
-    bounds = _Bounds.of(source)
+    axes = _axes(source, available, samples, coordinates)
+    amplitude, side = _largest_amplitude(source), max(_widths(source))
     arrays, used = {}, set()
     for name in names:
         tile = available[name]
@@ -151,8 +163,7 @@ def projections(
             "units": tile.units,
             "long_name": tile.meaning,
             "method": f"closed form ({tile.label})",
-            "exact": 1,
-            "error": _ROUNDING * tile.scale(bounds),
+            "error": _ROUNDING * amplitude**2 * side ** _POWERS[tile.units],
         }
         values = tile.values(source, axes[tile.first], axes[tile.second], engine)
         arrays[name] = labelled_array(values, (tile.first, tile.second), attrs)
@@ -189,38 +200,32 @@ def _check_names(names: Iterable[object], known: Iterable[str], what: str) -> No
 def _axes(
     source: PhaseSpaceSource,
     tiles: Mapping[str, Tile],
-    samples: int | Mapping[str, int],
-    extent: Mapping[str, tuple[float, float]] | None,
+    samples: int,
     coordinates: Mapping[str, ArrayLike] | None,
 ) -> dict[str, Values]:
     """Return the values along every coordinate of the tiles."""
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
-    counts = samples if isinstance(samples, Mapping) else dict.fromkeys(names, samples)
-    options: dict[str, Any] = {
-        "samples": counts,
-        "extent": extent or {},
-        "coordinates": coordinates or {},
-    }
-    for option, values in options.items():
-        if not isinstance(values, Mapping):
-            raise ArgumentError(
-                f"expected {option} as a mapping from the names of coordinates, got "
-                f"{type(values).__name__}"
-            )
-        _check_names(values, names, f"{option} of coordinates")
+    count = checked_count(samples, "samples", 2, LARGEST_SAMPLES)
+    given = {} if coordinates is None else coordinates
+    if not isinstance(given, Mapping):
+        raise ArgumentError(
+            "expected coordinates as a mapping from the names of coordinates, got "
+            f"{type(given).__name__}"
+        )
+    _check_names(given, names, "coordinates")
+    low, widths = np.reshape(source.bounds, (2, -1))[0], _widths(source)
     axes = {}
     for name in names:
-        if name in options["coordinates"]:
-            axes[name] = _numbers(name, options["coordinates"][name])
-            continue
-        ends = options["extent"].get(name, _default(source, name))
-        count = checked_count(counts.get(name, 129), f"samples along {name}", 2, LARGEST_SAMPLES)
-        interval = _numbers(f"the extent of {name}", ends)
-        if len(interval) != 2 or not interval[0] < interval[1]:
-            raise ArgumentError(
-                f"expected the extent of {name} as (lowest, highest), got {value_text(ends)}"
-            )
-        axes[name] = np.linspace(float(interval[0]), float(interval[1]), count)
+        axis = int(name.endswith("y"))
+        width, centre = widths[axis], 0.0
+        reach = _LOBES / width if _is_frequency(name) else _MARGIN * width
+        if name in ("x", "y"):
+            centre, reach = low[axis] + width / 2, reach / 2
+        axes[name] = (
+            _numbers(name, given[name])
+            if name in given
+            else np.linspace(centre - reach, centre + reach, count)
+        )
     return axes
 
 
@@ -235,99 +240,40 @@ def _numbers(name: str, values: ArrayLike) -> Values:
         )
     if len(array) > LARGEST_SAMPLES:
         raise ArgumentError(
-            f"expected up to {LARGEST_SAMPLES} values of {name}, got {len(array)}; make several "
-            "datasets of them"
+            f"expected up to {LARGEST_SAMPLES} values of {name}, got {len(array)}; compute several "
+            "datasets"
         )
     return array
 
 
-def _default(source: PhaseSpaceSource, name: str) -> tuple[float, float]:
-    bounds = source.bounds
-    axis = int(name.endswith("y"))
-    low, high = bounds[axis], bounds[axis + len(bounds) // 2]
-    width = high - low
-    if _is_frequency(name):
-        return -_LOBES / width, _LOBES / width
-    if name.startswith("xi"):
-        return -_MARGIN * width, _MARGIN * width
-    centre, half = low + width / 2, _MARGIN * width / 2
-    return centre - half, centre + half
+# --- scale of the rounding errors
 
 
-# --- rounding errors
-
-# Rounding error relative to the scale of a tile; the largest over the shapes of the tests was
-# 2e-13, for |nu| times diameter up to 1e3.
-_ROUNDING = 1e-12
-
-
-@dataclass(frozen=True)
-class _Bounds:
-    """Upper bounds on a field, in which its waves count with the sum of their moduli."""
-
-    content: float
-    """Bound on |F|: the sum of areas or lengths times bounds on |u|."""
-    amplitude: float
-    """Bound on |u|: the elements whose boxes meet add up."""
-    sides: Values
-    """Sides of the box, (d,) in m."""
-    is_uniform: bool
-
-    @classmethod
-    def of(cls, source: PhaseSpaceSource) -> _Bounds:
-        form = normal_form(source).in_plane
-        moduli = np.array([abs(e.weight) * np.abs(e.amplitudes).sum() for e in form.elements])
-        sizes = [
-            e.outline.length if isinstance(e.outline, Slits) else e.outline.area
-            for e in form.elements
-        ]
-        ends = np.array([np.reshape(e.outline.bounds, (2, -1)) for e in form.elements])
-        meets = (ends[:, None, 0] <= ends[:, 1]) & (ends[:, 0] <= ends[:, None, 1])
-        sides = np.diff(np.reshape(form.bounds, (2, -1)), axis=0)[0]
-        return cls(
-            float(moduli @ sizes),
-            float((meets.all(axis=-1) @ moduli).max()),
-            sides,
-            all(element.has_unit_field for element in form.distinct),
-        )
-
-    def transposed(self) -> _Bounds:
-        return replace(self, sides=self.sides[::-1])
+def _widths(source: PhaseSpaceSource) -> list[float]:
+    """Return the sides (d,) of the bounding box in m."""
+    widths: list[float] = np.diff(np.reshape(source.bounds, (2, -1)), axis=0)[0].tolist()
+    return widths
 
 
-def _power(bounds: _Bounds) -> float:
-    """Bound on |F|^2."""
-    return bounds.content**2
-
-
-def _box(bounds: _Bounds) -> float:
-    """Bound on the intensity, times the area of the box."""
-    return bounds.amplitude**2 * float(bounds.sides.prod())
-
-
-def _column(bounds: _Bounds) -> float:
-    """Bound on the intensity, times the squared height."""
-    return (bounds.amplitude * float(bounds.sides[-1])) ** 2
-
-
-def _intensity_bound(bounds: _Bounds) -> float:
-    """Bound on the intensity of waves; uniform fields have no rounding error."""
-    return 0.0 if bounds.is_uniform else bounds.amplitude**2
-
-
-def _line_content(bounds: _Bounds) -> float:
-    """Bound on |W|/2 and |A| of slits: the integral of |u| times a bound on |u|."""
-    return bounds.content * bounds.amplitude
+def _largest_amplitude(source: PhaseSpaceSource) -> float:
+    """Return a bound on |u|: the moduli of all waves on elements whose boxes meet."""
+    elements = normal_form(source).in_plane.elements
+    moduli = np.array([abs(e.weight) * np.abs(e.amplitudes).sum() for e in elements])
+    low, high = np.array([np.reshape(e.outline.bounds, (2, -1)) for e in elements]).swapaxes(0, 1)
+    meets = ((low[:, None] <= high) & (low <= high[:, None])).all(axis=-1)
+    return float((meets @ moduli).max())
 
 
 # --- tiles
 
 
-Scale = Callable[[_Bounds], float]
+# Powers of a length in the units of tiles.
+_POWERS = {"1": 0, "m": 1, "m2": 2, "m4": 4}
+
+Compute = Callable[[PhaseSpaceSource, Values, Values, Engine], Array]
 
 
-@dataclass(frozen=True)
-class Tile:
+class Tile(NamedTuple):
     """Two coordinates, and the function integrated over the other coordinates."""
 
     first: str
@@ -336,26 +282,39 @@ class Tile:
     meaning: str
     label: str
     """Label of the equation in docs/projections.md."""
-    compute: Callable[..., Array]
-    """(source, points of a grid, engine=...) or (field, first values, second values) -> (n, m)."""
-    scale: Scale
-    """Unit of the rounding error, in the tile's units."""
-    takes: str = "source"
-    """Argument of ``compute``: "source", "field", or "transposed" (x and y exchanged)."""
+    values: Compute
+    """(source, n first values, m second values, engine) -> values (n, m)."""
 
-    def values(
-        self, source: PhaseSpaceSource, first: Values, second: Values, engine: Engine
-    ) -> Array:
-        if self.label == "P1":
-            points = first[:, None, None], second[None, :, None]
-            return self.compute(source, *points, engine=engine)
-        if self.takes == "source" or isinstance(source, Slits | Wavefront):
-            grid = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
-            return self.compute(source, grid, engine=engine)
+
+def _on_grid(function: Callable[..., Array]) -> Compute:
+    """Return the values of a function (source, points (..., 2), engine) on the grid of a tile."""
+
+    def values(source: PhaseSpaceSource, first: Values, second: Values, engine: Engine) -> Array:
+        grid = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
+        return np.asarray(function(source, grid, engine=engine))
+
+    return values
+
+
+def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
+    """Return the values of a function (field, first, second), optionally with x and y exchanged."""
+
+    def values(source: Any, first: Values, second: Values, engine: Engine) -> Array:
         field = field_of(source)
-        if self.takes == "transposed":
-            field = field.transposed()
-        return self.compute(field, first, second)
+        return function(field.transposed() if is_transposed else field, first, second)
+
+    return values
+
+
+def _of_slits(function: Callable[..., Array]) -> Compute:
+    """Return the values of a function of two coordinates of slits on the grid of a tile."""
+
+    def values(source: PhaseSpaceSource, first: Values, second: Values, engine: Engine) -> Array:
+        result = function(source, first[:, None, None], second[None, :, None], engine=engine)
+        is_uniform = isinstance(source, Slits) and source.illumination is None
+        return np.asarray(result.real if is_uniform and function is autocorrelation else result)
+
+    return values
 
 
 def _along_x(values: Values, y: float = 0.0) -> Values:
@@ -465,63 +424,60 @@ def _opposite_columns(field: PlaneField, upsilon_y: Values, xi_x: Values) -> Arr
 
 # --- the tables
 
-
-# first and second coordinate, unit, coordinates integrated over, label, values, scale; {0} and {1}
-# stand for x and y, and once more for y and x
-_APERTURE: dict[str, list[tuple[str, str, str, str, str, Callable[..., Array], Scale]]] = {
-    "autocorrelation": [
-        ("x", "y", "m2", "xi_x, xi_y", "P2", position_marginal, _box),
-        ("xi_x", "xi_y", "m2", "x, y", "P3", lag_marginal, _box),
-        ("{0}", "xi_{0}", "m2", "{1}, xi_{1}", "P4", _shadow_product, _column),
-        ("{0}", "xi_{1}", "m2", "{1}, xi_{0}", "P5", _mirrored_overlap, _box),
-    ],
-    "wigner": [
-        ("x", "y", "1", "nu_x, nu_y", "P6", _intensity, _intensity_bound),
-        ("nu_x", "nu_y", "m4", "x, y", "P7", _power_spectrum, _power),
-        ("{0}", "nu_{0}", "m2", "{1}, nu_{1}", "P8", _wigner_of_rows, _box),
-        ("{0}", "nu_{1}", "m2", "{1}, nu_{0}", "P9", _column_powers, _column),
-    ],
-    "ambiguity": [
-        ("xi_x", "xi_y", "1", "upsilon_x, upsilon_y", "P10", _at_opposite_points, _intensity_bound),
-        ("upsilon_x", "upsilon_y", "m4", "xi_x, xi_y", "P11", _spectrum_product, _power),
-        ("upsilon_{0}", "xi_{0}", "m2", "upsilon_{1}, xi_{1}", "P12", _ambiguity_of_rows, _box),
-        ("upsilon_{1}", "xi_{0}", "m2", "upsilon_{0}, xi_{1}", "P13", _opposite_columns, _column),
-    ],
-}
 _LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}
 
-
-def _on_line(source: PhaseSpaceSource, x: Values, xi: Values, *, engine: Engine) -> Array:
-    values = autocorrelation(source, x, xi, engine=engine)
-    is_real = isinstance(source, Slits) and source.illumination is None
-    return np.asarray(values.real if is_real else values)
-
-
-_SLITS: dict[str, tuple[str, str, str, Callable[..., Array], Scale]] = {
-    "autocorrelation": ("x", "xi", "1", _on_line, _intensity_bound),
-    "wigner": ("x", "nu", "m", wigner, _line_content),
-    "ambiguity": ("upsilon", "xi", "m", ambiguity, _line_content),
+_SLITS: dict[str, tuple[str, str, str, Callable[..., Any]]] = {
+    "autocorrelation": ("x", "xi", "1", autocorrelation),
+    "wigner": ("x", "nu", "m", wigner),
+    "ambiguity": ("upsilon", "xi", "m", ambiguity),
+}
+# Functions of points: first and second coordinate, unit, coordinates of the integral, label.
+_OF_POINTS: dict[str, list[tuple[str, str, str, str, str, Callable[..., Any]]]] = {
+    "autocorrelation": [
+        ("x", "y", "m2", "xi_x, xi_y", "P2", position_marginal),
+        ("xi_x", "xi_y", "m2", "x, y", "P3", lag_marginal),
+    ],
+    "wigner": [
+        ("x", "y", "1", "nu_x, nu_y", "P6", _intensity),
+        ("nu_x", "nu_y", "m4", "x, y", "P7", _power_spectrum),
+    ],
+    "ambiguity": [
+        ("xi_x", "xi_y", "1", "upsilon_x, upsilon_y", "P10", _at_opposite_points),
+        ("upsilon_x", "upsilon_y", "m4", "xi_x, xi_y", "P11", _spectrum_product),
+    ],
+}
+# Functions of the field, in m2. {0} and {1} stand for x and y, and in a second tile for y and x.
+_OF_FIELD: dict[str, list[tuple[str, str, str, str, Callable[..., Any]]]] = {
+    "autocorrelation": [
+        ("{0}", "xi_{0}", "{1}, xi_{1}", "P4", _shadow_product),
+        ("{0}", "xi_{1}", "{1}, xi_{0}", "P5", _mirrored_overlap),
+    ],
+    "wigner": [
+        ("{0}", "nu_{0}", "{1}, nu_{1}", "P8", _wigner_of_rows),
+        ("{0}", "nu_{1}", "{1}, nu_{0}", "P9", _column_powers),
+    ],
+    "ambiguity": [
+        ("upsilon_{0}", "xi_{0}", "upsilon_{1}, xi_{1}", "P12", _ambiguity_of_rows),
+        ("upsilon_{1}", "xi_{0}", "upsilon_{0}, xi_{1}", "P13", _opposite_columns),
+    ],
 }
 
 
 def _tiles_of(dimension: int, kind: str) -> dict[str, Tile]:
     """Return the tiles of a kind of function of slits (1) or plane sources (2), by name."""
-    letter, tiles = _LETTERS[kind], []
+    letter = _LETTERS[kind]
     if dimension == 1:
-        first, second, units, compute, scale = _SLITS[kind]
-        tiles.append(Tile(first, second, units, letter, "P1", compute, scale))
-    for row in _APERTURE[kind] if dimension == 2 else ():
-        first, second, units, over, label, compute, scale = row
-        meaning = f"{letter} integrated over {over}"
-        if "{" not in over:
-            tiles.append(Tile(first, second, units, meaning, label, compute, scale))
-            continue
-        for takes, letters in (("field", "xy"), ("transposed", "yx")):
-            x, y, over_both = (text.format(*letters) for text in (first, second, meaning))
-            scaled = partial(_transposed, scale) if takes == "transposed" else scale
-            tiles.append(Tile(x, y, units, over_both, label, compute, scaled, takes))
+        first, second, units, function = _SLITS[kind]
+        tiles = [Tile(first, second, units, letter, "P1", _of_slits(function))]
+    else:
+        tiles = [
+            Tile(first, second, units, f"{letter} integrated over {over}", label, _on_grid(compute))
+            for first, second, units, over, label, compute in _OF_POINTS[kind]
+        ]
+        for *texts, label, compute in _OF_FIELD[kind]:
+            for axes in ("xy", "yx"):
+                first, second, over = (text.format(*axes) for text in texts)
+                values = _of_field(compute, is_transposed=axes == "yx")
+                meaning = f"{letter} integrated over {over}"
+                tiles.append(Tile(first, second, "m2", meaning, label, values))
     return {f"{tile.first}_{tile.second}": tile for tile in tiles}
-
-
-def _transposed(scale: Scale, bounds: _Bounds) -> float:
-    return scale(bounds.transposed())

@@ -50,10 +50,10 @@ def otf(
     source : Aperture, Slits, Array or Wavefront
         The field in the pupil; d = 2, or 1 for slits. The optical axis passes through the origin. A
         curved wave is a defocus of w = a^2/(2 wavelength radius).
-    xi : array_like (..., d)
+    xi : array_like, shape (..., d)
         Lags in the pupil in m: lambda z times the frequency at the image distance z.
-    defocus : float
-        Wavefront aberration w = W20 at ``pupil_radius``, in waves; default 0.
+    defocus : float, default 0
+        Wavefront aberration w = W20 at ``pupil_radius``, in waves.
     pupil_radius : float, optional
         a in m; default: the largest distance of a vertex from the origin. For a disc of radius R
         pass R: ``otf(shapes.disc(R), xi, defocus, R)``. The vertices of its n-gon, which has the
@@ -64,13 +64,13 @@ def otf(
 
     Returns
     -------
-    complex ndarray (...)
+    ndarray of complex, shape (...)
         Without unit. Points may be NumPy arrays or DataArrays, as in :func:`fourier`.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type, shape or range.
+        If an argument has the wrong type, shape or range.
     IlluminationError
         For an Array whose fields cancel everywhere, and for partly coherent sources, whose images
         are not linear in the field of the object.
@@ -120,33 +120,33 @@ def mtf(
     ----------
     source : Aperture, Slits, Array or Wavefront
         The field in the pupil, see :func:`otf`.
-    frequency : array_like (..., d)
+    frequency : array_like, shape (..., d)
         Spatial frequencies in the image in cycles per metre: 50e3 for 50 cycles per mm.
-    wavelength : float or array_like (k,)
+    wavelength : float or array_like, shape (k,)
         In m; k wavelengths of a polychromatic source.
     focal_length : float
         In m, or the distance of the image from the pupil.
-    defocus : float
+    defocus : float, default 0
         Wavefront aberration W20 at ``pupil_radius`` in waves of the mean wavelength; all
-        wavelengths have the same aberration in m. Default 0.
+        wavelengths have the same aberration in m.
     pupil_radius : float, optional
         See :func:`otf`.
-    weights : array_like (k,), optional
+    weights : array_like, shape (k,), optional
         Weights of the wavelengths, zero or more; default: equal.
-    pixel : float or array_like (d,)
-        Side p in m of a detector's pixels, default 0: a factor sin(pi f p)/(pi f p) for each axis.
+    pixel : float or array_like, shape (d,), default 0
+        Side p in m of a detector's pixels: a factor sin(pi f p)/(pi f p) for each axis.
     precision, engine : str, optional
         See :func:`fourier`.
 
     Returns
     -------
-    float ndarray (...)
+    ndarray of float, shape (...)
         From 0 to 1, 1 at frequency 0. DataArrays as in :func:`fourier`.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type, shape or range; other errors as :func:`otf`.
+        If an argument has the wrong type, shape or range; other errors as :func:`otf`.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def mtf(
     for length in lengths.tolist():
         checked_wavelength(length)
     distance = checked_length(focal_length, "focal_length")
-    fractions = shares_of(weights, lengths.size)
+    fractions = fractions_of(weights, lengths.size)
     dimension = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(source))).dimension
     cycles = checked_points("frequency", frequency, dimension)
     sides = checked_row(pixel, "expected pixel in m")
@@ -191,7 +191,7 @@ def _checked_pupil(source: Any) -> PhaseSpaceSource:
     return pupil
 
 
-def shares_of(weights: Any, count: int) -> NDArray[np.float64]:
+def fractions_of(weights: Any, count: int) -> NDArray[np.float64]:
     """Return weights (count,) as fractions of their sum."""
     given = (
         np.ones(count) if weights is None else checked_row(weights, f"expected weights ({count},)")

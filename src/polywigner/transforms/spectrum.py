@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError
 from polywigner.execution import Differentiable, Drjit, Engine, Precision
 from polywigner.geometry import Aperture, PlacedAperture, Wavefront
 from polywigner.geometry.arguments import Points
@@ -36,7 +34,6 @@ def fourier(
     source: Source | Differentiable,
     nu: Points,
     *,
-    obliquity: Literal["paper"] | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Values:
@@ -48,31 +45,29 @@ def fourier(
     digits (docs/accuracy.md).
 
     The paper's eq. (FVT) has the exp(+) kernel and is singular at nu = 0; its factor (nu/|nu|).n
-    for collections is an obliquity and not part of the transform. The cost is linear in the edges,
-    or in the triangles of a polyhedron's faces, and in the waves of an illumination. Waves that are
-    a product along the sides of a rectangle (I4) are summed along one side after the other. A grid
-    of frequencies, (n, m, 2) from ``numpy.meshgrid``, costs a fraction of other points if edges are
-    parallel and of equal length, or along the axes (F4).
+    for collections is an obliquity and not part of the transform (docs/theory/fields.md).
+
+    The cost is linear in the edges, or in the triangles of a polyhedron's faces, and in the waves
+    of an illumination. Waves that are a product along the sides of a rectangle (I4) are summed
+    along one side after the other. A grid of frequencies, (n, m, 2) from ``numpy.meshgrid``, costs
+    a fraction of other points if edges are parallel and of equal length, or along the axes (F4).
 
     Parameters
     ----------
     source : Aperture, Slits, PlacedAperture, Polyhedron, Array or Wavefront
         Uniform (u = 1) or with an illumination; or the result of :func:`differentiable`.
-    nu : array_like (..., d)
-        Spatial frequencies in 1/m. d = 1 for Slits, 3 for polyhedra and placed apertures, 2 for an
-        Aperture. An Aperture also accepts d = 3 and ignores the last component, because without a
-        pose it lies in the plane z = 0.
-    obliquity : {None, "paper"}
-        "paper" multiplies the transform of every plane element by (nu/|nu|).n, n its normal.
-        It requires nu as a NumPy array of three components and gives NaN at nu = 0.
-    precision : {None, "double", "single"}
-        None (default) is double for NumPy input, and the precision of Dr.Jit input.
-    engine : {"auto", "numpy", "llvm", "cuda"}
+    nu : array_like, shape (..., d)
+        Spatial frequencies in 1/m. d = 1 for Slits,
+        3 for polyhedra and placed apertures, 2 for an Aperture. An Aperture also accepts d = 3 and
+        ignores the last component, because without a pose it lies in the plane z = 0.
+    precision : {"double", "single"}, optional
+        Default: double for NumPy input, and the precision of Dr.Jit input.
+    engine : {"auto", "numpy", "llvm", "cuda"}, default "auto"
         Engine of the computation.
 
     Returns
     -------
-    complex ndarray (...)
+    ndarray of complex, shape (...)
         In m^d; complex64 for single precision. Dr.Jit input gives ``Complex2f``, or for tensors a
         tensor (..., 2) of real and imaginary parts. An ``xarray.DataArray``, components along its
         last dimension, gives one over its other dimensions, broadcast by name, with their
@@ -81,8 +76,7 @@ def fourier(
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type or shape, and for an obliquity of slits or bodies, which
-        have no normal.
+        If an argument has the wrong type or shape.
     EngineError
         If the engine is not available.
 
@@ -94,15 +88,9 @@ def fourier(
     2.546479
     """
     if isinstance(source, Wavefront):
-        if obliquity is not None and source.is_coherent:
-            raise ArgumentError(f"expected no obliquity for a curved wave, got {obliquity!r}")
         return compute("fourier", source, {"nu": nu}, precision, engine)
-    if obliquity is not None and (not isinstance(obliquity, str) or obliquity != "paper"):
-        raise ArgumentError(f"expected obliquity=None or 'paper', got {obliquity!r}")
-    how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
+    how: dict[str, Any] = {"precision": precision, "engine": engine}
     if isinstance(source, Differentiable) or execution.is_drjit(nu):
-        if isinstance(source, Differentiable) and obliquity is not None:
-            raise ArgumentError("expected no obliquity for a differentiable source")
         call = partial(_on_components, source, how)
         numbers = source.numbers if isinstance(source, Differentiable) else {}
         return execution.on_components(call, {"nu": nu}, numbers, precision, engine)
@@ -120,23 +108,20 @@ def _on_components(
 
 def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
     """Return F; NaN or inf where its parts overflow."""
-    obliquity, precision, engine = how["obliquity"], how["precision"], how["engine"]
     if isinstance(source, Array):
         by_elements = partial(in_blocks, partial(_coherent_sum, source, how=how))
         value = None
         is_uniform = all(_field_of(element) is None for element in source.elements)
-        if obliquity is None and source.repeated is None and is_uniform:
-            value = array_on_grid(source, nu, precision, engine, by_elements)
+        if source.repeated is None and is_uniform:
+            value = array_on_grid(source, nu, point_by_point=by_elements, **how)
         return by_elements(nu) if value is None else value
-    if obliquity is not None:
-        return _towards_normal(source, nu) * fourier(source, nu, **{**how, "obliquity": None})
     if isinstance(source, Aperture):
         nu = in_plane(nu)
         if is_separable(source):
-            return compute("fourier of waves", source, {"nu": nu}, precision, engine)
+            return compute("fourier of waves", source, {"nu": nu}, **how)
     if _field_of(source) is not None:
         return in_blocks(lambda some: _sum_of_waves(source, some, how), nu)
-    return compute("fourier", source, {"nu": nu}, precision, engine)
+    return compute("fourier", source, {"nu": nu}, **how)
 
 
 def _field_of(source: Source) -> Illumination | None:
@@ -182,44 +167,15 @@ def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np
 
 
 def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Values:
-    """Return sum_k w_k F_k(nu), (C1): each element in its own frame, with an error-free phase.
-
-    Elements that are shifted copies of one another are one element times an array factor, (L3).
-    """
-    total: Values = 0.0
-    for element, shifts, weights in _copies(array):
-        term = fourier(element, nu, **how)
-        if shifts is None:
-            term = execution.times_complex(term, complex(weights[0]))
-        else:
-            plane = nu if shifts.shape[1] != 2 else in_plane(nu)
-            term = term * array_factor(
-                shifts, weights, plane, precision=how["precision"], engine=how["engine"]
-            )
-        total = total + term
-    return total
-
-
-def _copies(array: Array) -> Iterator[tuple[Any, NDArray[np.float64] | None, NDArray[Any]]]:
-    """Yield elements, shifts (n, d) of their copies and weights (n,); shifts None for one."""
+    """Return sum_k w_k F_k(nu), (C1), or F of a repeated element times an array factor, (L3)."""
     if array.repeated is not None:
-        yield *array.repeated, array.weights
-        return
-    elements: Sequence[Any] = array.elements
-    groups: dict[object, list[int]] = {}
-    for k, element in enumerate(elements):
-        is_placed = isinstance(element, PlacedAperture)
-        key = (element.aperture, element.pose[:3, :3].tobytes()) if is_placed else k
-        groups.setdefault(key, []).append(k)
-    for members in groups.values():
-        first, weights = elements[members[0]], array.weights[members]
-        if len(members) == 1:
-            yield first, None, weights
-            continue
-        pose = first.pose.copy()
-        pose[:3, 3] = 0.0
-        shifts = np.array([elements[k].pose[:3, 3] for k in members])
-        yield first.aperture.placed(pose), shifts, weights
+        first, shifts = array.repeated
+        plane = in_plane(nu) if shifts.shape[1] == 2 else nu
+        return fourier(first, nu, **how) * array_factor(shifts, array.weights, plane, **how)
+    total: Values = 0.0
+    for element, weight in zip(array.elements, array.weights.tolist(), strict=True):
+        total = total + execution.times_complex(fourier(element, nu, **how), weight)
+    return total
 
 
 @takes_xarray("nu", units="1", long_name="array factor")
@@ -239,26 +195,26 @@ def array_factor(
 
     Parameters
     ----------
-    positions : array_like (n, d) or (n,)
+    positions : array_like, shape (n, d) or (n,)
         Positions in m, d = 1, 2 or 3.
-    weights : array_like (n,) or None
+    weights : array_like, shape (n,), or None
         Complex weights; None: all 1.
-    nu : array_like (..., d)
+    nu : array_like, shape (..., d)
         Spatial frequencies in 1/m.
     precision, engine : str, optional
         See :func:`fourier`.
 
     Returns
     -------
-    complex ndarray (...)
+    ndarray of complex, shape (...)
         In the unit of the weights; types as in :func:`fourier`, DataArrays included.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type or shape.
+        If an argument has the wrong type or shape.
     IlluminationError
-        For weights that are not n finite complex numbers.
+        If the weights are not n finite complex numbers.
     EngineError
         If the engine is not available.
 
@@ -282,20 +238,3 @@ def array_factor(
 
     with np.errstate(invalid="ignore", over="ignore"):
         return in_blocks(factor, nu)
-
-
-def _towards_normal(source: Source, nu: Any) -> NDArray[np.float64]:
-    """Return (nu/|nu|).n (...), the paper's factor of F; NaN at nu = 0."""
-    if not isinstance(source, Aperture | PlacedAperture):
-        raise ArgumentError(
-            f"expected plane elements for an obliquity, got {type(source).__name__}, which has no "
-            "normal; use obliquity=None"
-        )
-    normal = source.normal if isinstance(source, PlacedAperture) else np.array([0.0, 0.0, 1.0])
-    if execution.is_drjit(nu):
-        raise ArgumentError(
-            "expected nu as a NumPy array for an obliquity, got a Dr.Jit array; use nu.numpy()"
-        )
-    array = checked_points("nu", nu, 3)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray((array @ normal) / np.linalg.norm(array, axis=-1))

@@ -39,7 +39,7 @@ def differentiable(
 ) -> Differentiable:
     """Return a source with Dr.Jit arrays as some of its numbers, to differentiate by them.
 
-    `fourier`, `wigner` and `ambiguity` accept it in place of the source. They return Dr.Jit arrays,
+    `fourier`, `wigner` and `ambiguity` accept it instead of the source. They return Dr.Jit arrays,
     which ``dr.backward`` and ``dr.forward`` differentiate in closed form (docs/gradients). The
     source provides the other numbers and the rings of the vertices.
 
@@ -50,8 +50,8 @@ def differentiable(
         the ring ``vertices``.
     vertices : Array2f (2, n) or tensor (n, 2), optional
         Points in m that replace the vertices of all rings (``Aperture.rings``) of all elements, one
-        ring after the other. Unlike those of an Aperture, vertices on the line between their
-        neighbours are kept.
+        ring after the other. Unlike an Aperture, the source keeps vertices on the line between
+        their neighbours.
     weights : Complex2f or Float (k,), or tensor (k,) or (k, 2), optional
         Weights of the elements of an Array; a second axis has real and imaginary parts.
 
@@ -63,7 +63,7 @@ def differentiable(
     Raises
     ------
     ArgumentError
-        For arrays of the wrong kind or number.
+        If an array has the wrong kind or number of entries.
     GeometryError
         For vertices that form no valid outline or reverse its orientation.
     IlluminationError
@@ -140,21 +140,15 @@ def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
 
 def _of_rings(parts: list[list[NDArray[np.float64]]], illumination: Field | None) -> Aperture:
     """Return an aperture of exactly these vertices. Raises GeometryError if it is not valid."""
-    if not all(np.isfinite(ring).all() for part in parts for ring in part):
-        raise GeometryError("expected finite vertices, got inf or nan")
     for part in parts:
         for number, ring in enumerate(part):
-            if len(ring) < 3 or signed_area(ring) == 0:
-                raise GeometryError("expected vertices around an area, got a ring without one")
-            if (ring == np.roll(ring, 1, axis=0)).all(axis=1).any():
+            area = signed_area(ring) if len(ring) > 2 and np.isfinite(ring).all() else 0.0
+            is_repeated = (ring == np.roll(ring, 1, axis=0)).all(axis=1).any()
+            if is_repeated or not (area < 0 if number else area > 0):
                 raise GeometryError(
-                    "expected vertices that differ from their neighbours, got a repeated one; "
-                    "leave it out"
-                )
-            if (signed_area(ring) > 0) == bool(number):
-                raise GeometryError(
-                    "expected vertices that leave the outline's orientation as it is, got a ring "
-                    "turned over; take shorter steps"
+                    "expected finite vertices that differ from their neighbours, around areas with "
+                    f"the orientation of the outline, got {ring.tolist()!r:.100}; take shorter "
+                    "steps, or leave out repeated vertices"
                 )
     Aperture(shapely.MultiPolygon([(part[0], part[1:]) for part in parts]))
     result = Aperture._of_parts([tuple(part) for part in parts])

@@ -32,13 +32,10 @@ Complex = NDArray[np.complex128]
 TILT_ERROR = {True: 1e-11, False: 1e-7}
 """Error of means over tilts in double and in single precision, relative to the largest of A."""
 
-# Widths over the diagonal of a source. Above the first, closed forms cancel, and the difference
-# from coherence is linear in 1/width^2: the next term of the degree of coherence is 1.3e-13, or
-# 8e-7 in single precision. Below the second, W is the width's area times a function of position.
-_WIDEST, _NARROWEST = {True: 1e3, False: 20.0}, 1e-9
-# Largest ratio of the squared diagonal of a source to its area for single precision, whose error is
-# 1e-7 of this square.
-_THIN = 16.0
+# Largest coherence width over the diagonal of a source, in double and in single precision. Above
+# it closed forms cancel, and the difference from coherence is linear in 1/width^2: the next term of
+# the degree of coherence is 1.3e-13, or 8e-7 in single precision.
+_WIDEST = {True: 1e3, False: 20.0}
 
 # Floats in a block.
 _BLOCK = 1 << 20
@@ -165,14 +162,6 @@ def _sides(source: Wavefront) -> Floats:
     return np.asarray(np.subtract(*np.reshape(source.bounds, (2, -1))[::-1]))
 
 
-def is_thin(wave: Wavefront) -> bool:
-    """Return whether single precision is too coarse: 1e-7 of the squared longest lag."""
-    if wave.dimension == 1:
-        return False
-    area = sum(element.area for element in wave.source.elements_in_plane)
-    return float(np.square(_sides(wave)).sum()) > _THIN * area
-
-
 def within_widths(
     closed_form: Callable[..., Any],
     of_coherent: Callable[..., Any],
@@ -182,12 +171,8 @@ def within_widths(
     double: bool,
 ) -> Values:
     """Return W for any coherence width, from its closed form ``(source, x, nu)``."""
-    size, width = math.hypot(*_sides(wave)), wave.coherence_width
-    least, most = _NARROWEST * size, _WIDEST[double] * size
-    limited = wave._with(coherence_width=min(max(width, least), most))
-    values = closed_form(limited, x, nu)
-    if width < least:
-        return values * (width / least) ** wave.dimension
+    most, width = _WIDEST[double] * math.hypot(*_sides(wave)), wave.coherence_width
+    values = closed_form(wave._with(coherence_width=min(width, most)), x, nu)
     if width <= most:
         return values
     limit = of_coherent(x, nu)

@@ -7,13 +7,11 @@ pass unchanged. xarray is not imported here: a caller with a DataArray has impor
 
 from __future__ import annotations
 
-import functools
 import inspect
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from functools import partial, wraps
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -74,7 +72,7 @@ def takes_xarray(
     """
 
     def decorate(function: F) -> F:
-        @functools.wraps(function)
+        @wraps(function)
         def wrapper(*args: Any, **kwargs: Any) -> object:
             kind = getattr(sys.modules.get("xarray"), "DataArray", None)
             if kind is None or not any(isinstance(v, kind) for v in (*args, *kwargs.values())):
@@ -83,45 +81,41 @@ def takes_xarray(
             points = {name: arguments.pop(name) for name in names}
             if not any(isinstance(value, kind) for value in points.values()):
                 return function(*args, **kwargs)
-            call = _Call(function.__module__, function.__name__, names, arguments)
+            fixed = function.__module__, function.__name__, names, arguments
             unit = units if isinstance(units, str) else units(arguments)
-            return _labelled(call, points, unit, long_name, components or {})
+            return _labelled(fixed, points, unit, long_name, components or {})
 
         return wrapper  # type: ignore[return-value]
 
     return decorate
 
 
-@dataclass(frozen=True, eq=False)
-class _Call:
-    """A public function with all arguments but its points; can be sent to other processes."""
+def _called(
+    module: str, name: str, names: Sequence[str], others: Arguments, *values: Any
+) -> NDArray[Any] | tuple[NDArray[Any], ...]:
+    """Call a public function by its name, which other processes can import."""
+    result: NDArray[Any] | tuple[NDArray[Any], ...] = getattr(import_module(module), name)(
+        **others, **dict(zip(names, values, strict=True))
+    )
+    return result
 
-    module: str
-    name: str
-    points: tuple[str, ...]
-    others: Arguments
-    is_lazy: bool = False
 
-    def __call__(self, *values: Any) -> NDArray[Any] | tuple[NDArray[Any], ...]:
-        function = getattr(import_module(self.module), self.name)
-        # Dask calls from several threads, but Dr.Jit has one pool of threads.
-        blocks = self.is_lazy and self.others.get("engine") != "numpy"
-        with kernel_threads() if blocks else nullcontext():
-            result: NDArray[Any] | tuple[NDArray[Any], ...] = function(
-                **self.others, **dict(zip(self.points, values, strict=True))
-            )
-            return result
+def _called_lazily(*arguments: Any) -> NDArray[Any] | tuple[NDArray[Any], ...]:
+    """Call a public function for Dask, which has several threads; Dr.Jit has one pool."""
+    with kernel_threads():
+        return _called(*arguments)
 
 
 def _labelled(
-    call: _Call,
+    fixed: tuple[str, str, Sequence[str], Arguments],
     points: Arguments,
     unit: str,
     long_name: str,
     components: Mapping[str, Sequence[str]],
 ) -> xarray.DataArray | tuple[xarray.DataArray, ...]:
     xarray = sys.modules["xarray"]
-    if isinstance(call.others.get("source"), Differentiable):
+    _, function, _, others = fixed
+    if isinstance(others.get("source"), Differentiable):
         raise ArgumentError(
             f"expected {' and '.join(points)} as NumPy or Dr.Jit arrays for a differentiable "
             "source, got an xarray.DataArray; use its .values"
@@ -136,17 +130,19 @@ def _labelled(
             f"expected {' and '.join(points)} of equal coordinates along their common dimensions, "
             f"got others ({reason}); rename a dimension, or use xarray.align"
         ) from None
-    lazily: dict[str, Any] = {}
+    call, lazily = partial(_called, *fixed), dict[str, Any]()
     if any(value.chunks is not None for value in labelled):
-        call = replace(call, is_lazy=True)
-        sizes = {name: len(labels) for name, labels in components.items()}
         lazily = {
             "dask": "parallelized",
             "output_dtypes": _dtypes_of(call, prepared),
-            "dask_gufunc_kwargs": {"output_sizes": sizes},
+            "dask_gufunc_kwargs": {
+                "output_sizes": {name: len(labels) for name, labels in components.items()}
+            },
         }
-    names = {call.name: long_name}
-    if call.others.get("return_error"):
+        if others.get("engine") != "numpy":
+            call = partial(_called_lazily, *fixed)
+    names = {function: long_name}
+    if others.get("return_error"):
         names["error"] = f"estimated error of {long_name}"
     values = xarray.apply_ufunc(
         call,
@@ -196,7 +192,7 @@ def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[A
     return plain if plain.chunks is None else plain.chunk({_dimension(name): -1})
 
 
-def _dtypes_of(call: _Call, values: Sequence[Any]) -> list[np.dtype[Any]]:
+def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype[Any]]:
     """Return the types of the results, from a call without points, which checks the arguments."""
     empty = [
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values

@@ -319,9 +319,12 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     frame = _Frame(tuple(phases.doubled(c, double) for c in centre), lattice.basis)
     constant = complex(np.prod([profile.factor for profile in profiles]))
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
-        # phases are relative to the centre
-        constant *= complex(np.exp(1j * np.pi * profile.turns * (count - 1)))
-    factors, turns = map(profile_factor, profiles), (profile.turns for profile in profiles)
+        # phases are 0 at the centre
+        constant *= complex(np.exp(1j * np.pi * profile.cycles_per_element * (count - 1)))
+    factors, turns = (
+        map(profile_factor, profiles),
+        (profile.cycles_per_element for profile in profiles),
+    )
     return _Tables(frame, (), tuple(factors), constant, tuple(turns))
 
 

@@ -161,7 +161,7 @@ def _tables(array: Array, double: bool) -> ArrayTables:
     tables = element_tables(element, double)
     profiles = separated(lattice.weights)
     assert profiles is not None
-    turns = profiles[0].turns, profiles[1].turns
+    turns = profiles[0].cycles_per_element, profiles[1].cycles_per_element
     factors = _scaled(profiles[0]), _scaled(profiles[1])
     frame = _array_frame(lattice, element, tables.frame, turns)
     return RepeatedTables(frame, tables, factors)
@@ -173,7 +173,7 @@ def _scaled(profile: Profile) -> ProfileFactor:
     if profile.is_uniform and size == 1.0:
         return profile_factor(profile)
     amplitudes = tuple(size * amplitude for amplitude in profile.amplitudes)
-    return profile_factor(Profile(amplitudes, profile.turns, profile.factor / size))
+    return profile_factor(Profile(amplitudes, profile.cycles_per_element, profile.factor / size))
 
 
 def _site_turns(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:

@@ -256,7 +256,6 @@ class ExactField:
 
     def __init__(self, m: Any, source: SceneSource, wavelength: float, obliquity: str) -> None:
         source, condition = plane_waves_of(source), CONDITIONS[obliquity]
-        condition.warn_of_fit(source, wavelength)
         self._m, self._jit = m, dr.is_jit_v(m.Float)
         # scalar variants have one sample: NumPy evaluates all panels and nodes at once
         self._ops = ops_for(m.Float) if self._jit else NumpyOperations()
@@ -331,7 +330,7 @@ def plane_waves_of(source: SceneSource) -> SceneSource:
         return source
     flat = normal_form(source.source)
     elements = [_curved(element, source) for element in flat.in_plane.elements]
-    result: SceneSource = flat._with(elements=elements).public
+    result: SceneSource = flat.with_elements(elements).public
     return result
 
 

@@ -113,11 +113,11 @@ def _mirrored(source: SceneSource) -> SceneSource:
     changes["curvature"] = form.curvature * np.outer(_MIRROR, _MIRROR)
     copies = form.repeated
     if copies is None:
-        changes["elements"] = [image(element) for element in form.elements]
+        changes["content"] = tuple(image(element) for element in form.elements)
     else:
         positions = copies.positions * _MIRROR
-        changes["repeated"] = replace(copies, element=image(copies.element), positions=positions)
-    result: SceneSource = form._with(**changes).public
+        changes["content"] = replace(copies, element=image(copies.element), positions=positions)
+    result: SceneSource = replace(form, **changes).public
     return result
 
 
@@ -225,7 +225,7 @@ def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSo
     if all(part is element.outline for element, part in pairs):
         return source
     lit = [replace(element, outline=part) for element, part in pairs if part is not None]
-    return form._with(elements=lit, paths=None).public if lit else None
+    return form.with_elements(lit, paths=None).public if lit else None
 
 
 def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
