@@ -46,7 +46,7 @@ Methods: TypeAlias = dict[str, dict[str, str | None]]
 
 @dataclass(frozen=True, kw_only=True)
 class FieldOptions(FieldSourceOptions):
-    """Options of a field: source, obstacles, methods, precision and files."""
+    """Options of a field: source, obstacles, methods and files."""
 
     method: Annotated[
         Texts,
@@ -58,7 +58,6 @@ class FieldOptions(FieldSourceOptions):
     accuracy: Annotated[float | None, "Relative error, such as 1e-3 (default: by method)."] = None
     bandwidth: Annotated[Text, "Flat frequency band to average over, such as '4 GHz'."] = None
     engine: Annotated[str, "auto, numpy, llvm or cuda."] = "auto"
-    precision: Annotated[Text, "double or single (default: double)."] = None
     formats: Annotated[list[_Format] | None, "nc, zarr or vti (repeatable)."] = None
     out: options.Out = None
 
@@ -94,7 +93,6 @@ class FieldOptions(FieldSourceOptions):
             "tolerance": self.accuracy,
             "obstacles": obstacles or None,
             "engine": self.engine,
-            "precision": self.precision,
         }
 
 

@@ -32,7 +32,7 @@ module               what is in it
 from __future__ import annotations
 
 from polywigner.propagation import horns
-from polywigner.propagation.amplitudes import amplitude
+from polywigner.propagation.amplitudes import amplitude, amplitude_with_error
 from polywigner.propagation.array_patterns import array_tolerance, two_way_pattern
 from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
 from polywigner.propagation.collins import psf
@@ -46,7 +46,7 @@ from polywigner.propagation.datasets import (
 )
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
 from polywigner.propagation.far_fields import radiated_power
-from polywigner.propagation.irradiances import irradiance
+from polywigner.propagation.irradiances import irradiance, irradiance_with_error
 from polywigner.propagation.pattern_files import read_pattern, write_pattern
 from polywigner.propagation.patterns import beam_cuts, radiation_pattern
 from polywigner.propagation.point_grids import METHODS
@@ -67,6 +67,7 @@ __all__ = [
     "Screen",
     "ambiguity_table",
     "amplitude",
+    "amplitude_with_error",
     "array_tolerance",
     "beam_cuts",
     "beam_metrics",
@@ -75,6 +76,7 @@ __all__ = [
     "hemisphere",
     "horns",
     "irradiance",
+    "irradiance_with_error",
     "line",
     "plane",
     "psf",

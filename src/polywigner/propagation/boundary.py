@@ -242,7 +242,6 @@ def boundary_field(
     wavelength: float,
     method: str,
     tolerance: float,
-    double: bool,
     engine: str,
 ) -> FieldEstimate:
     """Compute the field at points (n, 3).
@@ -251,9 +250,9 @@ def boundary_field(
     field of the entire source if that is less.
     """
     if method != "fresnel":
-        return _summed(radiator, points, wavelength, method, tolerance, double, engine)
+        return _summed(radiator, points, wavelength, method, tolerance, engine)
     spread = wavelength * points[:, 2]
-    estimate = parabolic_field(radiator, points[:, :2], spread, tolerance, double, engine)
+    estimate = parabolic_field(radiator, points[:, :2], spread, tolerance, engine)
     # exp(2 pi i d), d = z + rho^2/(2 z) in wavelengths, rho from the centre
     x, y = radiator.centre.tolist()
     point = integrals.point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
@@ -266,7 +265,6 @@ def parabolic_field(
     points: Floats,
     spread: Floats,
     tolerance: float,
-    double: bool,
     engine: str,
 ) -> FieldEstimate:
     """Compute the field of parabolic waves at points (n, 2).
@@ -277,7 +275,7 @@ def parabolic_field(
     """
     size = float((radiator.high - radiator.low).max())
     scaled = np.column_stack([points, spread / size])
-    return _summed(radiator, scaled, size, "fresnel", tolerance, double, engine)
+    return _summed(radiator, scaled, size, "fresnel", tolerance, engine)
 
 
 def _summed(
@@ -286,7 +284,6 @@ def _summed(
     wavelength: float,
     method: str,
     tolerance: float,
-    double: bool,
     engine: str,
 ) -> FieldEstimate:
     """:func:`boundary_field`; for "fresnel" without the phase of the distance from the centre."""
@@ -302,8 +299,6 @@ def _summed(
         leave=integrals.leave_phase if paraxial else integrals.leave,
     )
     engine = resolved(engine, len(points), _TERMS * sum(e.edges for e in radiator.elements))
-    # phases of parabolas far off the axis require float64
-    double = double or paraxial
     cycles, most = radiator.perimeter / wavelength, _MOST_PANELS * _STRATA[-1][1]
     if not (paraxial or cycles <= most):
         raise ArgumentError(
@@ -323,7 +318,7 @@ def _summed(
                         kernel,
                         _Table(panels, radiator, wavelength),
                         [*some[block].T, np.asarray(digits)],
-                        double=double,
+                        double=True,
                         engine=engine,
                         outputs=3,
                     )

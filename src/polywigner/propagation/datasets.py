@@ -120,7 +120,6 @@ class FieldOptions(StoreOptions, total=False):
     obstacles: Obstacle | Sequence[Obstacle] | None
     tolerance: float | None
     dtype: str
-    precision: Precision
     engine: Engine
     chunks: Chunks | None
     out: str | os.PathLike[str] | None
@@ -155,7 +154,7 @@ def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict
     """Return the unit and the settings of a variable."""
     from polywigner import __version__
 
-    defaults = {"engine": "auto", "precision": "double"}
+    defaults = {"engine": "auto"}
     if method in _WITH_OBLIQUITY:
         defaults["obliquity"] = DEFAULT
     units, long_name = _QUANTITIES[quantity]
@@ -390,7 +389,7 @@ def plane(
     obstacles : bodies and plates, as for :func:`amplitude`, whose shadows diffract
         (docs/shadows.md). They require an exact method and a single wavelength.
     dtype : type of the values, "float64" (default) or "float32" (amplitudes: complex).
-    precision, engine : see :func:`fourier`.
+    engine : see :func:`fourier`.
     chunks : None: all values are computed now; otherwise the result is lazy, with chunks as dask
         accepts them: a number, one number for each axis, or "auto".
     out : folder of a zarr store (format 3) to which the values are written chunk by chunk. After

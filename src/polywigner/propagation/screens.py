@@ -258,9 +258,7 @@ def field_of_screen(
         radiator = radiator_of(screen.outline.with_illumination(wave))
         turns = (points / wavelength) @ np.array(light.direction)
         incident = light.amplitude * waves_of_turns(turns)
-        field, *bounds = boundary_field(
-            radiator, points, wavelength, method, tolerance, True, engine
-        )
+        field, *bounds = boundary_field(radiator, points, wavelength, method, tolerance, engine)
         through = light.amplitude * field
         errors, allowed = (abs(light.amplitude) * bound for bound in bounds)
     warn_of_missed(errors, allowed, "points")

@@ -165,7 +165,7 @@ def field(
     name = checked_method(method, MODELS)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     positions, length = checked_points(points), checked_wavelength(wavelength)
-    allowed = checked_amplitude_tolerance(tolerance, True)
+    allowed = checked_amplitude_tolerance(tolerance)
     radiator = checked_radiator(source)
     parts = polarised_parts(radiator, polarisation)
     flat = positions.reshape(-1, 3)
@@ -239,9 +239,7 @@ def _near_field(
             return np.zeros(len(points), np.complex128)
         scaled = replace(base, elements=tuple(elements))
         allowed = max(_LEAST, min(1.0, radiator.amplitude / scaled.amplitude) * tolerance)
-        values, error, limit = boundary_field(
-            scaled, points, wavelength, method, allowed, True, "auto"
-        )
+        values, error, limit = boundary_field(scaled, points, wavelength, method, allowed, "auto")
         errors[:] += error
         limits[:] += limit
         return values
