@@ -250,8 +250,9 @@ def _check_rays(source: object, method: object, through: object, obliquity: obje
     """Raise ArgumentError for options that point sources and obstacles do not have."""
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
-            f"fields of a PointSource or with obstacles require a method of {', '.join(CONDITIONS)} "
-            f"without a system and an obliquity, got method={method!r}; leave the others out"
+            "fields of a PointSource or with obstacles require a method of "
+            f"{', '.join(CONDITIONS)} without a system and an obliquity, got method={method!r}; "
+            "leave the others out"
         )
     if isinstance(source, Screen):
         raise ArgumentError(
