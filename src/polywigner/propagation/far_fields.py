@@ -383,15 +383,12 @@ _MOST_WAVES = 4096
 def steered_direction(
     source: PlaneSource | Wavefront | None, wavelength: float, beam: tuple[float, float]
 ) -> tuple[float, float] | None:
-    """Return theta and phi to which a source is steered, in rad; None if it is not known.
+    """Return theta and phi to which a source is steered, in rad; None if they are unknown.
 
     A phased array is steered if the phases of its weights rise linearly, up to sign. An aperture is
     steered if its waves lie symmetrically about one wave, such as a real taper times a plane wave.
-
-    Parameters
-    ----------
-    beam : theta and phi of the beam. Among the directions to which the array is steered, up to
-        grating lobes, the result is the one next to it.
+    ``beam``: theta and phi of the beam. If grating lobes leave several directions, the function
+    returns the direction next to the beam.
     """
     if source is None or isinstance(source, Wavefront):
         return None

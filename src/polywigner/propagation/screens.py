@@ -82,11 +82,18 @@ class PointSource:
 
     Parameters
     ----------
-    position : (3,) in m; with z < 0 in front of a :class:`Screen`, which lies in the plane z = 0.
-    amplitude : complex, in the unit of the field times m.
+    position : array_like, shape (3,)
+        Position in m; z < 0 in front of a :class:`Screen`, which lies in the plane z = 0.
+    amplitude : complex, default 1.0
+        Amplitude in the unit of the field times m.
 
-    Raises ArgumentError for a position that is not three finite numbers.
+    Raises
+    ------
+    ArgumentError
+        If the position is not three finite numbers, or the amplitude is not finite.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pw.PointSource((0.0, 0.0, -5.0)).amplitude
     1.0
@@ -107,11 +114,18 @@ class PlaneWave:
 
     Parameters
     ----------
-    direction : (3,), of any length, z > 0: towards the far side of the screen.
-    amplitude : complex, in the unit of the field; its phase is the phase at the origin.
+    direction : array_like, shape (3,)
+        Direction of travel, of any length, z > 0: towards the far side of the screen.
+    amplitude : complex, default 1.0
+        Amplitude in the unit of the field; its phase is the phase at the origin.
 
-    Raises ArgumentError for a direction that is not three finite numbers with z > 0.
+    Raises
+    ------
+    ArgumentError
+        If the direction is not three finite numbers with z > 0, or the amplitude is not finite.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pw.PlaneWave((0.0, 3.0, 4.0)).direction
     (0.0, 0.6, 0.8)
@@ -143,14 +157,21 @@ class Screen:
 
     Parameters
     ----------
-    outline : an Aperture without illumination: the opaque part, or the opening.
-    illuminated_by : a :class:`PointSource` or a :class:`PlaneWave`.
-    kind : "plate" (default): the outline is opaque and everything else is open; or "opening": the
-        outline is open in an infinite screen.
+    outline : Aperture
+        Outline of the opaque part, or of the opening, without an illumination.
+    illuminated_by : PointSource or PlaneWave
+        Incident wave; a point source lies at z < 0.
+    kind : {"plate", "opening"}, default "plate"
+        "plate": the outline is opaque and everything else is open. "opening": the outline is open
+        in an infinite screen.
 
-    Raises ArgumentError for other types, for an aperture with an illumination, and for a point
-    source with z >= 0.
+    Raises
+    ------
+    ArgumentError
+        For other types, for an aperture with an illumination, and for a point source with z >= 0.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> half_plane = pw.Aperture([(0, -500), (700, -500), (700, 500), (0, 500)])
     >>> screen = pw.Screen(half_plane, pw.PointSource((0.0, 0.0, -5.0)))
