@@ -154,7 +154,7 @@ def __getattr__(name: str) -> Any:
         near = difflib.get_close_matches(name, __all__, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise AttributeError(f"module 'polywigner' has no attribute {name!r}{hint}")
-    if home == __name__:  # a room of its own
+    if home == __name__:  # a subpackage or module
         value: Any = importlib.import_module(f"{home}.{name}")
     else:
         value = getattr(importlib.import_module(home), name)

@@ -122,7 +122,7 @@ def _without_spread(system: FirstOrder) -> NDArray[np.bool_]:
 def _waves_of(
     system: FirstOrder, points: Floats, wavelength: float
 ) -> tuple[Floats, Floats, Complex]:
-    """M (2, 2), q (n, 2), c (n,) of Collins' integral c int u exp(i pi/lambda x.(M x - 2 q))."""
+    """Return M, q (n, 2), c (n,) of Collins' integral c int u exp(i pi/lambda x.(M x - 2 q)) dx."""
     inverse = np.linalg.inv(system.B)
     front = _front(system.B) / (wavelength * math.sqrt(abs(np.linalg.det(system.B))))
     out = waves_of_turns(_turns(system.D @ inverse, points, wavelength)) * front
@@ -130,12 +130,12 @@ def _waves_of(
 
 
 def _turns(form: Floats, points: Floats, wavelength: float) -> Floats:
-    """Half of y^T form y, in wavelengths."""
+    """Return half of y^T form y in wavelengths."""
     return np.asarray(0.5 * ((points @ form.T) * points).sum(axis=1) / wavelength)
 
 
 def _front(matrix: Floats) -> complex:
-    """1/sqrt(i) for each axis, 1/sqrt(-i) for one along which a matrix is negative."""
+    """Return the product over axes of 1/sqrt(i), or of 1/sqrt(-i) if the matrix is negative."""
     if np.linalg.det(matrix) < 0:
         return 1.0
     return -1j if np.trace(matrix) >= 0 else 1j
@@ -157,7 +157,7 @@ def _by_fresnel(
     radiator: Radiator, slopes: Floats, wavelength: float, curvature: float,
     tolerance: float, engine: str,
 ) -> FieldEstimate:  # fmt: skip
-    """Integral with the same curvature along both axes: a Fresnel field at z = 1/curvature."""
+    """Return the integral for equal curvatures: a Fresnel field at z = 1/curvature."""
     if curvature < 0:
         mirrored = tuple(
             replace(
@@ -201,7 +201,7 @@ def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
 
 
 def _element_field(element: SourceElement, x: Floats) -> Complex:
-    """The waves of an element at x (n, 2), times its weight."""
+    """Return the field of an element at x (n, 2), times its weight."""
     waves = np.exp(2j * np.pi * (x @ element.frequencies.T))
     return np.asarray(element.weight * (waves @ element.amplitudes))
 
@@ -369,7 +369,7 @@ def _rate(
     slopes: Floats,
     wavelength: float,
 ) -> float:
-    """Largest frequency [1/m] of the field on a stop times the waves to all points."""
+    """Return the highest frequency [1/m] of the field on a stop times the waves to all points."""
     inverse = np.linalg.inv(path.B)
     origin = radiator_of(previous)
     aside = slopes - (path.D @ inverse + bend) @ stop.centre + inverse.T @ origin.centre

@@ -84,11 +84,12 @@ Compute = Callable[[LightSource, float, ArrayLike], Floats]
 # Irradiance below which errors are absolute, relative to the largest possible one (T2).
 _FLOOR = 1e-3
 _TOLERANCE = 1e-3
-# Errors of means over tilts and wavelengths: as a fraction of the tolerance; and of exact fields.
+# Errors of means over tilts and wavelengths: as a fraction of the tolerance, and relative to the
+# largest irradiance for exact fields.
 _OF_MIXTURE, _OF_EXACT = 1e-4, 1e-7
 # Errors of shadows, as a fraction of the tolerance.
 _OF_SHADOWS = 0.1
-# Number of edges above which rays take seconds, and the exact field a hundredth of that.
+# Number of edges above which rays take seconds; the exact field takes a hundredth of the time.
 _MANY_EDGES = 50
 # Distance to the source in wavelengths below which rays are a rough approximation.
 _NEAREST = 2.0
@@ -372,7 +373,7 @@ def checked_tolerance(tolerance: float) -> float:
 def mixture_parts(
     source: Aperture | Array | Wavefront, wavelength: float, bandwidth: float | None, error: float
 ) -> Iterator[tuple[Aperture | Array | Wavefront, float, float]]:
-    """Coherent sources, wavelengths in m and weights, whose mean is the mixture of waves.
+    """Yield coherent sources, wavelengths in m and weights, whose mean is the mixture of waves.
 
     ``error``: error of the mean, relative to the largest possible irradiance.
     """
@@ -412,7 +413,10 @@ def _of_shared_samples(
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None,
     error: float,
 ) -> Floats | None:
-    """Irradiance (2, ...) with errors of partially coherent light; None: use a mean over tilts."""
+    """Return the irradiance of partially coherent light and its error, (2, ...).
+
+    None: the mean over tilts is faster.
+    """
     checked_radiator(source, partly=True)
     systems: Sequence[FirstOrder | None] = [None]
     stops: Sequence[object] = []
@@ -458,7 +462,7 @@ def _by_rays(
     allowed: float,
     engine: Engine,
 ) -> tuple[Floats, Floats]:
-    """Irradiance by Wigner rays and its estimated error, (n,), at points (n, 3)."""
+    """Return the irradiance by Wigner rays and its estimated error, (n,), at points (n, 3)."""
     condition, flat = obliquity_of(obliquity), flat_source(source)
     curved: tuple[float, ...] = ()
     if isinstance(source, Wavefront) and not source.is_flat:
@@ -556,10 +560,10 @@ def _along_rays(base: Kernel) -> Kernel:
 
 
 def _coarse_triangles(source: PlaneSource) -> Triangles:
-    """Triangles of the automean that kinks of W cross.
+    """Return triangles of the automean for sources with too many kinks of W.
 
-    The gradient of W is continuous across most kinks, so that errors of the rules fall as the
-    fourth power of the size of a triangle.
+    Kinks cross these triangles. The gradient of W is continuous across most kinks, so the errors of
+    Gauss rules fall as the fourth power of the size of a triangle.
     """
     return quartered(triangulated(list(mutual_support(source).polygons.geoms)))
 
@@ -573,7 +577,7 @@ def _refined_sums(
     tolerance: float,
     floor: Floats,
 ) -> tuple[Floats, Floats]:
-    """Irradiance and error estimates (n,): rules are refined until all points are settled.
+    """Return irradiance and error estimates (n,), from rules refined until all points are settled.
 
     The allowed error is ``tolerance`` times the irradiance or ``floor`` (n,), if that is larger.
     ``clearance`` (n,): distances from the source. The integrand has singularities at complex
@@ -616,7 +620,7 @@ def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
 def _phase_rates(
     source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
 ) -> Floats:
-    """Largest |nu - kappa| of the rays to each point, in cycles per metre, kappa of any wave."""
+    """Return the largest |nu - kappa| over rays to each point and waves kappa, in 1/m."""
     xmin, ymin, xmax, ymax = source.bounds
     corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
     rays = points[:, None, :2] - corners

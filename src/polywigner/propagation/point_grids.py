@@ -45,7 +45,7 @@ def checked_phi(values: Any) -> Angles:
 
 
 def angle_axes(theta: Angles, phi: Angles) -> dict[str, xarray.Variable]:
-    """Coordinates theta and phi in rad of a dataset."""
+    """Return the coordinates theta and phi in rad of a dataset."""
     axes = {"theta": (theta, "angle from z"), "phi": (phi, "angle from x")}
     return {
         name: labelled_array(values, (name,), {"units": "rad", "long_name": meaning})
@@ -54,7 +54,7 @@ def angle_axes(theta: Angles, phi: Angles) -> dict[str, xarray.Variable]:
 
 
 def unit_vectors(theta: Angles, phi: Angles) -> NDArray[np.float64]:
-    """(n, m, 3) of all angles (n,) from the z axis and (m,) from the x axis."""
+    """Return unit vectors (n, m, 3) at angles (n,) from the z axis and (m,) from the x axis."""
     sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
     # cos(pi/2) is 6e-17, and the horizon belongs to both sides
     cosine = np.where(np.abs(cosine) < 1e-15, 0.0, cosine)
@@ -277,7 +277,7 @@ def _straight_grid(
 
 
 def _span(low: float, high: float, count: int) -> Values:
-    """Values with both ends included; the midpoint if ``count`` is 1."""
+    """Return values with both ends included; the midpoint if ``count`` is 1."""
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 
