@@ -20,6 +20,7 @@ from polywigner.execution import NumpyOperations
 from polywigner.geometry import Wavefront
 from polywigner.kernels.boundary.edge_waves import Point
 from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.nodes import gauss_legendre
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.propagation.boundary import Radiator, radiator_of
 from polywigner.propagation.curved_fields import cells_of_wave, field_at_nodes
@@ -95,7 +96,7 @@ def equivalent_grid(
             spectra = _spectra(source, waves, radiator.centre, wavelength, condition)
             if not spectra:
                 return None
-        x, y = (np.polynomial.legendre.leggauss(n)[0] for n in counts)
+        x, y = (gauss_legendre(n)[:, 0] for n in counts)
         weights = [_fitted(s, waves, (half[0] * x, half[1] * y), error) for s in spectra]
         if all(part is not None for part in weights):
             return EquivalentGrid((x, y), half, tuple(w for w in weights if w is not None))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -30,8 +30,6 @@ Rule = tuple[Floats, Floats]
 # Nodes along a side per cycle of the phase of W, which oscillates at twice the frequency. Gauss
 # rules converge above pi/2 nodes per cycle of the integrand.
 NODES_PER_CYCLE = 3.5
-# Rules with more nodes consist of equal panels of half as many, whose nodes are faster to compute.
-_MOST_IN_ONE = 200
 # Pairs of edges and heights per block.
 _BATCH = 1 << 20
 # Additional nodes near a pole off the plane, times arcsinh of (its distance over half the size).
@@ -72,8 +70,17 @@ def rule_by_triangles(
 ) -> tuple[Floats, Floats, Indices]:
     """Return the rule of :func:`gauss_rule`, and the index (n,) of the triangle of each node."""
     corners, long, short = _from_apex(triangles)
-    counts = _counts(long, short, rate, extra).astype(int)
-    nodes, weights, owners = zip(*_by_counts(corners, counts), strict=True)
+    counts = _counts(long, short, rate, extra).astype(np.intp)
+    nodes, weights, owners = [], [], []
+    for shared in np.unique(counts, axis=0):
+        members = np.flatnonzero((counts == shared).all(axis=1))
+        (u, of_u), (v, of_v) = (_unit_rule(count) for count in shared.tolist())
+        apex, first, second = corners[members].transpose(1, 0, 2)[:, :, None, None]
+        along = first - apex + v[:, None] * (second - first)
+        nodes.append((apex + u[:, None, None] * along).reshape(-1, 2))
+        on_unit = np.outer(of_u * u, of_v).ravel()
+        weights.append(np.outer(2 * areas(corners[members]), on_unit).ravel())
+        owners.append(np.repeat(members, len(on_unit)))
     return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
 
 
@@ -108,33 +115,6 @@ def _from_apex(triangles: Triangles) -> tuple[Triangles, Floats, Floats]:
     order = (apex[:, None] + np.arange(3)) % 3
     corners = np.take_along_axis(triangles, order[:, :, None], axis=1)
     return corners, sides.max(axis=1), sides.min(axis=1)
-
-
-def _by_counts(
-    corners: Triangles, counts: NDArray[np.int_]
-) -> Iterator[tuple[Floats, Floats, Indices]]:
-    for count in np.unique(counts, axis=0):
-        owners = np.flatnonzero((counts == count).all(axis=1))
-        chosen = corners[owners]
-        u, u_weights = _legendre(int(count[0]))
-        v, v_weights = _legendre(int(count[1]))
-        apex, first = chosen[:, None, None, 0], chosen[:, None, None, 1]
-        second = chosen[:, None, None, 2]
-        u, v = u[:, None, None], v[None, :, None]
-        nodes = apex + u * (first - apex + v * (second - first))
-        weights = (u_weights * u[:, 0, 0])[:, None] * v_weights
-        per_triangle = weights.size
-        weights = 2 * areas(chosen)[:, None] * weights.reshape(1, -1)
-        yield nodes.reshape(-1, 2), weights.ravel(), np.repeat(owners, per_triangle)
-
-
-@lru_cache(maxsize=256)
-def _legendre(count: int) -> Rule:
-    """Nodes and weights on [0, 1]; for large counts, slightly more than ``count``."""
-    panels = 1 if count <= _MOST_IN_ONE else -(-2 * count // _MOST_IN_ONE)
-    nodes, weights = np.polynomial.legendre.leggauss(-(-count // panels))
-    scaled = (np.arange(panels)[:, None] + (nodes + 1) / 2) / panels
-    return scaled.ravel(), np.tile(weights / (2 * panels), panels)
 
 
 # ---- triangles where W is smooth -----------------------------------------------------------------

@@ -36,7 +36,7 @@ _SHIFT, _ASIDE = 1e-14, np.array([0.57, 0.31, 0.76])
 _PAIRS = 1 << 15
 
 
-def incident_of_point(source: Position, points: Floats, wavelength: float) -> Complex:
+def incident_of_point(source: Position | Floats, points: Floats, wavelength: float) -> Complex:
     """exp(ikR)/R at points (n, 3), R the distance from the source (3,)."""
     distance = np.linalg.norm(points - source, axis=1)
     return np.asarray(waves_of_turns(distance / wavelength) / distance)
