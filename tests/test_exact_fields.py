@@ -183,7 +183,7 @@ def test_one_point_gives_a_number_and_no_points_an_empty_array():
         ((LIFTED, (0, 0, 1), 1.0), {}, "z = 0"),
         ((SQUARE, (0, 0, -1), 1.0), {}, "z > 0"),
         ((SQUARE, (0, 0, 1), 1.0, "rs1"), {}, "rayleigh-sommerfeld-2"),
-        ((SQUARE, (0, 0, 1), 1.0, "wigner"), {}, "rayleigh-sommerfeld-2"),
+        ((SQUARE, (0, 0, 1), 1.0, "wigner"), {}, "polywigner.irradiance"),
         ((SQUARE, (0, 0, 1), 1.0), {"obliquity": "kirchhoff"}, "fraunhofer"),
     ],
 )

@@ -25,6 +25,7 @@ from polywigner.propagation.collins import field_behind
 from polywigner.propagation.curved_fields import curved_field
 from polywigner.propagation.far_fields import check_slopes, far_field
 from polywigner.propagation.point_grids import (
+    METHODS,
     Method,
     checked_amplitude_tolerance,
     checked_coordinates,
@@ -224,6 +225,11 @@ def field_and_error(
         return field_behind(source, points, wavelength, through, tolerance, others, engine)
     if isinstance(source, PointSource) or obstacles is not None:
         _check_rays(source, method, through, obliquity)
+    if isinstance(method, str) and method == "wigner":
+        raise ArgumentError(
+            f'expected method to be one of {", ".join(METHODS)}, got "wigner", whose rays have no '
+            "phase; use polywigner.irradiance for rays"
+        )
     name, length = checked_method(method), checked_wavelength(wavelength)
     if isinstance(source, PointSource):
         positions = _points_around(source, points)
