@@ -116,9 +116,7 @@ def truth(source: Any, height: float, size: int) -> npt.NDArray[np.float64]:
     points = np.stack(np.broadcast_arrays(x[None, :], y[:, None], height), axis=-1).reshape(-1, 3)
     values = np.concatenate(
         [
-            pw.irradiance(
-                source, points[k : k + _BLOCK], WAVELENGTH, method=METHOD, precision="single"
-            )
+            pw.irradiance(source, points[k : k + _BLOCK], WAVELENGTH, method=METHOD)
             for k in range(0, len(points), _BLOCK)
         ]
     )
@@ -166,7 +164,7 @@ def error_of_light(source: Any, height: float, size: int) -> float:
     points = points.reshape(-1, 3).astype(np.float32)
     field = ExactField(mi, source, WAVELENGTH, METHOD)
     result = np.array(field.intensity(mi.Point3f(*points.T), 1.0), dtype=float)
-    truth = pw.irradiance(source, points, WAVELENGTH, method=METHOD, precision="single")
+    truth = pw.irradiance(source, points, WAVELENGTH, method=METHOD)
     return decibels(result, truth)
 
 

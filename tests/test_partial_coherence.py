@@ -61,7 +61,7 @@ def test_fresnel_irradiance_is_the_double_integral_of_the_mutual_intensity(
     at = points(25.0)
     expected = mutual.irradiance(x, w, at, WAVELENGTH, width, mutual.parabolic)
     partly = source.partially_coherent(width)
-    result, errors = pw.irradiance(partly, at, WAVELENGTH, "fresnel", return_error=True)
+    result, errors = pw.irradiance_with_error(partly, at, WAVELENGTH, "fresnel")
     assert np.abs(result - expected).max() < PARABOLIC * expected.max()
     assert errors.shape == result.shape and errors.max() < 1e-6 * expected.max()
     system = pw.FirstOrder.free_space(25.0)

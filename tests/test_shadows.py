@@ -64,9 +64,7 @@ def test_field_of_an_aperture_behind_a_body_is_the_sum_over_points_of_it(
 def test_tolerance_bounds_the_error_and_the_estimate_covers_it() -> None:
     points, how = REFERENCE["box"]["points"], {"obstacles": BODIES["box"]}
     fine = pw.amplitude(SQUARE, points, WAVELENGTH, tolerance=1e-8, **how)
-    result, error = pw.amplitude(
-        SQUARE, points, WAVELENGTH, tolerance=1e-5, return_error=True, **how
-    )
+    result, error = pw.amplitude_with_error(SQUARE, points, WAVELENGTH, tolerance=1e-5, **how)
     off = np.abs(result - fine).max()
     assert off < 1e-5 * np.abs(fine).max() and off < 3 * error.max()
 
@@ -235,7 +233,7 @@ def _on_a_line(**options: Any) -> Any:
     [
         (_at_a_point, pw.shapes.square(1.0), {}, "placed"),
         (_at_a_point, "box.stl", {}, "Polyhedra"),
-        (_at_a_point, BODIES["box"], {"method": "fresnel"}, "obstacles with one of the methods"),
+        (_at_a_point, BODIES["box"], {"method": "fresnel"}, "with obstacles require a method"),
         (_at_a_point, BODIES["box"], {"tolerance": 1e-12}, "tolerance"),
         (_at_a_point, box((-1, -1, -1), (1, 1, 1)), {}, "away from the source"),
         (_on_a_line, BODIES["box"], {}, "got method='wigner'"),

@@ -145,8 +145,8 @@ def test_the_flux_vector_has_a_dimension_for_its_components(chunks):
 def test_estimated_errors_are_labelled_too(chunks):
     points = _named(IN_FRONT, "place", "xyz")
     points = points if chunks is None else points.chunk(chunks)
-    result = pw.amplitude(SQUARE, points, WAVELENGTH, return_error=True)
-    expected = pw.amplitude(SQUARE, IN_FRONT, WAVELENGTH, return_error=True)
+    result = pw.amplitude_with_error(SQUARE, points, WAVELENGTH)
+    expected = pw.amplitude_with_error(SQUARE, IN_FRONT, WAVELENGTH)
     for array, values in zip(result, expected, strict=True):
         assert array.dims == ("place",)
         np.testing.assert_allclose(array.values, values, rtol=1e-9, atol=1e-15)

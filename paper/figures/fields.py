@@ -166,7 +166,6 @@ def draw_volrender(quality: Quality) -> Made:
         WAVELENGTH,
         method=_METHOD,
         tolerance=_TOLERANCE,
-        precision="single",
         progress=False,
     )
     figure = draw_volume(result, source, title="two chevrons, 94 GHz")

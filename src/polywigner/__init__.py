@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from polywigner.propagation import Screen as Screen
     from polywigner.propagation import ambiguity_table as ambiguity_table
     from polywigner.propagation import amplitude as amplitude
+    from polywigner.propagation import amplitude_with_error as amplitude_with_error
     from polywigner.propagation import array_tolerance as array_tolerance
     from polywigner.propagation import beam_cuts as beam_cuts
     from polywigner.propagation import beam_metrics as beam_metrics
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from polywigner.propagation import hemisphere as hemisphere
     from polywigner.propagation import horns as horns
     from polywigner.propagation import irradiance as irradiance
+    from polywigner.propagation import irradiance_with_error as irradiance_with_error
     from polywigner.propagation import line as line
     from polywigner.propagation import plane as plane
     from polywigner.propagation import psf as psf
@@ -118,8 +120,9 @@ _NAMES = {
     "polywigner.optics": "FirstOrder",
     "polywigner.propagation": """
         AxisSampling BeamMetrics CutMetrics PlaneWave PointSource Sampling Screen
-        ambiguity_table amplitude array_tolerance beam_cuts beam_metrics field fit_pattern
-        hemisphere horns irradiance line plane psf radiated_power radiation_pattern read_pattern
+        ambiguity_table amplitude amplitude_with_error array_tolerance beam_cuts beam_metrics
+        field fit_pattern hemisphere horns irradiance irradiance_with_error line plane psf
+        radiated_power radiation_pattern read_pattern
         suggest_sampling two_way_pattern volume wigner_table write_netcdf
         write_pattern
     """,
@@ -149,7 +152,7 @@ def __getattr__(name: str) -> Any:
         near = difflib.get_close_matches(name, __all__, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise AttributeError(f"module 'polywigner' has no attribute {name!r}{hint}")
-    if home == __name__:  # a room of its own
+    if home == __name__:  # a subpackage or module
         value: Any = importlib.import_module(f"{home}.{name}")
     else:
         value = getattr(importlib.import_module(home), name)

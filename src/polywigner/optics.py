@@ -64,15 +64,17 @@ class FirstOrder:
 
     Parameters
     ----------
-    matrix
-        (4, 4) real, acting on (x, y, s_x, s_y), or (2, 2) for a system that is rotationally
-        symmetric; A and D without unit, B in m, C in 1/m.
+    matrix : array_like, shape (4, 4) or (2, 2)
+        Real ray matrix that acts on (x, y, s_x, s_y), or on (x, s) for a rotationally symmetric
+        system; A and D without unit, B in m, C in 1/m.
 
     Raises
     ------
     ArgumentError
         If the matrix has another shape, is not finite, or is not symplectic.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pw.FirstOrder.free_space(0.2) @ pw.FirstOrder.lens(0.2)
     FirstOrder([[0.0, 0.2], [-5.0, 1.0]])
@@ -97,8 +99,25 @@ class FirstOrder:
 
     @classmethod
     def free_space(cls, z: float) -> FirstOrder:
-        """Return free space between planes at a distance z in m, backwards if z < 0.
+        """Return free space between two planes.
 
+        Parameters
+        ----------
+        z : float
+            Distance between the planes in m, negative for propagation backwards.
+
+        Returns
+        -------
+        FirstOrder
+            System with A = D = 1, B = z, C = 0.
+
+        Raises
+        ------
+        ArgumentError
+            If the distance is not a finite number.
+
+        Examples
+        --------
         >>> import polywigner as pw
         >>> pw.FirstOrder.free_space(0.1)
         FirstOrder([[1.0, 0.1], [0.0, 1.0]])
@@ -111,12 +130,24 @@ class FirstOrder:
 
         Parameters
         ----------
-        f : focal length in m, not 0, negative for a diverging lens; or (f_x, f_y), ``inf`` for a
+        f : float or tuple of two floats
+            Focal length in m, not 0, negative for a diverging lens; or (f_x, f_y), ``inf`` for a
             flat axis.
-        angle : counter-clockwise angle from the x axis to the lens's x axis, in radians.
+        angle : float, default 0.0
+            Counter-clockwise angle from the x axis to the x axis of the lens, in radians.
 
-        Raises ArgumentError for other focal lengths and angles.
+        Returns
+        -------
+        FirstOrder
+            System with A = D = 1, B = 0 and C = -1/f along the axes of the lens.
 
+        Raises
+        ------
+        ArgumentError
+            If a focal length is 0 or NaN, or the angle is not finite.
+
+        Examples
+        --------
         >>> import polywigner as pw
         >>> pw.FirstOrder.lens((0.5, float("inf"))).C.tolist()
         [[-2.0, 0.0], [0.0, 0.0]]
@@ -130,10 +161,25 @@ class FirstOrder:
 
     @classmethod
     def magnifier(cls, m: float | tuple[float, float]) -> FirstOrder:
-        """Return an image m times as large as its object, inverted if m < 0; or (m_x, m_y).
+        """Return a system that magnifies the field without a lens phase.
 
-        Raises ArgumentError for a magnification of zero, and for values that are not finite.
+        Parameters
+        ----------
+        m : float or tuple of two floats
+            Magnification, not 0, negative for an inverted image; or (m_x, m_y).
 
+        Returns
+        -------
+        FirstOrder
+            System with A = m, D = 1/m, B = C = 0.
+
+        Raises
+        ------
+        ArgumentError
+            If a magnification is 0 or not finite.
+
+        Examples
+        --------
         >>> import polywigner as pw
         >>> pw.FirstOrder.magnifier(-2.0)
         FirstOrder([[-2.0, 0.0], [0.0, -0.5]])
@@ -149,8 +195,23 @@ class FirstOrder:
     def fourier(cls, f: float) -> FirstOrder:
         """Return a lens between its focal planes: the field at the back is F(x/(lambda f)).
 
-        Raises ArgumentError for a focal length f in m that is 0 or NaN.
+        Parameters
+        ----------
+        f : float
+            Focal length in m, not 0.
 
+        Returns
+        -------
+        FirstOrder
+            System with A = D = 0, B = f, C = -1/f.
+
+        Raises
+        ------
+        ArgumentError
+            If the focal length is 0 or NaN.
+
+        Examples
+        --------
         >>> import polywigner as pw
         >>> pw.FirstOrder.fourier(0.5)
         FirstOrder([[0.0, 0.5], [-2.0, 0.0]])
@@ -166,11 +227,23 @@ class FirstOrder:
 
         Parameters
         ----------
-        order : number a of quarter turns, the angle a pi/2 between (x, f s) and (x', f s').
-        f : the scale in m, other than 0: the focal length of the transformer of order 1.
+        order : float
+            Number a of quarter turns, the angle a pi/2 between (x, f s) and (x', f s').
+        f : float
+            Scale in m, not 0: the focal length of the transformer of order 1.
 
-        Raises ArgumentError for other values.
+        Returns
+        -------
+        FirstOrder
+            System with A = D = cos(a pi/2), B = f sin(a pi/2), C = -sin(a pi/2)/f.
 
+        Raises
+        ------
+        ArgumentError
+            If the order is not finite, or the scale is 0 or NaN.
+
+        Examples
+        --------
         >>> import polywigner as pw
         >>> half = pw.FirstOrder.fractional(0.5, 0.3)
         >>> (half @ half).A.round(15).tolist()
@@ -189,8 +262,23 @@ class FirstOrder:
     def rotation(cls, angle: float) -> FirstOrder:
         """Return a counter-clockwise rotation of the plane about its axis, as by a prism.
 
-        Raises ArgumentError for an angle, in radians, that is not a number.
+        Parameters
+        ----------
+        angle : float
+            Angle in radians.
 
+        Returns
+        -------
+        FirstOrder
+            System with A = D = rotation matrix, B = C = 0.
+
+        Raises
+        ------
+        ArgumentError
+            If the angle is not a finite number.
+
+        Examples
+        --------
         >>> import math
         >>> import polywigner as pw
         >>> pw.FirstOrder.rotation(math.pi / 2).A.tolist()
@@ -238,12 +326,25 @@ class FirstOrder:
 
         Parameters
         ----------
-        x : (..., 2) positions in m.
-        s : (..., 2) direction cosines lambda nu; broadcasts against ``x``.
+        x : array_like, shape (..., 2)
+            Positions in m.
+        s : array_like, shape (..., 2)
+            Direction cosines lambda nu; the shape broadcasts against the shape of ``x``.
 
-        Returns (..., 2) positions and (..., 2) direction cosines. Raises ArgumentError for other
-        than real numbers of these shapes.
+        Returns
+        -------
+        positions : ndarray of float64, shape (..., 2)
+            Positions in m behind the system.
+        directions : ndarray of float64, shape (..., 2)
+            Direction cosines behind the system.
 
+        Raises
+        ------
+        ArgumentError
+            If the arguments are not real numbers of these shapes.
+
+        Examples
+        --------
         >>> import polywigner as pw
         >>> x, s = pw.FirstOrder.lens(0.5).rays((0.01, 0.0), (0.0, 0.0))
         >>> s.tolist()

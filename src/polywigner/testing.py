@@ -41,10 +41,10 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
     ----------
     source : Aperture, Slits or Array
         Source in the plane z = 0, uniform or with illuminations.
-    points : int
-        Number of random arguments of each law, default 100.
-    seed : int
-        Seed of the random arguments, default 0.
+    points : int, default 100
+        Number of random arguments of each law.
+    seed : int, default 0
+        Seed of the random arguments.
 
     Raises
     ------

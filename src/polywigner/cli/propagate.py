@@ -42,7 +42,7 @@ Methods: TypeAlias = dict[str, dict[str, str | None]]
 
 @dataclass(frozen=True, kw_only=True)
 class FieldOptions(FieldSourceOptions):
-    """Options of a field: source, obstacles, methods, precision and files."""
+    """Options of a field: source, obstacles, methods and files."""
 
     method: Annotated[
         Texts,
@@ -56,7 +56,6 @@ class FieldOptions(FieldSourceOptions):
     accuracy: Annotated[float | None, "Relative error, such as 1e-3 (default: by method)."] = None
     bandwidth: Annotated[Text, "Flat frequency band to average over, such as '4 GHz'."] = None
     engine: Annotated[str, "auto, numpy, llvm or cuda."] = "auto"
-    precision: Annotated[Text, "double or single (default: double)."] = None
     out: options.Out = None
 
     def methods(self, *default: str) -> tuple[Methods, str]:
@@ -91,7 +90,6 @@ class FieldOptions(FieldSourceOptions):
             "tolerance": self.accuracy,
             "obstacles": obstacles or None,
             "engine": self.engine,
-            "precision": self.precision,
         }
 
 

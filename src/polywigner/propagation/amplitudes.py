@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.execution import Engine, Precision
+from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Polyhedron, Wavefront
 from polywigner.geometry.aperture import PlacedAperture
-from polywigner.geometry.arguments import checked_flag, checked_wavelength, takes_frequency
+from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.geometry.silhouettes import obstacles_of
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
@@ -42,25 +42,30 @@ from polywigner.propagation.screens import (
 )
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
-from polywigner.source.obliquities import (
-    CONDITIONS,
-    DEFAULT,
-    BoundaryCondition,
-)
+from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Result = TypeVar("Result", np.float64, np.complex128)
 
 Obstacle = Polyhedron | PlacedAperture
 
 _OPS = execution.NumpyOperations()
 
-# Error of the Fourier transform in double and in single precision, relative to the content.
-_FOURIER_ERROR = {True: 1e-13, False: 2e-6}
+# Error of the Fourier transform relative to the content.
+_FOURIER_ERROR = 1e-13
+
+
+class AmplitudeOptions(TypedDict, total=False):
+    """Keywords of :func:`amplitude`."""
+
+    through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None
+    obstacles: Obstacle | Sequence[Obstacle] | None
+    obliquity: BoundaryCondition | None
+    tolerance: float | None
+    engine: Engine
 
 
 @takes_frequency
@@ -73,12 +78,10 @@ def amplitude(
     *,
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
-    tolerance: float | None = None,
     obliquity: BoundaryCondition | None = None,
-    return_error: bool = False,
-    precision: Precision = None,
+    tolerance: float | None = None,
     engine: Engine = "auto",
-) -> Any:
+) -> Complex:
     """Compute the complex field U(x, y, z) of a source in the plane z = 0.
 
     A free wave is exp(+ikR)/R. The Rayleigh-Sommerfeld and Kirchhoff integrals are reduced to
@@ -102,36 +105,31 @@ def amplitude(
         derivative), "kirchhoff" (their mean), "fresnel" (parabolic waves, for points near the
         axis) or "fraunhofer" (far field about the centre of the source).
     through : FirstOrder or sequence, optional
-        First-order system from the plane of the source to that of ``points``, or a sequence of
-        systems and stops in the order of the light. The field is Collins' integral (O4) without
+        First-order system from the plane of the source to the plane of ``points``, or a sequence
+        of systems and stops in the order of the light. The field is Collins' integral (O4) without
         the factor exp(ikL) of the axial path L, and replaces ``method``. An image (B = 0) is u
         itself. Stops are Apertures and Arrays, whose field is their transmission (O8).
     obstacles : Polyhedron, placed Aperture or sequence, optional
         Opaque black bodies, and plates as apertures in a pose (:meth:`Aperture.placed`). Radiation
         passes at most one edge (docs/shadows.md, (SB1)): the field is smooth across the boundaries
         of shadows, and zero in bodies. Not with ``through``, "fresnel" and "fraunhofer".
+    obliquity : str, optional
+        Boundary condition of the far field for "fraunhofer" only: "rayleigh-sommerfeld-1"
+        (default), "kirchhoff" or "rayleigh-sommerfeld-2".
     tolerance : float, optional
         Allowed error, as a fraction of the incident amplitude or, if that is less, of
         |u| area/(wavelength distance), the field of the source in phase (within a wavelength, of
-        the static field |u| area/(2 pi distance^2)). Default 1e-9 (single precision: 1e-5), at
-        least 1e-13 (1e-6). With obstacles: default 1e-6, at least 1e-8, of the largest field, from
-        three wavelengths off the source. Not for "fraunhofer".
-    obliquity : str, optional
-        Boundary condition of "fraunhofer" only: that of the far field of "rayleigh-sommerfeld-1"
-        (default), "kirchhoff" or "rayleigh-sommerfeld-2".
-    return_error : bool, default False
-        Also return the estimated error of each value. It covers the sum over nodes, not the
-        approximation of "fresnel" or "fraunhofer".
-    precision : {None, "double", "single"}
-        Points and phases are in double precision in any case.
+        the static field |u| area/(2 pi distance^2)). Default 1e-9, at least 1e-13. With obstacles:
+        default 1e-6, at least 1e-8, of the largest field, from three wavelengths off the source.
+        Not for "fraunhofer".
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.
 
     Returns
     -------
-    ndarray of complex128 (complex64 in single precision), shape (...)
-        Field in the unit of the source's field; with ``return_error`` a pair of the field and an
-        array of floats. An ``xarray.DataArray`` of points gives a DataArray.
+    ndarray of complex128, shape (...)
+        Field in the unit of the source's field. An ``xarray.DataArray`` of points gives a
+        DataArray.
 
     Raises
     ------
@@ -148,95 +146,158 @@ def amplitude(
     PolywignerWarning
         If the estimated error exceeds the tolerance at some point.
 
+    See Also
+    --------
+    amplitude_with_error : The field and an estimate of its error.
+
     Examples
     --------
     >>> import polywigner as pw
     >>> round(float(abs(pw.amplitude(pw.shapes.square(10e-3), (0.0, 0.0, 0.1), 3.2e-3))), 4)
     0.3103
     """
-    checked_flag(return_error, "return_error")
+    return field_and_error(
+        source, points, wavelength, method, through=through, obstacles=obstacles,
+        obliquity=obliquity, tolerance=tolerance, engine=engine,
+    )[0]  # fmt: skip
+
+
+@takes_frequency
+@takes_xarray("points", units="W0.5 m-1", long_name="complex amplitude U", with_error=True)
+def amplitude_with_error(
+    source: Aperture | Array | Wavefront | Screen | PointSource,
+    points: ArrayLike,
+    wavelength: float,
+    method: Method = DEFAULT,
+    **options: Unpack[AmplitudeOptions],
+) -> tuple[Complex, Floats]:
+    """Compute the complex field of :func:`amplitude` and an estimate of its error.
+
+    Parameters
+    ----------
+    source, points, wavelength, method, **options
+        See :func:`amplitude`.
+
+    Returns
+    -------
+    field : ndarray of complex128, shape (...)
+        See :func:`amplitude`.
+    error : ndarray of float64, shape (...)
+        Estimated error of each value. It covers the sum over nodes, not the approximation of
+        "fresnel" or "fraunhofer". Behind obstacles the estimate doubles the computing time.
+
+    Raises
+    ------
+    PolywignerError
+        See :func:`amplitude`.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(10e-3)
+    >>> field, error = pw.amplitude_with_error(square, (0.0, 0.0, 0.1), 3.2e-3)
+    >>> bool(error < 1e-9)
+    True
+    """
+    return field_and_error(source, points, wavelength, method, with_error=True, **options)
+
+
+def field_and_error(
+    source: Aperture | Array | Wavefront | Screen | PointSource,
+    points: ArrayLike,
+    wavelength: float,
+    method: Method,
+    *,
+    through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
+    obstacles: Obstacle | Sequence[Obstacle] | None = None,
+    obliquity: BoundaryCondition | None = None,
+    tolerance: float | None = None,
+    engine: Engine = "auto",
+    with_error: bool = False,
+) -> tuple[Complex, Floats]:
+    """Return the field (...) and its error; behind obstacles the error requires ``with_error``."""
     check_no_drjit(source=source, points=points, wavelength=wavelength)
-    if obstacles is not None:
-        _check_shadowed(source, method, through, obliquity)
-        positions, field, errors = _behind_obstacles(
-            source,
-            points,
-            wavelength,
-            method,
-            obstacles,
-            tolerance,
-            return_error,
-            engine,
-            precision,
-        )
-        return shaped(_in_precision(field, precision), errors, positions, return_error)
-    if isinstance(source, PointSource) and (
-        method not in CONDITIONS or through is not None or obliquity is not None
-    ):
-        raise ArgumentError(
-            "the free field of a PointSource is exp(ikR)/R and takes no through, no obliquity "
-            f"and no method other than {', '.join(CONDITIONS)}; leave them out"
-        )
-    if through is not None:
+    if through is not None and obstacles is None and not isinstance(source, PointSource):
         others: dict[str, object] = {"obliquity": obliquity}
         others["method"] = None if method in (DEFAULT, "fresnel") else method
-        return field_behind(
-            source, points, wavelength, through, tolerance, others,
-            return_error=return_error, precision=precision, engine=engine,
-        )  # fmt: skip
-    double = execution.checked_precision(precision) != "single"
-    if isinstance(source, PointSource):
-        positions, length = _points_around(source, points), checked_wavelength(wavelength)
-        flat = positions.reshape(-1, 3)
-        field = source.amplitude * incident_of_point(source.position, flat, length)
-        errors = np.zeros(len(flat))
-        return shaped(_in_precision(field, precision), errors, positions, return_error)
+        return field_behind(source, points, wavelength, through, tolerance, others, engine)
+    if isinstance(source, PointSource) or obstacles is not None:
+        _check_rays(source, method, through, obliquity)
     if isinstance(method, str) and method == "wigner":
         raise ArgumentError(
             f'expected method to be one of {", ".join(METHODS)}, got "wigner", whose rays have no '
-            "phase; use polywigner.irradiance for them"
+            "phase; use polywigner.irradiance for rays"
         )
-    name = checked_method(method)
-    positions = checked_points(points)
-    length = checked_wavelength(wavelength)
-    execution.checked_engine(engine)
-    allowed = checked_amplitude_tolerance(tolerance, double)
-    flat = positions.reshape(-1, 3)
-    if name == "fraunhofer" and not isinstance(source, Screen):
-        field, errors = _fraunhofer(source, flat, length, obliquity, precision, engine)
-    elif obliquity is not None:
-        raise ArgumentError(
-            f'expected an obliquity with method="fraunhofer" only, got {obliquity!r} with {name!r};'
-            " the obliquity of the other methods is fixed"
-        )
-    elif isinstance(source, Screen):
-        field, errors = field_of_screen(source, flat, length, name, allowed, engine)
-    elif isinstance(source, Wavefront):
-        field, errors = curved_field(checked_wavefront(source), flat, length, name)
+    name, length = checked_method(method), checked_wavelength(wavelength)
+    if isinstance(source, PointSource):
+        positions = _points_around(source, points)
     else:
-        radiator = radiator_of(source)
-        field, errors, limits = boundary_field(
-            radiator, flat, length, name, allowed, double, engine
+        positions = checked_points(points)
+    execution.checked_engine(engine)
+    flat = positions.reshape(-1, 3)
+    if obstacles is not None:
+        limits = shadows.DEFAULT_TOLERANCE, shadows.LEAST_TOLERANCE
+        allowed, tolerance = tolerance_from(tolerance, *limits, " with obstacles"), None
+    field, errors = _free_field(source, flat, length, name, obliquity, tolerance, engine)
+    if obstacles is not None:
+        bodies = obstacles_of(obstacles, length)
+        change, inside, missed = shadows.shadow_of(
+            source, bodies, flat, length, name, allowed, engine, with_error
         )
-        warn_of_missed(errors, limits, "points")
-    return shaped(_in_precision(field, precision), errors, positions, return_error)
+        field = np.where(inside, 0.0, field + change)
+        errors = np.where(inside, 0.0, errors + missed)
+    shape = positions.shape[:-1]
+    return field.reshape(shape)[()], errors.reshape(shape)[()]
 
 
-def _in_precision(field: Complex, precision: Precision) -> Complex:
-    return field.astype(np.complex64 if precision == "single" else np.complex128)
+def _check_rays(source: object, method: object, through: object, obliquity: object) -> None:
+    """Raise ArgumentError for options that point sources and obstacles do not have."""
+    if through is not None or obliquity is not None or method not in CONDITIONS:
+        raise ArgumentError(
+            "fields of a PointSource or with obstacles require a method of "
+            f"{', '.join(CONDITIONS)} without a system and an obliquity, got method={method!r}; "
+            "leave the others out"
+        )
+    if isinstance(source, Screen):
+        raise ArgumentError(
+            "a Screen cannot be combined with obstacles; pass the screen's plate as an obstacle "
+            "and its PointSource as the source"
+        )
 
 
-def shaped(
-    values: NDArray[Result], errors: Floats, points: Floats, return_error: bool
-) -> NDArray[Result] | tuple[NDArray[Result], Floats]:
-    """Return values (n,), and with ``return_error`` errors, in the shape of points (..., d)."""
-    shape = points.shape[:-1]
-    field = values.reshape(shape)[()]
-    return (field, errors.reshape(shape)[()]) if return_error else field
+def _free_field(
+    source: Aperture | Array | Wavefront | Screen | PointSource,
+    points: Floats,
+    wavelength: float,
+    method: str,
+    obliquity: BoundaryCondition | None,
+    tolerance: float | None,
+    engine: Engine,
+) -> tuple[Complex, Floats]:
+    """Return the field without obstacles and its error, (n,), at points (n, 3)."""
+    allowed = checked_amplitude_tolerance(tolerance)
+    if isinstance(source, PointSource):
+        field = source.amplitude * incident_of_point(source.position, points, wavelength)
+        return field, np.zeros(len(points))
+    if method == "fraunhofer" and not isinstance(source, Screen):
+        return _fraunhofer(source, points, wavelength, obliquity, engine)
+    if obliquity is not None:
+        raise ArgumentError(
+            f'expected an obliquity with method="fraunhofer" only, got {obliquity!r} with '
+            f"{method!r}; the obliquity of the other methods is fixed"
+        )
+    if isinstance(source, Screen):
+        return field_of_screen(source, points, wavelength, method, allowed, engine)
+    if isinstance(source, Wavefront):
+        return curved_field(checked_wavefront(source), points, wavelength, method)
+    radiator = radiator_of(source)
+    field, errors, limits = boundary_field(radiator, points, wavelength, method, allowed, engine)
+    warn_of_missed(errors, limits, "points")
+    return field, errors
 
 
 def _points_around(source: PointSource, points: ArrayLike) -> Floats:
-    """Points (..., 3) in metres on any side of a point source, but not on it."""
+    """Return points (..., 3) in metres on any side of a point source, but not on it."""
     positions = checked_coordinates(points, "expected points as real numbers of shape (..., 3)", 3)
     if (positions == np.array(source.position)).all(axis=-1).any():
         raise ArgumentError(
@@ -250,10 +311,9 @@ def _fraunhofer(
     points: Floats,
     wavelength: float,
     obliquity: BoundaryCondition | None,
-    precision: Precision,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Far field (B7) and its error at points (n, 3), with the distance from the centre."""
+    """Return the far field (B7) about the source's centre and its error at points (n, 3)."""
     kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
     flat = flat_source(source)
     radiator = radiator_of(flat)
@@ -266,52 +326,7 @@ def _fraunhofer(
     centred = normal_form(flat).moved(-radiator.centre).public
     if isinstance(source, Wavefront):
         centred = source.on(centred, -radiator.centre)
-    pattern = far_field(centred, directions, wavelength, kind, precision=precision, engine=engine)
+    pattern = far_field(centred, directions, wavelength, kind, engine=engine)
     wave = np.exp(2j * math.pi * reduced(_OPS, doubled))
-    error = _FOURIER_ERROR[precision != "single"] * radiator.content
+    error = _FOURIER_ERROR * radiator.content
     return pattern * wave / (distance * wavelength), error / wavelength**2 / distance
-
-
-def _check_shadowed(source: object, method: str, through: object, obliquity: object) -> None:
-    """Raise ArgumentError for options that fields behind obstacles do not have."""
-    if through is not None or obliquity is not None or method in ("fresnel", "fraunhofer"):
-        raise ArgumentError(
-            f"expected obstacles with one of the methods {', '.join(CONDITIONS)} alone, got them "
-            "with a system, an obliquity or another method; leave one out"
-        )
-    if isinstance(source, Screen):
-        raise ArgumentError(
-            "a Screen cannot be combined with obstacles; pass the screen's plate as an obstacle "
-            "and its PointSource as the source"
-        )
-
-
-def _behind_obstacles(
-    source: Aperture | Array | Wavefront | Screen | PointSource,
-    points: ArrayLike,
-    wavelength: float,
-    method: Method,
-    obstacles: Obstacle | Sequence[Obstacle],
-    tolerance: float | None,
-    with_error: bool,
-    engine: Engine,
-    precision: Precision,
-) -> tuple[Floats, Complex, Floats]:
-    """Points (..., 3), and (n,) the free field with the change by obstacles (SB1), and errors."""
-    limits = shadows.DEFAULT_TOLERANCE, shadows.LEAST_TOLERANCE
-    allowed = tolerance_from(tolerance, *limits, " with obstacles")
-    length = checked_wavelength(wavelength)
-    if isinstance(source, PointSource):
-        positions = _points_around(source, points)
-    else:
-        positions = checked_points(points)
-    flat = positions.reshape(-1, 3)
-    free, error = amplitude(
-        source, flat, wavelength, method, return_error=True, precision=precision, engine=engine
-    )
-    bodies = obstacles_of(obstacles, length)
-    change, inside, missed = shadows.shadow_of(
-        source, bodies, flat, length, method, allowed, engine, with_error
-    )
-    errors = np.where(inside, 0.0, error + missed)
-    return positions, np.where(inside, 0.0, free + change), errors

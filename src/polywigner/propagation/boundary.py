@@ -1,4 +1,4 @@
-"""Fields as boundary integrals, to a tolerance: edges divided into panels, with their waves."""
+"""Fields as boundary integrals to a tolerance, over edges that are divided into panels."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _OPS = NumpyOperations()
 
 @dataclass(frozen=True)
 class _Element:
-    """An outline with its waves, at shifts (n, 2) with weights (n,)."""
+    """Copies of an outline with waves, at shifts (n, 2) with weights (n,)."""
 
     outline: Aperture
     amplitudes: Complex
@@ -53,7 +53,7 @@ class _Element:
 
 @dataclass(frozen=True)
 class Radiator:
-    """A source of the plane z = 0 as outlines with waves; copies of an outline are one element."""
+    """A source in the plane z = 0: outlines with waves. Copies of an outline form one element."""
 
     elements: tuple[_Element, ...]
     low: Floats
@@ -119,14 +119,14 @@ def radiator_of(source: object) -> Radiator:
 
 # ---- panels --------------------------------------------------------------------------------------
 
-# Rounding leaves few digits of smaller cosines; waves that graze the plane have p_z = 0.
+# Smaller cosines p_z have few correct digits; waves that graze the plane have p_z = 0.
 _GRAZING = 1e-6
 # Cycles of phase on half a panel that the largest rule resolves with nodes to spare.
 _TURNS = 48.0
 
 
 class _Panels(NamedTuple):
-    """Panels times waves. All lengths are in wavelengths."""
+    """One row for each panel and wave. All lengths are in wavelengths."""
 
     rows: Floats
     """(m, 12): first end x, y relative to the centre, direction x, y, length, p_x, p_y, |p_z|,
@@ -138,7 +138,7 @@ class _Panels(NamedTuple):
 def panels_of(
     radiator: Radiator, wavelength: float, longest: float, count: int, paraxial: bool
 ) -> Iterator[_Panels]:
-    """Yield panels of at most ``longest`` wavelengths, in blocks of about ``count``.
+    """Yield panels of at most ``longest`` wavelengths, in blocks of about ``count`` panels.
 
     If ``paraxial``, 1 - (p_x^2 + p_y^2)/2 replaces |p_z|, and no wave is evanescent.
     """
@@ -193,7 +193,7 @@ def _rounding_of(
 
 
 def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, Floats]:
-    """Pieces of edges, at most ``longest``: first ends (n, 2), directions (n, 2), lengths (n,)."""
+    """Divide edges into n pieces: first ends (n, 2), directions (n, 2) and lengths (n,)."""
     begin = np.concatenate(outline.rings)
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in outline.rings]) - begin
     length = np.hypot(edge[:, 0], edge[:, 1])
@@ -242,7 +242,6 @@ def boundary_field(
     wavelength: float,
     method: str,
     tolerance: float,
-    double: bool,
     engine: str,
 ) -> FieldEstimate:
     """Compute the field at points (n, 3).
@@ -251,9 +250,9 @@ def boundary_field(
     field of the entire source if that is less.
     """
     if method != "fresnel":
-        return _summed(radiator, points, wavelength, method, tolerance, double, engine)
+        return _summed(radiator, points, wavelength, method, tolerance, engine)
     spread = wavelength * points[:, 2]
-    estimate = parabolic_field(radiator, points[:, :2], spread, tolerance, double, engine)
+    estimate = parabolic_field(radiator, points[:, :2], spread, tolerance, engine)
     # exp(2 pi i d), d = z + rho^2/(2 z) in wavelengths, rho from the centre
     x, y = radiator.centre.tolist()
     point = integrals.point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
@@ -266,7 +265,6 @@ def parabolic_field(
     points: Floats,
     spread: Floats,
     tolerance: float,
-    double: bool,
     engine: str,
 ) -> FieldEstimate:
     """Compute the field of parabolic waves at points (n, 2).
@@ -277,7 +275,7 @@ def parabolic_field(
     """
     size = float((radiator.high - radiator.low).max())
     scaled = np.column_stack([points, spread / size])
-    return _summed(radiator, scaled, size, "fresnel", tolerance, double, engine)
+    return _summed(radiator, scaled, size, "fresnel", tolerance, engine)
 
 
 def _summed(
@@ -286,7 +284,6 @@ def _summed(
     wavelength: float,
     method: str,
     tolerance: float,
-    double: bool,
     engine: str,
 ) -> FieldEstimate:
     """:func:`boundary_field`; for "fresnel" without the phase of the distance from the centre."""
@@ -302,8 +299,6 @@ def _summed(
         leave=integrals.leave_phase if paraxial else integrals.leave,
     )
     engine = resolved(engine, len(points), _TERMS * sum(e.edges for e in radiator.elements))
-    # phases of parabolas far off the axis require float64
-    double = double or paraxial
     cycles, most = radiator.perimeter / wavelength, _MOST_PANELS * _STRATA[-1][1]
     if not (paraxial or cycles <= most):
         raise ArgumentError(
@@ -323,7 +318,7 @@ def _summed(
                         kernel,
                         _Table(panels, radiator, wavelength),
                         [*some[block].T, np.asarray(digits)],
-                        double=double,
+                        double=True,
                         engine=engine,
                         outputs=3,
                     )
@@ -388,7 +383,7 @@ def _paraxial_strata(
 
 
 def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:
-    """Bound on the number of panels up to ``longest`` wavelengths, once for each wave."""
+    """Return a bound on the number of panels of at most ``longest`` wavelengths, times waves."""
     edges = sum(element.edges for element in radiator.elements)
     return edges + radiator.perimeter / (longest * wavelength)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.execution import Engine, Precision
+from polywigner.execution import Engine
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront, triangulate
 from polywigner.geometry.arguments import (
@@ -23,7 +23,7 @@ from polywigner.geometry.arguments import (
     checked_row,
     checked_wavelength,
 )
-from polywigner.numerics.chirps import chirp_integral, waves_of_turns
+from polywigner.numerics.chirps import waves_of_turns
 from polywigner.optics import FirstOrder
 from polywigner.propagation.boundary import (
     FieldEstimate,
@@ -49,57 +49,12 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
-@dataclass(frozen=True)
-class Chirp:
-    """exp(i pi/lambda (x^T S x - 2 q.x)) in the axes of S."""
-
-    axes: Floats
-    """Columns: directions of x_1 and x_2, a rotation."""
-    curvature: Floats
-    """s_1 and s_2, |s_1| the larger one, in 1/m."""
-    wavelength: float
-
-
-def line_integral(radiator: Radiator, chirp: Chirp, x2: Floats, slope: Floats) -> Complex:
-    """Integral (n,) over x_1 alone at ``x2`` (n,), with q_1 = ``slope`` (n,), in m of the field."""
-    values = np.zeros(len(x2), np.complex128)
-    curvature, wavelength = float(chirp.curvature[0]), chirp.wavelength
-    for element in radiator.elements:
-        edges, centre = _edges_of(element.outline, chirp.axes)
-        for shift, weight in zip(element.shifts @ chirp.axes, element.weights, strict=True):
-            origin, across = shift + centre, x2 - shift[1] - centre[1]
-            inner = slope - curvature * origin[0]
-            turns = origin[0] * (0.5 * curvature * origin[0] - slope) / wavelength
-            for amplitude, kappa in zip(element.amplitudes, element.frequencies, strict=True):
-                wave = kappa @ chirp.axes
-                total = np.zeros(len(x2), np.complex128)
-                for (x, y), (ex, ey) in edges.tolist():
-                    above, below = (y + ey > across), (y > across)
-                    some = np.flatnonzero(above != below)
-                    at = x + ex * ((across[some] - y) / (ey or 1.0))
-                    frequency = inner[some] / wavelength - wave[0]
-                    part = chirp_integral(at, curvature / wavelength, frequency)
-                    total[some] += math.copysign(1.0, ey) * part
-                phase = turns + wave[0] * centre[0] + wave[1] * (across + centre[1])
-                values += weight * amplitude * total * waves_of_turns(phase)
-    return values
-
-
-def _edges_of(outline: Aperture, axes: Floats) -> tuple[Floats, Floats]:
-    """First ends, relative to the centre of the box, and extents of edges (m, 2, 2); the centre."""
-    rings = [ring @ axes for ring in outline.rings]
-    begin = np.concatenate(rings)
-    extent = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - begin
-    centre = begin.min(axis=0) / 2 + begin.max(axis=0) / 2
-    return np.stack([begin - centre, extent], axis=1), centre
-
-
 PublicSource = Aperture | Array
 
 # Curvatures that differ by less are equal, relative to their rounding errors.
 _EQUAL = 8 * 2.0**-52
-# Errors of closed forms in double and in single precision, relative to the content.
-_CLOSED = {True: 1e-13, False: 2e-6}
+# Errors of closed forms, relative to the content.
+_CLOSED = 1e-13
 _ULP = 2.0**-52
 _IDENTITY = FirstOrder.magnifier(1.0)
 # Nodes of the two rules on a stop along a line without waves; their difference is the error.
@@ -116,32 +71,26 @@ _BLOCK = 1 << 21
 
 def collins_field(
     source: Any,
-    radiator: Radiator,
     points: Floats,
     wavelength: float,
     system: FirstOrder,
     tolerance: float,
-    double: bool,
     engine: Engine,
 ) -> FieldEstimate:
-    """Compute the field at points (n, 2).
+    """Compute the field at points (n, 2) behind a system without stops.
 
     ``tolerance``: allowed error as a fraction of the field of an image or, if that is less, of the
     bound on the field of the entire source.
     """
-    left, scale, right = np.linalg.svd(system.B)
-    is_image = _without_spread(system)
-    if is_image.all():
-        return _image(partial(_field_at, source), radiator.amplitude, points, wavelength, system,
-                      double)  # fmt: skip
-    if is_image[1]:
-        return _line_image(radiator, points, wavelength, system, left, float(scale[0]), right)
+    radiator = radiator_of(source)
+    if _without_spread(system).all():
+        values, scale = _image(partial(_field_at, source), points, wavelength, system)
+        errors = np.full(len(points), scale * _CLOSED * radiator.amplitude)
+        return values, errors, np.full(len(points), math.inf)
     bend, slopes, out = _waves_of(system, points, wavelength)
     if not (abs(system.A) > system.rounding[:2, :2]).any():
-        precision: Precision = None if double else "single"
-        spectrum = fourier(source, slopes / wavelength, precision=precision, engine=engine)
-        values = np.asarray(spectrum)
-        errors = np.full(len(points), _CLOSED[double] * radiator.content)
+        values = np.asarray(fourier(source, slopes / wavelength, engine=engine))
+        errors = np.full(len(points), _CLOSED * radiator.content)
         allowed = tolerance * np.full(len(points), radiator.content)
     else:
         curvature, axes = np.linalg.eigh((bend + bend.T) / 2)
@@ -149,17 +98,16 @@ def collins_field(
         spread = np.linalg.cond(system.B) * _EQUAL * abs(curvature).max()
         if abs(bend - mean * np.eye(2)).max() <= spread:
             values, errors, allowed = _by_fresnel(
-                radiator, slopes, wavelength, mean, tolerance, double, engine
+                radiator, slopes, wavelength, mean, tolerance, engine
             )
         else:
-            order = np.argsort(-abs(curvature))
-            axes = axes[:, order] * [1.0, np.linalg.det(axes[:, order])]
-            chirp = Chirp(axes, curvature[order], wavelength)
-            allowed = np.full(len(points), tolerance * _brightest(radiator, chirp))
             values = chirp_transform(
-                source, chirp.curvature / wavelength, axes, np.zeros(2), slopes / wavelength
+                source, curvature / wavelength, axes, np.zeros(2), slopes / wavelength
             )
-            errors = _rounding(radiator, chirp, slopes)
+            errors = _rounding(radiator, curvature, axes, slopes, wavelength)
+            # the field of the source in phase, or of its image by rays if that is less
+            rays = wavelength * radiator.amplitude / math.sqrt(abs(curvature.prod()) or 1e-300)
+            allowed = np.full(len(points), tolerance * min(radiator.content, rays))
     size = abs(out)
     return out * values, size * errors, size * allowed
 
@@ -173,7 +121,7 @@ def _without_spread(system: FirstOrder) -> NDArray[np.bool_]:
 def _waves_of(
     system: FirstOrder, points: Floats, wavelength: float
 ) -> tuple[Floats, Floats, Complex]:
-    """M (2, 2), q (n, 2), c (n,) of Collins' integral c int u exp(i pi/lambda x.(M x - 2 q))."""
+    """Return M, q (n, 2), c (n,) of Collins' integral c int u exp(i pi/lambda x.(M x - 2 q)) dx."""
     inverse = np.linalg.inv(system.B)
     front = _front(system.B) / (wavelength * math.sqrt(abs(np.linalg.det(system.B))))
     out = waves_of_turns(_turns(system.D @ inverse, points, wavelength)) * front
@@ -181,42 +129,34 @@ def _waves_of(
 
 
 def _turns(form: Floats, points: Floats, wavelength: float) -> Floats:
-    """Half of y^T form y, in wavelengths."""
+    """Return half of y^T form y in wavelengths."""
     return np.asarray(0.5 * ((points @ form.T) * points).sum(axis=1) / wavelength)
 
 
 def _front(matrix: Floats) -> complex:
-    """1/sqrt(i) for each axis, 1/sqrt(-i) for one along which a matrix is negative."""
+    """Return the product over axes of 1/sqrt(i), or of 1/sqrt(-i) if the matrix is negative."""
     if np.linalg.det(matrix) < 0:
         return 1.0
     return -1j if np.trace(matrix) >= 0 else 1j
 
 
-def _brightest(radiator: Radiator, chirp: Chirp) -> float:
-    """Return the integral of the source in phase, or of its image by rays if that is less."""
-    s1, s2 = abs(chirp.curvature)
-    area = math.sqrt(s1 * s2) * radiator.content
-    rays = chirp.wavelength * radiator.amplitude
-    return rays / math.sqrt(s1 * s2) if area > rays else radiator.content
-
-
-def _rounding(radiator: Radiator, chirp: Chirp, slopes: Floats) -> Floats:
+def _rounding(
+    radiator: Radiator, curvature: Floats, axes: Floats, slopes: Floats, wavelength: float
+) -> Floats:
     """Rounding errors (n,) of the integral along edges, which stem from the phases."""
-    width = math.sqrt(chirp.wavelength / abs(chirp.curvature[0]))
+    largest = float(abs(curvature).max())
     size = float(np.linalg.norm(radiator.high - radiator.low))
-    along = radiator.amplitude * radiator.perimeter * min(width, size)
-    away = np.linalg.norm(
-        (slopes @ chirp.axes) - chirp.curvature * (radiator.centre @ chirp.axes), axis=1
-    )
-    turns = (away + abs(chirp.curvature[0]) * size) * (size / chirp.wavelength)
+    along = radiator.amplitude * radiator.perimeter * min(math.sqrt(wavelength / largest), size)
+    away = np.linalg.norm(slopes @ axes - curvature * (radiator.centre @ axes), axis=1)
+    turns = (away + largest * size) * (size / wavelength)
     return _ULP * along * (4.0 + turns + size * radiator.highest_frequency)
 
 
 def _by_fresnel(
     radiator: Radiator, slopes: Floats, wavelength: float, curvature: float,
-    tolerance: float, double: bool, engine: str,
+    tolerance: float, engine: str,
 ) -> FieldEstimate:  # fmt: skip
-    """Integral with the same curvature along both axes: a Fresnel field at z = 1/curvature."""
+    """Return the integral for equal curvatures: a Fresnel field at z = 1/curvature."""
     if curvature < 0:
         mirrored = tuple(
             replace(
@@ -229,31 +169,25 @@ def _by_fresnel(
         )
         conjugate = replace(radiator, elements=mirrored)
         values, errors, allowed = _by_fresnel(
-            conjugate, -slopes, wavelength, -curvature, tolerance, double, engine
+            conjugate, -slopes, wavelength, -curvature, tolerance, engine
         )
         return values.conj(), errors, allowed
     scale = wavelength / curvature
     spread = np.full(len(slopes), scale)
-    field, *bounds = parabolic_field(
-        radiator, slopes / curvature, spread, tolerance, double, engine
-    )
+    field, *bounds = parabolic_field(radiator, slopes / curvature, spread, tolerance, engine)
     centre = radiator.centre
     turns = ((0.5 * curvature * centre - slopes) @ centre) / wavelength
     return 1j * scale * waves_of_turns(turns) * field, scale * bounds[0], scale * bounds[1]
 
 
 def _image(
-    field: Callable[[Floats], Complex], largest: float, points: Floats, wavelength: float,
-    system: FirstOrder, double: bool,
-) -> FieldEstimate:  # fmt: skip
-    """B = 0: a field of x (n, 2), magnified, with the phase of a lens."""
-    inverse = np.linalg.inv(system.A)
+    field: Callable[[Floats], Complex], points: Floats, wavelength: float, system: FirstOrder
+) -> tuple[Complex, float]:
+    """Return the image (n,) of a field of x (n, 2) for B = 0, and the factor of its modulus."""
+    inverse, scale = np.linalg.inv(system.A), 1 / math.sqrt(abs(np.linalg.det(system.A)))
     front = 1j * _front(system.A) if np.linalg.det(system.A) > 0 else -1j
-    front = front / math.sqrt(abs(np.linalg.det(system.A)))
-    values = field(points @ inverse.T)
-    values = values * waves_of_turns(_turns(system.C @ inverse, points, wavelength)) * front
-    errors = np.full(len(points), abs(front) * _CLOSED[double] * largest)
-    return values, errors, np.full(len(points), math.inf)
+    waves = waves_of_turns(_turns(system.C @ inverse, points, wavelength))
+    return field(points @ inverse.T) * waves * (front * scale), scale
 
 
 def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
@@ -266,34 +200,9 @@ def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
 
 
 def _element_field(element: SourceElement, x: Floats) -> Complex:
-    """The waves of an element at x (n, 2), times its weight."""
+    """Return the field of an element at x (n, 2), times its weight."""
     waves = np.exp(2j * np.pi * (x @ element.frequencies.T))
     return np.asarray(element.weight * (waves @ element.amplitudes))
-
-
-def _line_image(
-    radiator: Radiator, points: Floats, wavelength: float, system: FirstOrder,
-    left: Floats, b: float, right: Floats,
-) -> FieldEstimate:  # fmt: skip
-    """B of rank 1: an image along one axis, Collins' integral along the other."""
-    # B = left diag(b, 0) right, with the rotations nearest to each other
-    left, right = left.copy(), right.copy()
-    left[:, 1] *= np.linalg.det(left)
-    right[1] *= np.linalg.det(right)
-    if np.trace(right @ left) < 0:
-        left, b = -left, -b
-    a, c, d = (left.T @ block @ right.T for block in (system.A, system.C, system.D))
-    (y1, y2), size = (points @ left).T, float(a[1, 1])
-    chirp = Chirp(right.T, np.array([a[0, 0] / b, 0.0]), wavelength)
-    x2 = y2 / size
-    values = line_integral(radiator, chirp, x2, (y1 - a[0, 1] * x2) / b)
-    bend = (c[1, 1] - d[1, 0] * a[0, 1] / b) / size
-    turns = ((0.5 * d[0, 0] * y1 + d[1, 0] * y2) * y1 / b + 0.5 * bend * y2 * y2) / wavelength
-    front = np.exp(-0.25j * math.pi * math.copysign(1.0, b)) * (1.0 if size > 0 else -1j)
-    front = front / math.sqrt(abs(wavelength * b * size))
-    width = float(np.linalg.norm(radiator.high - radiator.low))
-    error = np.full(len(points), abs(front) * _CLOSED[True] * radiator.amplitude * width)
-    return front * waves_of_turns(turns) * values, error, np.full(len(points), math.inf)
 
 
 def field_behind(
@@ -303,16 +212,11 @@ def field_behind(
     through: Any,
     tolerance: float | None,
     others: dict[str, Any],
-    *,
-    squared: bool = False,
-    return_error: bool = False,
-    precision: Any = None,
-    engine: Any = "auto",
-) -> Complex | Floats | tuple[Complex | Floats, Floats]:
-    """Compute the amplitude at points (..., 2) behind a system, with ``return_error`` its error.
+    engine: Engine,
+) -> tuple[Complex, Floats]:
+    """Compute the amplitude (...) at points (..., 2) behind a system, and its error.
 
     ``others``: arguments for fields in free space; ArgumentError if one is not None.
-    ``squared``: return the irradiance instead.
     """
     for name, value in others.items():
         if value is not None:
@@ -324,27 +228,19 @@ def field_behind(
     systems, stops = systems_and_stops(through)
     positions = checked_points_behind(points)
     length = checked_wavelength(wavelength)
-    double = execution.checked_precision(precision) != "single"
     execution.checked_engine(engine)
-    allowed = checked_amplitude_tolerance(tolerance, double)
-    flat = positions.reshape(-1, 2)
+    allowed = checked_amplitude_tolerance(tolerance)
     phase: complex = 1.0
     if isinstance(source, Wavefront):
         source, lens, phase = as_lens(source, length)
         systems[0] = systems[0] @ lens
-    source, systems, stops = _folded(source, systems, stops)
-    how = {"tolerance": allowed, "double": double, "engine": engine}
-    field, error, bounds = _behind(source, systems, stops, flat, length, **how)
-    field = field * phase
+    planes, systems = _folded([source, *stops], systems)
+    field, error, bounds = _behind(
+        planes, systems, positions.reshape(-1, 2), length, allowed, engine
+    )
     warn_of_missed(error, bounds, "points")
-    result: Any = field
-    if squared:
-        result, error = squared_field(field, error)
-    elif not double:
-        result = field.astype(np.complex64)
     shape = positions.shape[:-1]
-    values = result.reshape(shape)[()]
-    return (values, error.reshape(shape)[()]) if return_error else values
+    return (phase * field).reshape(shape)[()], error.reshape(shape)[()]
 
 
 def checked_points_behind(points: Any) -> Floats:
@@ -372,14 +268,17 @@ def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSou
 
 
 def _folded(
-    source: PublicSource, systems: list[FirstOrder], stops: list[PublicSource]
-) -> tuple[PublicSource, list[FirstOrder], list[PublicSource]]:
-    """Cut the source, or the previous stop, by the stops that lie in an image of it."""
-    planes, paths = [source], systems[:1]
-    for stop, system in zip(stops, systems[1:], strict=True):
+    planes: list[PublicSource], systems: list[FirstOrder]
+) -> tuple[list[PublicSource], list[FirstOrder]]:
+    """Cut the source, or the previous stop, by the stops that lie in an image of it.
+
+    ``systems``: the system behind each plane, source first.
+    """
+    kept, paths = planes[:1], systems[:1]
+    for stop, system in zip(planes[1:], systems[1:], strict=True):
         image = _without_spread(paths[-1])
         if not image.any():
-            planes.append(stop)
+            kept.append(stop)
             paths.append(system)
             continue
         if not image.all() or not isinstance(stop, Aperture) or stop.illumination is not None:
@@ -389,15 +288,15 @@ def _folded(
             )
         back = np.linalg.inv(paths[-1].A)
         outline = Aperture(shapely.transform(stop.polygons, lambda x, m=back: x @ m.T))
-        planes[-1] = _cut(planes[-1], outline)
+        kept[-1] = _cut(kept[-1], outline)
         paths[-1] = system @ paths[-1]
     image = _without_spread(paths[-1])
-    if len(planes) > 1 and image.any() and not image.all():
+    if image.any() and not image.all():
         raise ArgumentError(
-            "points lie in an image of a stop along one axis only, behind an astigmatic system; "
-            "move the points"
+            "points lie in an image of the source or of a stop along one axis only, behind an "
+            "astigmatic system; move the points"
         )
-    return planes[0], paths, planes[1:]
+    return kept, paths
 
 
 def _cut(plane: PublicSource, outline: Aperture) -> PublicSource:
@@ -419,42 +318,46 @@ def _cut(plane: PublicSource, outline: Aperture) -> PublicSource:
 
 
 def _behind(
-    source: Any, systems: list[FirstOrder], stops: list[Any], points: Floats, wavelength: float,
-    **how: Any,
-) -> FieldEstimate:  # fmt: skip
-    """:func:`collins_field` behind all systems and stops (O8).
+    planes: list[PublicSource],
+    systems: list[FirstOrder],
+    points: Floats,
+    wavelength: float,
+    tolerance: float,
+    engine: Engine,
+) -> FieldEstimate:
+    """Compute the field at points (n, 2) behind a source and stops with a system each (O8).
 
     The integral over the last stop is a Gauss rule. It resolves the fastest oscillation that
     radiation from the previous plane can have there.
     """
+    *others, stop = planes
     *before, system = systems
-    if not stops:
-        return collins_field(source, radiator_of(source), points, wavelength, system, **how)
-    *others, stop = stops
-    # errors on the stop add up in phase in the worst case
-    finer = {**how, "tolerance": max(0.1 * how["tolerance"], _FINEST), "double": True}
-    inner = partial(_behind, source, before, others, wavelength=wavelength, **finer)
+    if not others:
+        return collins_field(stop, points, wavelength, system, tolerance, engine)
+
+    def inner(nodes: Floats) -> FieldEstimate:
+        # errors on the stop add up in phase in the worst case
+        finer = max(0.1 * tolerance, _FINEST)
+        return _behind(others, before, nodes, wavelength, finer, engine)
+
     if _without_spread(system).all():
-        image = _image(lambda x: inner(points=x)[0] * _field_at(stop, x), 0.0, points, wavelength,
-                       system, how["double"])  # fmt: skip
-        _, *bounds = inner(points=points @ np.linalg.inv(system.A).T)
-        scale = math.sqrt(abs(np.linalg.det(system.A)))
-        return image[0], bounds[0] / scale, bounds[1] / scale
-    radiator = radiator_of(stop)
+        _, *bounds = inner(points @ np.linalg.inv(system.A).T)
+        image, scale = _image(
+            lambda x: inner(x)[0] * _field_at(stop, x), points, wavelength, system
+        )
+        return image, bounds[0] * scale, bounds[1] * scale
     bend, slopes, out = _waves_of(system, points, wavelength)
-    rate = _rate(radiator, others[-1] if others else source, before[-1], bend, slopes, wavelength)
+    rate = _rate(radiator_of(stop), others[-1], before[-1], bend, slopes, wavelength)
     sums, lattice = [], _Lattice(slopes / wavelength)
     for extra in _EXTRA:
         nodes, weights = _rule(stop, rate, extra, lattice)
-        there, error, _ = inner(points=nodes)
+        there, error, _ = inner(nodes)
         waves = weights * there * waves_of_turns(_turns(bend, nodes, wavelength))
         sums.append(lattice.summed(nodes, waves))
     size, passed = np.abs(out), np.abs(weights)
-    off: Floats = (
-        np.abs(sums[1] - sums[0]) + passed @ error + _CLOSED[how["double"]] * np.abs(sums[1])
-    )
+    off: Floats = np.abs(sums[1] - sums[0]) + passed @ error + _CLOSED * np.abs(sums[1])
     most = float(passed.sum() * abs(there).max())  # bound on the field of the stop
-    return out * sums[1], size * off, size * (how["tolerance"] * most)
+    return out * sums[1], size * off, size * (tolerance * most)
 
 
 def _rate(
@@ -465,7 +368,7 @@ def _rate(
     slopes: Floats,
     wavelength: float,
 ) -> float:
-    """Largest frequency [1/m] of the field on a stop times the waves to all points."""
+    """Return the highest frequency [1/m] of the field on a stop times the waves to all points."""
     inverse = np.linalg.inv(path.B)
     origin = radiator_of(previous)
     aside = slopes - (path.D @ inverse + bend) @ stop.centre + inverse.T @ origin.centre
@@ -550,7 +453,6 @@ def psf(
     pupil_radius: float | None = None,
     *,
     weights: ArrayLike | None = None,
-    precision: Precision = None,
     engine: Engine = "auto",
 ) -> Floats:
     """Compute the point spread function of a lens with a pupil of this shape.
@@ -577,7 +479,7 @@ def psf(
         See :func:`otf`.
     weights : array_like, shape (k,), optional
         Weights of the wavelengths, at least 0; equal by default.
-    precision, engine
+    engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.
 
     Returns
@@ -618,8 +520,7 @@ def psf(
         system = system @ FirstOrder([[1.0, 0.0], [bend, 1.0]])
     total: Any = 0.0
     for fraction, length in zip(fractions.tolist(), lengths.tolist(), strict=True):
-        total = total + fraction * field_behind(
-            source.at_wavelength(length), points, length, system, None, {},
-            squared=True, precision=precision, engine=engine,
-        )  # fmt: skip
+        part = source.at_wavelength(length)
+        field, error = field_behind(part, points, length, system, None, {}, engine)
+        total = total + fraction * squared_field(field, error)[0]
     return np.asarray(total / pupil.checked_energy(source))[()]

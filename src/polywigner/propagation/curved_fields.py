@@ -73,10 +73,11 @@ def summed_over_cells(
     terms: Callable[[_Part, Floats, Floats, float], Complex],
     components: tuple[int, ...] = (),
 ) -> tuple[Complex, Floats]:
-    """Return sums (n, *components) over a source at points (n, 3), and bounds on rounding (n,).
+    """Return an integral over a source at points (n, 3), and bounds on its rounding errors (n,).
 
-    ``terms(part, cells, points, wavelength)``: (k, nodes, *components) for cells (k, 3, 2) and
-    points (k, 3).
+    ``terms(part, cells, points, wavelength)`` returns the integrand times the weights of nodes,
+    (k, nodes, *components), for k cells (k, 3, 2) with one point each (k, 3). The integral has the
+    shape (n, *components).
     """
     values, sizes = np.zeros((len(points), *components), np.complex128), np.zeros(len(points))
     with with_progress("points", range(0, len(points), _POINTS)) as starts:
@@ -151,7 +152,7 @@ def _cells(
 def _are_small(
     wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
-    """Whether a cell has at most four cycles of phase, and at most twice its distance as length."""
+    """Whether cells have at most four cycles of phase, and are at most twice as long as distant."""
     sides = cells - np.roll(cells, 1, axis=1)
     size = np.linalg.norm(sides, axis=2).max(axis=1)
     away = cells - points[:, None, :2]
@@ -168,12 +169,13 @@ def _are_small(
 def field_at_nodes(
     wave: Wavefront, part: _Part, cells: Floats, wavelength: float, with_slopes: bool = False
 ) -> tuple[Floats, Complex, Complex]:
-    """Nodes (k, n, 2) of cells; field and normal derivative over ik there, (k, n), times weights.
+    """Return nodes (k, n, 2) of k cells, and the field and its normal derivative there, (k, n).
 
-    The derivative is zero unless ``with_slopes``.
+    Both are multiplied by the weights of the nodes. The derivative is divided by ik, and is zero
+    unless ``with_slopes``.
     """
-    shares, weights = _rule()
-    nodes = np.einsum("nc,kcd->knd", shares, cells)
+    coordinates, weights = _rule()
+    nodes = np.einsum("nc,kcd->knd", coordinates, cells)
     first, second = cells[:, 1] - cells[:, 0], cells[:, 2] - cells[:, 0]
     area = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
     inner = nodes - wave.centre
@@ -186,9 +188,9 @@ def field_at_nodes(
         field += here
         if with_slopes:
             slopes += here * direction_cosines(slope + kappa, wavelength)
-    share = area[:, None] * weights
-    field *= share
-    slopes *= share
+    scale = area[:, None] * weights
+    field *= scale
+    slopes *= scale
     return np.asarray(nodes), field, slopes
 
 
@@ -205,13 +207,13 @@ def _terms(
     k = 2 * math.pi / wavelength
     value = condition.slope * slopes
     value += condition.field * field * (height / reach) * (1 + 1j / (k * reach))
-    way = np.exp(2j * math.pi * (reach / wavelength)) / (1j * wavelength * reach)
-    return np.asarray(value * way)
+    wave_to_point = np.exp(2j * math.pi * (reach / wavelength)) / (1j * wavelength * reach)
+    return np.asarray(value * wave_to_point)
 
 
 @lru_cache(maxsize=1)
 def _rule() -> tuple[Floats, Floats]:
-    """Shares of the corners (n, 3), and weights (n,) of twice a triangle's area."""
+    """Barycentric coordinates (n, 3) of nodes, and weights (n,) that sum to 1/2."""
     x, w = np.polynomial.legendre.leggauss(_NODES)
     x, w = (x + 1) / 2, w / 2
     u, v = (a.ravel() for a in np.meshgrid(x, x, indexing="ij"))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.execution import Engine, Precision, checked_engine
+from polywigner.execution import Engine, checked_engine
 from polywigner.execution.choice import resolved
 from polywigner.geometry import Polyhedron, Wavefront
 from polywigner.geometry.arguments import (
@@ -88,7 +88,6 @@ class FieldOptions(StoreOptions, total=False):
     obstacles: Obstacle | Sequence[Obstacle] | None
     tolerance: float | None
     dtype: str
-    precision: Precision
     engine: Engine
     out: str | os.PathLike[str] | None
 
@@ -107,7 +106,7 @@ def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict
     """Return the unit and the settings of a variable."""
     from polywigner import __version__
 
-    defaults = {"engine": "auto", "precision": "double"}
+    defaults = {"engine": "auto"}
     if method in _WITH_OBLIQUITY:
         defaults["obliquity"] = DEFAULT
     units, long_name = _QUANTITIES[quantity]
@@ -304,7 +303,7 @@ def plane(
         exact method and a single wavelength.
     dtype : {"float64", "float32"}
         Type of the values. Amplitudes are complex, with parts of this type.
-    precision, engine : str, optional
+    engine : str, optional
         See :func:`fourier`.
     chunks : int, str or sequence, optional
         With chunks the result is lazy. dask accepts a number, a number for each axis, or "auto".

@@ -1,4 +1,4 @@
-"""Point sources with the field of a source, beyond a few wavelengths. Source: (B8).
+"""Point sources that replace a source beyond a few wavelengths. Source: (B8).
 
 The points are Gauss nodes over the bounds of the source. Their weights reproduce the far field of
 the source in the required directions. Lengths are in wavelengths.
@@ -20,6 +20,7 @@ from polywigner.execution import NumpyOperations
 from polywigner.geometry import Wavefront
 from polywigner.kernels.boundary.edge_waves import Point
 from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.nodes import gauss_legendre
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.propagation.boundary import Radiator, radiator_of
 from polywigner.propagation.curved_fields import cells_of_wave, field_at_nodes
@@ -95,7 +96,7 @@ def equivalent_grid(
             spectra = _spectra(source, waves, radiator.centre, wavelength, condition)
             if not spectra:
                 return None
-        x, y = (np.polynomial.legendre.leggauss(n)[0] for n in counts)
+        x, y = (gauss_legendre(n)[:, 0] for n in counts)
         weights = [_fitted(s, waves, (half[0] * x, half[1] * y), error) for s in spectra]
         if all(part is not None for part in weights):
             return EquivalentGrid((x, y), half, tuple(w for w in weights if w is not None))
@@ -119,7 +120,7 @@ def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
 def _spectra(
     source: Any, sines: list[Floats], centre: Floats, wavelength: float, condition: Obliquity
 ) -> list[Complex]:
-    """Far fields of the parts of a boundary condition: the field and the normal derivative.
+    """Return far fields of the parts of a boundary condition: field and normal derivative.
 
     In units of a square wavelength, relative to the centre.
     """
@@ -138,7 +139,7 @@ def _spectra(
 
 
 def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> Complex:
-    """Transform of the normal derivative of a curved wave, over ik."""
+    """Return the Fourier transform of the normal derivative of a curved wave, over ik."""
     total = np.zeros([len(s) for s in sines], np.complex128)
     for part, cells in cells_of_wave(wave, wavelength):
         for start in range(0, len(cells), _CELLS):
@@ -156,7 +157,7 @@ def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> 
 def _fitted(
     spectrum: Complex, sines: list[Floats], nodes: tuple[Floats, Floats], error: float
 ) -> Complex | None:
-    """Weights of a grid of nodes with this far field; None if their error is too large."""
+    """Fit weights of a grid of nodes to a far field; None if the error is too large."""
     waves = [np.exp(-2j * math.pi * np.outer(s, x)) for s, x in zip(sines, nodes, strict=True)]
     first, second = (np.linalg.pinv(wave, rcond=_ROUNDING) for wave in waves)
     weights = first @ spectrum @ second.T
@@ -168,7 +169,9 @@ def _fitted(
 
 
 def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
-    """Bounds on the sines of directions from a rectangle (2,) to (2,) at z = 0 to boxes (n, 2, 3).
+    """Bound the sines of directions from a rectangle at z = 0 to boxes (n, 2, 3).
+
+    ``low``, ``high``: corners (2,) of the rectangle.
 
     They are widened by the angular resolution of a source of this size.
     """

@@ -67,7 +67,7 @@ def far_field(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Complex:
-    """lim r exp(-i k r) U(r s) (...) at unit vectors s (..., 3): docs/patterns.md, (RP1).
+    """Return lim r exp(-i k r) U(r s) (...) at unit vectors s (..., 3): docs/patterns.md, (RP1).
 
     In m times the unit of u; zero where z < 0. complex64 in single precision.
     """
@@ -152,7 +152,7 @@ def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
 def powers_of(
     source: PlaneSource | Wavefront, wavelength: float, obliquity: str
 ) -> tuple[float, float]:
-    """The radiated power and int |u|^2, in W."""
+    """Return the radiated power and int |u|^2, in W."""
     power = power_by_lags(source, wavelength, obliquity)
     if power is None:
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -163,7 +163,7 @@ def powers_of(
 def _intensity(
     source: PlaneSource | Wavefront, directions: NDArray[np.float64], wavelength: float, name: str
 ) -> NDArray[np.float64]:
-    """Radiant intensity (n,) in W/sr at unit vectors (n, 3) of the front."""
+    """Return the radiant intensity (n,) in W/sr at unit vectors (n, 3) with z >= 0."""
     if not is_partly_coherent(source):
         return np.square(np.abs(far_field(source, directions, wavelength, name)))
     # the intensity has the factor cos, the default condition its square
@@ -334,7 +334,7 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
 def _of_elements(
     source: Any, wavelength: float, pattern: Any, polarisation: Any, how: dict[str, Any]
 ) -> FarField:
-    """The far field of an array of elements with a pattern from a file or a solver."""
+    """Return the far field of an array of elements with a pattern from a file or a solver."""
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
             "expected a phased_array with an element's pattern, got "
@@ -380,15 +380,12 @@ _MOST_WAVES = 4096
 def steered_direction(
     source: PlaneSource | Wavefront | None, wavelength: float, beam: tuple[float, float]
 ) -> tuple[float, float] | None:
-    """Return theta and phi to which a source is steered, in rad; None if it is not known.
+    """Return theta and phi to which a source is steered, in rad; None if they are unknown.
 
     A phased array is steered if the phases of its weights rise linearly, up to sign. An aperture is
     steered if its waves lie symmetrically about one wave, such as a real taper times a plane wave.
-
-    Parameters
-    ----------
-    beam : theta and phi of the beam. Among the directions to which the array is steered, up to
-        grating lobes, the result is the one next to it.
+    ``beam``: theta and phi of the beam. If grating lobes leave several directions, the function
+    returns the direction next to the beam.
     """
     if source is None or isinstance(source, Wavefront):
         return None

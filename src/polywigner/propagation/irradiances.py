@@ -8,17 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
-from polywigner.execution import Engine, Precision
+from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
-    checked_flag,
     checked_number,
     checked_wavelength,
     takes_frequency,
@@ -28,7 +27,7 @@ from polywigner.kernels import Kernel, kernel_for
 from polywigner.kernels.functions.slices import SliceSum
 from polywigner.kernels.kernel import Values
 from polywigner.optics import FirstOrder
-from polywigner.propagation.amplitudes import Obstacle, amplitude, shaped
+from polywigner.propagation.amplitudes import Obstacle, field_and_error
 from polywigner.propagation.boundary import radiator_of
 from polywigner.propagation.collins import (
     checked_points_behind,
@@ -79,22 +78,32 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 
 Floats = NDArray[np.float64]
 LightSource = Aperture | Array | Wavefront | Screen | PointSource
-Compute = Callable[[LightSource, float, ArrayLike], Any]
-"""Irradiance of a coherent source at a wavelength in m and points, or a pair with its error."""
+Compute = Callable[[LightSource, float, ArrayLike], Floats]
+"""Irradiance of a coherent source at a wavelength in m and points, and its error, (2, ...)."""
 
 # Irradiance below which errors are absolute, relative to the largest possible one (T2).
 _FLOOR = 1e-3
 _TOLERANCE = 1e-3
-# Smallest error of float32 kernels, relative to (T2).
-_SINGLE = 1e-5
-# Errors of means over tilts and wavelengths: as a fraction of the tolerance; and of exact fields.
+# Errors of means over tilts and wavelengths: as a fraction of the tolerance, and relative to the
+# largest irradiance for exact fields.
 _OF_MIXTURE, _OF_EXACT = 1e-4, 1e-7
 # Errors of shadows, as a fraction of the tolerance.
 _OF_SHADOWS = 0.1
-# Number of edges above which rays take seconds, and the exact field a hundredth of that.
+# Number of edges above which rays take seconds; the exact field takes a hundredth of the time.
 _MANY_EDGES = 50
 # Distance to the source in wavelengths below which rays are a rough approximation.
 _NEAREST = 2.0
+
+
+class IrradianceOptions(TypedDict, total=False):
+    """Keywords of :func:`irradiance`."""
+
+    through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None
+    obstacles: Obstacle | Sequence[Obstacle] | None
+    obliquity: ObliquityName | None
+    bandwidth: float | None
+    tolerance: float
+    engine: Engine
 
 
 @takes_frequency
@@ -108,12 +117,10 @@ def irradiance(
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
     obliquity: ObliquityName | None = None,
-    tolerance: float = _TOLERANCE,
-    return_error: bool = False,
     bandwidth: float | None = None,
-    precision: Precision = None,
+    tolerance: float = _TOLERANCE,
     engine: Engine = "auto",
-) -> Any:
+) -> Floats:
     """Compute the irradiance |U|^2 at points in front of a source.
 
     Wigner rays are the paper's method, an approximation to leading order: each position on the
@@ -135,8 +142,8 @@ def irradiance(
         the boundary condition that ``obliquity`` names. For outlines with many edges the exact
         field is a hundred times faster than rays (300 vertices, 50 points: 0.19 s, not 19.7 s).
     through : FirstOrder or sequence, optional
-        First-order systems and stops, as in :func:`amplitude`. The square of Collins' integral is
-        exactly the integral of W over all frequencies.
+        First-order systems and stops between source and points, as in :func:`amplitude`. The
+        square of Collins' integral is exactly the integral of W over all frequencies.
     obstacles : Polyhedron, placed Aperture or sequence, optional
         Bodies and plates whose shadows diffract, as in :func:`amplitude`. Requires "auto" or a
         method of :func:`amplitude`, and no ``bandwidth``.
@@ -145,28 +152,24 @@ def irradiance(
         a factor cos(theta) of no boundary condition. It applies to each pair of the waves of a
         field. It is also the obliquity of "fraunhofer", except "paper"; the other methods have a
         fixed one.
-    tolerance : float, default 1e-3
-        Error of the sum over rays, relative to the irradiance where that exceeds 1e-3 of the
-        largest irradiance that a source of this power and area can produce at that distance (T2),
-        else relative to 1e-3 of that; in single precision at least 1e-5 of the largest. It does
-        not include the error of the ray approximation (docs/propagation.md). Other methods are at
-        least as accurate as :func:`amplitude` by default; their means over partially coherent
-        light err by at most 1e-4 of the tolerance, at most 1e-7, of the largest irradiance.
-    return_error : bool, default False
-        Also return the estimated errors.
     bandwidth : float, optional
         Bandwidth in Hz of a flat spectrum about the wavelength's frequency (docs/coherence.md,
         (PC6)); by default the light has one wavelength.
-    precision, engine
+    tolerance : float, default 1e-3
+        Error of the sum over rays, relative to the irradiance where that exceeds 1e-3 of the
+        largest irradiance that a source of this power and area can produce at that distance (T2),
+        else relative to 1e-3 of that. It does not include the error of the ray approximation
+        (docs/propagation.md). Other methods are at least as accurate as :func:`amplitude` by
+        default; their means over partially coherent light err by at most 1e-4 of the tolerance,
+        at most 1e-7, of the largest irradiance.
+    engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.
 
     Returns
     -------
-    ndarray of float64, shape (...), or a pair of these with ``return_error``
+    ndarray of float64, shape (...)
         Irradiance in the unit of the source's |u|^2; by rays it can be slightly negative near
-        nulls. The estimated error is the difference between the last two rules. It is infinite
-        for points so near to the source that their rays pass between the nodes of every rule.
-        An ``xarray.DataArray`` of points gives a DataArray.
+        nulls. An ``xarray.DataArray`` of points gives a DataArray.
 
     Raises
     ------
@@ -184,56 +187,133 @@ def irradiance(
         If rays are not valid (points nearer than two wavelengths), if the tolerance is not met,
         and where :func:`amplitude` warns of fits.
 
+    See Also
+    --------
+    irradiance_with_error : The irradiance and an estimate of its error.
+
     Examples
     --------
     >>> import polywigner as pw
     >>> round(float(pw.irradiance(pw.shapes.square(10e-3), (0.0, 0.0, 0.1), 3.2e-3, "auto")), 4)
     0.0963
     """
+    return _irradiance_and_error(
+        source, points, wavelength, method, through=through, obstacles=obstacles,
+        obliquity=obliquity, bandwidth=bandwidth, tolerance=tolerance, engine=engine,
+    )[0]  # fmt: skip
+
+
+@takes_frequency
+@takes_xarray("points", units="W m-2", long_name="irradiance |U|^2", with_error=True)
+def irradiance_with_error(
+    source: Aperture | Array | Wavefront | Screen | PointSource,
+    points: ArrayLike,
+    wavelength: float,
+    method: str = "wigner",
+    **options: Unpack[IrradianceOptions],
+) -> tuple[Floats, Floats]:
+    """Compute the irradiance of :func:`irradiance` and an estimate of its error.
+
+    Parameters
+    ----------
+    source, points, wavelength, method, **options
+        See :func:`irradiance`.
+
+    Returns
+    -------
+    irradiance : ndarray of float64, shape (...)
+        See :func:`irradiance`.
+    error : ndarray of float64, shape (...)
+        Estimated error of each value: for rays the difference between the last two rules. It is
+        infinite for points so near to the source that their rays pass between the nodes of every
+        rule. Behind obstacles the estimate doubles the computing time.
+
+    Raises
+    ------
+    PolywignerError
+        See :func:`irradiance`.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> values, errors = pw.irradiance_with_error(pw.shapes.square(10e-3), (0, 0, 0.1), 3.2e-3)
+    >>> bool(errors < 1e-3 * values)
+    True
+    """
+    return _irradiance_and_error(source, points, wavelength, method, with_error=True, **options)
+
+
+def _irradiance_and_error(
+    source: LightSource,
+    points: ArrayLike,
+    wavelength: float,
+    method: str,
+    *,
+    through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
+    obstacles: Obstacle | Sequence[Obstacle] | None = None,
+    obliquity: ObliquityName | None = None,
+    bandwidth: float | None = None,
+    tolerance: float = _TOLERANCE,
+    engine: Engine = "auto",
+    with_error: bool = False,
+) -> tuple[Floats, Floats]:
+    """Return the irradiance (...) and its error; behind obstacles it requires ``with_error``."""
     checked_method(method, ("wigner", *METHODS, "auto"))
-    checked_flag(return_error, "return_error")
     allowed = checked_tolerance(tolerance)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
-    if obstacles is not None:
-        _check_shadowed(method, through, bandwidth)
+    if obstacles is not None and (method == "wigner" or not (through is None is bandwidth)):
+        raise ArgumentError(
+            "obstacles require one wavelength, no system of lenses, and another method than rays, "
+            f'got method={method!r} and bandwidth={bandwidth!r}; use method="auto" alone'
+        )
+
+    def compute(part: LightSource, length: float, positions: ArrayLike) -> Floats:
+        if through is not None:
+            others = {"method": None if method in ("wigner", "auto", "fresnel") else method}
+            field = field_behind(
+                part, positions, length, through, None if allowed == _TOLERANCE else allowed,
+                {**others, "obliquity": obliquity}, engine,
+            )  # fmt: skip
+            return np.stack(squared_field(*field))
+        return np.stack(
+            _in_free_space(
+                part, positions, length, method, obstacles, obliquity, allowed, engine, with_error
+            )
+        )
+
     by_lags = through is None and method == "wigner" and _has_closed_form(source, obliquity)
     has_tilts = is_partly_coherent(source) and not by_lags
-    run: dict[str, Any] = {"precision": precision, "engine": engine}
-    if bandwidth is not None or has_tilts:
+    if bandwidth is None and not has_tilts:
+        values, errors = compute(source, wavelength, points)
+        return values, errors
+    error = (_OF_SHADOWS if obstacles is not None else _OF_MIXTURE) * allowed
+    if obstacles is None and method != "wigner":
+        error = min(error, _OF_EXACT)
+    name = obliquity_of(obliquity).name if method == "auto" else method
+    total: Any = 0.0
+    for part, length, weight in _band(source, wavelength, bandwidth, error):
+        mean: Floats | None = None
+        if has_tilts and obstacles is None:
+            mean = _of_shared_samples(compute, part, points, length, name, through, error)
+        if mean is None:
+            tilted = _tilted(part, error) if has_tilts else [(part, 1.0)]
+            mean = np.asarray(sum(w * compute(s, length, points) for s, w in tilted))
+        total = total + weight * mean
+    return total[0], total[1]
 
-        def compute(part: LightSource, length: float, positions: ArrayLike) -> Any:
-            return irradiance(
-                part, positions, length, method, through=through, obstacles=obstacles,
-                obliquity=obliquity, tolerance=tolerance, return_error=return_error, **run,
-            )  # fmt: skip
 
-        error = _OF_MIXTURE * allowed
-        if obstacles is not None:
-            error = _OF_SHADOWS * allowed
-        elif method != "wigner":
-            error = min(error, _OF_EXACT)
-        total: Any = 0.0
-        for part, length, weight in _band(source, wavelength, bandwidth, error):
-            values: Any = None
-            if has_tilts:
-                if obstacles is None:
-                    name = obliquity_of(obliquity).name if method == "auto" else method
-                    values = _of_shared_samples(
-                        compute, part, points, length, name, through, error, return_error
-                    )
-                if values is None:
-                    tilted = _tilted(part, error)
-                    values = sum(w * np.asarray(compute(s, length, points)) for s, w in tilted)
-            else:
-                values = compute(part, length, points)
-            total = total + weight * np.asarray(values)
-        return (total[0][()], total[1][()]) if return_error else total[()]
-    if through is not None:
-        others = {"method": None if method in ("wigner", "auto", "fresnel") else method}
-        return field_behind(
-            source, points, wavelength, through, None if allowed == _TOLERANCE else allowed,
-            {**others, "obliquity": obliquity}, squared=True, return_error=return_error, **run,
-        )  # fmt: skip
+def _in_free_space(
+    source: LightSource,
+    points: ArrayLike,
+    wavelength: float,
+    method: Any,
+    obstacles: Obstacle | Sequence[Obstacle] | None,
+    obliquity: Any,
+    allowed: float,
+    engine: Engine,
+    with_error: bool,
+) -> tuple[Floats, Floats]:
+    """Return the irradiance (...) of one wavelength without a system, and its error."""
     if method == "auto":
         condition = obliquity_of(obliquity)
         is_exact = condition.is_boundary_condition
@@ -242,15 +322,16 @@ def irradiance(
         method = DEFAULT  # rays of a point source carry |exp(ikR)/R|^2 exactly
     if method != "wigner":
         if obstacles is not None:
-            run |= {"tolerance": max(_OF_SHADOWS * allowed, LEAST_TOLERANCE)}
-        elif not isinstance(source, PointSource):
-            if not isinstance(source, Screen):
+            tolerance = max(_OF_SHADOWS * allowed, LEAST_TOLERANCE)
+        else:
+            tolerance = min(allowed, DEFAULT_TOLERANCE)
+            if not isinstance(source, (Screen, PointSource)):
                 source = checked_radiator(source)
-            if allowed < DEFAULT_TOLERANCE[precision != "single"]:
-                run |= {"tolerance": allowed}
-        return _squared(
-            source, points, wavelength, method, return_error,
-            {"obstacles": obstacles, "obliquity": obliquity, **run},
+        return squared_field(
+            *field_and_error(
+                source, points, wavelength, method, obstacles=obstacles, obliquity=obliquity,
+                tolerance=tolerance, engine=engine, with_error=with_error,
+            )
         )  # fmt: skip
     length = checked_wavelength(wavelength)
     if isinstance(source, Screen):
@@ -258,24 +339,12 @@ def irradiance(
             "Wigner rays are not available behind a Screen; use another method, such as "
             f"method={DEFAULT!r}"
         )
-    radiator = checked_radiator(source, partly=by_lags)
+    radiator = checked_radiator(source, partly=_has_closed_form(source, obliquity))
     positions = checked_points(points)
     flat = positions.reshape(-1, 3)
-    values, errors = _by_rays(radiator, flat, length, obliquity, allowed, **run)
-    return shaped(values, errors, positions, return_error)
-
-
-def _check_shadowed(method: str, through: object, bandwidth: float | None) -> None:
-    """Raise ArgumentError for options that fields behind obstacles do not have."""
-    if through is not None:
-        raise ArgumentError(
-            "fields with obstacles have no system of lenses; leave through or obstacles out"
-        )
-    if method == "wigner" or bandwidth is not None:
-        raise ArgumentError(
-            "obstacles require one wavelength and another method than rays, got "
-            f'method={method!r} and bandwidth={bandwidth!r}; use method="auto"'
-        )
+    values, errors = _by_rays(radiator, flat, length, obliquity, allowed, engine)
+    shape = positions.shape[:-1]
+    return values.reshape(shape)[()], errors.reshape(shape)[()]
 
 
 def _has_closed_form(source: LightSource, obliquity: ObliquityName | None) -> bool:
@@ -286,23 +355,6 @@ def _has_closed_form(source: LightSource, obliquity: ObliquityName | None) -> bo
     if not is_partly_coherent(source) or obliquity_of(obliquity).needs_normal_derivative:
         return False
     return isinstance(source, Wavefront) and kernels.partly_coherent_kernel(source) is not None
-
-
-def _squared(
-    source: LightSource,
-    points: ArrayLike,
-    wavelength: float,
-    method: Any,
-    return_error: bool,
-    options: dict[str, Any],
-) -> Floats | tuple[Floats, Floats]:
-    """Return |U|^2 of :func:`amplitude`, and with ``return_error`` its error."""
-    if options["obstacles"] is not None and not return_error:  # the error doubles the time
-        field = amplitude(source, points, wavelength, method, **options)
-        return np.asarray(np.abs(field) ** 2, np.float64)[()]
-    field, error = amplitude(source, points, wavelength, method, return_error=True, **options)
-    values, errors = squared_field(field, error)
-    return (values, errors) if return_error else values
 
 
 def checked_tolerance(tolerance: float) -> float:
@@ -321,7 +373,7 @@ def checked_tolerance(tolerance: float) -> float:
 def mixture_parts(
     source: Aperture | Array | Wavefront, wavelength: float, bandwidth: float | None, error: float
 ) -> Iterator[tuple[Aperture | Array | Wavefront, float, float]]:
-    """Coherent sources, wavelengths in m and weights, whose mean is the mixture of waves.
+    """Yield coherent sources, wavelengths in m and weights, whose mean is the mixture of waves.
 
     ``error``: error of the mean, relative to the largest possible irradiance.
     """
@@ -360,11 +412,16 @@ def _of_shared_samples(
     method: str,
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None,
     error: float,
-    return_error: bool,
-) -> list[Floats] | Floats | None:
-    """Irradiance of partially coherent light of one wavelength; None: take the mean over tilts."""
+) -> Floats | None:
+    """Return the irradiance of partially coherent light and its error, (2, ...).
+
+    None: the mean over tilts is faster.
+    """
     checked_radiator(source, partly=True)
-    systems, stops = ([], []) if through is None else systems_and_stops(through)
+    systems: Sequence[FirstOrder | None] = [None]
+    stops: Sequence[object] = []
+    if through is not None:
+        systems, stops = systems_and_stops(through)
     if stops or (through is None and method == "wigner"):
         return None
     positions = checked_points(points) if through is None else checked_points_behind(points)
@@ -373,15 +430,10 @@ def _of_shared_samples(
         return None
 
     def fields(part: Any, samples: Floats) -> Floats:
-        values = compute(part, wavelength, samples)
-        return np.asarray(values if return_error else [values])
+        return compute(part, wavelength, samples)
 
-    system = systems[0] if systems else None
-    results = partly_coherent_irradiance(fields, source, flat, wavelength, method, system, error)
-    if results is None:
-        return None
-    values = [part.reshape(positions.shape[:-1]) for part in results]
-    return values[:2] if return_error else values[0]
+    result = partly_coherent_irradiance(fields, source, flat, wavelength, method, systems[0], error)
+    return None if result is None else result.reshape(2, *positions.shape[:-1])
 
 
 # ---- Wigner rays ---------------------------------------------------------------------------------
@@ -408,10 +460,9 @@ def _by_rays(
     wavelength: float,
     obliquity: ObliquityName | None,
     allowed: float,
-    precision: Precision,
     engine: Engine,
 ) -> tuple[Floats, Floats]:
-    """Irradiance by Wigner rays and its estimated error, (n,), at points (n, 3)."""
+    """Return the irradiance by Wigner rays and its estimated error, (n,), at points (n, 3)."""
     condition, flat = obliquity_of(obliquity), flat_source(source)
     curved: tuple[float, ...] = ()
     if isinstance(source, Wavefront) and not source.is_flat:
@@ -419,7 +470,6 @@ def _by_rays(
         curved = (xx, xy, yy, *source.centre.tolist())
         check_slopes(source, condition.name)
     execution.checked_engine(engine)
-    double = execution.checked_precision(precision) != "single"
     terms = []
     for part, forms in condition.terms(flat, wavelength):
         if is_partly_coherent(source):
@@ -444,14 +494,14 @@ def _by_rays(
         total = np.zeros(len(some))
         for kernel, part, constants in terms:
             total += execution.evaluate_sums(
-                kernel, part, *rule, some, constants, double=double, engine=engine
+                kernel, part, *rule, some, constants, double=True, engine=engine
             )
         return total
 
     area = sum(element.area for element in flat.elements_in_plane)
     reach = wavelength * radiator.distance_of_centre(points)
     largest = energy_of(flat) / area * np.minimum(1.0, (area / reach) ** 2)  # (T2)
-    floor = (_FLOOR if double else max(_FLOOR, _SINGLE / allowed)) * largest
+    floor = _FLOOR * largest
     values, errors = np.zeros(len(points)), np.zeros(len(points))
     rates = _phase_rates(flat, wavelength, points, curved)
     steps = np.ceil(rates * wavelength / _RATE_STEP)
@@ -464,7 +514,7 @@ def _by_rays(
         )
     if not (errors <= allowed * np.maximum(np.abs(values), floor)).all():
         warn_caller(
-            "the tolerance is not met at all points; return_error=True returns the errors, and "
+            "the tolerance is not met at all points; irradiance_with_error returns the errors, and "
             "method='auto' the exact field"
         )
     return values, errors
@@ -510,10 +560,10 @@ def _along_rays(base: Kernel) -> Kernel:
 
 
 def _coarse_triangles(source: PlaneSource) -> Triangles:
-    """Triangles of the automean that kinks of W cross.
+    """Return triangles of the automean for sources with too many kinks of W.
 
-    The gradient of W is continuous across most kinks, so that errors of the rules fall as the
-    fourth power of the size of a triangle.
+    Kinks cross these triangles. The gradient of W is continuous across most kinks, so the errors of
+    Gauss rules fall as the fourth power of the size of a triangle.
     """
     return quartered(triangulated(list(mutual_support(source).polygons.geoms)))
 
@@ -527,7 +577,7 @@ def _refined_sums(
     tolerance: float,
     floor: Floats,
 ) -> tuple[Floats, Floats]:
-    """Irradiance and error estimates (n,): rules are refined until all points are settled.
+    """Return irradiance and error estimates (n,), from rules refined until all points are settled.
 
     The allowed error is ``tolerance`` times the irradiance or ``floor`` (n,), if that is larger.
     ``clearance`` (n,): distances from the source. The integrand has singularities at complex
@@ -570,7 +620,7 @@ def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
 def _phase_rates(
     source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
 ) -> Floats:
-    """Largest |nu - kappa| of the rays to each point, in cycles per metre, kappa of any wave."""
+    """Return the largest |nu - kappa| over rays to each point and waves kappa, in 1/m."""
     xmin, ymin, xmax, ymax = source.bounds
     corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
     rays = points[:, None, :2] - corners

@@ -34,12 +34,12 @@ from polywigner.transforms import ambiguity
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Channel = Floats | None
-"""Part of a field: None for the field itself, the frequency (2,) of a wave for its slope."""
+"""Part of a field: None for the field, or a wave's frequency (2,) for its normal derivative."""
 
 # Largest lag in coherence widths: beyond, the degree of coherence is below 1e-10.
 _LONGEST = 6.8
 # Error of a wave in the coarsest rule; frequency of the degree of coherence times the width; and
-# additional nodes of the rules, which are tried until two of them agree.
+# additional nodes of finer rules, which are tried until two successive rules agree.
 _ERROR, _OF_NORMAL, _LEVELS = 1e-7, 0.48, (0, 2, 5, 10, 18)
 # Largest numbers of kink segments that are cut into cells, and of lags behind systems.
 _MOST_KINKS, _MOST_NODES = 2000, 1 << 20
@@ -101,9 +101,10 @@ def _lag_cells(source: Wavefront) -> Trapezoids:
 def summed_over_lags(
     source: Wavefront, points: Floats, wavelength: float, system: FirstOrder, error: float
 ) -> Floats | None:
-    """Irradiance (n,) at points (n, 2) behind a system by (PC10); None: too many nodes, or B = 0.
+    """Return the irradiance (n,) at points (n, 2) behind a system by (PC10).
 
-    ``error`` is relative to the largest irradiance.
+    None for an image (B = 0) and for too many nodes. ``error`` is relative to the largest
+    irradiance.
     """
     determinant = abs(float(np.linalg.det(system.B)))
     if not determinant > 0.0:
@@ -138,7 +139,7 @@ def summed_over_lags(
 
 # Time [ns] of a pair for each point, and of the intersection of two outlines, for each vertex.
 _PAIR, _CUT = 60.0, 2e4
-# Time of the coarsest rule and of the next one, which checks it, over that of the coarsest rule.
+# Time of the coarsest rule and of the next rule, which checks it, over the time of the coarsest.
 _TWO_RULES = 2.5
 # Standard deviations of the tilts, beyond which waves may graze the plane; error of means over
 # tilts.
@@ -148,7 +149,7 @@ _LAGS, _PAIRS, _POINTS = 256, 1 << 12, 4
 
 
 def channels_of(source: Wavefront, condition: Obliquity) -> list[Channel]:
-    """Return the parts of the field that a boundary condition takes."""
+    """Return the parts of the field that a boundary condition depends on."""
     channels: list[Channel] = [None] if condition.field else []
     return channels + (list(normal_form(source).frequencies) if condition.slope else [])
 
@@ -230,7 +231,7 @@ def summed_over_pairs(
 
 
 def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength: float) -> Complex:
-    """Means of p_a p_b* exp(2 pi i t.xi) over tilts t, (a, b, lags), for lags xi (n, 2).
+    """Return means of p_a p_b* exp(2 pi i t.xi) over tilts t, (a, b, n), for lags xi (n, 2).
 
     The normal derivative of a wave kappa with the tilt t is ik p_z(kappa + t) times the wave. For
     the field itself p is 1.
@@ -254,7 +255,7 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
 def _pairs(
     one: SourceElement, other: SourceElement, lags: Floats, rates: Floats, extra: int
 ) -> tuple[Floats, Floats, NDArray[np.intp]]:
-    """Mean positions (n, 2) of points on two elements, weights (n,), and indices (n,) of lags."""
+    """Return midpoints (n, 2) of pairs of points, weights (n,), and indices (n,) of lags."""
     common = shapely.intersection(_shifted(one, -lags / 2), _shifted(other, lags / 2))
     parts, lag_of_part = shapely.get_parts(common, return_index=True)
     has_area = shapely.area(parts) > 0
@@ -275,7 +276,7 @@ def _shifted(element: SourceElement, shifts: Floats) -> NDArray[np.object_]:
 def _sum_of_waves(
     points: Floats, means: Floats, lags: Floats, mutual: Complex, condition: Obliquity, k: float
 ) -> Floats:
-    """Sum (n,) at points (n, 3) of waves from m pairs with mutual intensities (c, c, m)."""
+    """Return the sum (n,) at points (n, 3) over m pairs with mutual intensities (c, c, m)."""
     total = np.zeros(len(points))
 
     def factors(z: Floats, distance: Floats, k: float) -> list[Complex | float]:

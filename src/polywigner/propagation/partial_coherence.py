@@ -43,7 +43,7 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 Compute = Callable[[Any, Floats], Floats]
-"""Irradiances (k, n) of a coherent source at n points, k = 2 with errors."""
+"""Irradiance of a coherent source at n points, and its error, (2, n)."""
 
 
 def partly_coherent_irradiance(
@@ -55,9 +55,10 @@ def partly_coherent_irradiance(
     system: FirstOrder | None,
     error: float,
 ) -> Floats | None:
-    """Irradiance (k, n) at points (n, 2) behind a system, or (n, 3); None: take a mean over tilts.
+    """Return the irradiance and its error (2, n) of partially coherent light at n points.
 
-    ``error``: error of the mean, relative to the largest irradiance.
+    Points are (n, 2) behind a system, else (n, 3). None: the mean over tilts is faster. ``error``:
+    error of the mean, relative to the largest irradiance.
     """
     if system is not None or method == "fresnel":
         return _in_parabolic_waves(compute, source, points, wavelength, system, error)
@@ -161,7 +162,7 @@ def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
 def _convolution(
     points: Floats, blur: _Blur, error: float
 ) -> tuple[Floats, Callable[[Floats], Floats]] | None:
-    """Nodes (m, 2) for points (n, 2), and the means (k, n) of values (k, m) at the nodes.
+    """Return nodes (m, 2) for points (n, 2), and a function from values (k, m) to means (k, n).
 
     The rule is the trapezoidal rule on a lattice that the points share, or Gauss-Hermite's rule
     at each point, whichever has fewer nodes; None if both have too many. ``error``: relative to
@@ -208,7 +209,7 @@ def _convolution(
 
 
 class _LatticeAxis(NamedTuple):
-    """Nodes (m,) along an axis; indices (n, k) of those near to each point, and their weights."""
+    """Nodes (m,) along an axis; indices (n, k) and weights of the k nodes near to each point."""
 
     nodes: Floats
     near: Indices
@@ -268,7 +269,7 @@ class _TiltAxis(NamedTuple):
     """(half + 1,) weights of the tilts from 0 on."""
 
     def tilts(self, is_even: bool) -> tuple[Floats, Floats]:
-        """Return tilts and weights; those of cosines, then of sines, if the terms are even in t."""
+        """Return tilts and weights; for terms even in t, of cosines and then of sines."""
         tilts = self.step * np.arange(self.half + 1)
         if is_even:
             both = np.where(tilts > 0.0, 2.0, 1.0) * self.weights
@@ -299,9 +300,10 @@ class _TiltSum(NamedTuple):
 def _in_spherical_waves(
     source: Wavefront, points: Floats, wavelength: float, condition: Obliquity, error: float
 ) -> Floats | None:
-    """Irradiance (n,) at points (n, 3) by the fastest sum; None: the field of each tilt is faster.
+    """Return the irradiance (n,) at points (n, 3) by the sum with the shortest estimated time.
 
-    Sums over tilts, (Q7), over pairs, (PC11), and boundary integrals for each tilt are compared.
+    The candidates are sums over tilts (Q7), sums over pairs (PC11), and a boundary integral for
+    each tilt; None for the latter.
     """
     tail = math.sqrt(2 * math.log(8 / error))
     reaches = _sides(source) / source.coherence_width + tail
@@ -379,10 +381,10 @@ def _trapezoids(outline: Aperture) -> Trapezoids:
 
 
 def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Complex:
-    """Channels of the fields of all tilts at p points: (channels, t_y, t_x, p).
+    """Return the channels of the fields of all tilts at p points, (channels, t_y, t_x, p).
 
-    The tilts are cosines and then sines of tilts t >= 0, along both axes. ``counts``: rows and
-    nodes on a row of the trapezoids of each element.
+    Along both axes the field is multiplied by cosines and then sines of tilts t >= 0. ``counts``:
+    numbers of rows, and of nodes on a row, of the trapezoids of each element.
     """
     along_x, along_y = rule.axes
     channels = len(rule.channels)
@@ -412,7 +414,7 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
 def _samples(
     rule: _TiltSum, element: SourceElement, x: Floats, y: Floats, weights: Floats, points: Floats
 ) -> Complex:
-    """Channels of the field at nodes times the waves to points (p, 3): (channels, m, n, p).
+    """Return channels of the field at nodes times waves to points (p, 3): (channels, m, n, p).
 
     The nodes have coordinates ``x`` (m, n) and ``y`` (m,) and ``weights`` (m, n).
     """
@@ -420,7 +422,7 @@ def _samples(
     px, py, z = points.T
     squares = (x[..., None] - px) ** 2 + ((y[:, None] - py) ** 2)[:, None]
     distance = np.sqrt(squares + z * z)
-    # phase relative to that of the height, which loses no digits
+    # the phase of the distance beyond the height, without cancellation
     cycles = squares / ((distance + z) * wavelength)
     cycles -= np.rint(cycles)
     cycles *= 2 * math.pi
@@ -461,7 +463,7 @@ def _waves(x: Floats, axis: _TiltAxis) -> Floats:
 
 
 def _of_both_signs(sums: Complex, axis: int) -> Complex:
-    """Sums over waves exp(2 pi i x t) of both signs of t, from those over cosines and sines."""
+    """Return sums over exp(2 pi i x t) for both signs of t from sums over cosines and sines."""
     cosines, sines = np.split(sums, 2, axis=axis)
     sines = 1j * sines
     negative = np.flip(cosines - sines, axis).take(range(cosines.shape[axis] - 1), axis)
@@ -469,7 +471,7 @@ def _of_both_signs(sums: Complex, axis: int) -> Complex:
 
 
 def _product(table: Floats, values: Complex) -> Complex:
-    """The matrix product, in pieces that BLAS computes on one thread.
+    """Return the matrix product, in pieces that BLAS computes on one thread.
 
     Synchronising its threads takes longer than such products on a busy machine.
     """

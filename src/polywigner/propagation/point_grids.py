@@ -45,7 +45,7 @@ def checked_phi(values: Any) -> Angles:
 
 
 def angle_axes(theta: Angles, phi: Angles) -> dict[str, xarray.Variable]:
-    """Coordinates theta and phi in rad of a dataset."""
+    """Return the coordinates theta and phi in rad of a dataset."""
     axes = {"theta": (theta, "angle from z"), "phi": (phi, "angle from x")}
     return {
         name: labelled_array(values, (name,), {"units": "rad", "long_name": meaning})
@@ -54,7 +54,7 @@ def angle_axes(theta: Angles, phi: Angles) -> dict[str, xarray.Variable]:
 
 
 def unit_vectors(theta: Angles, phi: Angles) -> NDArray[np.float64]:
-    """(n, m, 3) of all angles (n,) from the z axis and (m,) from the x axis."""
+    """Return unit vectors (n, m, 3) at angles (n,) from the z axis and (m,) from the x axis."""
     sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
     # cos(pi/2) is 6e-17, and the horizon belongs to both sides
     cosine = np.where(np.abs(cosine) < 1e-15, 0.0, cosine)
@@ -80,11 +80,11 @@ Method = Literal[BoundaryCondition, "fresnel", "fraunhofer"]
 METHODS: tuple[str, ...] = get_args(Method)
 """Methods for a field, an amplitude with a phase."""
 
-DEFAULT_TOLERANCE = {True: 1e-9, False: 1e-5}
-"""Relative errors of fields, in double (True) and in single precision."""
+DEFAULT_TOLERANCE = 1e-9
+"""Relative error of fields."""
 
-# Smallest tolerances, some tens of rounding errors.
-_LEAST = {True: 1e-13, False: 1e-6}
+# Smallest tolerance, some tens of rounding errors.
+_LEAST = 1e-13
 
 
 def checked_coordinates(points: Any, expected: str, *shape: int) -> NDArray[np.float64]:
@@ -116,26 +116,22 @@ def checked_points(points: Any) -> NDArray[np.float64]:
     return array
 
 
-def checked_amplitude_tolerance(tolerance: float | None, double: bool) -> float:
+def checked_amplitude_tolerance(tolerance: float | None) -> float:
     """Return a tolerance that :func:`amplitude` can meet; raise ArgumentError for others."""
-    hint = "" if double else '; precision="double" has 1e-13'
-    return tolerance_from(tolerance, DEFAULT_TOLERANCE[double], _LEAST[double], hint=hint)
+    return tolerance_from(tolerance, DEFAULT_TOLERANCE, _LEAST)
 
 
-def tolerance_from(
-    tolerance: float | None, default: float, least: float, where: str = "", hint: str = ""
-) -> float:
+def tolerance_from(tolerance: float | None, default: float, least: float, where: str = "") -> float:
     """Return a number from ``least`` to 0.1, or the default; raise ArgumentError for others.
 
-    The message contains ``where`` this range applies, and a ``hint`` for smaller numbers.
+    The message contains ``where`` this range applies.
     """
     if tolerance is None:
         return default
     meaning = f"a number from {least:g} to 0.1{where}"
     number = checked_number(tolerance, "tolerance", meaning)
     if not least <= number <= 0.1:
-        hint = "" if number > 0.1 else hint
-        raise ArgumentError(f"expected tolerance as {meaning}, got {value_text(tolerance)}{hint}")
+        raise ArgumentError(f"expected tolerance as {meaning}, got {value_text(tolerance)}")
     return number
 
 
@@ -151,7 +147,7 @@ def warn_of_missed(errors: NDArray[np.float64], allowed: NDArray[np.float64], wh
         worst = float((errors[missed] / allowed[missed]).max())
         warn_caller(
             f"{int(missed.sum())} of {len(errors)} {what} miss the tolerance, the worst by a "
-            f"factor of {worst:.3g}; see return_error=True, or allow a larger tolerance"
+            f"factor of {worst:.3g}; allow a larger tolerance"
         )
 
 
@@ -281,7 +277,7 @@ def _straight_grid(
 
 
 def _span(low: float, high: float, count: int) -> Values:
-    """Values with both ends included; the midpoint if ``count`` is 1."""
+    """Return values with both ends included; the midpoint if ``count`` is 1."""
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -30,11 +30,9 @@ Rule = tuple[Floats, Floats]
 # Nodes along a side per cycle of the phase of W, which oscillates at twice the frequency. Gauss
 # rules converge above pi/2 nodes per cycle of the integrand.
 NODES_PER_CYCLE = 3.5
-# Rules with more nodes consist of equal panels of half as many, whose nodes are faster to compute.
-_MOST_IN_ONE = 200
 # Pairs of edges and heights per block.
 _BATCH = 1 << 20
-# Additional nodes for a pole off the plane, times arcsinh of its distance over half of the size.
+# Additional nodes near a pole off the plane, times arcsinh of (its distance over half the size).
 _POLE = 4.0
 
 
@@ -72,8 +70,17 @@ def rule_by_triangles(
 ) -> tuple[Floats, Floats, Indices]:
     """Return the rule of :func:`gauss_rule`, and the index (n,) of the triangle of each node."""
     corners, long, short = _from_apex(triangles)
-    counts = _counts(long, short, rate, extra).astype(int)
-    nodes, weights, owners = zip(*_by_counts(corners, counts), strict=True)
+    counts = _counts(long, short, rate, extra).astype(np.intp)
+    nodes, weights, owners = [], [], []
+    for shared in np.unique(counts, axis=0):
+        members = np.flatnonzero((counts == shared).all(axis=1))
+        (u, of_u), (v, of_v) = (_unit_rule(count) for count in shared.tolist())
+        apex, first, second = corners[members].transpose(1, 0, 2)[:, :, None, None]
+        along = first - apex + v[:, None] * (second - first)
+        nodes.append((apex + u[:, None, None] * along).reshape(-1, 2))
+        on_unit = np.outer(of_u * u, of_v).ravel()
+        weights.append(np.outer(2 * areas(corners[members]), on_unit).ravel())
+        owners.append(np.repeat(members, len(on_unit)))
     return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
 
 
@@ -102,39 +109,12 @@ def areas(triangles: Triangles) -> Floats:
 
 
 def _from_apex(triangles: Triangles) -> tuple[Triangles, Floats, Floats]:
-    """Corners with that opposite to the shortest side first; longest and shortest sides."""
+    """Return corners, starting opposite to the shortest side; longest sides; shortest sides."""
     sides = np.linalg.norm(triangles[:, (1, 2, 0)] - triangles[:, (2, 0, 1)], axis=-1)
     apex = sides.argmin(axis=1)
     order = (apex[:, None] + np.arange(3)) % 3
     corners = np.take_along_axis(triangles, order[:, :, None], axis=1)
     return corners, sides.max(axis=1), sides.min(axis=1)
-
-
-def _by_counts(
-    corners: Triangles, counts: NDArray[np.int_]
-) -> Iterator[tuple[Floats, Floats, Indices]]:
-    for count in np.unique(counts, axis=0):
-        owners = np.flatnonzero((counts == count).all(axis=1))
-        chosen = corners[owners]
-        u, u_weights = _legendre(int(count[0]))
-        v, v_weights = _legendre(int(count[1]))
-        apex, first = chosen[:, None, None, 0], chosen[:, None, None, 1]
-        second = chosen[:, None, None, 2]
-        u, v = u[:, None, None], v[None, :, None]
-        nodes = apex + u * (first - apex + v * (second - first))
-        weights = (u_weights * u[:, 0, 0])[:, None] * v_weights
-        per_triangle = weights.size
-        weights = 2 * areas(chosen)[:, None] * weights.reshape(1, -1)
-        yield nodes.reshape(-1, 2), weights.ravel(), np.repeat(owners, per_triangle)
-
-
-@lru_cache(maxsize=256)
-def _legendre(count: int) -> Rule:
-    """Nodes and weights on [0, 1]; for large counts, slightly more than ``count``."""
-    panels = 1 if count <= _MOST_IN_ONE else -(-2 * count // _MOST_IN_ONE)
-    nodes, weights = np.polynomial.legendre.leggauss(-(-count // panels))
-    scaled = (np.arange(panels)[:, None] + (nodes + 1) / 2) / panels
-    return scaled.ravel(), np.tile(weights / (2 * panels), panels)
 
 
 # ---- triangles where W is smooth -----------------------------------------------------------------
@@ -147,7 +127,7 @@ _COUNTED = 256
 
 @lru_cache(maxsize=64)
 def _kinks(source: Aperture | Array) -> Floats | None:
-    """The segments (T1) without repetitions, (m, 2, 2) ends; None if there may be too many."""
+    """Return the ends (m, 2, 2) of the kink segments (T1) without repetitions; None: too many."""
     form = normal_form(source)
     elements, means = form.in_plane.elements, np.zeros((1, 2))
     grid = 0.0
@@ -169,9 +149,9 @@ def _kinks(source: Aperture | Array) -> Floats | None:
 
 
 def _distinct(segments: Floats, grid: float) -> Floats:
-    """Segments (n, 2, 2) without repetitions, coordinates rounded to the grid.
+    """Round segments (n, 2, 2) to the grid and remove repetitions and points.
 
-    Segments of opposite directions are equal; those that shrink to a point are left out.
+    Segments of opposite directions are equal.
     """
     steps = np.rint(segments / grid)
     order = np.lexsort((steps[..., 1], steps[..., 0]), axis=1)
@@ -213,7 +193,10 @@ def smooth_triangles(source: Aperture | Array) -> Triangles:
 
 
 def trapezoids_of(polygons: Polygons) -> tuple[Trapezoids, Indices]:
-    """Trapezoids that tile polygons, between the heights of vertices, and indices of polygons."""
+    """Return trapezoids that tile polygons, and the index of the polygon of each.
+
+    The parallel sides lie at the heights of vertices.
+    """
     rings, of_ring = shapely.get_rings(polygons, return_index=True)
     vertices, ring = shapely.get_coordinates(rings, return_index=True)
     is_edge = ring[1:] == ring[:-1]
@@ -233,7 +216,7 @@ def trapezoids_of(polygons: Polygons) -> tuple[Trapezoids, Indices]:
 
 
 def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
-    """Trapezoids of polygons with equal numbers of edges, (n, m, 2, 2); indices of polygons."""
+    """Return trapezoids of n polygons with m edges each, (n, m, 2, 2), and indices of polygons."""
     (x, y), (end_x, end_y) = edges.transpose(2, 3, 0, 1)[..., None, :]
     heights = np.sort(y[:, 0])
     low, high = heights[:, :-1, None], heights[:, 1:, None]
@@ -251,10 +234,10 @@ def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
 def node_counts(
     trapezoids: Trapezoids, rates: Floats, error: float, nearest: float = math.inf
 ) -> Indices:
-    """Numbers of rows of trapezoids and of nodes on a row, (n, 2).
+    """Return the number of rows, and of nodes on a row, for each of n trapezoids, (n, 2).
 
-    ``rates`` : (2,) or (n, 2) largest frequencies of the integrand along x and y in 1/m.
-    ``nearest`` : distance of its poles from the plane in m.
+    ``rates``: largest frequencies of the integrand along x and y in 1/m, (2,) or (n, 2).
+    ``nearest``: distance of the poles of the integrand from the plane in m.
     """
     y, left, right = trapezoids.transpose(1, 0, 2)
     height, width = np.diff(y)[:, 0], (right - left).max(axis=1)
@@ -268,9 +251,9 @@ def node_counts(
 
 
 def rows_of(trapezoids: Trapezoids, counts: Indices) -> tuple[Floats, Floats, Floats]:
-    """x (..., m, n), y (..., m) and weights (..., m, n) of the nodes on trapezoids (..., 3, 2).
+    """Return x (..., m, n), y (..., m) and weights (..., m, n) of nodes on trapezoids (..., 3, 2).
 
-    ``counts`` : (2,) m and n, the same for all.
+    Each trapezoid has m rows of n nodes; ``counts``: (m, n).
     """
     (up, of_rows), (along, on_row) = (_unit_rule(count) for count in counts.tolist())
     lines = trapezoids[..., :1] + up * np.diff(trapezoids)
@@ -306,12 +289,15 @@ def _unit_rule(count: int) -> Rule:
 
 
 def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:
-    """Most cycles per metre along x and y of the field on the source times the waves, (n, 2)."""
+    """Return the highest frequencies along x and y of the field times the wave to each point.
+
+    In cycles per metre, (n, 2), over the source, for points (n, 3).
+    """
     low, high = np.reshape(source.bounds, (2, 2))
     corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
     away = corners - points[:, None, :2]
     # across each axis the source is nearest, where the slope along the axis is largest
-    beside = np.maximum(np.maximum(low - points[:, :2], points[:, :2] - high), 0.0)[:, ::-1]
-    distance = np.sqrt(away**2 + (beside**2 + points[:, 2:] ** 2)[:, None])
+    outside = np.maximum(np.maximum(low - points[:, :2], points[:, :2] - high), 0.0)[:, ::-1]
+    distance = np.sqrt(away**2 + (outside**2 + points[:, 2:] ** 2)[:, None])
     slopes = away / (wavelength * distance) + (corners - source.centre) @ source.curvature
     return np.asarray(abs(slopes).max(axis=1) + abs(normal_form(source).frequencies).max(axis=0))

@@ -122,7 +122,7 @@ def diffracted(
     with_error: bool = False,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> tuple[Complex, Complex, Floats]:
-    """Change by bodies, free field and error (n,) at ``positions`` (n, 3) in wavelengths."""
+    """Return the change by bodies, the free field and the error at positions in wavelengths."""
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
     summed = partial(_summed, bodies, sources, seen, engine=engine, rule=rule)
     change, free, off = summed(positions, coarser=coarser if with_error else None)
@@ -186,7 +186,7 @@ def _summed(
     rule: EdgeRule,
     coarser: EdgeRule | None = None,
 ) -> tuple[Complex, Complex, Floats]:
-    """Change of the field, free field, and error (0 without a coarser rule) at places (n, 3)."""
+    """Return change of the field, free field, and error (0 without a coarser rule)."""
     count = len(positions)
     blocked = blocked_edges(bodies, seen, np.mean([position for position, *_ in sources], axis=0))
     group = np.concatenate(blocked.groups)
@@ -244,7 +244,7 @@ def _summed(
 
 
 def _resolution(ends: Floats, sources: Floats, points: Floats) -> Floats:
-    """Negligible lengths (n,) at points (n, 3), far above their rounding errors.
+    """Return lengths (n,) that are negligible at points (n, 3), far above rounding errors.
 
     ``ends``: (m, 3) of edges; ``sources``: (k, 3).
     """
@@ -268,7 +268,7 @@ def _edge(
     sample: Point,
     _: Point,
 ) -> Values:
-    """Change of the field by an edge that a point of the source sees; and its error.
+    """Return the change of the field by an edge that a point of the source sees, and its error.
 
     ``sample`` : a point, its neighbour, and 1 if the angles of edges distinguish light and shadow;
     for blocked edges also the depth up to which points lie on a surface, and the real and
@@ -428,8 +428,8 @@ def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats)
     which = which.ravel()
     group[rows] = which
     length = np.linalg.norm(ends[rows, 1] - ends[rows, 0], axis=1)
-    middle = 0.5 * ends[rows].sum(axis=1) * length[:, None]
-    sums = [np.bincount(which, middle[:, k]) / np.bincount(which, length) for k in range(3)]
+    midpoints = 0.5 * ends[rows].sum(axis=1) * length[:, None]
+    sums = [np.bincount(which, midpoints[:, k]) / np.bincount(which, length) for k in range(3)]
     planes = bodies.face_planes(source)
     blockers = []
     for k, origin in zip(first, np.stack(sums, axis=1), strict=True):
@@ -441,7 +441,7 @@ def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats)
 
 
 def shadow_lines(table: Floats) -> Floats:
-    """Rows (k, 17) of the lines in which edges cast shadows on faces, in the opposite direction.
+    """Return rows (k, 17) of the shadow lines of edges on faces, in the opposite direction.
 
     ``table``: point of a source, seven numbers; ends of an edge; plane of the face behind.
     """
@@ -460,7 +460,7 @@ def _split(group: Indices, seen: Sequence[Silhouette]) -> list[Indices]:
 def _blocker(
     bodies: Obstacles, numbers: Indices, flush: Indices, plane: Floats, origin: Floats
 ) -> Blocker:
-    """The surface of some bodies behind a plane, as an edge with this midpoint sees it.
+    """Return the surface of some bodies behind a plane, seen from the midpoint of an edge.
 
     ``flush``: other bodies in contact with these, which continue the plane. Slits are closed.
     """

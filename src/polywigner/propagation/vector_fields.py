@@ -165,7 +165,7 @@ def field(
     name = checked_method(method, MODELS)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     positions, length = checked_points(points), checked_wavelength(wavelength)
-    allowed = checked_amplitude_tolerance(tolerance, True)
+    allowed = checked_amplitude_tolerance(tolerance)
     radiator = checked_radiator(source)
     parts = polarised_parts(radiator, polarisation)
     flat = positions.reshape(-1, 3)
@@ -239,9 +239,7 @@ def _near_field(
             return np.zeros(len(points), np.complex128)
         scaled = replace(base, elements=tuple(elements))
         allowed = max(_LEAST, min(1.0, radiator.amplitude / scaled.amplitude) * tolerance)
-        values, error, limit = boundary_field(
-            scaled, points, wavelength, method, allowed, True, "auto"
-        )
+        values, error, limit = boundary_field(scaled, points, wavelength, method, allowed, "auto")
         errors[:] += error
         limits[:] += limit
         return values
@@ -259,13 +257,13 @@ def _near_field(
 
 
 def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
-    """Line integrals (n, 3) at edges, which stem from derivatives along the plane (VP4)."""
+    """Return line integrals (n, 3) along edges, from derivatives along the plane (VP4)."""
     m, e = currents
     n, field = sums.normal @ q[:2], np.zeros((len(sums.where), 3), np.complex128)
     if m:
         field[:, 2] -= m / (2 * math.pi) * (sums.wave @ n)
     if e:
-        share = -1j * e / (4 * math.pi**2)
+        scale = -1j * e / (4 * math.pi**2)
         # - (1/i) of the gradient of u G, (P - Q) times minus the rise, and of the waves' part
         weighted, grown = sums.rise * n, sums.rise_by_length * n
         total = weighted.sum(axis=1)
@@ -273,8 +271,8 @@ def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
             begin = weighted @ sums.begin[:, a] + grown @ sums.along[:, a]
             gradient = begin - sums.points[:, a] * total
             carried = sums.wave @ (sums.normal[:, a] * (sums.plane @ q[:2]))
-            field[:, a] -= share * (gradient + 2j * math.pi * carried)
-        field[:, 2] += share * sums.points[:, 2] * total
+            field[:, a] -= scale * (gradient + 2j * math.pi * carried)
+        field[:, 2] += scale * sums.points[:, 2] * total
     return field
 
 
@@ -319,7 +317,7 @@ _FRACTION = 1e-2
 
 @dataclass(frozen=True)
 class EdgeIntegrals:
-    """Integrals of u times functions of R along m panels, for n points: (n, m) each.
+    """Integrals of u times functions of R along m panels for n points, (n, m) each.
 
     Lengths in wavelengths, G = exp(2 pi i R)/R.
     """
@@ -402,7 +400,7 @@ def far_vectors(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Complex:
-    """lim r exp(-ikr) E(r s) (..., 3) at unit vectors s (..., 3) of polarised parts: (VP2).
+    """Return lim r exp(-ikr) E(r s) (..., 3) of polarised parts at unit vectors s: (VP2).
 
     In m times the unit of u; zero where z < 0.
     """
@@ -415,7 +413,7 @@ def far_vectors(
 
 
 def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
-    """Far fields (..., 3) over the scalar F/(i lambda), of a unit vector q (3,): (VP2)."""
+    """Return far fields (..., 3) over the scalar F/(i lambda), for currents along q (3,): (VP2)."""
     m, e = MODELS[model]
     up, along = np.array([0.0, 0.0, 1.0]), directions @ q[:, None]
     far = m * (directions[..., 2:] * q - along * up) + e * (q - along * directions)
@@ -423,7 +421,7 @@ def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
 
 
 def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Complex]:
-    """Components (...) of far fields (..., 3) along x and along y by Ludwig's third definition."""
+    """Return components of far fields (..., 3) along x and y by Ludwig's third definition."""
     x, y, z = np.moveaxis(directions, -1, 0)
     axes = ludwig_axes(x, y, np.maximum(z, -1.0 + np.finfo(np.float64).epsneg))
     along_x, along_y = ((far * np.stack(axis, axis=-1)).sum(axis=-1) for axis in axes)
@@ -431,19 +429,19 @@ def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Comple
 
 
 def co_and_cross(components: tuple[Complex, Complex], jones: Complex) -> tuple[Complex, Complex]:
-    """Co- and cross-polar parts of components along x and y, for a Jones vector (2,): (VP3)."""
+    """Return co- and cross-polar parts of components along x and y, for a Jones vector: (VP3)."""
     (x, y), (p, q) = components, jones
     return p.conjugate() * x + q.conjugate() * y, p * y - q * x
 
 
 def of_co_and_cross(co: Complex, cross: Complex, jones: Complex) -> tuple[Complex, Complex]:
-    """Components along x and y of co- and cross-polar parts."""
+    """Return components along x and y from co- and cross-polar parts."""
     p, q = jones
     return p * co - q.conjugate() * cross, q * co + p.conjugate() * cross
 
 
 def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
-    """Axial ratios of polarisation ellipses in dB; infinite for linear polarisation."""
+    """Return axial ratios of polarisation ellipses in dB; infinite for linear polarisation."""
     x, y = components
     right, left = np.abs(x - 1j * y), np.abs(x + 1j * y)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -453,7 +451,7 @@ def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
 def vector_powers(
     parts: Sequence[tuple[PlaneSource | Wavefront, Complex]], wavelength: float, model: str
 ) -> tuple[float, float]:
-    """Radiated power int |E|^2 dOmega of the hemisphere in front, and int |u|^2, in W."""
+    """Return the power int |E|^2 dOmega over the hemisphere in front, and int |u|^2, in W."""
     lag = max(largest_lag(part) for part, _ in parts)
     power = 0.0
     for directions, solid_angle in directions_and_weights(lag, wavelength):

@@ -19,7 +19,7 @@ from shapely.errors import GEOSException
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number, checked_vectors, rigid_poses, warn_caller
-from polywigner.propagation import amplitude, field
+from polywigner.propagation import amplitude_with_error, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
 from polywigner.propagation.vector_fields import edge_integrals
 from polywigner.radiometry.directions import checked_source
@@ -181,8 +181,8 @@ class Antenna:
     def _amplitude(self, points: Floats) -> tuple[Complex, Floats]:
         """Return the field and its error for |u|^2 in W/m^2."""
         how: Any = self.wavelength, self.condition
-        options: Any = {"tolerance": self.tolerance, "return_error": True}
-        field, error = amplitude(self.source, self.inside(points), *how, **options)
+        points = self.inside(points)
+        field, error = amplitude_with_error(self.source, points, *how, tolerance=self.tolerance)
         return np.asarray(field), np.asarray(error)
 
     def wave(self, points: Floats) -> tuple[Complex, Complex, Floats]:
@@ -281,7 +281,7 @@ def field_gradient(
         carried = _carried(radiator, wavelength, axis)
         if any(element.amplitudes.any() for element in carried.elements):
             name = method if axis < 2 else DERIVATIVE_OF.get(method, method)
-            how = (wavelength, name, tolerance, True, "auto")
+            how = (wavelength, name, tolerance, "auto")
             gradient[:, axis] = boundary_field(carried, points, *how)[0]
     condition = OBLIQUITIES[method]
     of_field = condition.field / (2 * math.pi)

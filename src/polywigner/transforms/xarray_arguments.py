@@ -62,13 +62,17 @@ def content_units(arguments: Mapping[str, Any]) -> str:
 
 
 def takes_xarray(
-    *names: str, units: Units, long_name: str, components: Mapping[str, Sequence[str]] | None = None
+    *names: str,
+    units: Units,
+    long_name: str,
+    components: Mapping[str, Sequence[str]] | None = None,
+    with_error: bool = False,
 ) -> Callable[[F], F]:
     """Return a decorator of functions whose arguments of these names may be DataArrays.
 
     The results are DataArrays then, with the attributes ``units``, which may depend on the
     arguments, and ``long_name``. ``components``: dimension and coordinate of results that are
-    vectors. A function with ``return_error=True`` returns a pair.
+    vectors. ``with_error``: the function returns a pair of results and errors.
     """
 
     def decorate(function: F) -> F:
@@ -78,12 +82,16 @@ def takes_xarray(
             if kind is None or not any(isinstance(v, kind) for v in (*args, *kwargs.values())):
                 return function(*args, **kwargs)
             arguments = inspect.signature(function).bind(*args, **kwargs).arguments
+            arguments |= arguments.pop("options", {})
             points = {name: arguments.pop(name) for name in names}
             if not any(isinstance(value, kind) for value in points.values()):
                 return function(*args, **kwargs)
             fixed = function.__module__, function.__name__, names, arguments
             unit = units if isinstance(units, str) else units(arguments)
-            return _labelled(fixed, points, unit, long_name, components or {})
+            texts = {function.__name__: long_name}
+            if with_error:
+                texts["error"] = f"estimated error of {long_name}"
+            return _labelled(fixed, points, unit, texts, components or {})
 
         return wrapper  # type: ignore[return-value]
 
@@ -110,11 +118,11 @@ def _labelled(
     fixed: tuple[str, str, Sequence[str], Arguments],
     points: Arguments,
     unit: str,
-    long_name: str,
+    names: Mapping[str, str],
     components: Mapping[str, Sequence[str]],
 ) -> xarray.DataArray | tuple[xarray.DataArray, ...]:
     xarray = sys.modules["xarray"]
-    _, function, _, others = fixed
+    others = fixed[-1]
     if isinstance(others.get("source"), Differentiable):
         raise ArgumentError(
             f"expected {' and '.join(points)} as NumPy or Dr.Jit arrays for a differentiable "
@@ -141,9 +149,6 @@ def _labelled(
         }
         if others.get("engine") != "numpy":
             call = partial(_called_lazily, *fixed)
-    names = {function: long_name}
-    if others.get("return_error"):
-        names["error"] = f"estimated error of {long_name}"
     values = xarray.apply_ufunc(
         call,
         *prepared,

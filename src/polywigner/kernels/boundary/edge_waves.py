@@ -28,7 +28,7 @@ import numpy as np
 from polywigner.numerics import Number
 from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select, unit_wave
 from polywigner.numerics.jets import JetOperations
-from polywigner.numerics.phases import cos_sin_turns, sinc
+from polywigner.numerics.phases import cos_sin_turns
 
 Values = tuple[Any, ...]
 Point = tuple[Any, ...]
@@ -227,40 +227,6 @@ def _ends(ops: Any, view: PanelView) -> tuple[Any, Any, Any, Any]:
         total = ops.select(t < 0.0, foot2 / (radius + abs(t)), radius + abs(t))
         ends.append((1.0 + abs(view.along)) * total)
     return sign, *ends, view.b * view.across
-
-
-def spherical_edge(
-    ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], edge_point: tuple[Any, ...],
-    along: tuple[Any, ...], mirrored: float,
-) -> tuple[Any, Any, Any]:  # fmt: skip
-    """Return (real, imaginary) integrand of U/U_incident times 2 pi, and the detour in wavelengths.
-
-    A point source S behind an opening is seen from P. The angle about the axis from S to P and the
-    boundary wave diverge together where the edge meets the axis, the boundary of the shadow. Their
-    sum stays smooth there. Source: (B9).
-
-    Parameters
-    ----------
-    source, point : tuple of arrays
-        Coordinates (x, y, z) of S and P in wavelengths.
-    edge_point : tuple of arrays
-        Coordinates (x, y) on an edge in the plane z = 0, between the point and the source.
-    along : tuple of arrays
-        Direction (x, y) of the edge.
-    mirrored : float
-        Factor of the field at the mirror image of the point.
-    """
-    path = _Path(ops, source, point, (*edge_point, 0.0), (*along, 0.0))
-    real, imag = path.smooth(ops)
-    if mirrored:
-        # only the boundary wave: there is no direct wave on the source's side of the plane
-        ahead, (x, y, z) = path.ahead, path.to_point
-        turn = (ahead[0] * x + ahead[1] * y - ahead[2] * z) * path.axis
-        beyond = path.outer + 2.0 * path.from_source[2] * z
-        c, s = cos_sin_turns(ops, path.detour)
-        wave = -0.5 * mirrored * turn / (path.product * beyond)
-        real, imag = real + wave * c, imag + wave * s
-    return real, imag, path.detour
 
 
 def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Number:
@@ -509,40 +475,6 @@ def _root(ops: Any, z: Pair) -> Pair:
     """Return the square root of a number to the right of the imaginary axis."""
     real = ops.sqrt(0.5 * (ops.sqrt(z.real * z.real + z.imag * z.imag) + z.real))
     return Pair(real, 0.5 * z.imag / real)
-
-
-class _Path:
-    """The path from a source over a point of an edge to a point. Lengths in wavelengths."""
-
-    def __init__(
-        self, ops: Any, source: Point, point: Point, edge_point: Point, along: Point
-    ) -> None:
-        q = self.from_source = tuple(a - b for a, b in zip(edge_point, source, strict=True))
-        r = self.to_point = tuple(a - b for a, b in zip(point, edge_point, strict=True))
-        self.axis = ops.sqrt(sum((a - b) ** 2 for a, b in zip(point, source, strict=True)))
-        rho, radius = (ops.sqrt(dot(v, v)) for v in (q, r))
-        self.both, self.product = rho + radius + self.axis, rho * radius
-        ahead, normal = dot(q, r), cross(q, r)
-        # (D^2 - (rho - R)^2)/2 and ((rho + R)^2 - D^2)/2: one cancels; their product is |q x r|^2
-        large = self.product + ops.maximum(ahead, -ahead)
-        small = ops.maximum(dot(normal, normal) / large, 1e-300)
-        self.inner = ops.select(ahead > 0.0, large, small)
-        self.outer = ops.select(ahead > 0.0, small, large)
-        self.detour = 2.0 * self.outer / self.both
-        # the angle about the axis turns by ahead.r D/|q x r|^2 for each unit of length
-        self.ahead = cross(q, along)
-        self.turn = dot(self.ahead, r) * self.axis
-
-    def smooth(self, ops: Any) -> tuple[Any, Any]:
-        """Return the angle minus the boundary wave; on the axis both diverge."""
-        c, s = cos_sin_turns(ops, self.detour)
-        c2, s2 = cos_sin_turns(ops, 0.5 * self.detour)
-        slope = 4.0 * math.pi / (self.inner * self.both) * sinc(ops, self.detour)
-        boundary = 0.5 / (self.inner * self.product)
-        return (
-            self.turn * (slope * s2 + boundary * c),
-            self.turn * (boundary * s - slope * c2),
-        )
 
 
 def difference(a: Point, b: Point) -> Point:
