@@ -3,7 +3,7 @@
 Tables of decibels against Rayleigh-Sommerfeld I and Kirchhoff, each with rays of the same
 obliquity: on boresight from 0.5 to 50 wavelengths, and over -80 to 80 degrees at 5, 10, 30 and 100
 wavelengths, as root mean square and largest value where the reference is within 30 dB of its peak.
-References are boundary integrals. With --write, docs/propagation_tables.md is written anew.
+References are boundary integrals. With --write, recorded/propagation_tables.md is written anew.
 
     python benchmarks/propagation_tables.py [--write]
 """
@@ -29,7 +29,7 @@ DISTANCES = (5, 10, 30, 100)
 DEGREES = np.arange(-80, 81, 2.0)
 SEEN = 1e-3  # of the peak
 TOLERANCE = 1e-4  # of sums over points, so that errors of the rays remain
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "propagation_tables.md"
+PAGE = Path(__file__).resolve().parent / "recorded" / "propagation_tables.md"
 
 
 def sources() -> dict[str, Any]:
@@ -108,7 +108,7 @@ def page() -> str:
         "",
         "These tables give the error of Wigner rays against exact diffraction integrals. Use them",
         "to decide how far from a source rays are good enough. The page on",
-        "[fields at points](propagation.md#wigner-rays) explains the results.",
+        "[fields at points](../../docs/propagation.md#wigner-rays) explains the results.",
         "",
         "Errors are in dB, for rays with the obliquity of the integral. A dash stands where a sum",
         "of rays is below zero. The frequency is 94 GHz (wavelength 3.19 mm). The sources are a",
@@ -128,7 +128,7 @@ def page() -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="write docs/propagation_tables.md")
+    parser.add_argument("--write", action="store_true", help="write recorded/propagation_tables.md")
     options = parser.parse_args()
     warnings.simplefilter("ignore", PolywignerWarning)  # the tables show where rays fail
     start = time.perf_counter()
