@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_path, checked_row, real_numbers, rigid_pose
+from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.mitsuba.plugins.source_parameters import norm_of, region_of
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.stores import in_place, write_netcdf
@@ -125,7 +126,7 @@ def covariance(
 
 
 def _responses(
-    positions: Floats, sources: list[Aperture], to_world: Any, attrs: dict[str, Any]
+    positions: Floats, sources: Sequence[Any], to_world: Any, attrs: dict[str, Any]
 ) -> Complexes:
     pose = _pose(attrs["to_world"] if to_world is None else to_world)
     local = (positions - pose[:3, 3]) @ pose[:3, :3]
@@ -140,6 +141,17 @@ def _responses(
         field = amplitude(source, local[front], wavelength, obliquity, tolerance=_TOLERANCE)
         row[front] = field * (wavelength / math.sqrt(norm))
     return result
+
+
+def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complexes:
+    """Return the responses (ends, scatterers) of placed sources or receivers, each as a whole."""
+    positions, _, attrs = _checked(cloud)
+    rows = []
+    for end in ends:
+        settings = {"wavelength": end.wavelength, "obliquity": end.obliquity}
+        about = attrs | settings | {"normalise": end.normalise}
+        rows.append(_responses(positions, [end.source], end.pose, about)[0])
+    return np.array(rows)
 
 
 def _checked(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:

@@ -305,7 +305,7 @@ class _Names:
             raise ArgumentError(
                 f"expected velocities as a mapping of ids to (vx, vy, vz), got {velocities!r}"
             )
-        speeds = {name: _velocity(name, value) / unit for name, value in velocities.items()}
+        speeds = {name: checked_velocity(name, value) / unit for name, value in velocities.items()}
         known = {*self.shapes.values(), *self.lights.values(), self.receiver}
         for name in speeds:
             if name not in known:
@@ -325,7 +325,7 @@ def _number(kind: str, thing: Any) -> int:
     return int(np.ravel(np.array(number_of(kind, thing)))[0])
 
 
-def _velocity(name: str, value: ArrayLike) -> Floats:
+def checked_velocity(name: str, value: ArrayLike) -> Floats:
     try:
         velocity = real_numbers(value)
     except (TypeError, ValueError):
