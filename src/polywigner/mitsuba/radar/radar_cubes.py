@@ -40,10 +40,8 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Velocities = dict[str, Floats]
 
-# Points of a block: their factors at 256 frequencies take 16 MiB.
-_BLOCK = 1 << 12
-# Relative size of the first term that is left out of a power series.
-_LAST_TERM = 1e-9
+# Relative error of sums over scatterers.
+_OF_SUMS = 1e-7
 _MOST_POINTS = 1_000_000
 # Bytes of the largest signal that is computed at once.
 _MOST_BYTES = 1 << 30
@@ -452,33 +450,67 @@ def _in_view(scene: Any, emitter: PlacedSource, position: Floats, away: Floats) 
 def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complexes, emitter: int) -> Complexes:
     """Return the sum (RC1) over scatterers, (element, chirp, sample).
 
-    The response of an element has the phase at the scene's frequency f_0. Its excess delay d gives
-    the factor exp(2 pi i (f - f_0) d), whose power series is separable in scatterer and sample.
+    With n counted from the middle sample, the phase of a scatterer in a repetition is a constant
+    plus a linear term, which a non-uniform FFT sums, plus small terms of `_series`.
     """
-    wave, times = radar.waveform, radar.chirp_times[emitter, :-1]
-    offsets = wave.frequencies - radar.frequency
-    result = np.zeros((len(cloud.responses), wave.chirps, wave.samples), np.complex128)
+    wave = radar.waveform
     signals = cloud.responses * (speckle * cloud.sent[emitter])
-    largest = 2 * np.pi * float(np.abs(cloud.excess).max() * np.abs(offsets).max())
+    result = np.zeros((len(signals), wave.chirps, wave.samples), np.complex128)
     for is_moving in (False, True):
-        chosen = np.flatnonzero((cloud.rates != 0) == is_moving)
-        for first in range(0, len(chosen), _BLOCK):
-            some = chosen[first : first + _BLOCK]
-            turns = np.multiply.outer(cloud.delays[emitter, some], offsets)
-            growth = np.multiply.outer(cloud.rates[some], wave.frequencies)
-            waves = np.exp(2j * np.pi * (turns + growth * (times[0] + wave.times)))
-            step = np.exp(2j * np.pi * growth * radar.period)
-            for m in range(wave.chirps if is_moving else 1):
-                term, factor, size = signals[:, some], np.ones(wave.samples), 1.0
-                power = 0
-                while size > _LAST_TERM:
-                    part = term @ waves * factor
-                    result[:, m : m + 1 if is_moving else None] += part[:, None]
-                    power += 1
-                    term = term * (2j * np.pi * cloud.excess[:, some])
-                    factor, size = factor * offsets / power, size * largest / power
-                waves *= step
+        some = np.flatnonzero((cloud.rates != 0) == is_moving)
+        if not len(some):
+            continue
+        rates, delays = cloud.rates[some], cloud.delays[emitter, some]
+        terms, factors = _series(radar, signals[:, some], cloud.excess[:, some], rates)
+        middle = wave.samples // 2
+        step, wait = wave.bandwidth / wave.samples, float(wave.times[-1]) / max(wave.samples - 1, 1)
+        centre, time = wave.start + middle * step, middle * wait
+        for m, chirp in enumerate(radar.chirp_times[emitter, :-1] if is_moving else [0.0]):
+            now = delays + rates * (chirp + time)
+            turns = (centre - radar.frequency) * delays + centre * (now - delays)
+            slopes = step * now + centre * wait * rates
+            parts = _summed_waves(slopes, terms * np.exp(2j * np.pi * turns), wave.samples)
+            sums = np.einsum("pks,ps->ks", parts, factors)
+            result[:, m : m + 1 if is_moving else None] += sums[:, None]
     return result
+
+
+def _summed_waves(slopes: Floats, terms: Complexes, samples: int) -> Complexes:
+    """Return the sums of terms (..., point) times exp(2 pi i slope n), n = -samples//2, ..."""
+    finufft = require("finufft", "radar", "scattered fields are summed with")
+    rows = np.ascontiguousarray(terms.reshape(-1, terms.shape[-1]))
+    angles = 2 * np.pi * (slopes - np.round(slopes))
+    sums = finufft.nufft1d1(angles, rows, samples, isign=1, nthreads=1, eps=_OF_SUMS)
+    return np.asarray(sums).reshape(*terms.shape[:-1], samples)
+
+
+def _series(
+    radar: _Radar, signals: Complexes, excess: Floats, rates: Floats
+) -> tuple[Complexes, Floats]:
+    """Return terms (term, element, point) and factors (term, sample) of small phases.
+
+    The response of an element has the phase at the scene's frequency f_0. Its excess delay d gives
+    the factor exp(2 pi i (f - f_0) d), and a rate r the curvature exp(2 pi i r n^2 df dt). Both
+    are power series, which are separable in point and sample.
+    """
+    wave = radar.waveform
+    offsets = wave.frequencies - radar.frequency
+    numbers = np.arange(wave.samples) - wave.samples // 2
+    wait = float(wave.times[-1]) / max(wave.samples - 1, 1)
+    curves = numbers**2 * (wave.bandwidth / wave.samples * wait)
+    terms, factors = [signals], [np.ones(wave.samples)]
+    for amounts, along in ((excess, offsets), (rates, curves)):
+        reach = float(np.abs(along).max()) or 1.0
+        turns = 2j * np.pi * amounts * reach
+        largest, power = float(np.abs(turns).max()), 0
+        size, last, shape = largest, list(terms), list(factors)
+        while size > _OF_SUMS:
+            power += 1
+            last = [term * turns for term in last]
+            shape = [factor * (along / reach / power) for factor in shape]
+            terms, factors = terms + last, factors + shape
+            size *= largest / (power + 1)
+    return np.array(terms), np.array(factors)
 
 
 def _normal(random: np.random.Generator, shape: tuple[int, ...]) -> Complexes:
