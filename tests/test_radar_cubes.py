@@ -44,10 +44,12 @@ def scene_of(source=PATCH, emitters=((0.0, 0.0, 0.0),), receiver_at=(0.02, 0.0, 
     return mi.load_dict(entries | things, optimize=False)
 
 
+ROUGH = {"type": "diffuse", "reflectance": spectrum(0.5)}
+
+
 def plate(distance, size, x=0.0):
     """A rough plate that faces the radar."""
-    bsdf = {"type": "diffuse", "reflectance": spectrum(0.5)}
-    return rectangle([x, 0, distance], [0, 1, 0], 180, size, bsdf)
+    return rectangle([x, 0, distance], [0, 1, 0], 180, size, ROUGH)
 
 
 def trihedral(position):
@@ -152,6 +154,60 @@ def test_the_mean_of_draws_is_the_received_power():
     error = power.std(ddof=1) / np.sqrt(len(power))
     received = pm.received_power(scene, spp=1 << 16)
     assert abs(power.mean() - float(received)) < 3 * np.hypot(error, received.standard_error)
+
+
+def test_mean_range_bins_are_the_range_profile():
+    """Without a window, a bin collects the profile times the squared Dirichlet kernel."""
+    pytest.importorskip("mitransient")
+    scene = scene_of(
+        board=plate(3.0, 0.4), wall=rectangle([1.5, 0, 5.0], [0, 1, 0], 200, 1.0, ROUGH)
+    )
+    waveform = radar.FMCW(76e9, 1e9, 64, 20e6)
+    cube = pm.radar_cube(scene, waveform, points=8000, draws=400, noise=False)
+    values = radar.range_doppler(cube, "boxcar").values[:, 0, 0, 0]
+    edges = np.linspace(0, 64 * waveform.range_step, 2049)
+    profile = pm.range_profile(scene, edges, spp=1 << 16)
+    offset = np.subtract.outer(np.arange(64), profile["range"].values / waveform.range_step)
+    kernel = np.abs(np.exp(2j * np.pi / 64 * offset[..., None] * np.arange(64)).mean(axis=-1)) ** 2
+    expected = kernel @ profile["scattered_power"].values
+    error = values.std(axis=0, ddof=1) / np.sqrt(len(values))
+    strong = expected > 1e-3 * expected.max()
+    assert strong.sum() > 10
+    deviation = (values.mean(axis=0) - expected)[strong]
+    assert (np.abs(deviation) < 4 * error[strong] + 0.02 * expected[strong]).all()
+
+
+def test_large_cubes_are_lazy(monkeypatch):
+    scene, options = scene_of(row(2), board=plate(3.0, 0.4)), {"points": 500, "draws": 2}
+    complete = pm.radar_cube(scene, SHORT, elements=True, **options)
+    monkeypatch.setattr("polywigner.mitsuba.radar.radar_cubes._MOST_BYTES", 0)
+    lazy = pm.radar_cube(scene, SHORT, elements=True, **options)
+    assert lazy["signal"].chunks[:2] == ((1, 1), (2,))
+    assert np.array_equal(lazy["signal"].values, complete["signal"].values)
+
+
+@pytest.mark.parametrize("spread", [0.01, 0.4])
+def test_sums_over_scatterers_equal_the_plain_sum(spread):
+    """Elements spread over 40 cm, and points at up to 60 m/s, still have a tolerance of 1e-6."""
+    from polywigner.mitsuba.radar import radar_cubes
+
+    rng = np.random.default_rng(0)
+    waveform = radar.FMCW(76e9, 1e9, 64, 5e6, 3, 60e-6)
+    count = 300
+    delays, excess = rng.uniform(6e-8, 9e-7, count), rng.uniform(-1, 1, (3, count)) * spread / 3e8
+    rates = np.where(rng.random(count) < 0.5, 0.0, rng.uniform(-4e-7, 4e-7, count))
+    responses = rng.normal(size=(3, count)) + 1j * rng.normal(size=(3, count))
+    times = 1e-5 + 60e-6 * np.arange(4)[None]
+    ends = radar_cubes._Radar(waveform, [], [], np.empty(0), times, CENTRE)
+    cloud = radar_cubes._Cloud(responses, np.ones((1, count)), delays[None], rates, excess)
+    result = radar_cubes._scattered(ends, cloud, np.ones(count), 0)
+    f = waveform.frequencies
+    for m in range(3):
+        tau = delays[:, None] + rates[:, None] * (times[0, m] + waveform.times)
+        for k in range(3):
+            turns = f * tau - CENTRE * delays[:, None] + (f - CENTRE) * excess[k][:, None]
+            expected = responses[k] @ np.exp(2j * np.pi * turns)
+            assert np.abs(result[k, m] - expected).max() < 1e-6 * np.abs(expected).max()
 
 
 def test_elements_receive_the_power_of_single_receivers():

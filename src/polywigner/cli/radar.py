@@ -1,4 +1,4 @@
-"""``polywigner radar``: the samples of a radar in a scene, and maps of range, rate and direction."""
+"""``polywigner radar``: samples of a radar in a scene, and maps of range, rate and direction."""
 
 from __future__ import annotations
 

@@ -32,6 +32,7 @@ from polywigner.mitsuba.scenes.surfaces import receivers_of
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radar import CUBE_DIMS, FMCW, parse_waveform, waveform_attrs
 from polywigner.source import Array
+from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
@@ -62,12 +63,9 @@ class _Radar:
     noise_power: Floats
     """Noise power of a sample in W for each receiver of the scene; NaN without a temperature."""
     chirp_times: Floats
-    """Starts (emitter, chirp) of the repetitions in s."""
-
-    @property
-    def frequency(self) -> float:
-        """Frequency of the scene in Hz."""
-        return SPEED_OF_LIGHT / self.emitters[0].wavelength
+    """Starts (emitter, chirp + 1) of the repetitions in s."""
+    frequency: float
+    """Frequency of the scene in Hz."""
 
     @property
     def period(self) -> float:
@@ -246,7 +244,8 @@ def _radar(
     turns = len(parties.emitters) if is_in_turn else 1
     starts = np.arange(len(parties.emitters)) * (wave.interval if is_in_turn else 0.0)
     times = np.add.outer(starts, turns * wave.interval * np.arange(wave.chirps + 1))
-    return _Radar(wave, parties.emitters, receivers, np.array(powers), times)
+    frequency = SPEED_OF_LIGHT / parties.emitters[0].wavelength
+    return _Radar(wave, parties.emitters, receivers, np.array(powers), times, frequency)
 
 
 def _samples(
@@ -524,7 +523,6 @@ def _dataset(signal: Any, radar: _Radar, about: dict[str, Any]) -> xarray.Datase
     ends["emitter"] = radar.emitters
     noise = np.repeat(radar.noise_power, [len(each) for each in radar.receivers])
     values: dict[str, tuple[Any, tuple[str, ...], str, str]] = {
-        "signal": (signal, CUBE_DIMS, "sqrt(W)", "samples; |.|^2 is power"),
         "noise_power": (noise, ("receiver",), "W", "noise power of a sample"),
         "start_time": (radar.chirp_times[:, 0], ("emitter",), "s", "start of the first repetition"),
     }
@@ -536,4 +534,6 @@ def _dataset(signal: Any, radar: _Radar, about: dict[str, Any]) -> xarray.Datase
     coords: dict[str, Any] = {name: [end.name for end in each] for name, each in ends.items()}
     coords["axis"] = ["x", "y", "z"]
     attrs = {**waveform_attrs(radar.waveform), "period": radar.period, **about}
-    return described(values, coords, attrs)
+    about_signal = {"units": "sqrt(W)", "long_name": "samples; |.|^2 is power"}
+    dataset = described(values, coords, attrs)
+    return dataset.assign(signal=labelled_array(signal, CUBE_DIMS, about_signal))
