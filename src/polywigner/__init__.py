@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from polywigner import errors as errors
+    from polywigner import radar as radar
     from polywigner import rays as rays
     from polywigner import testing as testing
     from polywigner.citations import cite as cite
@@ -106,7 +107,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _NAMES = {
-    "polywigner": "errors rays testing",
+    "polywigner": "errors radar rays testing",
     "polywigner.citations": "cite",
     "polywigner.geometry": """
         Aperture Polyhedron Slits Wavefront automean lag_slice position_slice read_aperture

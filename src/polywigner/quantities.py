@@ -39,6 +39,11 @@ _POWERS = {
     "MW": Fraction(10**6),
 }  # fmt: skip
 
+_DURATIONS = {
+    "s": Fraction(1), "ms": Fraction(1, 10**3), "us": Fraction(1, 10**6), "µs": Fraction(1, 10**6),
+    "μs": Fraction(1, 10**6), "ns": Fraction(1, 10**9),
+}  # fmt: skip
+
 _POWER_LEVELS = {"dBm": 1e-3, "dBW": 1.0}
 _HIGHEST_LEVEL = 3000.0  # dB: the next power of ten is no float
 
@@ -113,6 +118,11 @@ def parse_frequency(text: str | float) -> float:
             )
         text = re.sub("[a-zA-Z]{2,}", lambda unit: _SPELLING.get(unit[0].lower(), unit[0]), text)
     return _parse(text, _FREQUENCIES, "frequency", "94 GHz", positive=True)
+
+
+def parse_duration(text: str | float) -> float:
+    """Parse a time above zero to seconds; a number is in seconds."""
+    return _parse(text, _DURATIONS, "time", "60 us", positive=True)
 
 
 def parse_angle(text: str | float) -> float:

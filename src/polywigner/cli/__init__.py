@@ -20,6 +20,7 @@ from polywigner.cli import (
     lens_commands,
     pattern,
     propagate,
+    radar,
     rcs,
     receive,
     render,
@@ -165,7 +166,7 @@ def explore(
 
 
 _COMMANDS = (
-    *(render.render, receive.receive, transform.transform, pattern.pattern, rcs.rcs),
+    *(render.render, receive.receive, radar.radar, transform.transform, pattern.pattern, rcs.rcs),
     *(propagate.propagate, propagate.volume, lens_commands.psf, lens_commands.mtf),
     *(explore, doctor.doctor),
 )

@@ -23,6 +23,7 @@ from polywigner.mitsuba.plugins.registration import (  # noqa: E402
     register_source,
 )
 from polywigner.mitsuba.radar.clouds import covariance, element_responses, write_scatterers  # noqa: E402
+from polywigner.mitsuba.radar.radar_cubes import radar_cube  # noqa: E402
 from polywigner.mitsuba.radar.range_profile import range_frames, range_profile  # noqa: E402
 from polywigner.mitsuba.radar.scatterers import scatterers  # noqa: E402
 from polywigner.mitsuba.receive.channels import channel  # noqa: E402
@@ -55,6 +56,7 @@ __all__ = [
     "exclusive",
     "has_wigner_emitter",
     "load_scene",
+    "radar_cube",
     "range_frames",
     "range_profile",
     "received_power",

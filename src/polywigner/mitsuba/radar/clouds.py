@@ -15,6 +15,7 @@ from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_path, checked_row, real_numbers, rigid_pose
 from polywigner.mitsuba.plugins.mixtures import norm_of, support_of
+from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.stores import in_place, write_netcdf
 from polywigner.source import Array
@@ -129,7 +130,7 @@ def covariance(
 
 
 def _responses(
-    positions: Floats, sources: list[Aperture], to_world: Any, attrs: dict[str, Any]
+    positions: Floats, sources: Sequence[Any], to_world: Any, attrs: dict[str, Any]
 ) -> Complexes:
     """Return responses (sources, n) of sources at a pose to scatterers at positions (n, 3)."""
     pose = _pose(attrs["to_world"] if to_world is None else to_world)
@@ -145,6 +146,17 @@ def _responses(
         field = amplitude(source, local[front], wavelength, obliquity, tolerance=_TOLERANCE)
         row[front] = field * (wavelength / math.sqrt(norm))
     return result
+
+
+def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complexes:
+    """Return the responses (ends, scatterers) of placed sources or receivers, each as a whole."""
+    positions, _, attrs = _checked(cloud)
+    rows = []
+    for end in ends:
+        settings = {"wavelength": end.wavelength, "obliquity": end.obliquity}
+        about = attrs | settings | {"normalise": end.normalise}
+        rows.append(_responses(positions, [end.source], end.pose, about)[0])
+    return np.array(rows)
 
 
 def _checked(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:

@@ -1,0 +1,471 @@
+"""Radar waveforms, and maps of range, rate and angle from data cubes.
+
+A waveform defines the frequency f_n and the time t_n of each sample of a repetition. A path with
+the amplitude a and the delay tau(t) contributes, after mixing with the transmitted signal, (RC1)
+
+    s_mn = a exp(2 pi i f_n tau(t_mn)),    t_mn = m T + t_n
+
+The phase rises with n for a positive range and with m for a growing range. Data cubes come from
+:func:`polywigner.mitsuba.radar_cube`; the functions here process any cube of that form.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError, require, value_text
+from polywigner.geometry.arguments import checked_choice, checked_count, checked_length
+from polywigner.quantities import SPEED_OF_LIGHT, parse_duration, parse_frequency
+
+if TYPE_CHECKING:
+    import xarray
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+# Largest numbers of samples in a repetition, and of repetitions.
+_MOST = 1 << 20
+# Relative error of an interval that is rounded to fewer digits than the samples take.
+_ROUNDING = 1e-9
+# Points of a window, between which its values are interpolated.
+_WINDOW_POINTS = 1025
+
+
+@dataclass(frozen=True)
+class FMCW:
+    """Linear chirps, mixed with the transmitted signal (dechirped).
+
+    Parameters
+    ----------
+    start : float
+        Lowest frequency in Hz.
+    bandwidth : float
+        Range of frequencies in Hz that the samples cover: sample n has the frequency
+        ``start + n * bandwidth / samples``.
+    samples : int
+        Complex samples per chirp.
+    sample_rate : float
+        Sampling rate in Hz, which is the noise bandwidth of a sample too.
+    chirps : int, default 1
+        Chirps of each transmitter.
+    interval : float, optional
+        Time in s from the start of one chirp to the start of the next, ``samples / sample_rate``
+        or longer, which is the default.
+
+    Raises
+    ------
+    ArgumentError
+        If a value is not positive, or the interval is shorter than the samples.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> chirps = pw.radar.FMCW(76e9, 1e9, samples=256, sample_rate=20e6, chirps=64, interval=60e-6)
+    >>> round(chirps.range_step, 3), round(chirps.rate_step, 3)  # m and m/s
+    (0.15, 0.51)
+    """
+
+    start: float
+    bandwidth: float
+    samples: int
+    sample_rate: float
+    chirps: int = 1
+    interval: float = 0.0
+
+    repetition: ClassVar[str] = "chirps"
+
+    def __post_init__(self) -> None:
+        for name in ("start", "bandwidth", "sample_rate"):
+            checked_length(getattr(self, name), name, meaning="a frequency above zero in Hz")
+        for name in ("samples", "chirps"):
+            checked_count(getattr(self, name), name, 1, _MOST)
+        shortest = self.samples / self.sample_rate
+        interval = self.interval or shortest
+        checked_length(interval, "interval", meaning="a time above zero in s")
+        if interval < shortest * (1 - _ROUNDING):
+            raise ArgumentError(
+                f"interval must be at least samples/sample_rate, {shortest:.4g} s, got "
+                f"{interval:.4g} s"
+            )
+        object.__setattr__(self, "interval", interval)
+
+    @property
+    def frequencies(self) -> Floats:
+        """Frequencies (samples,) in Hz."""
+        return np.asarray(self.start + self.bandwidth / self.samples * np.arange(self.samples))
+
+    @property
+    def times(self) -> Floats:
+        """Times (samples,) in s of the frequencies after the start of a repetition."""
+        return np.arange(self.samples) / self.sample_rate
+
+    @property
+    def wavelength(self) -> float:
+        """Wavelength in m at the mean of the frequencies."""
+        return SPEED_OF_LIGHT / float(self.frequencies.mean())
+
+    @property
+    def range_step(self) -> float:
+        """Width of a range bin, c/(2 bandwidth), in m."""
+        return SPEED_OF_LIGHT / (2 * self.bandwidth)
+
+    @property
+    def rate_step(self) -> float:
+        """Width of a bin of the range rate in m/s, for one transmitter."""
+        return self.wavelength / (2 * self.chirps * self.interval)
+
+    @property
+    def noise_gain(self) -> float:
+        """Noise power of the spectrum over the noise power of a sample."""
+        return 1.0
+
+    def from_spectrum(self, spectrum: Complexes) -> Complexes:
+        """Return the samples of amplitudes (..., samples) at the frequencies."""
+        return spectrum
+
+    def to_spectrum(self, signal: Complexes) -> Complexes:
+        """Return the amplitudes at the frequencies of samples (..., samples)."""
+        return signal
+
+
+class SteppedFrequency(FMCW):
+    """Steps of constant frequency with one sample each; parameters as for :class:`FMCW`.
+
+    ``samples`` is the number of steps, and ``1 / sample_rate`` the time of a step.
+    """
+
+    repetition: ClassVar[str] = "bursts"
+
+
+class Pulse(FMCW):
+    """Pulses with a flat spectrum, after matched filtering; parameters as for :class:`FMCW`.
+
+    ``start`` and ``bandwidth`` describe the spectrum. Sample n of the receiver has the time
+    ``n / bandwidth`` after the pulse, so that it is the range bin n; ``sample_rate`` must equal
+    ``bandwidth``.
+    """
+
+    repetition: ClassVar[str] = "pulses"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if abs(self.sample_rate / self.bandwidth - 1) > _ROUNDING:
+            raise ArgumentError(
+                f"sample_rate of a pulse must equal its bandwidth, {self.bandwidth:.6g} Hz, got "
+                f"{self.sample_rate:.6g} Hz"
+            )
+
+    @property
+    def times(self) -> Floats:
+        """Times (samples,) of the frequencies in s: zero, since all are sent at once."""
+        return np.zeros(self.samples)
+
+    @property
+    def noise_gain(self) -> float:
+        """Noise power of the spectrum over the noise power of a sample."""
+        return float(self.samples)
+
+    def from_spectrum(self, spectrum: Complexes) -> Complexes:
+        """Return samples in time, of which the largest is the amplitude of a single path."""
+        return np.fft.fft(spectrum) / self.samples
+
+    def to_spectrum(self, signal: Complexes) -> Complexes:
+        """Return the spectrum of samples in time."""
+        return np.fft.ifft(signal) * self.samples
+
+
+_CLASSES = {kind.repetition: kind for kind in (FMCW, SteppedFrequency, Pulse)}
+_TEXT = re.compile(
+    r"(?P<start>[^+]+)\+(?P<bandwidth>[^,]+),\s*(?P<samples>\d+)\s+(?:samples|steps)"
+    rf"(?:\s+at\s+(?P<rate>[^,]+))?,\s*(?P<chirps>\d+)\s+(?P<kind>{'|'.join(_CLASSES)})"
+    r"(?:\s+every\s+(?P<interval>.+))?"
+)
+
+
+def parse_waveform(text: str | FMCW) -> FMCW:
+    """Parse a text to a waveform; a waveform is returned unchanged.
+
+    Parameters
+    ----------
+    text : str or FMCW
+        Such as ``"76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every 60 us"``. ``bursts`` in
+        place of ``chirps`` gives a :class:`SteppedFrequency`, ``pulses`` a :class:`Pulse`, whose
+        sampling rate may be left out.
+
+    Raises
+    ------
+    ArgumentError
+        If the text has another form.
+    QuantityError
+        If a quantity in it has no known unit.
+    """
+    if isinstance(text, FMCW):
+        return text
+    match = _TEXT.fullmatch(text.strip()) if isinstance(text, str) else None
+    if match is None or (match["rate"] is None and match["kind"] != Pulse.repetition):
+        raise ArgumentError(
+            'expected a waveform such as "76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every '
+            f'60 us", got {value_text(text)}'
+        )
+    bandwidth = parse_frequency(match["bandwidth"])
+    return _CLASSES[match["kind"]](
+        start=parse_frequency(match["start"]),
+        bandwidth=bandwidth,
+        samples=int(match["samples"]),
+        sample_rate=bandwidth if match["rate"] is None else parse_frequency(match["rate"]),
+        chirps=int(match["chirps"]),
+        interval=0.0 if match["interval"] is None else parse_duration(match["interval"]),
+    )
+
+
+def waveform_attrs(waveform: FMCW) -> dict[str, Any]:
+    """Return the attributes of a cube that describe its waveform."""
+    return {"waveform": waveform.repetition, **asdict(waveform)}
+
+
+def waveform_of(cube: Any) -> FMCW:
+    """Return the waveform of a data cube from its attributes.
+
+    Raises
+    ------
+    ArgumentError
+        If the argument is not a dataset of :func:`polywigner.mitsuba.radar_cube`.
+    """
+    try:
+        names = [field.name for field in fields(FMCW)]
+        if tuple(cube["signal"].dims) == CUBE_DIMS:
+            kind = _CLASSES[cube.attrs["waveform"]]
+            return kind(**{name: cube.attrs[name] for name in names})
+    except (AttributeError, KeyError, TypeError):
+        pass
+    raise ArgumentError(
+        f"expected a data cube of polywigner.mitsuba.radar_cube, got {type(cube).__name__} without "
+        "its signal and attributes"
+    )
+
+
+CUBE_DIMS = ("draw", "receiver", "emitter", "chirp", "sample")
+"""Dimensions of ``signal`` in a data cube."""
+
+
+# ---- processing ----------------------------------------------------------------------------------
+
+
+def range_doppler(cube: Any, window: str = "hann", pad: int = 1) -> xarray.DataArray:
+    """Compute the power by range and range rate of each receiver and emitter.
+
+    A path in the centre of a bin appears with its received power (coherent gain 1). Range is the
+    range in the middle of the frame: the motion within each repetition is removed for the rate of
+    each bin.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A result of :func:`polywigner.mitsuba.radar_cube`.
+    window : str, default "hann"
+        Window of ``scipy.signal.get_window`` along both axes, "boxcar" for none.
+    pad : int, default 1
+        Bins per resolution cell, by zero padding.
+
+    Returns
+    -------
+    xarray.DataArray
+        Power in W over draw, receiver, emitter, ``range_rate`` in m/s (positive for receding
+        objects) and ``range`` in m. The attribute ``noise_floor`` is the mean noise power of a bin
+        in W for each receiver.
+
+    Raises
+    ------
+    ArgumentError
+        If the cube, the window or ``pad`` is not valid.
+    """
+    spectra, rates, gain = _by_rate(cube, window, pad)
+    values, ranges, of_range = _by_range(cube, spectra, window, pad)
+    floor = _noise_of(cube) * gain * of_range
+    dims = (*CUBE_DIMS[:3], "range_rate", "range")
+    return _labelled(np.abs(values) ** 2, dims, {"range_rate": rates, "range": ranges}, cube, floor)
+
+
+def range_angle(
+    cube: Any,
+    array_axis: str = "x",
+    window: str = "hann",
+    directions: int = 257,
+    pad: int = 1,
+) -> xarray.DataArray:
+    """Compute the power by range and direction along an axis of the virtual array.
+
+    All receivers and emitters form one virtual array, with an element at the sum of the positions
+    of each pair. Power is summed over range rates, after the phases that a target gains between
+    the turns of the emitters are removed.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A result of :func:`polywigner.mitsuba.radar_cube` with several receivers or emitters.
+    array_axis : {"x", "y"}
+        Axis of the first receiver's frame along which the elements lie.
+    window : str, default "hann"
+        Window of ``scipy.signal.get_window`` over the array, chirps and samples.
+    directions : int, default 257
+        Number of direction cosines from -1 to 1.
+    pad : int, default 1
+        Bins per resolution cell of range.
+
+    Returns
+    -------
+    xarray.DataArray
+        Power in W over draw, ``direction_cosine`` and ``range`` in m, with the coordinate ``angle``
+        in rad. A point target in the centre of a bin appears with the power that one pair receives.
+        The attribute ``noise_floor`` is the mean noise power of a bin in W.
+
+    Raises
+    ------
+    ArgumentError
+        If the cube has one element only, or an argument is not valid.
+    """
+    axis = "xyz".index(checked_choice(array_axis, "array_axis", ("x", "y")))
+    cosines = np.linspace(-1.0, 1.0, checked_count(directions, "directions", 2, _MOST))
+    waveform = waveform_of(cube)
+    spectra, rates, _ = _by_rate(cube, window, 1)
+    values, ranges, of_range = _by_range(cube, spectra, window, pad)
+    frequency = SPEED_OF_LIGHT / waveform.wavelength
+    waits = cube["start_time"].values[:, None]
+    values = values * np.exp(-4j * np.pi * frequency * waits * rates / SPEED_OF_LIGHT)[..., None]
+    positions = np.add.outer(
+        cube["receiver_position"].values[:, axis], cube["emitter_position"].values[:, axis]
+    )
+    extent = np.ptp(positions)
+    if not extent > 0:
+        raise ArgumentError(
+            f"expected several elements along {array_axis}, got positions {positions.ravel()!r:.60}"
+        )
+    # one spacing wider than the array, so that no element has the weight zero
+    spacing = extent / (len(np.unique(positions.round(9))) - 1)
+    across = (positions - positions.min() + spacing / 2) / (extent + spacing)
+    shape = _window(window, _WINDOW_POINTS)
+    weights = np.interp(across, np.linspace(0.0, 1.0, _WINDOW_POINTS), shape)
+    weights /= weights.sum()
+    waves = np.exp(2j * np.pi / waveform.wavelength * np.multiply.outer(cosines, positions))
+    beams = np.einsum("urt,drtvn->duvn", waves * weights, values, optimize=True)
+    # the sum over rates counts a target as often as the window's noise bandwidth in bins
+    of_rates = _window(window, waveform.chirps)
+    bins = len(of_rates) * (of_rates**2).sum() / of_rates.sum() ** 2
+    image = (np.abs(beams) ** 2).sum(axis=2) / bins
+    floor = float((np.mean(_noise_of(cube)) * of_range) * (weights**2).sum())
+    axes = {"direction_cosine": cosines, "range": ranges}
+    result = _labelled(image, ("draw", *axes), axes, cube, floor)
+    angles = ("direction_cosine", np.arcsin(cosines), {"units": "rad"})
+    return result.assign_coords(angle=angles)
+
+
+def detections(
+    image: xarray.DataArray,
+    guard: Sequence[int] = (2, 2),
+    training: Sequence[int] = (8, 8),
+    false_alarm: float = 1e-6,
+) -> xarray.DataArray:
+    """Detect peaks with a constant rate of false alarms (cell averaging, CA-CFAR).
+
+    A bin is detected if it exceeds the mean of the training bins around it by the factor
+    ``N (P**(-1/N) - 1)`` for N training bins and the false-alarm probability P.
+
+    Parameters
+    ----------
+    image : xarray.DataArray
+        Power from :func:`range_doppler` or :func:`range_angle`.
+    guard, training : sequence of two int
+        Bins on each side along the last two axes that are left out, and that are averaged.
+    false_alarm : float, default 1e-6
+        Probability of a detection in a bin that contains only noise.
+
+    Returns
+    -------
+    xarray.DataArray
+        True for each detected bin, in the shape of ``image``.
+
+    Raises
+    ------
+    ArgumentError
+        If the numbers of bins or the probability are out of range.
+    """
+    filters = require("scipy.ndimage", "arrays", "detections are found with")
+    near = [checked_count(n, "guard", 0, _MOST) for n in guard]
+    far = [n + checked_count(m, "training", 1, _MOST) for n, m in zip(near, training, strict=True)]
+    if not 0 < false_alarm < 1:
+        raise ArgumentError(f"false_alarm must be between 0 and 1, got {value_text(false_alarm)}")
+    modes = ["wrap" if dim == "range_rate" else "reflect" for dim in image.dims[-2:]]
+
+    def sums(reach: list[int]) -> tuple[Floats, int]:
+        sizes = [2 * n + 1 for n in reach]
+        mean = filters.uniform_filter(image.values, sizes, mode=modes, axes=(-2, -1))
+        return mean * np.prod(sizes), int(np.prod(sizes))
+
+    (outer, all_bins), (inner, inner_bins) = sums(far), sums(near)
+    count = all_bins - inner_bins
+    factor = false_alarm ** (-1 / count) - 1
+    return image.copy(data=image.values > factor * (outer - inner)).rename("detected")
+
+
+def _window(name: str, count: int) -> Floats:
+    """Return a symmetric window without zeros at its ends."""
+    signal = require("scipy.signal", "arrays", "windows are computed with")
+    try:
+        return np.asarray(signal.get_window(name, count + 2, fftbins=False)[1:-1], np.float64)
+    except (ValueError, TypeError) as error:
+        raise ArgumentError(
+            f"expected a window of scipy.signal.get_window, got {value_text(name)}: {error}"
+        ) from None
+
+
+def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complexes, Floats, float]:
+    """Return spectra over rates (draw, receiver, emitter, rate, frequency), rates, noise gain.
+
+    The motion within each repetition is removed for the rate of each bin.
+    """
+    waveform = waveform_of(cube)
+    bins = waveform.chirps * checked_count(pad, "pad", 1, 64)
+    weights = _window(window, waveform.chirps)
+    period = cube.attrs["period"]
+    signal = waveform.to_spectrum(np.asarray(cube["signal"].values))
+    spectra = np.fft.fft(signal * weights[:, None], bins, axis=-2) / weights.sum()
+    rates = np.fft.fftshift(np.fft.fftfreq(bins, period)) * waveform.wavelength / 2
+    spectra = np.fft.fftshift(spectra, axes=-2)
+    delays = 2 / SPEED_OF_LIGHT * np.multiply.outer(rates, waveform.times)
+    spectra *= np.exp(-2j * np.pi * waveform.frequencies * delays)
+    return spectra, rates, float((weights**2).sum() / weights.sum() ** 2)
+
+
+def _by_range(
+    cube: Any, spectra: Complexes, window: str, pad: int
+) -> tuple[Complexes, Floats, float]:
+    """Return amplitudes over range in place of frequency, ranges in m, and the noise gain."""
+    waveform = waveform_of(cube)
+    bins = waveform.samples * checked_count(pad, "pad", 1, 64)
+    weights = _window(window, waveform.samples)
+    values = np.fft.fft(spectra * weights, bins) / weights.sum()
+    ranges = np.arange(bins) * waveform.range_step * waveform.samples / bins
+    noise = waveform.noise_gain * float((weights**2).sum() / weights.sum() ** 2)
+    return values, ranges, noise
+
+
+def _noise_of(cube: Any) -> Floats:
+    return np.asarray(cube["noise_power"].values)
+
+
+def _labelled(
+    values: Floats, dims: Sequence[str], coords: dict[str, Floats], cube: Any, floor: Any
+) -> xarray.DataArray:
+    import xarray
+
+    units = {"range": "m", "range_rate": "m/s", "direction_cosine": "1"}
+    labels = {name: (name, axis, {"units": units[name]}) for name, axis in coords.items()}
+    kept = {name: cube.coords[name] for name in dims if name in cube.coords}
+    attrs = {"units": "W", "long_name": "received power", "noise_floor": floor}
+    return xarray.DataArray(values, {**kept, **labels}, dims, "power", attrs)
