@@ -39,7 +39,7 @@ FLOOR_DB = -50.0
 
 def data_cube(points: int = 20_000, draws: int = DRAWS) -> xarray.Dataset:
     """The samples of all columns; many rays find the distant posts."""
-    scene = polywigner.mitsuba.load_scene(HERE / "radar.xml", merge=False)
+    scene = polywigner.mitsuba.load_scene(HERE / "radar.xml")
     return polywigner.mitsuba.radar_cube(
         scene, WAVEFORM, velocities={"car": (CAR[1], 0.0, 0.0)}, elements=True, points=points,
         rays=20 * points, draws=draws,
