@@ -132,7 +132,6 @@ BAD: dict[str, str] = {
         --against kirchhoff => --against | kirchhoff
         --amplitude => phase | wigner
         --accuracy 1e-15 => tolerance | 1e-13
-        --precision half => precision | half
         --db-floor 3 => --db-floor | -1
         --taper gauss => taper | gauss
         --wavelength "3 mm" => both

@@ -32,6 +32,10 @@ _RULE, _ERROR = EdgeRule.of(8.0, 100, 14), 2e-13
 # Shift of points, as a fraction of their distance from the source, that decides on which side of
 # the boundary of the shadow they are.
 _SHIFT, _ASIDE = 1e-14, np.array([0.57, 0.31, 0.76])
+# Points this close to a line through the source and a corner, as a fraction of their distance from
+# the source, have the mean field of two points that far on either side: the waves of both edges
+# diverge there, and their sum loses digits.
+_AT_CORNER, _BESIDE_CORNER = 1e-10, 1e-9
 # Pairs of a point and an edge per block: temporary arrays of a few MB.
 _PAIRS = 1 << 15
 
@@ -53,6 +57,15 @@ def waves_through(
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in opening.rings]) / wavelength
     start, stop = ((*edge.T[..., None], 0.0) for edge in (begin, end))
     position, image = np.array(source) / wavelength, np.array(source) * [1, 1, -1] / wavelength
+    at_corner = _on_corner_lines(begin, position, points / wavelength)
+    if at_corner.any():
+        away = np.linalg.norm(points - source, axis=1)[:, None] * _BESIDE_CORNER * _ASIDE
+        away = np.where(at_corner[:, None], away, 0.0)
+        sides = [
+            waves_through(opening, source, points + sign * away, wavelength, mirrored)
+            for sign in (1, -1)
+        ]
+        return (sides[0][0] + sides[1][0]) / 2, np.maximum(sides[0][1], sides[1][1])
     field, errors = np.empty(len(points), np.complex128), np.empty(len(points))
     step = max(1, _PAIRS // len(begin))
     for some in (slice(low, low + step) for low in range(0, len(points), step)):
@@ -73,6 +86,18 @@ def waves_through(
             field[some] += mirrored * reflected * waves / (2 * math.pi)
             errors[some] += _ERROR * abs(mirrored * reflected) * len(begin)
     return field, errors
+
+
+def _on_corner_lines(corners: Floats, source: Floats, points: Floats) -> NDArray[np.bool_]:
+    """Return which points (n, 3) lie on lines through a source (3,) and corners (m, 2)."""
+    near = np.zeros(len(points), np.bool_)
+    away = points - source
+    lengths = np.linalg.norm(away, axis=1)
+    for x, y in corners:
+        axis = np.array([x, y, 0.0]) - source
+        axis /= np.linalg.norm(axis)
+        near |= np.linalg.norm(np.cross(away, axis), axis=1) <= _AT_CORNER * lengths
+    return near
 
 
 @final
