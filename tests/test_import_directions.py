@@ -37,6 +37,7 @@ ROOMS = [
     ("propagation",),
     ("reception",),
     ("scattering", "rays"),
+    ("radar",),
     ("mitsuba", "testing"),  # `testing` is for users: it checks the public transforms
     ("figures",),
     ("explorer",),

@@ -466,6 +466,6 @@ def _labelled(
 
     units = {"range": "m", "range_rate": "m/s", "direction_cosine": "1"}
     labels = {name: (name, axis, {"units": units[name]}) for name, axis in coords.items()}
-    kept = {name: cube.coords[name] for name in dims if name in cube.coords}
+    axes = {name: cube.coords[name] for name in dims if name in cube.coords}
     attrs = {"units": "W", "long_name": "received power", "noise_floor": floor}
-    return xarray.DataArray(values, {**kept, **labels}, dims, "power", attrs)
+    return xarray.DataArray(values, {**axes, **labels}, dims, "power", attrs)

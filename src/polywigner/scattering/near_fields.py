@@ -280,7 +280,7 @@ def field_gradient(
     for axis in range(3):
         carried = _carried(radiator, wavelength, axis)
         if any(element.amplitudes.any() for element in carried.elements):
-            name = method if axis < 2 else DERIVATIVE_OF.get(method, method)
+            name = method if axis < 2 else DERIVATIVE_OF[method]
             how = (wavelength, name, tolerance, "auto")
             gradient[:, axis] = boundary_field(carried, points, *how)[0]
     condition = OBLIQUITIES[method]

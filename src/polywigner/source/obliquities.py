@@ -197,9 +197,10 @@ CONDITIONS = {name: each for name, each in OBLIQUITIES.items() if each.is_bounda
 DEFAULT: DefaultCondition = "rayleigh-sommerfeld-1"
 DERIVATIVE_OF = {
     "rayleigh-sommerfeld-1": "rayleigh-sommerfeld-2",
+    "kirchhoff": "kirchhoff",
     "rayleigh-sommerfeld-2": "rayleigh-sommerfeld-1",
 }
-"""The boundary condition of the derivative in z of a field, by the condition of the field."""
+"""The boundary condition with a and b exchanged: that of the derivative in z of a field."""
 
 # Largest difference of the cosines of waves at one angle: the rounding of their frequencies.
 _SAME_COSINE = 1e-13

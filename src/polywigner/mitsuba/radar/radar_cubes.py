@@ -461,9 +461,9 @@ def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complexes, emitter: int) -
             continue
         rates, delays = cloud.rates[some], cloud.delays[emitter, some]
         terms, factors = _series(radar, signals[:, some], cloud.excess[:, some], rates)
-        middle = wave.samples // 2
+        half = wave.samples // 2
         step, wait = wave.bandwidth / wave.samples, float(wave.times[-1]) / max(wave.samples - 1, 1)
-        centre, time = wave.start + middle * step, middle * wait
+        centre, time = wave.start + half * step, half * wait
         for m, chirp in enumerate(radar.chirp_times[emitter, :-1] if is_moving else [0.0]):
             now = delays + rates * (chirp + time)
             turns = (centre - radar.frequency) * delays + centre * (now - delays)
