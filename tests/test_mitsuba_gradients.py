@@ -139,7 +139,7 @@ def test_vertices_that_cross_and_numbers_that_are_missing_are_refused(llvm):
     key = "aperture.emitter.vertices"
     corners = np.array(params[key]).reshape(-1, 2)
     params[key] = mi.Float(corners[[3, 1, 2, 0, *range(4, len(corners))]].ravel().tolist())
-    with pytest.raises(GeometryError, match=r"crosses itself|turned over"):
+    with pytest.raises(GeometryError, match=r"crosses itself|orientation of the outline"):
         params.update()
     params[key] = mi.Float([0.0, 1.0])
     with pytest.raises(SceneError, match="two for each"):
