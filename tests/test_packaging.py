@@ -92,8 +92,8 @@ sys.path.insert(0, str(ROOT / "tools"))
 
 from pin_versions import CONSTRAINTS, declared  # noqa: E402
 
-# In no environment that the tests are run in: peers of benchmarks, and VTK's 600 MB.
-_NOT_TESTED = {"coxeter", "finufft", "jax"}
+# In no environment that the tests are run in: peers of benchmarks.
+_NOT_TESTED = {"coxeter", "jax"}
 TEXT = CONSTRAINTS.read_text()
 LINES = [line for line in TEXT.splitlines() if not line.startswith("#")]
 VERSIONS = dict(line.split("==") for line in LINES)
