@@ -22,8 +22,8 @@ BLOCK = "So::\n\n    a * b | c\n\n===  ===\na*b  c|d\n===  ==="
     ("text", "shown"),
     [
         (
-            "Law.\n\nParameters\n----------\nx, y : (..., 2) in m, or\n    a pair: both.\n",
-            ":Parameters:\n    ``x, y``\n        (..., 2) in m, or\n        a pair: both.\n",
+            "Law.\n\nParameters\n----------\nx, y : float, shape (2,)\n    Both in m.\n",
+            ":Parameters:\n    ``x, y``\n        float, shape (2,)\n\n        Both in m.\n",
         ),
         (
             "Parameters\n----------\nx : in m\n\nThere is one in\ncommon: the first.\n",
@@ -32,7 +32,7 @@ BLOCK = "So::\n\n    a * b | c\n\n===  ===\na*b  c|d\n===  ==="
         ("u* |u|^2 ``|u|*`` :func:`fourier`", r"u\* \|u\|^2 ``|u|*`` :func:`fourier`"),
         (BLOCK, BLOCK),
     ],
-    ids=["no line is cut", "colons of prose", "formulas are no markup", "blocks and tables"],
+    ids=["types are paragraphs", "colons of prose", "formulas are no markup", "blocks and tables"],
 )
 def test_docstrings_are_converted(text, shown):
     assert shown in CONVERTED(text)

@@ -1,11 +1,8 @@
-"""Docstrings as they are written here, prose with shapes and units, into what Sphinx reads.
+"""Convert numpydoc docstrings to what Sphinx reads.
 
-    x : (..., d) positions in m.
-    source : an Aperture, or an Array of
-        apertures.
-
-numpydoc and napoleon take what follows the colon for a type, and the next line for its description,
-which cuts such sentences in two; and `|u|` and `u*` mean something else to reStructuredText.
+Each parameter becomes a definition: its type, and a paragraph with its description. Other sections
+become fields. Symbols such as ``|u|`` and ``u*`` are escaped, which reStructuredText would read as
+markup.
 """
 
 from __future__ import annotations
@@ -21,8 +18,6 @@ SECTION = re.compile(
 )
 ITEM = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) ?: (.*)$")
 TERM = re.compile(r"^\*{0,2}\w+(?:, \*{0,2}\w+)*\s*$")
-# Columns of the docstring of a method; that of a function is four wider.
-WIDTH = 92
 # Literals, roles and links are left as they are: odd pieces of a split by this.
 SINGLE = re.compile(r"(?<![`:\w])`([^`\n]+)`(?![`_])")
 PAGE = re.compile(r"docs/(\w+)\.md")
@@ -54,14 +49,8 @@ def paragraphs(text: str) -> str:
     return "".join(written)
 
 
-def is_type(line: str, following: str) -> bool:
-    """Return whether a line ends with a type: a sentence follows whose first word would fit."""
-    word = following.split()[0] if following.startswith("    ") else ""
-    return word[:1].isupper() and len(line) + 1 + len(word) <= WIDTH
-
-
 def definitions(text: str) -> str:
-    """Parameters: one definition each; its type, if on a line of its own, is a paragraph."""
+    """Parameters: one definition each, its type and its description."""
     written: list[str] = []
     lines = text.splitlines()
     for line, following in itertools.zip_longest(lines, lines[1:], fillvalue=""):
@@ -69,7 +58,7 @@ def definitions(text: str) -> str:
         item = None if in_prose else ITEM.match(line)
         if item:
             written += [f"``{item[1]}``", f"    {item[2]}"]
-            if is_type(line, following):
+            if following.startswith("    "):
                 written.append("")
         elif TERM.match(line) and following.startswith("    "):
             written.append(f"``{line.rstrip()}``")
