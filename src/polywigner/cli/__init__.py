@@ -20,7 +20,7 @@ from polywigner.cli import (
     lens_commands,
     pattern,
     propagate,
-    radar,
+    radar_samples,
     rcs,
     receive,
     render,
@@ -166,7 +166,14 @@ def explore(
 
 
 _COMMANDS = (
-    *(render.render, receive.receive, radar.radar, transform.transform, pattern.pattern, rcs.rcs),
+    *(
+        render.render,
+        receive.receive,
+        radar_samples.radar,
+        transform.transform,
+        pattern.pattern,
+        rcs.rcs,
+    ),
     *(propagate.propagate, propagate.volume, lens_commands.psf, lens_commands.mtf),
     *(explore, doctor.doctor),
 )

@@ -301,7 +301,8 @@ def _coherent(
         paths, of_link = paths_between(
             scene, emitter, receiver, routes, options.polarisation, shortest
         )
-        notes.extend(of_link)
+        if any(receiver is parts[0] for parts in radar.receivers):  # not of each element
+            notes.extend(of_link)
         h = amplitudes_of(paths, wave.frequencies, options.tolerance)
         rates = [_rate_of(path.route, emitter, receiver, speeds) for path in paths]
         return _Link(math.sqrt(emitter.power) * h.T, np.array(rates) / SPEED_OF_LIGHT)

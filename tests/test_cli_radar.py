@@ -1,0 +1,44 @@
+"""``polywigner radar``: the data cube and its maps as files, and errors before the work."""
+
+from pathlib import Path
+
+import pytest
+
+from polywigner.cli import main
+
+pytestmark = [pytest.mark.drjit, pytest.mark.llvm]
+xarray = pytest.importorskip("xarray")
+pytest.importorskip("mitsuba")
+
+SCENE = str(Path(__file__).parents[1] / "examples" / "radar_77ghz" / "radar.xml")
+WAVEFORM = "76.85 GHz + 300 MHz, 128 samples at 5 MHz, 8 chirps every 60 us"
+
+
+def test_the_command_writes_the_cube_and_both_maps(tmp_path, capsys):
+    out = tmp_path / "street"
+    options = ("--velocity", "car = -8, 0, 0", "--elements", "--points", "500", "--out", str(out))
+    assert main(["radar", SCENE, "--waveform", WAVEFORM, *options]) == 0
+    printed = capsys.readouterr().out
+    assert "12 receivers, 1 emitters, 500 scatterers" in printed
+    with xarray.open_dataset(tmp_path / "street.nc", engine="h5netcdf") as cube:
+        assert dict(cube.sizes)["receiver"] == 12 and cube.attrs["chirps"] == 8
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["street.nc", "street_angle.png", "street_rate.png"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["none.xml", "--waveform", WAVEFORM], "none.xml"),
+        ([SCENE, "--waveform", "77 GHz"], "such as"),
+        ([SCENE, "--waveform", WAVEFORM, "--velocity", "car 3"], "VX, VY, VZ"),
+        ([SCENE, "--waveform", WAVEFORM, "--velocity", "moon = 1, 0, 0", "--points", "9"], "moon"),
+        ([SCENE, "--waveform", WAVEFORM, "--window", "none", "--points", "9"], "window"),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(arguments, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["radar", *arguments]) == 2
+    message = capsys.readouterr().err
+    assert words in message and message.count("\n") == 1
+    assert not list(tmp_path.iterdir())
