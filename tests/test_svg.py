@@ -273,7 +273,7 @@ BAD = {
     "odd points": ('<polygon points="0 0 1 0 1"/>', FileFormatError, "or points"),
     "no start": ('<path d="L 1 1 2 2z"/>', FileFormatError, "starts with M"),
     "missing number": ('<path d="M0 0L1 1 2z"/>', FileFormatError, "path data"),
-    "dotted number": ('<path d="M0. 0H1V1z"/>', FileFormatError, "path data"),
+    "dotted number": ('<path d="M0. 0H1V1z"/>', FileFormatError, r"path data|does not read"),
     "unknown transform": ('<g transform="turn(3)"><rect/></g>', FileFormatError, "a transform"),
     "percent": ('<circle cx="10%" r="1"/>', FileFormatError, "the cx in units"),
     "em": ('<rect width="1em" height="1"/>', FileFormatError, "in px, mm"),
