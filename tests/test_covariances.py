@@ -19,7 +19,7 @@ PLACES = (np.arange(12) - 5.5) * WAVELENGTH * 0.75
 ARRAY = pw.Array([ELEMENT.moved((x, 0.0)) for x in PLACES], np.exp(0.3j * np.arange(12)))
 DISTANCE, RADIUS = 5.0, 0.5
 
-# Of Airy's formula for a disc of this angle: cosines are not constant, and places are drawn.
+# Error of Airy's formula for a disc of this angle: cosines vary, and positions are random.
 AIRY = 0.01
 # Fields of a tolerance of 1e-6, sums of thousands.
 FIELDS = 1e-5

@@ -26,7 +26,7 @@ ANGLES = np.radians([-60, -20, -5, 0, 10, 20, 30, 70])
 LOBES = 0.02
 
 
-# Of the amplitude of the direct way: Sionna's delays in single precision.
+# Error of the line-of-sight amplitude: Sionna's delays are in single precision.
 FRINGES = 5e-3
 
 

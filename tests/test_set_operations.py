@@ -50,7 +50,7 @@ def test_a_scaled_aperture_has_a_scaled_transform():
     ("made", "error", "words"),
     [
         (lambda: DISC & pw.shapes.square(1e-3), GeometryError, "no area in common"),
-        (lambda: pw.shapes.square(1e-3) - BAR, GeometryError, "an empty result"),
+        (lambda: pw.shapes.square(1e-3) - BAR, GeometryError, "the result is empty"),
         (lambda: DISC | BAR.with_illumination(FIELD), IlluminationError, "with_illumination"),
         (lambda: DISC & BAR.with_illumination(FIELD), IlluminationError, "remove a field"),
         (lambda: DISC.scaled(0.0), PolywignerError, "factor"),

@@ -14,7 +14,9 @@ from typing import Any
 from polywigner import errors
 
 SECTION = re.compile(
-    r"^(Parameters|Attributes|Returns|Yields|Raises|Warns|Notes|References|Examples)\n-{3,}\n", re.M
+    r"^(Parameters|Attributes|Returns|Yields|Raises|Warns|See Also|Notes|References|Examples)"
+    r"\n-{3,}\n",
+    re.M,
 )
 ITEM = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) ?: (.*)$")
 TERM = re.compile(r"^\*{0,2}\w+(?:, \*{0,2}\w+)*\s*$")
@@ -77,7 +79,7 @@ def converted(docstring: str) -> str:
     before, *sections = SECTION.split(docstring)
     written = [paragraphs(before).rstrip(), ""]
     for title, body in zip(sections[::2], sections[1::2], strict=True):
-        if title in ("Parameters", "Attributes"):
+        if title in ("Parameters", "Attributes", "See Also"):
             body = definitions(body)
         else:
             body = (

@@ -99,7 +99,7 @@ def _mesh_of(rectangle: Any) -> Any:
 
 
 def direct_phase(distances: Any) -> Any:
-    """exp(ikr) of the direct way: Sionna RT counts delays from the first one."""
+    """exp(ikr) of the line of sight: Sionna RT counts delays from the first path."""
     return np.exp(2j * math.pi * np.hypot(distances, HEIGHTS[0] - HEIGHTS[1]) / WAVELENGTH)
 
 

@@ -181,7 +181,7 @@ def takes_data(kernel: Kernel, tables: Any) -> bool:
 def uncompiled() -> Iterator[None]:
     """Make ``"auto"`` NumPy within the block, for code that runs in a thread of Dr.Jit.
 
-    Mitsuba loads scenes in Dr.Jit's threads. A thread that waits there for a kernel can end the
+    Mitsuba loads scenes in Dr.Jit's threads. Waiting for a kernel there can crash the
     process.
     """
     token = _is_uncompiled.set(True)

@@ -273,8 +273,7 @@ class Aperture(TakesWaves):
         region = combined_on_grid(operation, self.polygons, other.polygons)
         if region.is_empty:
             raise GeometryError(
-                "expected apertures that overlap in part, got an empty result: one covers the "
-                "other, or they have no area in common"
+                "the result is empty: one aperture covers the other, or they have no area in common"
             )
         return Aperture(region).with_illumination(self.illumination)
 

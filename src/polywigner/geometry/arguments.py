@@ -142,7 +142,7 @@ def checked_vectors(
 
 def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
     """Return an array with ``dimension`` axes, none empty; raise ArgumentError for others."""
-    expected = f"expected {name} as an array of real numbers with {dimension} axes and some entries"
+    expected = f"expected {name} as an array of real numbers of {dimension} dimensions, not empty"
     return real_array(values, expected, (None,) * dimension)
 
 

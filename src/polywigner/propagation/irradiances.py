@@ -263,7 +263,7 @@ def _irradiance_and_error(
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     if obstacles is not None and (method == "wigner" or not (through is None is bandwidth)):
         raise ArgumentError(
-            "obstacles require one wavelength, no system of lenses, and another method than rays, "
+            "obstacles require one wavelength, no system of lenses, and a method with fields, "
             f'got method={method!r} and bandwidth={bandwidth!r}; use method="auto" alone'
         )
 

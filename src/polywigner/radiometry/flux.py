@@ -68,8 +68,8 @@ def radiance(
     Returns
     -------
     ndarray of float, shape (...)
-        Radiance in W/(m^2 sr), accurate to 1e-12 (single precision: 5e-6) int |u|^2/lambda^2. An
-        ``xarray.DataArray`` gives one, as in :func:`fourier`.
+        Radiance in W/(m^2 sr), accurate to 1e-12 (single precision: 5e-6) int |u|^2/lambda^2. A
+        DataArray gives a DataArray, as in :func:`fourier`.
 
     Raises
     ------
@@ -122,8 +122,8 @@ def radiant_intensity(
     Returns
     -------
     ndarray of float, shape (...)
-        Radiant intensity in W/sr, not negative. An ``xarray.DataArray`` gives one, as in
-        :func:`fourier`.
+        Radiant intensity in W/sr, not negative. A DataArray gives a DataArray, as
+        in :func:`fourier`.
 
     Raises
     ------
@@ -192,8 +192,8 @@ def flux_vector(
     Returns
     -------
     ndarray of float, shape (..., 3)
-        J in W/m^2, accurate to 1e-12 int |u|^2/lambda^2. An ``xarray.DataArray`` gives one, as in
-        :func:`fourier`, with J along ``flux_component``.
+        J in W/m^2, accurate to 1e-12 int |u|^2/lambda^2. A DataArray gives a DataArray, as
+        in :func:`fourier`, with J along ``flux_component``.
 
     Raises
     ------

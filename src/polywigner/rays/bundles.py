@@ -71,7 +71,7 @@ def traced(
     Parameters
     ----------
     rays : xarray.Dataset
-        The n rays before tracing, from :func:`polywigner.sample_rays` or :func:`load`.
+        The n rays before tracing, from :func:`polywigner.sample_rays` or :func:`polywigner.rays.load`.
     position : array_like, shape (n, 3)
         A point on each ray behind the optics, in m.
     direction : array_like, shape (n, 3)
@@ -179,7 +179,7 @@ def rebuild(
     Parameters
     ----------
     rays : xarray.Dataset
-        From :func:`polywigner.sample_rays`, :func:`load` or :func:`traced`.
+        From :func:`polywigner.sample_rays`, :func:`polywigner.rays.load` or :func:`traced`.
     plane : float or array_like, shape (4, 4)
         z in m of a plane parallel to x and y; or the pose of the plane.
     bounds : array_like, shape (4,)

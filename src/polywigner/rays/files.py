@@ -60,7 +60,7 @@ def save(
     Parameters
     ----------
     rays : xarray.Dataset
-        From :func:`polywigner.sample_rays`, :func:`load` or :func:`traced`.
+        From :func:`polywigner.sample_rays`, :func:`polywigner.rays.load` or :func:`traced`.
     path : str or path
         The file, with the suffix ``.dat``; an existing file is replaced.
     split : bool, default False
@@ -148,7 +148,7 @@ def _warn_of_negative(weight: Values) -> None:
 
 
 def load(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Read rays from a source file of OpticStudio, written by :func:`save` or another program.
+    """Read rays from a source file of OpticStudio, written by :func:`polywigner.rays.save` or another program.
 
     The negative part of a split file gets negative weights:
     ``xarray.concat([positive, negative], "ray", combine_attrs="override")`` joins both parts.

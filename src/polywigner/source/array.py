@@ -464,8 +464,8 @@ def segmented_pupil(
     wavelength : float
         Wavelength in m to which the phases of the returned array belong.
     piston : float or array_like, shape (n,), default 0
-        Path length of the wavefront at each segment's centroid in m. The piston of a segmented
-        mirror is twice its step.
+        Path length of the wavefront at each segment's centroid in m. If a segment of
+        a mirror moves by d, give 2 d.
     tilt : float or array_like, shape (2,) or (n, 2), default 0
         Slopes of the wavefront along x and y on each segment, without unit.
 

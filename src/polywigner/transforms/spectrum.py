@@ -69,9 +69,9 @@ def fourier(
     -------
     ndarray of complex, shape (...)
         In m^d; complex64 for single precision. Dr.Jit input gives ``Complex2f``, or for tensors a
-        tensor (..., 2) of real and imaginary parts. An ``xarray.DataArray``, components along its
-        last dimension, gives one over its other dimensions, broadcast by name, with their
-        coordinates, a unit and a name; a chunked one stays lazy (docs/howto/notebook.md).
+        tensor (..., 2) of real and imaginary parts. An ``xarray.DataArray`` with components along
+        its last dimension gives a DataArray over its other dimensions, broadcast by name, with
+        their coordinates, a unit and a name; chunked input stays lazy (docs/howto/notebook.md).
 
     Raises
     ------
