@@ -71,7 +71,8 @@ def traced(
     Parameters
     ----------
     rays : xarray.Dataset
-        The n rays before tracing, from :func:`polywigner.sample_rays` or :func:`polywigner.rays.load`.
+        The n rays before tracing, from :func:`polywigner.sample_rays` or
+        :func:`polywigner.rays.load`.
     position : array_like, shape (n, 3)
         A point on each ray behind the optics, in m.
     direction : array_like, shape (n, 3)

@@ -148,7 +148,9 @@ def _warn_of_negative(weight: Values) -> None:
 
 
 def load(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Read rays from a source file of OpticStudio, written by :func:`polywigner.rays.save` or another program.
+    """Read rays from a source file of OpticStudio.
+
+    Such files come from :func:`polywigner.rays.save` or from another program.
 
     The negative part of a split file gets negative weights:
     ``xarray.concat([positive, negative], "ray", combine_attrs="override")`` joins both parts.
