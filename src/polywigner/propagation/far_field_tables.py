@@ -435,7 +435,7 @@ def _pair(table: Floats) -> Complex:
 
 def _checked_count(count: float, line: int) -> int:
     if not (1 <= count <= MOST_DIRECTIONS and count == int(count)):
-        raise FileFormatError(f"expected a number of angles in line {line}, got {count:g}")
+        raise FileFormatError(f"expected the number of angles in line {line}, got {count:g}")
     return int(count)
 
 

@@ -334,8 +334,8 @@ def steering_weights(
     towards = unit_vector(direction) if positions.shape[1] == 3 else transverse(direction)
     if len(towards) != positions.shape[1]:
         raise ArgumentError(
-            f"expected a direction for positions of {positions.shape[1]} components, got one with "
-            f"{len(towards)} along the array"
+            f"expected a direction with {positions.shape[1]} components, as positions have, got "
+            f"{len(towards)}"
         )
     return np.exp(2j * np.pi * (positions @ (towards / checked_length(wavelength, "wavelength"))))
 

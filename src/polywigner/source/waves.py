@@ -214,8 +214,8 @@ def _merged(
 # of the samples: smaller singular values cause large amplitudes that cancel.
 _CUT_OFF = 1e-6
 
-# Default period in extents of the samples. With twice the extent, fields that are not periodic are
-# approximated up to the edges.
+# Default period, as a multiple of the sampled extent. With twice the extent, fields that are not
+# periodic are approximated up to the edges.
 _PERIODS = 2
 
 _MOST_WAVES = 4096

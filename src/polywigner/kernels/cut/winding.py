@@ -127,7 +127,7 @@ class PairClipper(Clipper):
             weight, phase = tables.mutual(real, imag, *level, *(0.0,) * (2 - count))
             phase = -phase if view is AHEAD else phase
             self._current = view, (2.0 - fraction, fraction, weight, phase)
-            # u = e with length 1, which is equivalent for the terms
+            # e in place of its unit vector, with length 1: their product is the same
             return term(Edge(ax, ay, ex, ey, ex, ey, 1.0, real, imag, begin=begin, end=end))
 
         def of_inside(row: Any) -> Level:

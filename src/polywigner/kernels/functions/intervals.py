@@ -51,7 +51,7 @@ Interval = tuple[Fraction, Fraction, Waves]
 def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
     """Return u without the carrier in an interval that includes its begin and excludes its end."""
     inside = ops.select((x >= begin) & (x < end), 1.0, 0.0)
-    # NaN for NaN x: comparisons with NaN are false, as they are outside
+    # comparisons with NaN are false, so NaN arguments would count as outside and give 0
     return Pair(*field_of(ops, waves, (x,))).scaled(inside) + Pair(x - x, x - x)
 
 
