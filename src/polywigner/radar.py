@@ -101,9 +101,14 @@ class FMCW:
         return np.asarray(self.start + self.bandwidth / self.samples * np.arange(self.samples))
 
     @property
+    def time_step(self) -> float:
+        """Time in s from one frequency to the next."""
+        return 1.0 / self.sample_rate
+
+    @property
     def times(self) -> Floats:
         """Times (samples,) in s of the frequencies after the start of a repetition."""
-        return np.arange(self.samples) / self.sample_rate
+        return np.asarray(self.time_step * np.arange(self.samples))
 
     @property
     def wavelength(self) -> float:
@@ -162,9 +167,9 @@ class Pulse(FMCW):
             )
 
     @property
-    def times(self) -> Floats:
-        """Times (samples,) of the frequencies in s: zero, since all are sent at once."""
-        return np.zeros(self.samples)
+    def time_step(self) -> float:
+        """Time in s from one frequency to the next: zero, since all are sent at once."""
+        return 0.0
 
     @property
     def noise_gain(self) -> float:

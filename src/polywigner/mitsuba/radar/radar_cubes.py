@@ -463,7 +463,7 @@ def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complexes, emitter: int) -
         rates, delays = cloud.rates[some], cloud.delays[emitter, some]
         terms, factors = _series(radar, signals[:, some], cloud.excess[:, some], rates)
         half = wave.samples // 2
-        step, wait = wave.bandwidth / wave.samples, float(wave.times[-1]) / max(wave.samples - 1, 1)
+        step, wait = wave.bandwidth / wave.samples, wave.time_step
         centre, time = wave.start + half * step, half * wait
         for m, chirp in enumerate(radar.chirp_times[emitter, :-1] if is_moving else [0.0]):
             now = delays + rates * (chirp + time)
@@ -496,8 +496,7 @@ def _series(
     wave = radar.waveform
     offsets = wave.frequencies - radar.frequency
     numbers = np.arange(wave.samples) - wave.samples // 2
-    wait = float(wave.times[-1]) / max(wave.samples - 1, 1)
-    curves = numbers**2 * (wave.bandwidth / wave.samples * wait)
+    curves = numbers**2 * (wave.bandwidth / wave.samples * wave.time_step)
     terms, factors = [signals], [np.ones(wave.samples)]
     for amounts, along in ((excess, offsets), (rates, curves)):
         reach = float(np.abs(along).max()) or 1.0
