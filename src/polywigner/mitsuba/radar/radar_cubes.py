@@ -498,7 +498,7 @@ def _frame(
         slopes.insert(0, centre * radar.period * rates)
         shape.insert(0, len(starts))
     waves = signals[:, chosen] * np.exp(2j * np.pi * constant)
-    motion: Floats = step * n * (radar.period * m[:, None] + wait * n)
+    motion = np.asarray(step * n * (radar.period * m[:, None] + wait * n), np.float64)
     offsets = wave.frequencies - radar.frequency
     result = np.zeros((len(waves), *motion.shape), np.complex128)
     for terms, factor in _series(cloud.excess[:, chosen], offsets, _OF_SUMS):
