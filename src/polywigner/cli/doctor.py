@@ -12,8 +12,7 @@ from typing import Annotated, NamedTuple
 import typer
 
 from polywigner.errors import install_command
-from polywigner.toolchain import install
-from polywigner.toolchain.llvm import LLVMStatus, prepare, run_in_child
+from polywigner.llvm import LLVMStatus, prepare, run_in_child
 
 _GOOD, _BAD, _OPTIONAL = "yes", "no", "-"
 _COLOURS = {_GOOD: "green", _BAD: "red", _OPTIONAL: "yellow"}
@@ -43,7 +42,7 @@ def doctor(
     Tests the engines, the LLVM library, the GPU and the extras.
     """
     if install_llvm:
-        install.install_llvm()
+        install_llvm()
     transforms, llvm, gpu = _transforms(), prepare(), _gpu()
     python = Row("python", _GOOD, f"{platform.python_version()} at {sys.executable}")
     rows = [transforms, _llvm(llvm), gpu, python, *map(_library, _CORE), _rendering(llvm, gpu)]
