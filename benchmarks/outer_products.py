@@ -21,8 +21,8 @@ import shapely
 
 import polywigner as pw
 from polywigner.llvm import prepare
+from polywigner.source.array import mutual_support
 from polywigner.source.arrays import grid_positions
-from polywigner.source.support import mutual_support
 
 CYCLES = 10.0  # |nu| times the diameter, at most
 REPEATS = 5

@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Mapping
 from fractions import Fraction
+from typing import NamedTuple
 
 from polywigner.errors import QuantityError, value_text
 
@@ -184,3 +185,27 @@ def wavelength_of(frequency: float) -> float:
             f"expected a finite frequency above 0 Hz, got {value_text(frequency)}; give it in hertz"
         )
     return SPEED_OF_LIGHT / frequency
+
+
+class LengthUnit(NamedTuple):
+    """A unit of length to print: its name and its size in metres."""
+
+    name: str
+    metres: float
+
+
+_UNITS = (LengthUnit("nm", 1e-9), LengthUnit("µm", 1e-6), LengthUnit("mm", 1e-3))
+
+
+def length_unit(length: float) -> LengthUnit:
+    """Return the unit that expresses a length (m) as a number from 1 to 1000, or metres."""
+    for unit in _UNITS:
+        if length < 1000 * unit.metres:
+            return unit
+    return LengthUnit("m", 1.0)
+
+
+def length_text(*lengths: float) -> str:
+    """Return lengths (m) in the unit of the largest one, such as ``20 x 12 mm``."""
+    unit = length_unit(max(lengths))
+    return f"{' x '.join(f'{length / unit.metres:.4g}' for length in lengths)} {unit.name}"

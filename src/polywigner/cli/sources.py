@@ -197,7 +197,7 @@ def check_wavelength(wavelength: float, diameter: float) -> None:
 
 def field_title(path: str, wavelength: float) -> str:
     """Return the title of a figure of a field: the source's file, frequency and wavelength."""
-    from polywigner.geometry.display import length_text
+    from polywigner.quantities import length_text
 
     printed = length_text(wavelength)
     return f"{short_name(path)}, {frequency_text(wavelength)} (wavelength {printed})"

@@ -15,7 +15,7 @@ from polywigner.explorer import state as states
 from polywigner.explorer.state import State, polygons_of, source_of, variables_of
 from polywigner.figures import style
 from polywigner.figures.levels import level_db
-from polywigner.source.support import mutual_support
+from polywigner.source.array import mutual_support
 
 Polygon = list[NDArray[np.float64]]  # exterior and holes, each (n, 2)
 Name = Literal["fourier", "wigner_nu", "wigner_x", "ambiguity", "otf", "far", "near", "lags"]

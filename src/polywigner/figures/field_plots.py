@@ -25,8 +25,8 @@ from polywigner.figures.levels import (
     quantity_of,
 )
 from polywigner.geometry.arguments import checked_choice
-from polywigner.geometry.display import length_unit
 from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
+from polywigner.quantities import length_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure

@@ -25,6 +25,7 @@ COMPARED_DB = -30.0
 """Lowest compared level in dB relative to the peak of the reference: differences in dB diverge at
 nulls."""
 
+_MILLIWATT = 1e-3
 # Lower levels are rounding errors: 15 digits of a field.
 _LOWEST_DB = -300.0
 # Largest deviation of the steps of an axis, relative: single precision has 1e-5 on a hundred
@@ -109,6 +110,12 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
         above = power > zero * 10 ** (floor_db / 10)
         levels[above] = 10 * (np.log10(power[above]) - np.log10(zero))
     return levels
+
+
+def dbm(power: ArrayLike, floor: float = _LOWEST_DB) -> NDArray[np.float64]:
+    """Convert powers in W to levels in dBm, at least ``floor``."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.fmax(10 * np.log10(np.asarray(power) / _MILLIWATT), floor))
 
 
 def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:

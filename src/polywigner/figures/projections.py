@@ -11,7 +11,7 @@ from polywigner.errors import ArgumentError
 from polywigner.figures import style
 from polywigner.figures.levels import check_floor, checked_dataset, level_db
 from polywigner.geometry.arguments import checked_choice
-from polywigner.geometry.display import LengthUnit, length_unit
+from polywigner.quantities import LengthUnit, length_unit
 
 if TYPE_CHECKING:
     import xarray

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.figures import style
-from polywigner.figures.levels import arrays_of, check_floor, image_peak, level_db
+from polywigner.figures.levels import arrays_of, check_floor, dbm, image_peak, level_db
 from polywigner.geometry.arguments import checked_array, checked_count
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_MILLIWATT = 1e-3
 # Margin below the noise and above the peak, in dB.
 _MARGIN_DB = 5.0
 # Least degree of linear polarisation with a meaningful angle.
@@ -237,24 +236,18 @@ def draw_range_profile(
     maker = "polywigner.mitsuba.radar.range_profile"
     edges, power, error, noise, lengths, strengths = arrays_of(profile, names, maker)
     peak, has_noise = float(power.max()), float(np.nan_to_num(noise)) > 0
-    top = 10 * math.log10(peak / _MILLIWATT) if peak > 0 else 0.0
-    low = top + floor_db
-    noise_level = 10 * math.log10(noise / _MILLIWATT) if has_noise else low
+    top = float(dbm(peak)) if peak > 0 else 0.0
+    low, noise_level = top + floor_db, float(dbm(noise))
     if has_noise:
         low, top = min(low, noise_level - _MARGIN_DB), max(top, noise_level)
-
-    def dbm(power: Floats) -> Floats:
-        floor = _MILLIWATT * 10 ** (low / 10)
-        return np.asarray(10 * np.log10(np.maximum(power, floor) / _MILLIWATT))
-
     axes, drawn = style.axes_on(ax, 6.4, 3.6)
-    lower, upper = dbm(power - error), dbm(power + error)
+    lower, upper = dbm(power - error, low), dbm(power + error, low)
     axes.stairs(upper, edges, baseline=lower, fill=True, color="C0", alpha=0.3, lw=0)
-    axes.stairs(dbm(power), edges, baseline=None, color="C0", lw=1.0)
+    axes.stairs(dbm(power, low), edges, baseline=None, color="C0", lw=1.0)
     visible = (lengths >= edges[0]) & (lengths <= edges[-1])
     if visible.any():
         label = "line-of-sight or specular path"
-        levels = dbm(strengths[visible])
+        levels = dbm(strengths[visible], low)
         axes.plot(lengths[visible], levels, "o", mfc="none", color="C1", ms=6, label=label)
     if has_noise:
         label = f"noise kTBF, {style.number_text(round(noise_level, 1))} dBm"
@@ -333,7 +326,7 @@ def draw_arrivals(
     values = checked_array(power, "power", 2)
     peak = float(np.max(values, initial=0.0, where=np.isfinite(values))) or None
     levels = level_db(values, peak, floor_db)
-    top = 0.0 if peak is None else 10 * math.log10(peak / _MILLIWATT)
+    top = 0.0 if peak is None else float(dbm(peak))
     axes, drawn = style.axes_on(ax, 5.2, 4.6)
     shown = style.draw_levels(
         axes, levels + top, low=top + floor_db, high=top,
@@ -390,7 +383,7 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     labels = []
     for arrival in direct:
         axes.plot(*arrival.direction_cosines, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)
-        level = f"{10 * math.log10(arrival.power / _MILLIWATT):.1f} dBm".replace("-", "−")
+        level = f"{dbm(arrival.power):.1f} dBm".replace("-", "−")
         label = axes.annotate(
             f"{arrival.name}\n{level}", arrival.direction_cosines, (0, 12),
             textcoords="offset points",
@@ -498,3 +491,60 @@ def _draw_response(
         axes.plot(delay, level, "o", ms=4, color=ink, label=names[number])
         axes.vlines(delay, level - 1e3, level, color=ink, lw=1.0)
     axes.legend(frameon=False, fontsize=7, loc="upper right")
+
+
+_MAP_LABELS = {
+    "range": "range (m)",
+    "range_rate": "range rate (m/s)",
+    "direction_cosine": "direction cosine",
+}
+
+
+@style.typeset
+def draw_radar_map(
+    image: Any, *, floor_db: float = -60.0, title: str = "", ax: Axes | None = None
+) -> Axes | Figure:
+    """Draw a map of power in dBm over range and range rate, or range and direction cosine.
+
+    Parameters
+    ----------
+    image : xarray.DataArray
+        Result of :func:`polywigner.radar.range_doppler` or :func:`polywigner.radar.range_angle`.
+        Power is averaged over draws, receivers and emitters.
+    floor_db : float, default -60
+        Lowest level in dB relative to the largest value.
+    title : str, optional
+        Title of the panel.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. Default: new axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or matplotlib.figure.Figure
+        The axes, or the new figure if ``ax`` is None.
+
+    Raises
+    ------
+    ArgumentError
+        If ``image`` is not a radar map, or the floor is not below 0 dB.
+    """
+    check_floor(floor_db)
+    dims = tuple(getattr(image, "dims", ()))
+    if dims[-1:] != ("range",) or dims[-2] not in _MAP_LABELS:
+        raise ArgumentError(
+            "expected a map of polywigner.radar.range_doppler or range_angle, got "
+            f"{type(image).__name__}"
+        )
+    power = image.mean(dims[:-2]) if len(dims) > 2 else image
+    peak = float(dbm(power.values).max())
+    axes, drawn = style.axes_on(ax, 6.4, 4.2)
+    noise = float(np.mean(image.attrs["noise_floor"]))
+    label = f"received power (dBm), {style.floor_text(floor_db)}"
+    if noise > 0:
+        label += f"; noise {style.number_text(round(float(dbm(noise)), 1))} dBm"
+    style.draw_levels(
+        axes, dbm(power.values), power["range"].values, power[dims[-2]].values,
+        low=peak + floor_db, high=peak, label=label, aspect="auto",
+    )  # fmt: skip
+    axes.set(xlabel=_MAP_LABELS["range"], ylabel=_MAP_LABELS[dims[-2]], title=title)
+    return drawn

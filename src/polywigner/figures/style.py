@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 import numpy as np
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.display import LengthUnit, draw_rings
+from polywigner.geometry.rings import draw_rings
+from polywigner.quantities import LengthUnit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -19,8 +19,8 @@ from polywigner.geometry.arguments import (
     checked_vectors,
     checked_wavelength,
 )
-from polywigner.geometry.display import LengthUnit, length_unit
-from polywigner.source.support import mutual_support
+from polywigner.quantities import LengthUnit, length_unit
+from polywigner.source.array import mutual_support
 from polywigner.transforms.wavefronts import flat_source
 
 if TYPE_CHECKING:

@@ -21,8 +21,8 @@ from polywigner.figures.levels import (
 )
 from polywigner.figures.transforms import outline_of
 from polywigner.geometry.arguments import checked_choice, checked_length, checked_row
-from polywigner.geometry.display import length_unit
 from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
+from polywigner.quantities import length_unit
 from polywigner.source.source_files import SOURCE_COORDINATE, read_source
 
 if TYPE_CHECKING:

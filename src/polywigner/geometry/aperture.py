@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry.arguments import Immutable, Outline, checked_length, rigid_pose
 from polywigner.geometry.convex import convex_pieces, triangulate_part
-from polywigner.geometry.display import plot_rings
 from polywigner.geometry.parts import (
     combined_on_grid,
     merge_parts,
@@ -23,7 +22,14 @@ from polywigner.geometry.parts import (
     split_ring,
     union_on_grid,
 )
-from polywigner.geometry.rings import Part, Ring, orientations, polygon_of_part, shoelace
+from polywigner.geometry.rings import (
+    Part,
+    Ring,
+    orientations,
+    plot_rings,
+    polygon_of_part,
+    shoelace,
+)
 from polywigner.geometry.wavefront import (
     Field,
     TakesWaves,

@@ -1,20 +1,24 @@
-"""Rings of vertices: exact orientations and areas, and clean rings from the input of callers.
+"""Rings of vertices: exact orientations and areas, clean rings from user input, and plots.
 
 Clean rings are finite float64 arrays without repeated vertices.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import GeometryError
+from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry.arguments import finite_array
+from polywigner.quantities import parse_unit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Ring = NDArray[np.float64]
 """Vertices of a closed ring, shape (n, 2); the first vertex is not repeated."""
@@ -185,3 +189,38 @@ def rings_of_polygon(polygon: shapely.Polygon, name: str = "the polygon") -> lis
                 "drop them with shapely.force_2d(polygon)"
             )
     return [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
+
+
+_FILL, _LINE = "#9ecae1", "#2166ac"
+
+
+def plot_rings(rings: Sequence[Ring], ax: Axes | None, unit: str) -> Axes:
+    """Plot filled rings on ``ax``, or on new axes of pyplot, in a unit of length.
+
+    Raises ArgumentError for other objects than axes, QuantityError for an unknown unit.
+    """
+    scale = parse_unit(unit)
+    if ax is None:
+        from matplotlib import pyplot
+
+        ax = pyplot.subplots()[1]
+    if not hasattr(ax, "add_patch"):
+        raise ArgumentError(f"expected axes of matplotlib, got {type(ax).__name__}")
+    closed = [np.append(ring, ring[:1], axis=0) for ring in rings]
+    draw_rings(ax, closed, scale, facecolor=_FILL, edgecolor=_LINE)
+    ax.set_aspect("equal")
+    ax.autoscale_view()
+    ax.set_xlabel(f"x ({unit})")
+    ax.set_ylabel(f"y ({unit})")
+    return ax
+
+
+def draw_rings(ax: Axes, rings: Sequence[Ring], metres: float, **how: Any) -> None:
+    """Draw closed rings (m) with holes as one patch; the axes have a unit of ``metres``."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    paths: list[Any] = [Path(ring / metres, closed=True) for ring in rings]
+    path = Path.make_compound_path(*paths)
+    ax.add_patch(PathPatch(path, **how))
+    ax.update_datalim(path.vertices)

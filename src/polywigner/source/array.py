@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, automean
 from polywigner.geometry.arguments import (
     checked_wavelength,
     finite_array,
@@ -439,6 +439,35 @@ def repeated_element(
     array: Array = object.__new__(Array)
     array.__dict__.update(repeated=(element, positions), weights=amplitudes, paths=None)
     return array
+
+
+# Largest number of pairs of convex pieces of an automean: the union of all pairs takes 0.7 s for 30
+# pieces, and 2.3 s for 60 pieces, whose union has 60,000 trapezoids.
+_MOST_AUTOMEAN_PAIRS = 500
+
+
+def mutual_support(source: Aperture | Array) -> Aperture:
+    """Return a region that contains all x with W(x, nu) != 0, for any weights and fields.
+
+    The region is the automean {(a + b)/2} of the aperture, or of the support of the array. If the
+    automean has more than 500 pairs of convex pieces, the region is the convex hull of the source,
+    which contains the automean.
+
+    Raises
+    ------
+    GeometryError
+        If the source is an array of slits, or elements do not lie in the plane z = 0.
+    """
+    if isinstance(source, Array):
+        # Each element has at least one convex piece.
+        if source.dimension > 1 and len(source) ** 2 > 2 * _MOST_AUTOMEAN_PAIRS:
+            outlines = [element.polygons for element in source.elements_in_plane]
+            return Aperture(shapely.GeometryCollection(outlines).convex_hull)
+        source = source.support
+    pieces = len(source.convex_cover)
+    if pieces * (pieces + 1) <= 2 * _MOST_AUTOMEAN_PAIRS:
+        return automean(source)
+    return Aperture(source.polygons.convex_hull)
 
 
 @takes_frequency

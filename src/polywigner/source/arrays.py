@@ -23,7 +23,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
 )
 from polywigner.geometry.io.limits import bytes_of, text_of
-from polywigner.geometry.io.text import fields_of
+from polywigner.geometry.io.readers import fields_of
 from polywigner.quantities import parse_unit
 from polywigner.source.array import Array, repeated_element, warn_of_overlaps
 from polywigner.source.lattices import checked_positions, checked_weights

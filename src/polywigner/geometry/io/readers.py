@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import (
     ArgumentError,
@@ -30,17 +31,84 @@ from polywigner.geometry.arguments import checked_flag, checked_length, checked_
 from polywigner.geometry.io.dxf import load_dxf
 from polywigner.geometry.io.gds import load_gds
 from polywigner.geometry.io.gerber import load_gerber
-from polywigner.geometry.io.limits import MOST_RINGS, MOST_VERTICES, bytes_of, check_most
+from polywigner.geometry.io.limits import MOST_RINGS, MOST_VERTICES, bytes_of, check_most, text_of
 from polywigner.geometry.io.meshes import MESH_SUFFIXES, read_mesh
 from polywigner.geometry.io.outlines import OVERLAP_REMEDY, Drawing, File
 from polywigner.geometry.io.svg import PIXEL, load_svg
-from polywigner.geometry.io.text import load_csv, load_geojson, load_wkt
-from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
+from polywigner.geometry.parts import merge_parts, part_of_rings, polygons_in, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
-from polywigner.geometry.rings import Ring
+from polywigner.geometry.rings import Ring, rings_of_polygon
 from polywigner.quantities import parse_unit
 
 T = TypeVar("T")
+
+
+def load_geojson(file: File) -> Drawing:
+    """Load all polygons in order, including the polygons of features and collections."""
+    return _polygons(file, shapely.from_geojson, "GeoJSON with polygons")
+
+
+def load_wkt(file: File) -> Drawing:
+    """Load the polygons of well-known text."""
+    return _polygons(file, shapely.from_wkt, "WKT such as POLYGON ((0 0, 1 0, 1 1, 0 0))")
+
+
+def _polygons(file: File, parse: Callable[[str], BaseGeometry], expected: str) -> Drawing:
+    try:
+        with np.errstate(invalid="ignore"):  # a NaN is reported below, with its vertex
+            geometry = parse(text_of(file.content).strip())
+    except (shapely.errors.GEOSException, NotImplementedError) as error:
+        line = re.search(r" in line \d+", str(error).replace("at line", "in line"))
+        closed = "; end each ring with its first point"
+        raise FileFormatError(
+            f"expected {expected}, got text that does not parse{line[0] if line else ''}"
+            f"{closed if 'closed' in str(error) else ''}"
+        ) from None
+    polygons = polygons_in(geometry)
+    count = sum(map(shapely.get_num_coordinates, polygons))
+    if count == 0 or shapely.get_num_coordinates(geometry) > count:
+        got = "points or lines" if shapely.get_num_coordinates(geometry) > count else "none"
+        raise FileFormatError(f"expected {expected}, got {got}")
+    named = [rings_of_polygon(p, f"polygon {n}") for n, p in enumerate(polygons)]
+    return Drawing(named, file.unit_metres)
+
+
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+
+
+def fields_of(line: str) -> list[str]:
+    """Return the columns of a line: split at semicolons, else commas, else blanks.
+
+    With semicolons, a comma is a decimal sign, as in spreadsheets of many countries.
+    """
+    if ";" in line:
+        fields = line.replace(",", ".").split(";")
+    elif "," in line:
+        fields = line.split(",")
+    else:
+        fields = line.split()
+    stripped = [field.strip().strip("\"'") for field in fields]
+    while stripped and not stripped[-1]:  # a trailing separator
+        stripped.pop()
+    return stripped
+
+
+def load_csv(file: File) -> Drawing:
+    """Load the ring of a table with a vertex per line, with a header line and # comments."""
+    lines = enumerate(text_of(file.content).splitlines(), start=1)
+    rows = [(n, fields) for n, line in lines if (fields := fields_of(line.split("#", 1)[0]))]
+    has_header = rows and not any(map(NUMBER.match, rows[0][1]))
+    vertices = []
+    for number, fields in rows[1 if has_header else 0 :]:
+        if len(fields) != 2 or not all(map(NUMBER.fullmatch, fields)):
+            raise FileFormatError(
+                f'expected two numbers such as "1.5, -2", got others in line {number}'
+            )
+        vertices.append((float(fields[0]), float(fields[1])))
+    if not vertices:
+        raise FileFormatError("expected lines of two numbers, got none")
+    return Drawing([[np.array(vertices)]], file.unit_metres)
+
 
 LOADERS: dict[str, Callable[[File], Drawing]] = {
     ".geojson": load_geojson,
