@@ -42,7 +42,7 @@ def doctor(
     Tests the engines, the LLVM library, the GPU and the extras.
     """
     if install_llvm:
-        install_llvm()
+        llvm.install_llvm()
     transforms, llvm, gpu = _transforms(), prepare(), _gpu()
     python = Row("python", _GOOD, f"{platform.python_version()} at {sys.executable}")
     rows = [transforms, _llvm(llvm), gpu, python, *map(_library, _CORE), _rendering(llvm, gpu)]

@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from polywigner import Aperture, PlacedAperture, Polyhedron
+    from polywigner import Aperture, Polyhedron
     from polywigner import Array as ApertureArray
+    from polywigner.geometry import PlacedAperture
 
 _FREQUENCIES = (("THz", 1e12), ("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0))
 _LONGEST_NAME = 32
