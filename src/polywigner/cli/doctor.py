@@ -11,6 +11,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
+from polywigner import llvm
 from polywigner.errors import install_command
 from polywigner.llvm import LLVMStatus, prepare, run_in_child
 
@@ -43,9 +44,9 @@ def doctor(
     """
     if install_llvm:
         llvm.install_llvm()
-    transforms, llvm, gpu = _transforms(), prepare(), _gpu()
+    transforms, status, gpu = _transforms(), prepare(), _gpu()
     python = Row("python", _GOOD, f"{platform.python_version()} at {sys.executable}")
-    rows = [transforms, _llvm(llvm), gpu, python, *map(_library, _CORE), _rendering(llvm, gpu)]
+    rows = [transforms, _llvm(status), gpu, python, *map(_library, _CORE), _rendering(status, gpu)]
     _print(rows + _extras())
     raise typer.Exit(0 if transforms.works == _GOOD else 1)
 
