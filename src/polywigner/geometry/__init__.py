@@ -6,10 +6,9 @@
 - ``convex``: convex pieces, triangles and trapezoids
 - ``polyhedron``: solid bodies, and the triangles and closed surfaces of polygonal faces
 - ``silhouettes``: opaque bodies and plates, their contacts, and the edges of their shadows;
-  ``contours``, ``hidden_parts``: these edges if bodies hide each other
+  ``contours``, ``hidden_parts``: the shadow edges of bodies that hide each other
 - ``wavefront``: curved or partially coherent waves, and checks of a field
-- ``arguments``: checks of numbers, arrays, wavelengths, poses and units; ``display``: sources in
-  notebooks and on axes
+- ``arguments``: checks of numbers, arrays, wavelengths, poses and units
 - ``io``: files, a module for each format
 """
 

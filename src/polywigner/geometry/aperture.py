@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry.arguments import Immutable, Outline, checked_length, rigid_pose
-from polywigner.geometry.convex import convex_pieces, triangulate_part
+from polywigner.geometry.convex import convex_pieces, mean_polygon, triangulate_part
 from polywigner.geometry.parts import (
     combined_on_grid,
     merge_parts,
@@ -129,7 +129,7 @@ class Aperture(TakesWaves):
     def _mapped(
         self, image: Callable[[Ring], Ring], image_of_field: Callable[[Field], Field]
     ) -> Aperture:
-        """Map the vertices and the field by a similarity."""
+        """Return the image of the aperture, its segments and its field under a similarity."""
         field = self.illumination
         parts, segments = (
             parts and [tuple(map(image, part)) for part in parts]
@@ -231,7 +231,7 @@ class Aperture(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Aperture, ...]:
-        """The aperture as the only element, as for arrays."""
+        """Tuple of this aperture alone: the property of arrays for a single element."""
         return (self,)
 
     def scaled(self, factor: float) -> Aperture:
@@ -473,28 +473,8 @@ def _require_aperture(aperture: Aperture) -> None:
     if not isinstance(aperture, Aperture):
         raise ArgumentError(
             f"expected an Aperture, got {type(aperture).__name__}; make one with "
-            "polywigner.Aperture(vertices); the support of an Array is one"
+            "polywigner.Aperture(vertices), or pass the support of an Array"
         )
-
-
-def _mean_polygon(first: Ring, second: Ring) -> Ring:
-    """Return the convex polygon of all midpoints (a + b)/2 of two convex rings.
-
-    Its sides are the sides of both rings, sorted by direction. GEOS' convex hull of the midpoints
-    of vertices is wrong for points that lie nearly on a line.
-    """
-    rings, angles = [], []
-    for ring in (first, second):
-        lowest = np.roll(ring, -int(np.lexsort(ring.T)[0]), axis=0)
-        side = np.roll(lowest, -1, axis=0) - lowest
-        turned = np.arctan2(side[:, 1], side[:, 0]) % (2 * np.pi)
-        rings.append(lowest)
-        angles.append(np.maximum.accumulate(turned))  # rounding may bend a side
-    of_second = np.argsort(np.concatenate(angles), kind="stable") >= len(first)
-    passed: NDArray[np.intp] = np.cumsum(of_second) - of_second
-    index = np.arange(len(of_second)) - passed
-    a, b = rings
-    return np.asarray(a[index % len(a)] / 2 + b[passed % len(b)] / 2)
 
 
 def automean(aperture: Aperture) -> Aperture:
@@ -536,13 +516,16 @@ def automean(aperture: Aperture) -> Aperture:
     pieces = aperture.convex_cover
     if len(pieces) == 1:
         return aperture.with_illumination(None)
-    means = [_mean_polygon(a, b) for a, b in combinations_with_replacement(pieces, 2)]
+    means = [mean_polygon(a, b) for a, b in combinations_with_replacement(pieces, 2)]
     return Aperture(union_on_grid([shapely.Polygon(ring) for ring in means], np.concatenate(means)))
 
 
 def _overlap(
-    first: shapely.MultiPolygon, second: shapely.MultiPolygon
+    aperture: Aperture, *images: Callable[[Ring], Ring]
 ) -> shapely.Polygon | shapely.MultiPolygon:
+    """Return the intersection of two images of an aperture."""
+    _require_aperture(aperture)
+    first, second = (shapely.transform(aperture.polygons, image) for image in images)
     parts = polygons_in(shapely.intersection(first, second))
     return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
 
@@ -569,7 +552,7 @@ def lag_slice(aperture: Aperture, x: ArrayLike) -> shapely.Polygon | shapely.Mul
 
     Notes
     -----
-    The matrices in the paper translate by x instead of 2x.
+    The matrices in the paper translate the copies by x, not by 2x.
 
     Examples
     --------
@@ -577,13 +560,8 @@ def lag_slice(aperture: Aperture, x: ArrayLike) -> shapely.Polygon | shapely.Mul
     >>> pw.lag_slice(pw.shapes.square(2.0), (0.5, 0.0)).area
     8.0
     """
-    _require_aperture(aperture)
     position = checked_shift(x, 2, "a position x")
-    shape = aperture.polygons
-    return _overlap(
-        shapely.transform(shape, lambda v: 2 * (v - position)),
-        shapely.transform(shape, lambda v: 2 * (position - v)),
-    )
+    return _overlap(aperture, lambda v: 2 * (v - position), lambda v: 2 * (position - v))
 
 
 def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shapely.MultiPolygon:
@@ -609,7 +587,7 @@ def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shape
 
     Notes
     -----
-    The paper shifts one copy only, which gives a wrong phase.
+    The paper shifts only one of the two copies, which results in a wrong phase.
 
     Examples
     --------
@@ -617,9 +595,5 @@ def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shape
     >>> pw.position_slice(pw.shapes.square(2.0), (0.5, 0.0)).area
     3.0
     """
-    _require_aperture(aperture)
     half = checked_shift(xi, 2, "a lag xi") / 2
-    shape = aperture.polygons
-    return _overlap(
-        shapely.transform(shape, lambda v: v - half), shapely.transform(shape, lambda v: v + half)
-    )
+    return _overlap(aperture, lambda v: v - half, lambda v: v + half)

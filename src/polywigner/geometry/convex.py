@@ -1,7 +1,8 @@
-"""Tilings of outlines: triangles, few convex pieces, and trapezoids to sample points from.
+"""Tilings of outlines: triangles, convex pieces, and trapezoids for random points.
 
-The first coordinate of a sample in the unit square selects a trapezoid and the abscissa. Stratified
-samples remain stratified, which a map to triangles, with its folds, would not preserve.
+Samples of the unit square are mapped to trapezoids: the first coordinate selects the trapezoid and
+x. Stratified samples remain stratified. A map to triangles folds the square, and would not preserve
+the strata.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
         [[index[corner.tobytes()] for corner in triangle] for triangle in corners], dtype=np.intp
     ).reshape(-1, 3)
     if shoelace(vertices[triangles]) < 0:
-        # Triangles of zero area are reversed as well, to stay consistent with their neighbours.
+        # Triangles of zero area too: neighbours need their common edge in opposite directions.
         triangles = triangles[:, ::-1]
     if shoelace(vertices[triangles]) != shoelace(part):
         raise GeometryError(
@@ -44,7 +45,7 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
 
 
 class _Merger:
-    """Pieces as cycles of vertex numbers, merged across diagonals if they stay convex."""
+    """Convex pieces (lists of vertex numbers), merged across diagonals while they stay convex."""
 
     def __init__(self, vertices: Ring, triangles: Indices) -> None:
         self.points = [(float(x), float(y)) for x, y in vertices]
@@ -80,9 +81,10 @@ class _Merger:
 def convex_pieces(part: Part) -> list[Ring]:
     """Split a part into convex counter-clockwise polygons without new vertices.
 
-    Constrained Delaunay triangles are merged greedily while convex (Hertel and Mehlhorn 1983: at
-    most four times the fewest possible). The better of two orders is used: the longest diagonals
-    first, or the shortest.
+    Constrained Delaunay triangles are merged greedily while they stay convex, which yields at most
+    four times the minimum number of pieces (Hertel and Mehlhorn 1983). Triangles are merged in two
+    orders, across the longest or across the shortest diagonals first, and the smaller set is
+    returned.
     """
     if len(part) == 1:
         ring = part[0]
@@ -100,11 +102,32 @@ def convex_pieces(part: Part) -> list[Ring]:
     return [piece for piece in pieces if shoelace([piece]) > 0]
 
 
-# Relative area of trapezoids between vertices whose abscissas differ by rounding. Dropping them
-# changes the density by less than the rounding of single precision.
+def mean_polygon(first: Ring, second: Ring) -> Ring:
+    """Return the convex polygon of all midpoints (a + b)/2 of two convex rings.
+
+    Its sides are the sides of both rings, sorted by direction. GEOS' convex hull of the midpoints
+    of vertices is wrong for points that lie nearly on a line.
+    """
+    rings, angles = [], []
+    for ring in (first, second):
+        lowest_first = np.roll(ring, -int(np.lexsort(ring.T)[0]), axis=0)
+        side = np.roll(lowest_first, -1, axis=0) - lowest_first
+        direction = np.arctan2(side[:, 1], side[:, 0]) % (2 * np.pi)
+        rings.append(lowest_first)
+        angles.append(np.maximum.accumulate(direction))  # rounding may turn a side backwards
+    is_of_second = np.argsort(np.concatenate(angles), kind="stable") >= len(first)
+    k: NDArray[np.intp] = np.cumsum(is_of_second) - is_of_second  # vertex of the second ring
+    j = np.arange(len(is_of_second)) - k  # vertex of the first ring
+    a, b = rings
+    return np.asarray(a[j % len(a)] / 2 + b[k % len(b)] / 2)
+
+
+# Largest relative area of a trapezoid that is dropped, between vertices whose x differs by rounding
+# only. Dropping it changes the density of points by less than the rounding of single precision.
 _NEGLIGIBLE = 1e-12
 
-# Smaller than any height of an aperture and above zero in single precision.
+# Replaces denominators of zero: smaller than any height of an aperture, and above zero in single
+# precision.
 _TINY = 1e-30
 
 
@@ -147,7 +170,7 @@ class Trapezoids(NamedTuple):
 
 
 def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
-    """Split an aperture with boundary rings (n, 2) into trapezoids, from left to right."""
+    """Split the region inside boundary rings (n, 2) into trapezoids, from left to right."""
     start = np.concatenate(rings)
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     rightwards = start[:, :1] <= end[:, :1]
@@ -163,15 +186,15 @@ def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
 def _slab(
     start: NDArray[np.float64], end: NDArray[np.float64], left: float, right: float
 ) -> NDArray[np.float64]:
-    """Return the trapezoids between two adjacent cuts, from below upwards."""
+    """Return the trapezoids (k, 6) between two vertical lines, from below upwards."""
     across = (start[:, 0] <= left) & (end[:, 0] >= right)
     a, b = start[across], end[across]
     slope = (b[:, 1] - a[:, 1]) / (b[:, 0] - a[:, 0])
     at_left = a[:, 1] + slope * (left - a[:, 0])
     at_right = a[:, 1] + slope * (right - a[:, 0])
     order = np.argsort(at_left + at_right, kind="stable")
-    # Edges alternate between entering and leaving the aperture. Edges of touching parts coincide,
-    # and their order does not matter.
+    # From below, edges alternate between entering and leaving the aperture. Edges of parts that
+    # touch coincide, and their order does not matter.
     low, high = order[0::2], order[1::2]
     heights = at_left[high] - at_left[low], at_right[high] - at_right[low]
     sides = np.full(low.shape, left), np.full(low.shape, right - left), *heights
