@@ -102,9 +102,11 @@ class Aperture(TakesWaves):
         illumination: Field | None = None,
         segments: Sequence[Part] | None = None,
     ) -> None:
-        object.__setattr__(self, "_parts", _frozen_parts(parts))
-        object.__setattr__(self, "_segments", segments and _frozen_parts(segments))
-        object.__setattr__(self, "illumination", illumination)
+        self.__dict__.update(
+            _parts=_frozen_parts(parts),
+            _segments=segments and _frozen_parts(segments),
+            illumination=illumination,
+        )
 
     @classmethod
     def _of_parts(
@@ -441,8 +443,7 @@ class PlacedAperture(Immutable):
     def __init__(self, aperture: Aperture, pose: NDArray[np.float64]) -> None:
         fixed = np.array(pose, dtype=np.float64)
         fixed.setflags(write=False)
-        object.__setattr__(self, "aperture", aperture)
-        object.__setattr__(self, "pose", fixed)
+        self.__dict__.update(aperture=aperture, pose=fixed)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PlacedAperture, (self.aperture, self.pose)

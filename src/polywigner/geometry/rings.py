@@ -26,7 +26,7 @@ Ring = NDArray[np.float64]
 Part = tuple[Ring, ...]
 """One polygon: its exterior (counter-clockwise) followed by its holes (clockwise)."""
 
-# Exact predicates: floating point decides nearly every case, and whole numbers the others.
+# Exact predicates. Floating point decides nearly every case; integer arithmetic decides the others.
 
 # (3 + 16 u) u with u = 2^-53 bounds the rounding error of the cross product below in units of
 # |product 1| + |product 2| (Shewchuk 1997, "ccwerrboundA").
@@ -93,8 +93,8 @@ def signed_area(ring: Ring) -> float:
     x, y = (ring - ring[0]).T
     first, second = x[:-1] * y[1:], x[1:] * y[:-1]
     area = float((first - second).sum()) / 2
-    # One rounding u = 2^-53 for each difference, product and sum, relative to at most the sum of
-    # the absolute products; doubled to be safe.
+    # Each difference, product and sum has a rounding error of at most u = 2^-53 of the sum of the
+    # absolute products. The bound is twice as large, to be safe.
     error = (len(ring) + 8) * 2.0**-53 * float((np.abs(first) + np.abs(second)).sum())
     return area if abs(area) > error else float(shoelace([ring]))
 
@@ -125,10 +125,10 @@ def without_straight_vertices(ring: Ring) -> Ring:
 
     The tips of spikes stay, so that validation detects them.
     """
-    before, after = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
-    onward = np.sum((ring - before) * (after - ring), axis=1) > 0
-    bent = ring[~(onward & (orientations(before, ring, after) == 0))]
-    return bent if len(bent) >= 3 else ring
+    previous, following = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
+    is_forward = np.sum((ring - previous) * (following - ring), axis=1) > 0
+    corners = ring[~(is_forward & (orientations(previous, ring, following) == 0))]
+    return corners if len(corners) >= 3 else ring
 
 
 def different_vertices(ring: Ring) -> int:
@@ -142,7 +142,7 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
     Raises GeometryError unless there are three different vertices with finite coordinates.
     """
     expected = f"expected {name} as an (n, 2) array of real numbers, without z"
-    # + 0.0 turns -0.0 into 0.0: equal rings have equal bytes
+    # Adding 0.0 replaces -0.0 by 0.0, so that equal rings have equal bytes.
     ring = finite_array(vertices, expected, (None, 2), error=GeometryError) + 0.0
     count = different_vertices(ring)
     if count < 3:
@@ -157,7 +157,7 @@ def spans_area(ring: Ring) -> bool:
 
 
 def hull_spans_area(ring: Ring) -> bool:
-    """Return whether the vertices do not lie on one line, also if areas of a ring cancel."""
+    """Return whether the vertices do not lie on one line, even if the ring's area cancels."""
     return spans_area(shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(ring))))
 
 
@@ -215,12 +215,12 @@ def plot_rings(rings: Sequence[Ring], ax: Axes | None, unit: str) -> Axes:
     return ax
 
 
-def draw_rings(ax: Axes, rings: Sequence[Ring], metres: float, **how: Any) -> None:
-    """Draw closed rings (m) with holes as one patch; the axes have a unit of ``metres``."""
+def draw_rings(ax: Axes, rings: Sequence[Ring], metres: float, **style: Any) -> None:
+    """Draw closed rings in m, with holes, as one patch; ``metres``: unit of the axes in m."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 
     paths: list[Any] = [Path(ring / metres, closed=True) for ring in rings]
     path = Path.make_compound_path(*paths)
-    ax.add_patch(PathPatch(path, **how))
+    ax.add_patch(PathPatch(path, **style))
     ax.update_datalim(path.vertices)

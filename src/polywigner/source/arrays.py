@@ -23,7 +23,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
 )
 from polywigner.geometry.io.limits import bytes_of, text_of
-from polywigner.geometry.io.readers import fields_of
+from polywigner.geometry.io.readers import table_rows
 from polywigner.quantities import parse_unit
 from polywigner.source.array import Array, repeated_element, warn_of_overlaps
 from polywigner.source.lattices import checked_positions, checked_weights
@@ -518,8 +518,7 @@ def read_elements(
 
 def _columns(text: str) -> dict[str, NDArray[np.float64]]:
     """Return the columns of a table by name; x and y without a line of names."""
-    lines = enumerate(text.splitlines(), start=1)
-    rows = [(n, fields) for n, line in lines if (fields := fields_of(line.split("#")[0]))]
+    rows = table_rows(text)
     names = [name.lower() for name in rows[0][1]] if rows else []
     has_names = len(names) != 2 or set(names) & set(_COLUMNS)
     names, rows = (names, rows[1:]) if has_names else (["x", "y"], rows)

@@ -162,7 +162,7 @@ def chords(curve: Curve, reach: float) -> Points:
 
 
 def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
-    """Return the largest distance of chords: `tolerance`, or 1/2000 of the outline's size.
+    """Return the largest distance of chords from curves: `tolerance`, or 1/2000 of the size.
 
     Coordinates beyond 1e100 raise a FileFormatError.
     """
@@ -173,7 +173,7 @@ def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
     check_coordinates(points)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
-    # The ring of a point-like outline is refused, or dropped, later.
+    # At least the rounding of coordinates: an outline as small as a point is refused later.
     return max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
 
 

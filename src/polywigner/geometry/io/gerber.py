@@ -187,19 +187,19 @@ class _Shapes:
         self._tolerance = tolerance
         self._flashes: dict[int, BaseGeometry] = {}
 
-    def of(self, thing: Any) -> Layers:
+    def of(self, item: Any) -> Layers:
         """Yield the polygons of one object of gerbonara."""
-        kind = type(thing).__name__
+        kind = type(item).__name__
         if kind == "Region":
-            shapes = [self._region(thing)]
-        elif thing.aperture is None:
+            shapes = [self._region(item)]
+        elif item.aperture is None:
             raise _refusal("an aperture before D01 and D03", "none")
         elif kind == "Flash":
-            shapes = [self._flash(thing)]
+            shapes = [self._flash(item)]
         else:
-            shapes = self._stroke(thing, kind)
+            shapes = self._stroke(item, kind)
         for shape in shapes:
-            yield bool(thing.polarity_dark), shape
+            yield bool(item.polarity_dark), shape
 
     def _polygon(self, outline: Sequence[Curve]) -> BaseGeometry:
         rings = flattened([outline], self._tolerance)
@@ -284,7 +284,7 @@ def load_gerber(file: File) -> Drawing:
     metres = _METRES[unit]
     shapes = _Shapes(file.tolerance and file.tolerance / metres)
     try:
-        copper = _composed(layer for thing in _objects_of(text) for layer in shapes.of(thing))
+        copper = _composed(layer for item in _objects_of(text) for layer in shapes.of(item))
     except (PolywignerError, ImportError):
         raise
     except Exception as error:  # gerbonara documents no exceptions

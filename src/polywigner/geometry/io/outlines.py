@@ -34,7 +34,7 @@ from polywigner.geometry.rings import (
 OVERLAP_REMEDY = (
     "join them in the drawing, read fewer layers (--layer), or give union=True (--union)"
 )
-"""Advice to users whose outlines overlap."""
+"""Advice of the error for outlines that overlap."""
 
 Polygon = list[Ring]
 """Rings with the exterior first."""
@@ -86,7 +86,7 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     if not rings:
         return []
     if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):
-        return [rings]  # cleaned with the aperture
+        return [rings]  # cleaned later, with the aperture
     clean = [clean_ring(ring, "a ring") for ring in rings]
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
 
@@ -99,10 +99,11 @@ def depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
 def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
     """Return polygons whose holes are the rings inside them; rings in holes are polygons again.
 
-    `union` first joins rings that overlap or touch. Without it, overlaps raise a GeometryError.
+    With `union`, rings that overlap or touch are joined first. Otherwise, overlaps raise a
+    GeometryError.
     """
     is_simple = shapely.is_valid([shapely.Polygon(ring) for ring in rings])
-    clean = [  # simple ones are cleaned with the aperture
+    clean = [  # simple rings are cleaned later, with the aperture
         ring if simple else part_of_ring(ring, f"outline {k}")[0]
         for k, (ring, simple) in enumerate(zip(rings, is_simple.tolist(), strict=True))
     ]

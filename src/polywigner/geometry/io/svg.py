@@ -44,11 +44,11 @@ _TRANSFORM = re.compile(
     r"(?:\s*+(?:matrix|translate|scale|rotate|skew[XY])"
     rf"\s*+\(\s*+(?:{_NUMBER}{_COMMA})++\)\s*+,?+)*+\s*+"
 )
-_N = _NUMBER.replace(r"\.?[0-9]*+", r"(?:\.[0-9]++)?+") + _COMMA  # without "5."
+_ARGUMENT = _NUMBER.replace(r"\.?[0-9]*+", r"(?:\.[0-9]++)?+") + _COMMA  # without "5."
 _PATH = re.compile(
-    rf"\s*+(?:(?=[Mm])(?:[MmLlTt]\s*+(?:(?:{_N}){{2}})++|[HhVv]\s*+(?:{_N})++"
-    rf"|[Cc]\s*+(?:(?:{_N}){{6}})++|[SsQq]\s*+(?:(?:{_N}){{4}})++"
-    rf"|[Aa]\s*+(?:(?:{_N}){{3}}(?:[01]{_COMMA}){{2}}(?:{_N}){{2}})++|[Zz]\s*+)++)?+"
+    rf"\s*+(?:(?=[Mm])(?:[MmLlTt]\s*+(?:(?:{_ARGUMENT}){{2}})++|[HhVv]\s*+(?:{_ARGUMENT})++"
+    rf"|[Cc]\s*+(?:(?:{_ARGUMENT}){{6}})++|[SsQq]\s*+(?:(?:{_ARGUMENT}){{4}})++"
+    rf"|[Aa]\s*+(?:(?:{_ARGUMENT}){{3}}(?:[01]{_COMMA}){{2}}(?:{_ARGUMENT}){{2}})++|[Zz]\s*+)++)?+"
 )
 
 PIXEL = Fraction(254, 960_000)
