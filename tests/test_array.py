@@ -135,7 +135,7 @@ BAD = {
         (lambda: pw.steering((0, np.nan, 1), WAVELENGTH), "finite"),
         (lambda: pw.steering((0, 0, 1), 0), "wavelength"),
         (lambda: pw.uniform(3), "dimension"),
-        (lambda: pw.cosine_taper(None), "width to taper"),
+        (lambda: pw.cosine_taper(None), "expected a width"),
         (lambda: pw.cosine_taper(1e-2, -6e-3), "height"),
         (lambda: pw.cosine_taper(1e-2, power=0), "power"),
         (lambda: pw.cosine_taper(1e-2, 6e-3, dimension=1), "no height"),
@@ -162,7 +162,7 @@ BAD = {
     ],
     GeometryError: [
         (lambda: pw.wigner(MIXED, ZERO, ZERO), "a tilt of"),
-        (lambda: pw.wigner(pw.Array([TETRAHEDRON]), ZERO, ZERO), "Polyhedron at 0"),
+        (lambda: pw.wigner(pw.Array([TETRAHEDRON]), ZERO, ZERO), "Polyhedron for element 0"),
         (lambda: pw.wigner(pw.Array([TILTED]), ZERO, ZERO), "a tilt of 5 degrees"),
         (lambda: pw.ambiguity(pw.Array([RAISED]), ZERO, ZERO), "z = 0.25"),
         (lambda: SLIT_ARRAY.support, "Slits"),

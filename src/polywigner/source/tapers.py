@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import (
+    checked_choice,
     checked_count,
     checked_length,
     checked_number,
@@ -24,7 +25,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.source.waves import Illumination
 
-# Tolerance of the length of unit vectors: single precision, or seven digits.
+# Largest deviation of the length of unit vectors: vectors may have single precision.
 _UNIT = 1e-6
 
 _ADVICE = "divide it by its length"
@@ -71,25 +72,25 @@ def transverse(direction: Any) -> NDArray[np.float64]:
         "expected a direction as a unit vector (3,), its components (2,) along the aperture, or "
         "the sine of an angle for slits"
     )
-    given = np.atleast_1d(finite_array(direction, expected, (), (1,), (2,), (3,)))
-    if given.shape == (3,):
-        return unit_vector(given)[:2]
-    length = math.hypot(*given)
+    components = np.atleast_1d(finite_array(direction, expected, (), (1,), (2,), (3,)))
+    if components.shape == (3,):
+        return unit_vector(components)[:2]
+    length = math.hypot(*components)
     if length > 1 + _UNIT:
         raise ArgumentError(
             "expected components along the aperture of a unit vector, got a length of "
             f"{length:.6g}; {_ADVICE}"
         )
-    return given
+    return components
 
 
-# Highest power of a cosine: its binomial coefficients are exact floats.
+# Highest power of a cosine taper: its binomial coefficients are exact floats.
 _HIGHEST_POWER = 32
-# Highest TE mode and n-bar, far beyond real designs.
+# Highest index of a TE mode, and highest n-bar: far beyond real designs.
 _HIGHEST_MODE = 1000
 _HIGHEST_NBAR = 100
-# Lowest sidelobes in dB; float64 resolves a field to -300 dB.
-_LOWEST_SIDELOBES = 200.0
+# Largest sidelobe suppression in dB; float64 resolves a field to -300 dB.
+_LARGEST_SUPPRESSION = 200.0
 
 _Waves = tuple[NDArray[Any], NDArray[Any]]
 """Complex or real amplitudes (m,) along one axis, and frequencies (m,) in cycles per metre."""
@@ -237,13 +238,12 @@ def te_mode(
     a, b = checked_length(width, "width"), checked_length(height, "height")
     along_x = checked_count(m, "m", 0, _HIGHEST_MODE)
     along_y = checked_count(n, "n", 0, _HIGHEST_MODE)
-    if not isinstance(component, str) or component not in ("x", "y"):
-        raise ArgumentError(f'expected component "x" or "y", got {component!r}')
+    checked_choice(component, "component", ("x", "y"))
     number, axis = (along_x, "m") if component == "y" else (along_y, "n")
     if number == 0:
         raise ArgumentError(
-            f"expected {axis} of at least 1 for the component {component}, got 0: TE_{m}{n} has "
-            "none; use the other component"
+            f"expected {axis} of at least 1 for the component {component}, got 0: TE_{m}{n} has no "
+            "such component; use the other one"
         )
     return _product(
         _half_periods(along_x, a, sine=component == "y"),
@@ -316,36 +316,27 @@ def taylor_taper(
 def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
     """Return suppression in dB and n-bar of a Taylor taper; ArgumentError if out of range."""
     decibels = checked_number(sll, "sll", "a sidelobe suppression in dB, such as 30")
-    if not 0 < decibels <= _LOWEST_SIDELOBES:
+    if not 0 < decibels <= _LARGEST_SUPPRESSION:
         raise ArgumentError(
-            f"expected sll in dB above 0 and up to {_LOWEST_SIDELOBES:g}, "
-            f"got {value_text(sll)}; give 30 for "
-            "sidelobes at -30 dB"
+            f"expected sll in dB above 0 and up to {_LARGEST_SUPPRESSION:g}, got "
+            f"{value_text(sll)}; pass 30 for sidelobes at -30 dB"
         )
     return decibels, checked_count(nbar, "nbar", 1, _HIGHEST_NBAR)
-
-
-def _axes(
-    width: float | None, height: float | None, dimension: int
-) -> tuple[float | None, float | None]:
-    """Check the lengths: only a width for slits, otherwise at least one of both."""
-    if checked_count(dimension, "dimension", 1, 2) == 1 and height is not None:
-        raise ArgumentError(f"expected no height for a taper of slits (dimension 1), got {height}")
-    if width is None and (height is None or dimension == 1):
-        raise ArgumentError("expected the width to taper, got None")
-    return (
-        None if width is None else checked_length(width, "width"),
-        None if height is None else checked_length(height, "height"),
-    )
 
 
 def _tapered(
     width: float | None, height: float | None, dimension: int, taper: Callable[[float], _Waves]
 ) -> Illumination:
-    """Return the field with a taper along each axis that has a length."""
-    axes = _axes(width, height, dimension)
+    """Return the field with a taper along each axis that has a length; slits have no height."""
+    if checked_count(dimension, "dimension", 1, 2) == 1 and height is not None:
+        raise ArgumentError(f"expected no height for a taper of slits (dimension 1), got {height}")
+    if width is None and (height is None or dimension == 1):
+        raise ArgumentError("expected a width for the taper, got None")
+    sizes = {"width": width, "height": height}.items()
     with np.errstate(over="ignore"):  # an Illumination refuses infinite frequencies
-        along = [_CONSTANT if size is None else taper(size) for size in axes]
+        along = [
+            _CONSTANT if size is None else taper(checked_length(size, name)) for name, size in sizes
+        ]
     return Illumination(*along[0]) if dimension == 1 else _product(*along)
 
 
@@ -359,12 +350,12 @@ def _product(along_x: _Waves, along_y: _Waves) -> Illumination:
 
 
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
-    """Return sin or cos of number pi (x/size + 1/2) as waves whose amplitudes are exact."""
+    """Return sin or cos of (number pi (x/size + 1/2)) as waves with exact amplitudes."""
     if number == 0:
         return _CONSTANT  # a cosine: te_mode refuses sines of 0
-    quarter = (1, 1j, -1, -1j)[number % 4]
-    forth, back = complex(quarter) / 2, complex(quarter).conjugate() / 2
-    amplitudes = [-1j * forth, 1j * back] if sine else [forth, back]
+    phase = complex((1, 1j, -1, -1j)[number % 4])  # exp(i number pi/2)
+    forward, backward = phase / 2, phase.conjugate() / 2
+    amplitudes = [-1j * forward, 1j * backward] if sine else [forward, backward]
     return np.array(amplitudes), np.array([number, -number]) / (2 * size)
 
 

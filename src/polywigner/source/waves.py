@@ -77,16 +77,13 @@ class Illumination(Immutable):
 
     def moved(self, shift: ArrayLike) -> Illumination:
         """Return the field shifted by (d,) m: u(x - shift)."""
-        offset = checked_shift(shift, self.dimension)
-        turns = [exact_turns(kappa, offset.tolist()) for kappa in self.frequencies.tolist()]
-        return Illumination(
-            self.amplitudes * np.exp(-2j * np.pi * np.array(turns)), self.frequencies
-        )
+        phases = shift_phases(self.frequencies, checked_shift(shift, self.dimension))
+        return Illumination(self.amplitudes * phases, self.frequencies)
 
     def turned(self, angle: float) -> Illumination:
         """Return the field rotated counter-clockwise about the origin by an angle in radians.
 
-        Quarter turns are exact.
+        Multiples of pi/2 are exact.
 
         Raises
         ------
@@ -94,7 +91,7 @@ class Illumination(Immutable):
             For a field of slits.
         """
         if self.dimension != 2:
-            raise IlluminationError("expected a field in two dimensions to turn, got one of slits")
+            raise IlluminationError("expected a field in two dimensions, got a field of slits")
         return Illumination(self.amplitudes, turned_points(self.frequencies, angle))
 
     def scaled(self, factor: float) -> Illumination:
@@ -159,10 +156,19 @@ class Illumination(Immutable):
         return f"Illumination({len(self)} plane wave{plural}, {self.dimension}D)"
 
 
-def exact_turns(kappa: list[float], shift: list[float]) -> float:
-    """Return kappa.shift modulo 1, exactly, because large products would be rounded."""
-    turns = sum((Fraction(k) * Fraction(s) for k, s in zip(kappa, shift, strict=True)), Fraction(0))
-    return float(turns - round(turns))
+def shift_phases(
+    frequencies: NDArray[np.float64], shift: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """Return exp(-2 pi i kappa.shift) (m,) for frequencies kappa (m, d) and a shift (d,).
+
+    The products are exact: rounding would change the phase of a large product.
+    """
+    offset = [Fraction(s) for s in shift.tolist()]
+    cycles = (
+        sum((Fraction(k) * s for k, s in zip(kappa, offset, strict=True)), Fraction(0))
+        for kappa in frequencies.tolist()
+    )
+    return np.exp(-2j * np.pi * np.array([float(c - round(c)) for c in cycles]))
 
 
 def _checked(
@@ -198,7 +204,7 @@ def _merged(
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
     """Merge waves of equal frequencies, in lexicographic order, without negative zeros.
 
-    Amplitudes below the rounding of terms that cancel count as zero.
+    Sums of amplitudes below the rounding error of the amplitudes count as zero.
     """
     distinct, number = np.unique(frequencies + 0.0, axis=0, return_inverse=True)
     total, size = np.zeros(len(distinct), np.complex128), np.zeros(len(distinct))
@@ -210,12 +216,13 @@ def _merged(
     return total[nonzero] + 0.0, distinct[nonzero]
 
 
-# Smallest relative singular value. Waves with twice the period are nearly dependent on the extent
-# of the samples: smaller singular values cause large amplitudes that cancel.
+# Smallest singular value that a fit uses, as a fraction of the largest. Waves whose period is twice
+# the sampled extent are nearly linearly dependent on the samples, so smaller singular values cause
+# large amplitudes that cancel.
 _CUT_OFF = 1e-6
 
-# Default period, as a multiple of the sampled extent. With twice the extent, fields that are not
-# periodic are approximated up to the edges.
+# Default period of the waves, as a multiple of the sampled extent. A period of twice the extent
+# approximates fields up to the edges even if they are not periodic.
 _PERIODS = 2
 
 _MOST_WAVES = 4096
