@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# Margin below the noise and above the peak, in dB.
+# Margin of the axis below the noise and above the peak, in dB.
 _MARGIN_DB = 5.0
-# Least degree of linear polarisation with a meaningful angle.
+# Smallest degree of linear polarisation whose angle is drawn: noise determines smaller ones.
 _LEAST_LINEAR = 0.05
-# Colour of marks.
+# Colour of the marks of direct paths.
 _MARK = "#4dd2ff"
 
 
@@ -65,12 +65,12 @@ def draw_scene(
     Raises
     ------
     ArgumentError
-        For ``ax`` of another type.
+        If ``ax`` has another type.
     """
     image = checked_array(radiance, "radiance", 2)
     height, width = image.shape
     levels = level_db(image, reference, floor_db)
-    # in inches, with space for a colour bar
+    # Inches per pixel; the width includes the colour bar.
     scale = 5.0 / max(width, height)
     axes, drawn = style.axes_on(ax, width * scale + 1.2, max(height * scale, 3.4))
     shown = style.draw_levels(axes, levels, low=floor_db)
@@ -104,7 +104,7 @@ def draw_stokes(stokes: ArrayLike, title: str = "") -> Figure:
     Raises
     ------
     ArgumentError
-        For an array of another shape.
+        If the array has another shape.
     """
     numbers, figure, panels = _stokes_panels(stokes, 2, title)
     peak = image_peak(numbers[0])
@@ -121,7 +121,7 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
     """Draw the degree of polarisation of a rendered image and the angle of its linear part.
 
     The angle is measured from the image's right upwards, from -90 to 90 degrees. Pixels are grey if
-    less than 5 % of the radiance is linearly polarised.
+    less than 5 % of their radiance is linearly polarised.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
     Raises
     ------
     ArgumentError
-        For an array of another shape, or a floor that is not below 0 dB.
+        If the array has another shape, or the floor is not below 0 dB.
     """
     check_floor(floor_db)
     numbers, figure, panels = _stokes_panels(stokes, 1, title)
@@ -181,11 +181,6 @@ def _stokes_panels(
     return numbers, figure, panels
 
 
-def _rounded(value: float) -> str:
-    """Return a number with up to four significant digits."""
-    return style.number_text(float(f"{value:.4g}"))
-
-
 @style.typeset
 def draw_range_profile(
     profile: Any,
@@ -197,7 +192,7 @@ def draw_range_profile(
 ) -> Axes | Figure:
     """Draw the power of each bin in dBm over range in m, with the noise of the receiver.
 
-    Circles are line-of-sight paths and specular paths.
+    Circles mark line-of-sight paths and specular paths.
 
     Parameters
     ----------
@@ -221,8 +216,8 @@ def draw_range_profile(
     Raises
     ------
     ArgumentError
-        For another ``profile``, a receiver that does not exist, ``ax`` of another type, or a floor
-        that is not below 0 dB.
+        If ``profile`` is no range profile, the receiver does not exist, ``ax`` has another type, or
+        the floor is not below 0 dB.
     """
     check_floor(floor_db)
     if "receiver" in getattr(profile, "dims", ()):
@@ -253,7 +248,7 @@ def draw_range_profile(
         label = f"noise kTBF, {style.number_text(round(noise_level, 1))} dBm"
         axes.axhline(noise_level, color="C3", ls="--", lw=1.0, label=label)
     width = np.diff(edges)
-    bins = f"{_rounded(width.max())} m"
+    bins = f"{style.number_text(float(f'{width.max():.4g}'))} m"
     if width.max() > width.min() * (1 + 1e-6):
         bins = f"up to {bins}"
     style.finish_lines(
@@ -269,7 +264,7 @@ def draw_range_profile(
 
 
 class DirectArrival(NamedTuple):
-    """Line-of-sight or specular path, which :func:`draw_arrivals` marks."""
+    """Line-of-sight or specular path for :func:`draw_arrivals`."""
 
     direction_cosines: tuple[float, float]
     """Direction cosines s_x and s_y of the arrival."""
@@ -299,7 +294,7 @@ def draw_arrivals(
     power : array_like, shape (rows, columns)
         Power of each pixel in W. Columns are evenly spaced in s_x, and rows in s_y, from -1 to 1.
     direct : sequence of DirectArrival, default none
-        Paths from single directions, which are marked with their power.
+        Paths from single directions, which are marked and labelled with their power.
     floor_db : float, default -40
         Lowest level in dB relative to the strongest pixel. Weaker and negative pixels get the
         colour of the floor.
@@ -318,7 +313,7 @@ def draw_arrivals(
     Raises
     ------
     ArgumentError
-        For ``ax`` of another type, or a floor that is not below 0 dB.
+        If ``ax`` has another type, or the floor is not below 0 dB.
     """
     from matplotlib.patches import Circle
     from matplotlib.patheffects import withStroke
@@ -360,7 +355,7 @@ _MARGIN, _LEAST_HALF = 0.05, 0.1
 def _view(
     bright: NDArray[np.bool_], directions: Sequence[tuple[float, float]]
 ) -> tuple[Floats, Floats]:
-    """Return the lower and upper corner of the square that contains pixels and directions."""
+    """Return two corners of the square of cosines that contains bright pixels and directions."""
     points = np.asarray(directions, np.float64).reshape(-1, 2)
     if bright.any():
         pixels = np.argwhere(bright)[:, ::-1]
@@ -393,8 +388,8 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     return labels
 
 
-# Maximum number of pairs in a figure, number of delays of an impulse response, and its extent
-# before the first and after the last path in inverse bandwidths.
+# Maximum number of pairs in a figure, number of samples of an impulse response, and its extent
+# before the first and after the last path in units of the inverse bandwidth.
 _MOST_PAIRS, _DELAYS, _BEYOND = 6, 2001, 6.0
 _HERTZ = ((1e12, "THz"), (1e9, "GHz"), (1e6, "MHz"), (1.0, "Hz"))
 
@@ -432,7 +427,7 @@ def draw_channel(
     Raises
     ------
     ArgumentError
-        For another ``channel``, a floor that is not below 0 dB, or a ``figure`` of another type.
+        If ``channel`` is no channel, the floor is not below 0 dB, or ``figure`` has another type.
     """
     check_floor(floor_db)
     ends = "receiver emitter"
@@ -465,7 +460,7 @@ def draw_channel(
 
 
 def _levels(amplitudes: Any) -> Floats:
-    """Convert amplitudes to dB; zero is far below any floor."""
+    """Convert amplitudes to dB; the level of zero is -3000 dB, below any floor."""
     return np.asarray(20 * np.log10(np.maximum(np.abs(amplitudes), 1e-150)))
 
 

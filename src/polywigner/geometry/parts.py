@@ -80,12 +80,6 @@ def _is_hairline(region: BaseGeometry, width: float) -> bool:
     return bool(region.area <= width * region.length)
 
 
-def _without_hairlines(polygon: shapely.Polygon, width: float) -> shapely.Polygon:
-    """Close holes that are cracks of at most this width."""
-    holes = [hole for hole in polygon.interiors if not _is_hairline(shapely.Polygon(hole), width)]
-    return shapely.Polygon(polygon.exterior, holes)
-
-
 def connected(count: int, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return labels (count,), equal for items that are connected by pairs (first, second)."""
     labels = np.arange(count)
@@ -141,8 +135,11 @@ def combined_on_grid(
 
 
 def _cleaned(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
-    """Remove cracks and slivers, and restore the vertices ``points``."""
-    polygons = [_without_hairlines(polygon, grid) for polygon in polygons_in(region)]
+    """Remove cracks and slivers up to the width ``grid``, and restore the vertices ``points``."""
+    polygons = []
+    for polygon in polygons_in(region):
+        holes = [h for h in polygon.interiors if not _is_hairline(shapely.Polygon(h), grid)]
+        polygons.append(shapely.Polygon(polygon.exterior, holes))
     wide = [polygon for polygon in polygons if not _is_hairline(polygon, grid)] or polygons
     joined = wide[0] if len(wide) == 1 else shapely.MultiPolygon(wide)
     return straightened(restored(joined, points, grid), grid)

@@ -115,11 +115,6 @@ def extent(points: Ring) -> float:
     return float(np.hypot(size[0], size[1]))
 
 
-def _without_repeats(ring: Ring) -> Ring:
-    """Drop vertices equal to their predecessor, including a closing vertex."""
-    return ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)]
-
-
 def without_straight_vertices(ring: Ring) -> Ring:
     """Drop vertices that lie exactly on the segment between their neighbours.
 
@@ -147,7 +142,8 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
     count = different_vertices(ring)
     if count < 3:
         raise GeometryError(f"expected at least 3 different vertices in {name}, got {count}")
-    return without_straight_vertices(_without_repeats(ring))
+    # Drop vertices equal to their predecessor, including a closing vertex.
+    return without_straight_vertices(ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)])
 
 
 def spans_area(ring: Ring) -> bool:

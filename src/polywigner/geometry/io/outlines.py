@@ -82,7 +82,11 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
 
     Rings without an area are ignored. Rings that meet no other ring stay unchanged.
     """
-    rings = [ring for ring in rings if _encloses(ring)]
+    rings = [
+        ring
+        for ring in rings
+        if different_vertices(ring) >= 3 and (spans_area(ring) or hull_spans_area(ring))
+    ]
     if not rings:
         return []
     if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):
@@ -107,7 +111,8 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
         ring if simple else part_of_ring(ring, f"outline {k}")[0]
         for k, (ring, simple) in enumerate(zip(rings, is_simple.tolist(), strict=True))
     ]
-    if not shapely.is_simple(_lines(clean)):
+    lines = shapely.MultiLineString([np.concatenate([ring, ring[:1]]) for ring in clean])
+    if not shapely.is_simple(lines):
         if union:
             clean = _joined(clean)
         else:
@@ -127,14 +132,6 @@ def _joined(rings: Sequence[Ring]) -> list[Ring]:
         region = members[0] if len(members) == 1 else union_on_grid(list(members))
         joined += [ring for polygon in polygons_in(region) for ring in rings_of_polygon(polygon)]
     return joined
-
-
-def _encloses(ring: Ring) -> bool:
-    return different_vertices(ring) >= 3 and (spans_area(ring) or hull_spans_area(ring))
-
-
-def _lines(rings: Sequence[Ring]) -> shapely.MultiLineString:
-    return shapely.MultiLineString([np.concatenate([ring, ring[:1]]) for ring in rings])
 
 
 def _check_overlaps(rings: Sequence[Ring]) -> None:
