@@ -225,7 +225,7 @@ def test_without_a_usable_library_the_status_names_the_reason_and_the_remedy(
     monkeypatch.setattr(module, "_has_libatomic", lambda: True)
     paths = [library(machine / "system", f"libLLVM-{n}.so.1") for n in (16, 15)]
     status = module.prepare()
-    reason = "LLVM 16 is too old, 17 or newer works"
+    reason = "LLVM 16 is too old; 17 or newer is required"
     assert status.problem == f"No LLVM library is usable: {paths[0]} ({reason}) and 1 more."
     assert ("--install-llvm" in status.remedy) == (tool == "apt-get")
     assert [path for path, _ in status.refused] == paths

@@ -23,7 +23,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "tapers": ("taylor1955line",),
     "arrays": ("skolnik1964statistically", "barnett2019nufft"),
 }
-"""Keys of the bibliography for each method: the works with its formulas or software."""
+"""Keys of the bibliography for each method: publications of its formulas or of its software."""
 
 
 def cite(*methods: str) -> str:
@@ -45,7 +45,7 @@ def cite(*methods: str) -> str:
     Raises
     ------
     ArgumentError
-        A method is unknown.
+        If a method is unknown.
 
     Examples
     --------

@@ -41,13 +41,13 @@ def value_text(value: object) -> str:
 def install_command(extra: str = "") -> str:
     """Return the command that installs polywigner with one of its extras, for messages.
 
-    The package is on no package index, so the command installs a clone.
+    No package index has the package, so the command is for a clone of the repository.
     """
     return f'`pip install ".{f"[{extra}]" if extra else ""}"` in a clone of polywigner'
 
 
 class PolywignerError(Exception):
-    """Root of the package's exceptions."""
+    """Base class of the package's exceptions."""
 
 
 @contextmanager
@@ -97,9 +97,9 @@ class MissingExtraError(PolywignerError, ImportError):
 
 def missing_extra(library: str, extra: str, purpose: str = "", got: str = "none") -> Exception:
     """Return the error for a missing library; ``purpose``: for example "reads SVG files"."""
-    which = f", which {purpose}" if purpose else ""
+    clause = f", which {purpose}" if purpose else ""
     return MissingExtraError(
-        f"expected {library} to be installed{which}, got {got}; run {install_command(extra)}"
+        f"expected {library} to be installed{clause}, got {got}; run {install_command(extra)}"
     )
 
 
@@ -116,7 +116,7 @@ def require(name: str, extra: str, purpose: str = "") -> Any:
 
 
 class PolywignerWarning(UserWarning):
-    """A result is less accurate than requested, or than is usual for its method.
+    """A result is less accurate than requested, or less accurate than usual for its method.
 
-    Other causes are arguments in a doubtful unit, and damaged chunks of a store.
+    Other causes are arguments whose unit is probably wrong, and damaged chunks of a store.
     """

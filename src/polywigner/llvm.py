@@ -42,16 +42,16 @@ LIBRARY_VARIABLE = "DRJIT_LIBLLVM_PATH"
 # If this variable is 1, polywigner behaves as on a machine without LLVM.
 OFF_VARIABLE = "POLYWIGNER_NO_LLVM"
 
-# Value of the first variable if no library is usable. Without it, Dr.Jit would open any libLLVM of
-# the system, and its first kernel could end the process. Dr.Jit may print this text.
+# Value of LIBRARY_VARIABLE if no library is usable. If the variable were unset, Dr.Jit would open
+# any libLLVM of the system, and its first kernel could end the process. Dr.Jit may print this text.
 NONE_USABLE = "/no usable LLVM library; see `polywigner doctor`"
 
 # LLVM 15 and 16 abort when they compile a minimum or a maximum ("Cannot select: fminimum"), and
 # LLVM 14 lacks opaque pointers.
 OLDEST_VERSION = 17
 
-# Dr.Jit's Linux wheels require this library. Bare Debian lacks it, and `import drjit` then raises
-# a NameError that names neither.
+# Dr.Jit's Linux wheels require this library. Without it, as on bare Debian, `import drjit` raises a
+# NameError that does not name the library.
 LIBATOMIC = "libatomic.so.1"
 
 _SYSTEM_LIBRARIES = (
@@ -67,9 +67,9 @@ _SYSTEM_LIBRARIES = (
 )
 _ENVIRONMENT_LIBRARIES = ("lib/libLLVM*.so*", "lib/libLLVM*.dylib", "Library/bin/LLVM-C.dll")
 
-# Wall time of a probe [s]: the first import of Dr.Jit from a cold disk is slow.
+# Largest wall time of a probe in s: the first import of Dr.Jit from a cold disk is slow.
 _TIME_LIMIT = 120.0
-# Only crashes of the library are cached. Ctrl-C ends a probe too.
+# Return codes of crashes of the library, whose probes are cached; Ctrl-C has another code.
 _CRASHES = (-signal.SIGABRT, -signal.SIGSEGV, -signal.SIGILL, -signal.SIGFPE)
 
 _KERNELS = """
@@ -104,8 +104,8 @@ class LLVMStatus:
     version: str | None = None
     problem: str | None = None  # one sentence
     remedy: str | None = None  # one sentence with a command or a setting
-    drjit_imports: bool = True  # if False, Mitsuba cannot be imported either
-    refused: tuple[tuple[str, str], ...] = ()  # path and reason for each library
+    drjit_imports: bool = True  # whether Dr.Jit, and thus Mitsuba, can be imported
+    refused: tuple[tuple[str, str], ...] = ()  # path of each unusable library, and the reason
 
 
 _OFF = LLVMStatus(
@@ -181,7 +181,7 @@ def require_drjit() -> LLVMStatus:
 
 @contextlib.contextmanager
 def _silent_stderr() -> Iterator[None]:
-    """Discard the two lines that Dr.Jit writes in C++ without a library."""
+    """Discard the two lines that Dr.Jit's C++ code prints if there is no library."""
     sys.stderr.flush()
     saved = os.dup(2)
     try:
@@ -194,7 +194,7 @@ def _silent_stderr() -> Iterator[None]:
 
 
 def _select() -> LLVMStatus:
-    # The wheels of some processors do not need libatomic, so only a failed import counts.
+    # The wheels for some processors do not need libatomic, so the import is tried without it.
     if not _has_libatomic() and run_in_child("import drjit").returncode != 0:
         return LLVMStatus(
             False,
@@ -287,7 +287,7 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
     19.1, and ``/usr/lib/llvm-18/lib/libLLVM.so.1`` is 18.
     """
     real = os.path.realpath(path)
-    # the name of the file, then the name of its folder
+    # First the name of the file, then the name of its folder.
     for pattern in (r"libLLVM(?:-|\.so\.|\.)(\d\d[\d.]*)[^/]*$", r"llvm[-@]?(\d\d)/"):
         match = re.search(pattern, real) or re.search(pattern, path)
         if match:
@@ -296,22 +296,24 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
 
 
 def probe(path: str) -> tuple[str | None, str | None]:
-    """Test a library by its name, from the cache, or in a child process.
+    """Return the version of a library, and why it is not usable.
 
-    The cache is a file in the user's cache folder. Its name depends on the library, on Dr.Jit, on
-    Python and on the machine, because machines with different processors may share a home folder.
+    The version in the name decides if it is too old; otherwise the cache, or a test in a child
+    process. The cache is a file in the user's cache folder. Its name depends on the library, on
+    Dr.Jit, on Python and on the machine, because machines with different processors may share a
+    home folder.
 
     Returns
     -------
     version : str or None
         Version of the library.
     problem : str or None
-        Reason why it is not usable, as half a sentence; None if it is usable.
+        Reason why the library is not usable, a clause for a message; None if it is usable.
     """
     version = version_of_name(path)
     if version is not None and version[0] < OLDEST_VERSION:
         text = ".".join(str(number) for number in version)
-        return text, f"LLVM {text} is too old, {OLDEST_VERSION} or newer works"
+        return text, f"LLVM {text} is too old; {OLDEST_VERSION} or newer is required"
     cache = _cache_of(path)
     with contextlib.suppress(OSError, ValueError, LookupError):
         content = json.loads(cache.read_bytes())
@@ -321,7 +323,7 @@ def probe(path: str) -> tuple[str | None, str | None]:
     tested = child.stdout.split()[-1] if is_usable else None
     problem = None if is_usable else _first_complaint(child)
     if is_usable or child.returncode in _CRASHES:
-        # A library that does not open may open later, after a dependency has been installed.
+        # Other failures are not cached: a missing dependency may be installed later.
         with contextlib.suppress(OSError), atomic_path(cache) as scratch:
             scratch.parent.mkdir(parents=True, exist_ok=True)
             scratch.write_text(json.dumps({"version": tested, "problem": problem}))
@@ -362,7 +364,7 @@ def run_in_child(script: str, library: str = NONE_USABLE) -> subprocess.Complete
 
     command = [sys.executable, "-P", "-c", script]
     try:
-        # The folder receives Dr.Jit's kernels, so that each is compiled, and core dumps.
+        # The folder contains core dumps and the kernel cache, so that no kernel is reused.
         with temporary_folder() as folder:
             environment = {
                 **os.environ,
@@ -393,7 +395,7 @@ def _first_complaint(child: subprocess.CompletedProcess[str]) -> str:
 
 # ---- installation
 
-# Alternatives, best first. The tests run with 19. The names of Ubuntu end with t64 (64-bit time).
+# Alternative packages, best first. The tests run with LLVM 19. Ubuntu's names may end with t64.
 _LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")]
 _LIBATOMIC = ["libatomic1"]
 
@@ -465,7 +467,7 @@ def _install(alternatives: Sequence[str]) -> str:
 
 
 def _offered(alternatives: Sequence[str]) -> str:
-    """Return the first package in the lists of apt, or the first alternative."""
+    """Return the first alternative that apt's package lists contain, or the first one of all."""
     listing = _apt("apt-cache", "madison", *alternatives).stdout
     offered = {line.split("|")[0].strip() for line in listing.splitlines()}
     return next((name for name in alternatives if name in offered), alternatives[0])

@@ -93,7 +93,7 @@ class Explorer:
     def page(self) -> pn.Template:
         """Return the Panel template of the current Bokeh document."""
         if self._document is None:
-            # Wait for the thread: from now on, only code with the document's lock changes the models.
+            # Wait for the thread: from now on, code needs the document's lock to change the models.
             self._pool.submit(int).result()
             self._document = pn.state.curdoc
             self._pool.submit(self._compute, self.state)

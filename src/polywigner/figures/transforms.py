@@ -120,12 +120,12 @@ def transform_slices(
         bounds = ", ".join(f"{b:.4g}" for b in support.bounds)
         raise ArgumentError(
             f"expected a position x inside the automean (bounds {bounds} m), where W is not zero, "
-            f"got ({position[0]:.4g}, {position[1]:.4g}) m; choose a position inside, in metres"
+            f"got ({position[0]:.4g}, {position[1]:.4g}) m; check its unit"
         )
     if not pw.position_slice(aperture, lag).area > 0:
         raise ArgumentError(
             "expected a lag xi at which the aperture overlaps its shifted copy, got "
-            f"({lag[0]:.4g}, {lag[1]:.4g}) m, where A is zero; choose a shorter lag, in metres"
+            f"({lag[0]:.4g}, {lag[1]:.4g}) m, where A is zero; check its unit, or choose a shorter lag"
         )
     half = _half_width(aperture, None if checked_flag(zoomed, "zoomed") else wavelength)
     frequency = np.linspace(-half, half, samples)
