@@ -105,7 +105,7 @@ BAD = {
     ArgumentError: [
         (lambda: pw.Array(SQUARE), "put it into a list"),
         (lambda: pw.Array([]), "none"),
-        (lambda: pw.Array([SQUARE, "b"]), "str at 1"),
+        (lambda: pw.Array([SQUARE, "b"]), "str as element 1"),
         (lambda: pw.Array([SQUARE, SLIT_ARRAY]), "join its elements"),
         (lambda: pw.Array([SQUARE, pw.Slits([0, 1])]), "one dimension"),
         (lambda: pw.fourier(MIXED, ZERO), "shape"),

@@ -360,7 +360,7 @@ def run_in_child(script: str, library: str = NONE_USABLE) -> subprocess.Complete
         The finished process, with its output as text. If it does not start, or runs longer than two
         minutes, the return code is 1 and ``stderr`` contains the reason.
     """
-    import subprocess  # takes 10 ms, which a cached probe does not need
+    import subprocess  # takes 10 ms, and is not needed if the probe is cached
 
     command = [sys.executable, "-P", "-c", script]
     try:

@@ -227,7 +227,9 @@ def source_code(state: State) -> str:
     """
     count = state.columns * state.rows
     if count > MAX_ELEMENTS:
-        raise errors.ArgumentError(f"an array of {count} elements is too large; use {MAX_ELEMENTS}")
+        raise errors.ArgumentError(
+            f"an array of {count} elements is too large; use at most {MAX_ELEMENTS}"
+        )
     lines = [f"wavelength = {state.wavelength!r}  # m", "source = pw.Aperture([  # m"]
     for exterior, *holes in polygons_of(aperture_of(state.rings, state.per_metre).polygons):
         inner = f", {[ring.tolist() for ring in holes]}" if holes else ""

@@ -216,7 +216,7 @@ def _draw_column(column: Any, fields: Comparison, axis: tuple[Floats, str, bool]
     if is_logarithmic:
         from matplotlib.ticker import LogFormatter, LogLocator
 
-        column[-1].set_xscale("log")  # of both panels, which share the axis
+        column[-1].set_xscale("log")  # for both panels, which share the axis
         ticks = column[-1].xaxis
         ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
         ticks.set_major_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(9, 9)))

@@ -208,7 +208,7 @@ def peak_of(values: NDArray[Any], name: str) -> float:
     """Return the largest value, or raise ArgumentError if it is not above zero."""
     peak = float(np.max(values))
     if not (peak > 0 and math.isfinite(peak)):
-        raise ArgumentError(f"expected some {name} above zero, got {peak:g} at most")
+        raise ArgumentError(f"expected values of {name} above zero, got at most {peak:g}")
     return peak
 
 

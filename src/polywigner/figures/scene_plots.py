@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 # Margin of the axis below the noise and above the peak, in dB.
 _MARGIN_DB = 5.0
-# Smallest degree of linear polarisation whose angle is drawn: noise determines smaller ones.
+# Smallest degree of linear polarisation whose angle is drawn: other angles are noise.
 _LEAST_LINEAR = 0.05
 # Colour of the marks of direct paths.
 _MARK = "#4dd2ff"
@@ -224,7 +224,7 @@ def draw_range_profile(
         checked_count(receiver, "receiver", 0, profile.sizes["receiver"] - 1)
         profile = profile.isel(receiver=receiver)
     elif receiver != 0:
-        raise ArgumentError(f"expected a profile of several receivers, got one and {receiver!r}")
+        raise ArgumentError(f"expected receiver 0 of a profile with one receiver, got {receiver!r}")
     names = dict.fromkeys(
         ("range_edge", "power", "standard_error", "noise_power", "path_range", "path_power"), ""
     )

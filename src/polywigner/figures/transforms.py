@@ -125,7 +125,7 @@ def transform_slices(
     if not pw.position_slice(aperture, lag).area > 0:
         raise ArgumentError(
             "expected a lag xi at which the aperture overlaps its shifted copy, got "
-            f"({lag[0]:.4g}, {lag[1]:.4g}) m, where A is zero; check its unit, or choose a shorter lag"
+            f"({lag[0]:.4g}, {lag[1]:.4g}) m, where A is zero; check its unit"
         )
     half = _half_width(aperture, None if checked_flag(zoomed, "zoomed") else wavelength)
     frequency = np.linspace(-half, half, samples)

@@ -219,7 +219,7 @@ def _samples(dataset: Any, name: str | None) -> _Volume:
     array = dataset[name]
     if sorted(array.dims) != ["x", "y", "z"]:
         raise ArgumentError(
-            f"expected {name} over x, y, z, got it over {', '.join(map(str, array.dims))}"
+            f"expected {name} over x, y, z, got the dimensions {', '.join(map(str, array.dims))}"
         )
     array = array.transpose("x", "y", "z")
     array = array[tuple(slice(None, None, -(-n // _MOST)) for n in array.shape)]

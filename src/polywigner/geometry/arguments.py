@@ -309,7 +309,7 @@ def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: floa
 
 def _diameter(source: Any) -> float | None:
     """Return the diagonal of the bounds of a source in m; None for other objects."""
-    outline = getattr(source, "source", source)  # a differentiable source contains a source
+    outline = getattr(source, "source", source)  # the result of differentiable() contains a source
     try:
         bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
     except PolywignerError:

@@ -34,8 +34,8 @@ _ULPS = 8.0 * float(np.finfo(float).eps)
 _COINCIDENT = 1e-10
 # Largest distance along the line of sight of surfaces that touch, in the same unit.
 _TOUCHING = 1e-6
-# Largest distance from the border of a figure of triangles' sides on the border, in the same unit,
-# and the edge number of these sides.
+# Sides of triangles within this distance of the border of a figure are on the border, in the same
+# unit; such sides have this number in the place of an edge.
 _BORDER, _BORDER_SIDE = 1e-11, -2
 # Axes of the six pyramids, rotated out of the planes in which faces of bodies usually lie.
 _CUBE = np.linalg.qr(np.array([[0.83, 0.31, 0.47], [-0.29, 0.91, 0.17], [0.41, -0.23, 0.87]]))[0]

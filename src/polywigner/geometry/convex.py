@@ -38,7 +38,7 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
         triangles = triangles[:, ::-1]
     if shoelace(vertices[triangles]) != shoelace(part):
         raise GeometryError(
-            "expected an outline that can be triangulated, got one whose triangles miss its area; "
+            "expected an outline that can be triangulated, got triangles of another total area; "
             "round its coordinates, for instance with shapely.set_precision"
         )
     return vertices, triangles

@@ -69,7 +69,7 @@ def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeome
 
 def straightened(geometry: BaseGeometry, reach: float) -> BaseGeometry:
     """Drop vertices within `reach` of the line between neighbours, if the result is valid."""
-    # Normalised rings begin at their lowest vertex, so the result does not depend on the first one.
+    # Normalised rings begin at their lowest vertex, so the first vertex does not affect the result.
     polygons = shapely.simplify(shapely.normalize(np.array(polygons_in(geometry), object)), reach)
     simple = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons.tolist())
     fewer = shapely.get_num_coordinates(simple) < shapely.get_num_coordinates(geometry)
@@ -203,7 +203,7 @@ _VERTICES_AT_ONCE = 200_000
 
 _MERGE = "merge them with shapely.union_all, or give a hole as shapely.Polygon(outer, [hole])"
 
-_COORDINATES = re.compile(r"\[(\S+) (\S+)\]")  # in the reasons of GEOS
+_COORDINATES = re.compile(r"\[(\S+) (\S+)\]")  # a position in a message of GEOS
 
 
 def part_of_ring(vertices: object, name: str = "the ring") -> Part:
@@ -222,7 +222,7 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
             'split it with Aperture.from_ring(ring, winding="nonzero") or winding="evenodd"'
         )
     if not spans:
-        raise GeometryError(f"expected {name} to enclose an area, got one of zero area")
+        raise GeometryError(f"expected {name} to enclose an area, got zero area")
     return _straightened((oriented(ring, True),))
 
 
@@ -381,7 +381,7 @@ def split_ring(vertices: Any, winding: str) -> list[Part]:
     polygons = enclosed([ring], winding)
     if not polygons:
         raise GeometryError(
-            f"expected a ring that encloses an area, got none by the {winding!r} rule"
+            f"expected a ring that encloses an area, got zero area by the {winding!r} rule"
         )
     return [part_of_polygon(polygon) for polygon in polygons]
 

@@ -184,7 +184,7 @@ def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
     for (a, b), count in edges.items():
         if count > max(1, edges[b, a]):
             raise GeometryError(
-                f"expected consistently oriented faces, got two that run from vertex {a} to {b}; "
+                f"expected consistently oriented faces, got two with an edge from {a} to {b}; "
                 "reverse one of them"
             )
         if edges[b, a] < count:
@@ -228,7 +228,7 @@ def _oriented(
         if sign < 0 and len(outermost) and volume * volumes[outermost[0]] > 0:
             warn_caller(
                 f"the surface with face {surface[0]} lies inside another surface and has the same "
-                "orientation: it is read as a cavity; remove it if it is a body inside the body"
+                "orientation: it is read as a cavity; remove it if the body is solid there"
             )
     return tuple(oriented), total
 

@@ -345,7 +345,7 @@ class Wavefront(TakesWaves):
         if method is None:
             kind = type(self.source).__name__
             raise ArgumentError(
-                f"expected a wave on an Aperture for {name}, got one on {kind}; apply {name} to "
+                f"expected a wave on an Aperture for {name}, got a wave on {kind}; apply {name} to "
                 "the elements of an array with their waves, and make an array of the results"
             )
         return method

@@ -41,7 +41,7 @@ def _checked_elements(elements: Any) -> tuple[Element, ...]:
     for k, element in enumerate(items):
         if not isinstance(element, Element):
             hint = "; join its elements and weights" if isinstance(element, Array) else ""
-            raise ArgumentError(f"{expected}, got {type(element).__name__} at {k}{hint}")
+            raise ArgumentError(f"{expected}, got {type(element).__name__} as element {k}{hint}")
     if len({isinstance(element, Slits) for element in items}) > 1:
         raise ArgumentError(
             "expected elements of one space, got Slits (one dimension) and others; "

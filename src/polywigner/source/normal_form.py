@@ -301,7 +301,7 @@ class Source:
             return self
         if self.repeated is None:
             return self.with_elements([e.tilted(tilt) for e in self.in_plane.elements])
-        copies = self.repeated  # copies contain the tilt of the element
+        copies = self.repeated  # a copy contains the tilt relative to its position
         phases = np.exp(2j * np.pi * (copies.positions @ tilt))
         element = copies.element.tilted(tilt)
         tilted = RepeatedElement(element, copies.positions, copies.weights * phases)

@@ -129,8 +129,9 @@ class _Shape(Table, tag_field="name"):
     """A table whose key "name" selects a shape of the catalogue."""
 
 
-# Tables that name a function. The keys are its parameters, with angles for a direction, and without
-# parameters that follow from other tables. A key has the same type and meaning in all tables.
+# Each of these tables names a function, and its keys are the parameters of the function. Angles
+# replace a direction, and parameters that follow from other tables are omitted. A key has the same
+# type and meaning in all tables.
 
 _OF_ANNOTATION: dict[str, Any] = {
     "float": Coordinate, "ArrayLike": Coordinates, "int": int, "bool": bool, "str": str,

@@ -352,7 +352,7 @@ def _product(along_x: _Waves, along_y: _Waves) -> Illumination:
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
     """Return sin or cos of (number pi (x/size + 1/2)) as waves with exact amplitudes."""
     if number == 0:
-        return _CONSTANT  # a cosine: te_mode refuses sines of 0
+        return _CONSTANT  # cos(0); te_mode refuses sin(0)
     phase = complex((1, 1j, -1, -1j)[number % 4])  # exp(i number pi/2)
     forward, backward = phase / 2, phase.conjugate() / 2
     amplitudes = [-1j * forward, 1j * backward] if sine else [forward, backward]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import gdstk
 
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
-# Record STRANS, and its bits of absolute magnification and absolute angle.
+# Type of the record STRANS, and its bits for absolute magnification and absolute angle.
 _TRANSFORMATION, _ABSOLUTE = 0x1A, 0x0006
 
 
@@ -34,7 +34,9 @@ def _chosen(library: Any, name: str | None) -> gdstk.Cell:
     if name not in cells:
         expected = "one top cell" if name is None else f"a cell or layer of the file ({name!r})"
         listed = ", ".join(sorted(top if name is None else cells)[:12])
-        raise FileFormatError(f"expected {expected}, got the cells {listed}; name a cell as layer")
+        raise FileFormatError(
+            f"expected {expected}, got the cells {listed}; select a cell by layer"
+        )
     return cells[name]
 
 
@@ -103,7 +105,7 @@ def load_gds(file: File) -> Drawing:
     library: Any = importlib.import_module("gdstk").read_gds(str(file.path))
     metres = float(library.unit)
     if not 0 < metres < math.inf:
-        raise FileFormatError(f"expected a unit above zero, got {metres:g} m; export it anew")
+        raise FileFormatError(f"expected a unit above zero, got {metres:g} m; export it again")
     cell: Any = _chosen(library, cells[0] if cells else None)
     _check_cycles(library.cells)
     members = [cell, *cell.dependencies(True)]
@@ -119,7 +121,8 @@ def load_gds(file: File) -> Drawing:
             )
         size = length + float(path.widths().max())
         path.tolerance = file.tolerance / metres if file.tolerance else DEFAULT_TOLERANCE * size
-    shapes = [shape for shape in _shapes(cell) if len(shape[2])]  # boundaries of a point have none
+    # Boundaries without extent have no points.
+    shapes = [shape for shape in _shapes(cell) if len(shape[2])]
     if missing := requested - {name for layer, kind, _ in shapes for name in (layer, kind)}:
         listed = ", ".join(sorted({kind for _, kind, _ in shapes})[:12])
         raise FileFormatError(f"expected a layer of the cell, got {min(missing)}; it has {listed}")

@@ -56,14 +56,14 @@ _NEUTRAL = re.compile(
 )
 # Warnings of gerbonara about statements that it reads correctly.
 _HARMLESS = ".*(Arc is missing|D01 interpolation with a zero-size)"
-# Relative difference of the radii at both ends of an arc, whose coordinates are rounded.
+# Largest relative difference of the radii at both ends of an arc, due to rounded coordinates.
 _RADII = 1e-3
 
 Layers = Iterable[tuple[bool, BaseGeometry]]
 """Shapes in the order of drawing; a dark one (True) adds copper, a clear one removes copper."""
 
 
-def _refusal(expected: str, got: str, advice: str = "export the layer anew") -> FileFormatError:
+def _refusal(expected: str, got: str, advice: str = "export the layer again") -> FileFormatError:
     return FileFormatError(f"expected {expected}, got {got}; {advice}")
 
 
@@ -133,7 +133,7 @@ def _composed(layers: Layers) -> BaseGeometry:
         if not shapes:
             continue
         shape = shapes[0] if len(shapes) == 1 else union_on_grid(shapes)
-        # Polygons apart from the new shape stay unchanged.
+        # Polygons outside the bounds of the new shape stay unchanged.
         near = shapely.intersects(copper, shapely.box(*shape.bounds))
         if near.any():
             around = shapely.MultiPolygon(list(copper[near]))
@@ -294,7 +294,7 @@ def load_gerber(file: File) -> Drawing:
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]
     if not polygons:
         raise FileFormatError(
-            "expected copper (regions, flashes or strokes that are dark), got none; give another "
-            "layer of the board"
+            "expected copper (regions, flashes or strokes that are dark), got none; choose "
+            "another layer of the board"
         )
     return Drawing(polygons, metres)

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 
-# Sizes in bytes. A million vertices as text take about 40 MB. Scene files are XML without meshes.
+# Largest sizes in bytes. A million vertices take about 40 MB as text; scene files have no meshes.
 LARGEST_FILE = 64 * 2**20
 LARGEST_SCENE = 8 * 2**20
 
-# One aperture: checking this many vertices or outlines takes about 10 s.
+# Largest number of vertices and of outlines of an aperture: their checks take about 10 s.
 MOST_VERTICES = 1_000_000
 MOST_RINGS = 10_000
 
-# Triangles of a body; checking this many takes about 10 s.
+# Largest number of triangles of a body: their checks take about 10 s.
 MOST_FACES = 200_000
 
 # Largest coordinate: squares and products must not overflow.

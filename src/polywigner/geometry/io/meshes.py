@@ -138,8 +138,8 @@ def _stl(content: bytes) -> Mesh:
         return _of_corners(corners, _SINGLE)
     if b"\0" in content:
         raise FileFormatError(
-            f"expected binary STL of 84 + 50 n bytes, got {len(content)} that announce {count} "
-            "triangles; export the body again"
+            f"expected binary STL of 84 + 50 n bytes, got {len(content)} bytes with {count} "
+            "triangles in the header; export the body again"
         )
     vertices = _VERTEX.findall(content)
     facets = len(_END_OF_FACET.findall(content))

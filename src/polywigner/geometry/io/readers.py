@@ -107,7 +107,7 @@ def load_csv(file: File) -> Drawing:
     for number, fields in rows[1 if has_header else 0 :]:
         if len(fields) != 2 or not all(map(_NUMBER.fullmatch, fields)):
             raise FileFormatError(
-                f'expected two numbers such as "1.5, -2", got others in line {number}'
+                f'expected two numbers such as "1.5, -2", got other text in line {number}'
             )
         vertices.append((float(fields[0]), float(fields[1])))
     if not vertices:
@@ -163,8 +163,8 @@ def _loaded(file: File) -> Drawing:
     loader = _loader_of(file.path, file.content)
     if file.layers and loader not in _WITH_LAYERS:
         raise ArgumentError(
-            "expected a layer of a drawing (SVG, DXF, GDSII), got a file without layers; leave it "
-            "out"
+            "expected a layer of a drawing (SVG, DXF, GDSII), got a file without layers; leave "
+            "layer out"
         )
     try:
         with warnings.catch_warnings():  # hides warnings of the libraries
