@@ -127,7 +127,7 @@ BAD = {
         (lambda: arrays.steering_weights([[0, 0, 0]], (0, 1), 1.0), "unit vector"),
         (lambda: arrays.steering_weights([[0, np.nan]], (0, 0, 1), 1.0), "finite positions"),
         (lambda: arrays.focusing_weights([[0, 0]], (0, 0, 0), 1.0), "z above zero"),
-        (lambda: arrays.window_weights(4, "kaiser"), "one of the windows uniform, taylor"),
+        (lambda: arrays.window_weights(4, "kaiser"), 'window to be one of "uniform", "taylor"'),
         (lambda: pw.steering((0, 0.1, 1), WAVELENGTH), "length 1.00499"),
         (lambda: pw.steering((0, 0.6, -0.8), WAVELENGTH), "z > 0"),
         (lambda: pw.steering((0.8, 0.7), WAVELENGTH), "length of 1.06"),

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 import numpy as np
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.rings import draw_rings
+from polywigner.geometry.parts import polygons_in
+from polywigner.geometry.rings import draw_rings, rings_of_polygon
 from polywigner.quantities import LengthUnit
 
 if TYPE_CHECKING:
@@ -241,10 +242,9 @@ def set_ticks(axis: Any, values: Any) -> None:
 
 def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **options: Any) -> None:
     """Draw a shapely polygon or multipolygon in metres on axes with a length unit."""
-    polygons = [p for p in getattr(shape, "geoms", [shape]) if p.geom_type == "Polygon"]
-    rings = [ring for p in polygons for ring in (p.exterior, *p.interiors)]
+    rings = [ring for polygon in polygons_in(shape) for ring in rings_of_polygon(polygon)]
     if rings:
-        draw_rings(axes, [np.asarray(ring.coords) for ring in rings], unit.metres, **options)
+        draw_rings(axes, rings, unit.metres, **options)
 
 
 def draw_cut(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> None:

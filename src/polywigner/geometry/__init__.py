@@ -7,7 +7,7 @@
 - ``polyhedron``: solid bodies, and the triangles and closed surfaces of polygonal faces
 - ``silhouettes``: opaque bodies and plates, their contacts, and the edges of their shadows;
   ``contours``, ``hidden_parts``: the shadow edges of bodies that hide each other
-- ``wavefront``: curved or partially coherent waves, and checks of a field
+- ``illumination``: fields as sums of plane waves; ``wavefront``: curved or partially coherent waves
 - ``arguments``: checks of numbers, arrays, wavelengths, poses and units
 - ``io``: files, a module for each format
 """

@@ -14,6 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry.arguments import Immutable, Outline, checked_length, rigid_pose
 from polywigner.geometry.convex import convex_pieces, mean_polygon, triangulate_part
+from polywigner.geometry.illumination import (
+    Illumination,
+    checked_field,
+    checked_shift,
+    turned_points,
+)
 from polywigner.geometry.parts import (
     combined_on_grid,
     merge_parts,
@@ -30,13 +36,7 @@ from polywigner.geometry.rings import (
     polygon_of_part,
     shoelace,
 )
-from polywigner.geometry.wavefront import (
-    Field,
-    TakesWaves,
-    checked_field,
-    checked_shift,
-    turned_points,
-)
+from polywigner.geometry.wavefront import TakesWaves
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -90,8 +90,8 @@ class Aperture(TakesWaves):
     _parts: tuple[Part, ...]
     _segments: tuple[Part, ...] | None
     """Segments of a mirror, which may touch; None if the segments are the parts."""
-    illumination: Field | None
-    """Field on the aperture, an Illumination; None for the field 1."""
+    illumination: Illumination | None
+    """Illumination on the aperture, an Illumination; None for the field 1."""
 
     def __init__(self, vertices: Outline) -> None:
         self._set(merge_parts(parts_from(vertices)))
@@ -99,7 +99,7 @@ class Aperture(TakesWaves):
     def _set(
         self,
         parts: Sequence[Part],
-        illumination: Field | None = None,
+        illumination: Illumination | None = None,
         segments: Sequence[Part] | None = None,
     ) -> None:
         self.__dict__.update(
@@ -112,7 +112,7 @@ class Aperture(TakesWaves):
     def _of_parts(
         cls,
         parts: Sequence[Part],
-        illumination: Field | None = None,
+        illumination: Illumination | None = None,
         segments: Sequence[Part] | None = None,
     ) -> Aperture:
         """Make an aperture of valid parts."""
@@ -129,7 +129,7 @@ class Aperture(TakesWaves):
         )
 
     def _mapped(
-        self, image: Callable[[Ring], Ring], image_of_field: Callable[[Field], Field]
+        self, image: Callable[[Ring], Ring], image_of_field: Callable[[Illumination], Illumination]
     ) -> Aperture:
         """Return the image of the aperture, its segments and its field under a similarity."""
         field = self.illumination
@@ -165,7 +165,7 @@ class Aperture(TakesWaves):
         """
         return cls._of_parts(split_ring(ring, winding))
 
-    def with_illumination(self, illumination: Field | None) -> Aperture:
+    def with_illumination(self, illumination: Illumination | None) -> Aperture:
         """Return the aperture with another field.
 
         Parameters
@@ -363,7 +363,7 @@ class Aperture(TakesWaves):
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
-        """Field and outline, regardless of the order of parts and of first vertices."""
+        """Illumination and outline, regardless of the order of parts and of first vertices."""
         return self.illumination, shapely.normalize(self.polygons).wkb
 
     def __reduce__(self) -> tuple[Any, ...]:

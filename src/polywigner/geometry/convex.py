@@ -26,13 +26,10 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
 
     Triangles may have zero area. Raises GeometryError if they do not tile the part exactly.
     """
-    vertices = np.unique(np.concatenate(part), axis=0)
-    index = {vertex.tobytes(): number for number, vertex in enumerate(vertices)}
     polygons = shapely.constrained_delaunay_triangles(polygon_of_part(part))
     corners = shapely.get_coordinates(polygons).reshape(-1, 4, 2)[:, :3] + 0.0
-    triangles = np.array(
-        [[index[corner.tobytes()] for corner in triangle] for triangle in corners], dtype=np.intp
-    ).reshape(-1, 3)
+    vertices, numbers = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
+    triangles = numbers.reshape(-1, 3)
     if shoelace(vertices[triangles]) < 0:
         # Triangles of zero area too: neighbours need their common edge in opposite directions.
         triangles = triangles[:, ::-1]

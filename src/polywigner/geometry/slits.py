@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
 from polywigner.geometry.arguments import finite_array
-from polywigner.geometry.wavefront import Field, TakesWaves, checked_field, checked_shift
+from polywigner.geometry.illumination import Illumination, checked_field, checked_shift
+from polywigner.geometry.wavefront import TakesWaves
 
 # Largest overlap of intervals that touch, as a fraction of the largest coordinate: the same as
 # ``rings.rounding_tolerance``.
@@ -43,15 +44,15 @@ class Slits(TakesWaves):
 
     intervals: NDArray[np.float64]
     """Start and end of each slit in metres, shape (m, 2), ascending, read-only."""
-    illumination: Field | None
-    """Field on the slits, an Illumination; None for the field 1."""
+    illumination: Illumination | None
+    """Illumination on the slits, an Illumination; None for the field 1."""
 
     def __init__(self, intervals: ArrayLike) -> None:
         array = _ascending(intervals)
         array.setflags(write=False)
         self.__dict__.update(intervals=array, illumination=None)
 
-    def with_illumination(self, illumination: Field | None) -> Slits:
+    def with_illumination(self, illumination: Illumination | None) -> Slits:
         """Return the slits with another field.
 
         Parameters
@@ -121,7 +122,7 @@ class Slits(TakesWaves):
         return self.bounds[1] - self.bounds[0]
 
     @cached_property
-    def _key(self) -> tuple[bytes, Field | None]:
+    def _key(self) -> tuple[bytes, Illumination | None]:
         return (self.intervals + 0.0).tobytes(), self.illumination
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -132,7 +133,7 @@ class Slits(TakesWaves):
         return f"Slits({self.intervals.tolist()}{field})"
 
 
-def _restored(intervals: NDArray[np.float64], illumination: Field | None) -> Slits:
+def _restored(intervals: NDArray[np.float64], illumination: Illumination | None) -> Slits:
     slits = object.__new__(Slits)
     field = None if illumination is None else checked_field(illumination, 1)
     intervals = intervals.copy()

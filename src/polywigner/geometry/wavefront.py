@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, Protocol, final, runtime_checkable
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,64 +14,11 @@ from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.geometry.arguments import (
     Immutable,
     checked_length,
-    checked_number,
     checked_row,
     checked_wavelength,
     finite_array,
 )
-
-
-@runtime_checkable
-class Field(Protocol):
-    """The part of :class:`polywigner.Illumination` that travels with a source."""
-
-    amplitudes: Any
-    frequencies: Any
-
-    @property
-    def dimension(self) -> int: ...
-
-    def moved(self, shift: Any) -> Field: ...
-
-    def turned(self, angle: Any) -> Field: ...
-
-    def scaled(self, factor: float) -> Field: ...
-
-
-def checked_field(field: Any, dimension: int) -> Field:
-    """Return a field; raise ArgumentError or IlluminationError unless it fits the dimension."""
-    if not isinstance(field, Field):
-        advice = (
-            "pass its .illumination"
-            if isinstance(getattr(field, "illumination", None), Field)
-            else "make one with polywigner.Illumination(amplitudes, frequencies) or "
-            "polywigner.steering(...)"
-        )
-        raise ArgumentError(f"expected an Illumination, got {type(field).__name__}; {advice}")
-    if field.dimension != dimension:
-        raise IlluminationError(
-            f"expected an illumination with frequencies of {dimension} components, got "
-            f"{field.dimension}"
-        )
-    return field
-
-
-def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[np.float64]:
-    """Return a translation, shape (dimension,); raise ArgumentError unless it is finite."""
-    shapes = ((), (1,)) if dimension == 1 else ((dimension,),)
-    expected = f"expected {name} of {dimension} finite numbers"
-    return np.atleast_1d(finite_array(shift, expected, *shapes))
-
-
-def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64]:
-    """Rotate points (n, 2) counter-clockwise about the origin; multiples of pi/2 rad are exact."""
-    radians = checked_number(angle, "angle", "an angle in radians")
-    quarters = round(radians / (math.pi / 2))
-    c, s = math.cos(radians), math.sin(radians)
-    if radians == quarters * (math.pi / 2):
-        c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
-    x, y = points.T
-    return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0  # no negative zeros
+from polywigner.geometry.illumination import checked_shift, turned_points
 
 
 class TakesWaves(Immutable):

@@ -19,10 +19,10 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
+from polywigner.geometry.illumination import Illumination
 from polywigner.geometry.parts import union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
 from polywigner.source.lattices import checked_sites, checked_weights, joint_bounds
-from polywigner.source.waves import Illumination
 
 Element = Aperture | PlacedAperture | Polyhedron | Slits
 _E = TypeVar("_E")

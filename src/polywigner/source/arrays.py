@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, FileFormatError, at_key, require, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
+    checked_choice,
     checked_count,
     checked_length,
     checked_number,
@@ -427,8 +428,7 @@ def window_weights(
 
 
 def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]:
-    if name not in WINDOWS:
-        raise ArgumentError(f"expected one of the windows {', '.join(WINDOWS)}, got {name!r}")
+    checked_choice(name, "window", WINDOWS)
     if name == "uniform" or count == 1:
         return np.ones(count)
     if name == "hamming":

@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
+from polywigner.geometry.illumination import Illumination, shift_phases
 from polywigner.source.array import Array, PathLengths, aperture_in_plane, repeated_element
 from polywigner.source.lattices import Lattice, joint_bounds, lattice_of
-from polywigner.source.waves import Illumination, shift_phases
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

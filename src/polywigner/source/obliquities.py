@@ -21,9 +21,9 @@ from typing import Any, Literal, NamedTuple, final
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import IlluminationError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_length
+from polywigner.geometry.arguments import checked_choice, checked_length
 from polywigner.source.array import Array
 from polywigner.source.normal_form import (
     PublicSource,
@@ -212,7 +212,4 @@ def obliquity_of(name: object) -> Obliquity:
     """Return the obliquity of a name, the default for None; ArgumentError for other values."""
     if name is None:
         return OBLIQUITIES[DEFAULT]
-    if not isinstance(name, str) or name not in OBLIQUITIES:
-        names = ", ".join(f'"{known}"' for known in OBLIQUITIES)
-        raise ArgumentError(f"expected obliquity to be None or one of {names}, got {name!r}")
-    return OBLIQUITIES[name]
+    return OBLIQUITIES[checked_choice(name, "obliquity", OBLIQUITIES)]

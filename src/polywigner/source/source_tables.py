@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from polywigner import quantities
 from polywigner.errors import ArgumentError, FileFormatError, QuantityError, at_key, value_text
 from polywigner.geometry import Aperture, shapes
+from polywigner.geometry.illumination import Illumination
 from polywigner.source import arrays, tapers
 from polywigner.source.array import Array, phased_array, repeated_element
-from polywigner.source.waves import Illumination
 
 # Types of values. Quantities are numbers in SI units, or texts with a unit.
 

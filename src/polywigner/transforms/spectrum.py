@@ -12,10 +12,10 @@ from polywigner import execution
 from polywigner.execution import Differentiable, Drjit, Engine, Precision
 from polywigner.geometry import Aperture, PlacedAperture, Wavefront
 from polywigner.geometry.arguments import Points
+from polywigner.geometry.illumination import shift_phases
 from polywigner.kernels import is_separable
 from polywigner.source import Array, Illumination
 from polywigner.source.lattices import Sites, checked_sites
-from polywigner.source.waves import shift_phases
 from polywigner.transforms.calls import compute, public
 from polywigner.transforms.checked_calls import (
     Source,

@@ -1,25 +1,42 @@
-"""Fields as sums of plane waves, specified directly or fitted to samples."""
+"""Illuminations: fields on sources as sums of plane waves."""
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 from functools import cached_property
 from numbers import Complex
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError, value_text
+from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import (
     Immutable,
-    checked_count,
     checked_length,
     checked_number,
     finite_array,
     real_numbers,
 )
-from polywigner.geometry.wavefront import checked_shift, turned_points
+
+
+def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[np.float64]:
+    """Return a translation, shape (dimension,); raise ArgumentError unless it is finite."""
+    shapes = ((), (1,)) if dimension == 1 else ((dimension,),)
+    expected = f"expected {name} of {dimension} finite numbers"
+    return np.atleast_1d(finite_array(shift, expected, *shapes))
+
+
+def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64]:
+    """Rotate points (n, 2) counter-clockwise about the origin; multiples of pi/2 rad are exact."""
+    radians = checked_number(angle, "angle", "an angle in radians")
+    quarters = round(radians / (math.pi / 2))
+    c, s = math.cos(radians), math.sin(radians)
+    if radians == quarters * (math.pi / 2):
+        c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
+    x, y = points.T
+    return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0  # no negative zeros
 
 
 @final
@@ -216,149 +233,19 @@ def _merged(
     return total[nonzero] + 0.0, distinct[nonzero]
 
 
-# Smallest singular value that a fit uses, as a fraction of the largest. Waves whose period is twice
-# the sampled extent are nearly linearly dependent on the samples, so smaller singular values cause
-# large amplitudes that cancel.
-_CUT_OFF = 1e-6
-
-# Default period of the waves, as a multiple of the sampled extent. A period of twice the extent
-# approximates fields up to the edges even if they are not periodic.
-_PERIODS = 2
-
-_MOST_WAVES = 4096
-
-
-class FittedIllumination(NamedTuple):
-    """The result of :func:`fit_illumination`."""
-
-    illumination: Illumination
-    residual: float
-    """sqrt(sum |u - values|^2 / sum |values|^2) over the samples."""
-    rank: int
-    """Number of combinations of waves that the samples determine."""
-    cancellation: float
-    """sum |c_m| divided by the rms value. Errors of transforms grow by this factor, errors of W and
-    A by its square. Values of 1 to 10 are harmless."""
-
-
-def fit_illumination(
-    points: ArrayLike,
-    values: ArrayLike,
-    frequencies: ArrayLike | None = None,
-    *,
-    order: int = 4,
-    cut_off: float = _CUT_OFF,
-) -> FittedIllumination:
-    """Fit plane waves of fixed frequencies to a sampled field by least squares.
-
-    The sum of |u(x_j) - values_j|^2 is minimised by a singular value decomposition without singular
-    values below `cut_off`. The memory is 16 bytes times the number of samples times the number of
-    waves.
-
-    Samples in the plane do not determine the normal derivative of the field, which Kirchhoff and
-    Rayleigh-Sommerfeld II use: they take the derivative of the fitted waves, which depends on the
-    evanescent waves (|kappa| > 1/wavelength) of the fit. Two fits of one field on a square of one
-    wavelength, with residuals below 1e-9, differed by 0.12 dB with Rayleigh-Sommerfeld II, and by
-    1e-4 dB with I. Use I, or fit frequencies below 1/wavelength only.
-
-    Parameters
-    ----------
-    points : array_like, shape (n, 2)
-        Positions in m; for slits (n, 1) or (n,). They need not form a grid. The fit is meaningless
-        outside their bounds, so sample up to the edges of the aperture.
-    values : array_like, shape (n,)
-        Complex field at these points.
-    frequencies : array_like, shape (m, d), optional
-        Frequencies in cycles per metre; default: waves whose period is twice the extent of the
-        points, -order..order periods along each axis.
-    order : int, default 4
-        Largest number of periods, reduced for few samples. A phase of q cycles over the aperture
-        needs an order of about 2 q + 4.
-    cut_off : float, default 1e-6
-        Fraction of the largest singular value, from 1e-15 up to below 1; use larger values for
-        noise.
-
-    Returns
-    -------
-    FittedIllumination
-        Named tuple (illumination, residual, rank, cancellation).
-
-    Raises
-    ------
-    ArgumentError
-        If points, values or options have a wrong shape or range.
-    IlluminationError
-        If all values are zero, or the frequencies have a wrong shape.
-
-    Examples
-    --------
-    >>> import polywigner as pw
-    >>> import numpy as np
-    >>> x = np.stack(np.meshgrid(*2 * [np.linspace(-1, 1, 9)]), axis=-1).reshape(-1, 2)
-    >>> fit = pw.fit_illumination(x, np.cos(np.pi * x[:, 0] / 2))
-    >>> fit.residual < 1e-2
-    True
-    """
-    positions, field = _samples(points, values)
-    least = checked_number(cut_off, "cut_off", "a fraction from 1e-15 to 1")
-    if not 1e-15 <= least < 1:
-        raise ArgumentError(f"expected cut_off from 1e-15 up to below 1, got {cut_off!r}")
-    low, high = positions.min(axis=0), positions.max(axis=0)
-    centre = low / 2 + high / 2
-    if frequencies is None:
-        kappa = _lattice(high - low, checked_count(order, "order", 0), len(positions))
-    else:
-        kappa = _distinct(frequencies, positions.shape[1])
-    if len(kappa) > _MOST_WAVES:
-        raise ArgumentError(
-            f"expected at most {_MOST_WAVES} waves, got {len(kappa)}; give fewer frequencies, or a "
-            "lower order"
+def checked_field(field: Any, dimension: int) -> Illumination:
+    """Return a field; raise ArgumentError or IlluminationError unless it fits the dimension."""
+    if not isinstance(field, Illumination):
+        advice = (
+            "pass its .illumination"
+            if isinstance(getattr(field, "illumination", None), Illumination)
+            else "make one with polywigner.Illumination(amplitudes, frequencies) or "
+            "polywigner.steering(...)"
         )
-    waves = np.exp(2j * np.pi * ((positions - centre) @ kappa.T))
-    amplitudes, _, rank, _ = np.linalg.lstsq(waves, field, rcond=least)
-    size = float(np.linalg.norm(field))
-    residual = float(np.linalg.norm(waves @ amplitudes - field)) / size
-    cancellation = float(np.abs(amplitudes).sum()) / (size / np.sqrt(len(field)))
-    fitted = Illumination(amplitudes, kappa).moved(centre)
-    return FittedIllumination(fitted, residual, int(rank), cancellation)
-
-
-def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    expected = "expected points (n, 2), or (n, 1) for slits"
-    positions = finite_array(points, expected, (None,), (None, 1), (None, 2)).reshape(
-        len(points), -1
-    )
-    try:
-        field = np.array(values, dtype=np.complex128)
-    except (TypeError, ValueError, OverflowError):
-        field = np.empty(0, np.complex128)
-    if field.shape != positions.shape[:1] or not np.isfinite(field).all():
-        raise ArgumentError(
-            f"expected a finite complex number for each of {len(positions)} points, "
-            f"got {value_text(values)}"
-        )
-    if not field.any():
-        raise IlluminationError("expected values other than zero, got zeros only")
-    return positions, field
-
-
-def _distinct(frequencies: Any, dimension: int) -> NDArray[np.float64]:
-    """Return the distinct frequencies (m, d) in the order of an Illumination."""
-    count = len(frequencies) if hasattr(frequencies, "__len__") else 1
-    kappa = Illumination(np.ones(count), frequencies).frequencies
-    if kappa.shape[1] != dimension:
+        raise ArgumentError(f"expected an Illumination, got {type(field).__name__}; {advice}")
+    if field.dimension != dimension:
         raise IlluminationError(
-            f"expected frequencies of {dimension} components, got {kappa.shape[1]}"
+            f"expected an illumination with frequencies of {dimension} components, got "
+            f"{field.dimension}"
         )
-    return kappa
-
-
-def _lattice(extent: NDArray[np.float64], order: int, samples: int) -> NDArray[np.float64]:
-    """Return frequencies (m, d) with whole numbers of periods in twice the extent."""
-    axes = int(np.count_nonzero(extent))
-    highest = order
-    while highest and (2 * highest + 1) ** axes > samples:
-        highest -= 1
-    steps = np.arange(-highest, highest + 1)
-    along = [steps / (_PERIODS * size) if size else np.zeros(1) for size in extent]
-    return np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, len(extent))
+    return field
