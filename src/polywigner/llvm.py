@@ -233,7 +233,7 @@ def _has_libatomic() -> bool:
 
 
 def _status_of_loaded_drjit() -> LLVMStatus:
-    """Return the status after an import of Dr.Jit, whose library cannot be changed."""
+    """Return the status if Dr.Jit has been imported, so that its library cannot be changed."""
     if is_switched_off():
         return _OFF
     drjit: Any = sys.modules["drjit"]
@@ -467,7 +467,7 @@ def _install(alternatives: Sequence[str]) -> str:
 
 
 def _offered(alternatives: Sequence[str]) -> str:
-    """Return the first alternative that apt's package lists contain, or the first one of all."""
+    """Return the first alternative that apt's package lists contain, else the first alternative."""
     listing = _apt("apt-cache", "madison", *alternatives).stdout
     offered = {line.split("|")[0].strip() for line in listing.splitlines()}
     return next((name for name in alternatives if name in offered), alternatives[0])

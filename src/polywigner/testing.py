@@ -77,7 +77,7 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
 
 
 def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[Law]:
-    """Yield both sides of each law at random arguments within the source and its spectrum."""
+    """Yield both sides of each law, at random points of the source and of its spectrum."""
     form = normal_form(source)
     low, high = np.reshape(form.bounds, (2, -1))
     size = float(np.linalg.norm(high - low))

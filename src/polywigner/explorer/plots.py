@@ -117,7 +117,7 @@ class Editor:
         self._on_rings(rings_of_rows(rows), True)
 
     def start_sketch(self) -> None:
-        """Start an outline; clicks add its corners."""
+        """Start a new outline, whose corners are added by clicks."""
         self.sketch = []
         self._show_sketch()
 
@@ -266,7 +266,7 @@ class Plot:
         self._horizon.data = {"d": [2 * horizon]}
 
     def show_error(self, text: str) -> None:
-        """Clear the figure and show a reason."""
+        """Clear the figure, and show the reason as its title."""
         self._source.data = {key: [] for key in self._source.data}
         self.plot.title.text, self._quantity.text = text, " "
 

@@ -119,7 +119,7 @@ class State:
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """Bounds of the outlines: least x and y, largest x and y; zeros without an outline."""
+        """Bounds (xmin, ymin, xmax, ymax) of the outlines; zeros without an outline."""
         points = np.array([p for ring in self.rings for p in ring]).reshape(-1, 2)
         if not len(points):
             return 0.0, 0.0, 0.0, 0.0
@@ -208,7 +208,7 @@ def geojson(state: State) -> str:
 
 @lru_cache(maxsize=64)
 def aperture_of(rings: Rings, per_metre: int) -> Aperture:
-    """Return the aperture of outlines in units, in metres.
+    """Return the aperture in metres of outlines in units.
 
     Raises GeometryError for outlines that intersect themselves or each other.
     """

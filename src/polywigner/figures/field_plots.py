@@ -257,7 +257,7 @@ def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
 
 
 def _range(columns: list[Comparison], floor_db: float) -> tuple[float, float]:
-    """Return the limits of levels in dB: from the floor, or below the lowest curve if it is higher.
+    """Return the limits of levels in dB: the floor, or a limit below all curves if it is higher.
 
     Curves may exceed the peak of the reference (0 dB) by up to a quarter of the floor.
     """

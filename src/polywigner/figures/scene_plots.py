@@ -406,7 +406,7 @@ def draw_channel(
 
     Each pair of emitter and receiver has a row; the first six pairs are drawn. The impulse response
     is the mean of h exp(-2 pi i f t) over evenly spaced frequencies with a Hann window, so a single
-    path peaks at its level. Stems are the paths at the centre frequency.
+    path peaks at its level. Stems mark the paths at the centre frequency.
 
     Parameters
     ----------

@@ -136,7 +136,7 @@ def floor_text(floor: float, unit: str = "dB") -> str:
 def new_figure(
     width: float, height: float, spacing: float = 0.02, *, is_compressed: bool = False
 ) -> Figure:
-    """Return an empty figure of a size in inches, which pyplot does not manage.
+    """Return an empty figure of a size in inches, which is not registered with pyplot.
 
     The spacing of panels is a fraction of their size. In a compressed layout, panels with a fixed
     aspect ratio are adjacent.
@@ -241,7 +241,7 @@ def set_ticks(axis: Any, values: Any) -> None:
 
 
 def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **options: Any) -> None:
-    """Draw a shapely polygon or multipolygon in metres on axes with a length unit."""
+    """Draw a shapely polygon or multipolygon, in metres, on axes with a unit of length."""
     rings = [ring for polygon in polygons_in(shape) for ring in rings_of_polygon(polygon)]
     if rings:
         draw_rings(axes, rings, unit.metres, **options)

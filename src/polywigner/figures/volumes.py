@@ -239,7 +239,7 @@ def _samples(dataset: Any, name: str | None) -> _Volume:
 
 
 def _viewer() -> Floats:
-    """Return the unit vector from the box to the viewer; y is vertical."""
+    """Return the unit vector (3,) from the box to the viewer."""
     elevation, azimuth = np.radians([_ELEVATION, _AZIMUTH])
     across = np.cos(elevation) * np.array([np.sin(azimuth), np.cos(azimuth)])
     return np.array([across[0], np.sin(elevation), across[1]])

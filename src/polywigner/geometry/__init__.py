@@ -1,4 +1,4 @@
-"""Apertures as polygons: regions, supports of their autocorrelations, shapes and files.
+"""Apertures, slits and polyhedra: outlines, shapes, silhouettes, waves and files.
 
 - ``aperture``: the immutable :class:`Aperture`, in the plane or placed in space, its automean,
   lag and position slices; ``slits``: sources in one dimension; ``shapes``: the catalogue

@@ -233,7 +233,7 @@ class Aperture(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Aperture, ...]:
-        """Tuple of this aperture alone: the property of arrays for a single element."""
+        """Tuple of the elements, which is the aperture itself; arrays have several elements."""
         return (self,)
 
     def scaled(self, factor: float) -> Aperture:
@@ -321,9 +321,9 @@ class Aperture(TakesWaves):
 
     @property
     def segments(self) -> tuple[Aperture, ...]:
-        """Segments of a mirror, or the separate parts, each an aperture with this field.
+        """Segments of a mirror, or the separate parts, each as an aperture with this field.
 
-        Only the segments of ``polywigner.shapes.hexagonal_segments`` may touch.
+        Segments of ``polywigner.shapes.hexagonal_segments`` may touch; other parts do not.
         """
         return tuple(
             Aperture._of_parts([part], self.illumination) for part in self._segments or self._parts
@@ -434,7 +434,7 @@ def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:
 
 @final
 class PlacedAperture(Immutable):
-    """An aperture and its rigid pose in space; made by :meth:`Aperture.placed`."""
+    """An aperture and its rigid pose in space, the result of :meth:`Aperture.placed`."""
 
     aperture: Aperture
     pose: NDArray[np.float64]

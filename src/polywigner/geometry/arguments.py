@@ -183,7 +183,7 @@ def checked_number(value: Any, name: str, meaning: str) -> float:
 
 
 def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
-    """Return one of the names ``choices``; raise ArgumentError for other values."""
+    """Return a value that is one of the names ``choices``; raise ArgumentError for others."""
     if not isinstance(value, str) or value not in choices:
         known = ", ".join(f'"{choice}"' for choice in choices)
         raise ArgumentError(f"expected {name} to be one of {known}, got {value_text(value)}")
@@ -399,7 +399,7 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
 
 
 def _at_wavelength(value: T, length: float) -> T:
-    """Return a source, or a container of arguments, with phases at a wavelength in m."""
+    """Convert a source, or the sources in a container of arguments, to a wavelength in m."""
     result: Any = value
     if isinstance(value, dict):
         result = {name: _at_wavelength(item, length) for name, item in value.items()}

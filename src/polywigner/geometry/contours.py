@@ -51,7 +51,7 @@ class _Columns:
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def subset(self, rows: NDArray[np.bool_] | Indices) -> Self:
-        """Return the items of a mask or of indices."""
+        """Return the items that a mask or indices select."""
         arrays = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
         return type(self)(*(array[rows] for array in arrays))
 
@@ -229,7 +229,7 @@ def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
 def _cut_ring(
     ring: list[tuple[Floats, int]], plane: Floats, observer: Floats
 ) -> list[tuple[Floats, int]]:
-    """Clip a convex ring of (corner, number of the following side) to the half-space of a plane."""
+    """Clip a convex ring of pairs (corner, number of the next side) to one side of a plane."""
     result: list[tuple[Floats, int]] = []
     for (corner, side), (end, _) in zip(ring, [*ring[1:], *ring[:1]], strict=True):
         here, there = plane @ (corner - observer), plane @ (end - observer)
@@ -468,7 +468,7 @@ def _cross(a: Floats, b: Floats) -> Floats:
 
 
 def _cancelling(segments: _Segments) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the segments that are one edge in both directions."""
+    """Return a mask (n,) of the segments that occur in both directions, on one mesh edge."""
     edge, begin, end = segments.edge, segments.begin, segments.end
     order = np.argsort(edge, kind="stable")
     first, second = order[:-1], order[1:]

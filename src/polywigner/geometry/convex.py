@@ -150,7 +150,7 @@ class Trapezoids(NamedTuple):
 
     @property
     def midpoints(self) -> NDArray[np.float64]:
-        """Midpoints of the lines halfway between the parallel sides, shape (n, 2)."""
+        """Midpoints between the midpoints of the parallel sides, shape (n, 2)."""
         height = self.height_left + self.height_right
         y = 0.5 * (self.low_left + self.low_right) + 0.25 * height
         return np.stack([self.left + 0.5 * self.width, y], axis=-1)

@@ -79,11 +79,11 @@ class Illumination(Immutable):
 
     @property
     def dimension(self) -> int:
-        """d, the number of components of a position."""
+        """Number d of components of a position."""
         return int(self.frequencies.shape[1])
 
     def __call__(self, x: ArrayLike) -> NDArray[np.complex128]:
-        """Return the field (...), complex, at positions x (..., d) in m."""
+        """Return the complex field (...) at positions x (..., d) in m."""
         try:
             points = real_numbers(x)
         except ValueError as error:
@@ -165,7 +165,7 @@ class Illumination(Immutable):
         return Illumination, (self.amplitudes, self.frequencies)
 
     def __len__(self) -> int:
-        """The number of waves."""
+        """Return the number of waves."""
         return len(self.amplitudes)
 
     def __repr__(self) -> str:

@@ -39,7 +39,7 @@ _GRID = 2.0**-44
 
 
 def grid_size(points: Ring) -> float:
-    """Return a power of two near 2^-44 of the extent, or of the largest coordinate if larger."""
+    """Return a power of two near 2^-44 times the extent or the largest coordinate, if larger."""
     scale = max(extent(points), float(np.abs(points).max()))
     return float(_GRID * 2.0 ** np.ceil(np.log2(scale)))
 
@@ -373,7 +373,7 @@ def _winding_numbers(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
 
 
 def split_ring(vertices: Any, winding: str) -> list[Part]:
-    """Return the parts of the region inside a ring by the rule "nonzero" or "evenodd"."""
+    """Return the region inside a ring, by the rule "nonzero" or "evenodd", as parts."""
     checked_choice(winding, "winding", ("nonzero", "evenodd"))
     ring = clean_ring(vertices, "the ring")
     if shapely.is_valid(shapely.Polygon(ring)):
@@ -387,7 +387,7 @@ def split_ring(vertices: Any, winding: str) -> list[Part]:
 
 
 def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
-    """Return the region that rings (n, 2), which may cross, enclose by a winding rule.
+    """Return the region inside rings (n, 2), which may cross, by the rule "nonzero" or "evenodd".
 
     The polygons are separate or touch in points. The list is empty if no area is enclosed.
     """

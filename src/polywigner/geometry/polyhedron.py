@@ -434,7 +434,7 @@ def distances_from(corners: Vertices, points: Vertices) -> Vertices:
 
 
 def point_distances(points: Vertices, corners: Vertices) -> Vertices:
-    """Return the distances (...) of points (..., 3) from triangles (..., 3, 3), broadcast."""
+    """Return the distances of points (..., 3) from triangles (..., 3, 3), with broadcasting."""
     best = np.array(np.inf)
     above = np.array(True)
     normal = np.cross(
@@ -453,7 +453,7 @@ def point_distances(points: Vertices, corners: Vertices) -> Vertices:
 
 
 def dot_products(a: Vertices, b: Vertices) -> Vertices:
-    """Return the dot products (...) of vectors (..., 3), broadcast."""
+    """Return the dot products of vectors (..., 3), with broadcasting."""
     return np.asarray(np.einsum("...k,...k", a, b))
 
 

@@ -98,7 +98,7 @@ class Slits(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Slits, ...]:
-        """Tuple of these slits alone: the property of arrays for a single element."""
+        """Tuple of the elements, which is the slits themselves; arrays have several elements."""
         return (self,)
 
     @cached_property

@@ -86,7 +86,7 @@ _SAME = 1e-12
 
 
 def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
-    """Convert elements with equally curved waves to one curved wave on an array."""
+    """Return one curved wave on an array, for elements whose waves have the same curvature."""
     waves = [e if isinstance(e, Wavefront) else Wavefront(e) for e in elements]
     first = waves[0]
     curvatures = np.array([wave.curvature for wave in waves])

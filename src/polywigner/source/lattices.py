@@ -115,7 +115,7 @@ def _shortest(
 
 
 def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Refine a basis by the most distant sites."""
+    """Return a basis that is accurate also for the most distant sites."""
     steps = np.rint(np.linalg.solve(basis.T, (positions - positions[0]).T).T)
     if np.linalg.matrix_rank(steps - steps.mean(axis=0)) < 2:
         used = int(np.argmax(np.ptp(steps, axis=0)))
@@ -234,7 +234,7 @@ def joint_bounds(
 
 
 def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return finite positions (n, d), d one of `components`; (n,) means (n, 1)."""
+    """Return finite positions (n, d), with d in `components`; the shape (n,) means (n, 1)."""
     expected = f"expected finite positions of shape {' or '.join(f'(n, {c})' for c in components)}"
     shapes: list[tuple[int | None, ...]] = [(None, c) for c in components]
     shapes += [(None,)] if 1 in components else []

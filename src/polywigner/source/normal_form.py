@@ -82,7 +82,7 @@ class SourceElement:
         return self.outline.rings
 
     def tilted(self, kappa: ArrayLike) -> SourceElement:
-        """Return the element times exp(2 pi i kappa.x), kappa (d,)."""
+        """Return the element multiplied by exp(2 pi i kappa.x), kappa (d,)."""
         return replace(self, frequencies=self.frequencies + np.asarray(kappa, np.float64))
 
     def moved(self, shift: Floats) -> SourceElement:
@@ -295,7 +295,7 @@ class Source:
         return self.with_elements([replace(e, weight=w) for e, w in pairs])
 
     def tilted(self, kappa: ArrayLike) -> Source:
-        """Return the source times exp(2 pi i kappa.x), kappa (d,)."""
+        """Return the source multiplied by exp(2 pi i kappa.x), kappa (d,)."""
         tilt = np.asarray(kappa, np.float64)
         if not tilt.any():
             return self

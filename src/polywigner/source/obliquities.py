@@ -1,10 +1,11 @@
 """Obliquity factors: the field of a source at an angle to its normal.
 
-At the cosine c the field of a wave that leaves the plane with the direction cosine p_m (D1) carries
+A boundary condition is a pair (a, b). At the cosine c, the field of a wave that leaves the plane
+with the direction cosine p_m (D1) has the factor
 
     a c + b p_m
 
-of a boundary condition (a, b), and the irradiance of two waves m and n
+and the irradiance of two waves m and n has the factor
 
     g = (a c + b p_m) (a c + b p_n*).
 
@@ -101,7 +102,7 @@ class Forms(NamedTuple):
     constant: float
 
     def irradiance(self, cosine: Any) -> Any:
-        """Return g at a cosine, to leading order."""
+        """Return the factor g of the irradiance at a cosine."""
         return self.square * cosine * cosine + self.linear * cosine + self.constant
 
     def radiance(self, cosine: Any) -> Any:
@@ -155,7 +156,7 @@ class Obliquity:
 
     @property
     def mirrored(self) -> float:
-        """Factor of the field at the mirror image of a point, in the field at the point (B2)."""
+        """Factor of the mirror image's field in the field at a point (B2)."""
         return self.slope - self.field
 
     def amplitude(self, cosine: Any, p: Any = 1.0) -> Any:

@@ -252,7 +252,7 @@ class Top(Table):
 
 
 class FileContent(NamedTuple):
-    """The source of a file, its wavelength in m, and its polarisation; None if missing.
+    """The source of a file, its wavelength in m or None, and its polarisation or None.
 
     The polarisation is a Jones vector (2,), or one vector for each element (n, 2).
     """

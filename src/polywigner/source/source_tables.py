@@ -148,7 +148,7 @@ _FUNCTIONS: dict[type, Callable[..., Any]] = {}
 
 
 def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) -> Any:
-    """Return the union of the tables of functions by name."""
+    """Return the union type of tables for functions, each with the parameters as keys."""
     tables = []
     for name, function in functions.items():
         fields: list[Any] = []

@@ -34,7 +34,7 @@ Points = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Arc:
-    """centre + u cos t + v sin t for t from start to start + sweep (radians)."""
+    """Points centre + u cos t + v sin t for t from start to start + sweep (radians)."""
 
     centre: Points
     u: Points
@@ -81,7 +81,7 @@ class Arc:
 
 @dataclass(frozen=True, eq=False)
 class Bezier:
-    """A Bezier curve of control points (p + 1, d)."""
+    """A Bezier curve of degree p, with control points (p + 1, d)."""
 
     points: Points
 
@@ -99,7 +99,7 @@ class Bezier:
         return Bezier(self.points @ matrix + offset)
 
     def chords(self, reach: float) -> Points:
-        """Return vertices (n, d) at equal steps, by the bound of the second derivative."""
+        """Return vertices (n, d) at equal steps; the second derivative determines their number."""
         degree = len(self.points) - 1
         second = np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)
         return sampled(self, _counted(math.sqrt(degree * (degree - 1) / 8 * second / reach)))

@@ -84,7 +84,7 @@ def _size(points: Points) -> float:
 
 
 def _rough(path: Path) -> Points:
-    """Return some points (n, 3) along a path, its vertices and ends among them."""
+    """Return sample points (n, 3) along a path, including its vertices and ends."""
     return np.concatenate([sampled(curve, 8) for curve in path])
 
 
@@ -110,7 +110,7 @@ def _elliptic(centre: Points, u: Points, v: Points, start: float, end: float) ->
 
 
 def _curves(kind: str, item: Any) -> Path:
-    """Return the curve of a line, arc, circle, ellipse or spline: an entity, or a hatch's edge."""
+    """Return the curve of an entity or of a hatch's edge: line, arc, circle, ellipse or spline."""
     data = getattr(item, "dxf", item)
     if kind == "LINE":
         return [_array([data.start, data.end])]
@@ -302,7 +302,7 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
 
 
 def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[list[Ring]]:
-    """Return polygons of the union of all hatches, from the boundaries of each."""
+    """Return the polygons of the union of all hatches; ``painted``: the rings of each hatch."""
     polygons = []
     for hatch, rings in zip(hatches, painted, strict=True):
         deepest = _DEEPEST.get(hatch.style or 0, 0)
@@ -336,9 +336,10 @@ def _chords(path: Path, reach: float) -> Points:
 
 
 def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
-    """Return closed runs of paths whose ends (2, 3) meet in pairs within `gap`.
+    """Return closed runs of paths; `tips`: the ends (2, 3) of each path, which must meet in pairs.
 
-    Each run lists the numbers of its paths, and whether these are reversed.
+    Ends meet if their distance is at most `gap`. Each run contains the numbers of its paths, and
+    whether each path is reversed.
     """
     if not tips:
         return []

@@ -68,7 +68,7 @@ def _refusal(expected: str, got: str, advice: str = "export the layer again") ->
 
 
 def _statements(text: str) -> Iterator[tuple[str, int]]:
-    """Yield each statement, with a percent sign if it is extended, and its line."""
+    """Yield each statement and its line number; extended statements begin with a percent sign."""
     position, line = 0, 1
     while match := _PIECE.match(text, position):
         extended, word = match.groups()
@@ -126,7 +126,7 @@ def _objects_of(text: str) -> list[Any]:
 
 
 def _composed(layers: Layers) -> BaseGeometry:
-    """Return the copper after all shapes: dark ones add, clear ones cut."""
+    """Return the copper after all shapes: dark shapes add copper, clear shapes remove copper."""
     copper = np.array([], dtype=object)
     for dark, run in groupby(layers, key=lambda layer: layer[0]):
         shapes = [shape for _, shape in run if not shape.is_empty]
@@ -279,7 +279,7 @@ class _Shapes:
 
 
 def load_gerber(file: File) -> Drawing:
-    """Load the copper after all objects: dark objects add, clear ones cut."""
+    """Load the copper after all objects: dark objects add copper, clear objects remove copper."""
     text, unit = _checked(text_of(file.content))
     metres = _METRES[unit]
     shapes = _Shapes(file.tolerance and file.tolerance / metres)
