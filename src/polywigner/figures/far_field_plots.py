@@ -97,7 +97,9 @@ def draw_pattern(
     """
     check_floor(floor_db)
     if metrics is not None and not isinstance(metrics, BeamMetrics):
-        raise ArgumentError(f"expected metrics of beam_metrics, got {type(metrics).__name__}")
+        raise ArgumentError(
+            f"expected metrics as a result of beam_metrics, got {type(metrics).__name__}"
+        )
     theta, phi, levels, _ = checked_pattern(pattern)
     chosen = _chosen(panels, len(phi))
     lines, beam = _drawn_cuts(pattern, cuts, metrics)
@@ -152,7 +154,7 @@ def _drawn_cuts(
         lines = [line for part in cuts for line in cuts_in(part)]
         if len({line.kind == "theta" for line in lines}) > 1:
             raise ArgumentError(
-                "expected great circles of beam_cuts or meridians of patterns, got both"
+                "expected either great circles of beam_cuts or meridians of patterns, got both"
             )
         return lines, _of_lines(beam_metrics(cuts[0]) if metrics is None else metrics, lines)
     if cuts is not None:
@@ -300,7 +302,7 @@ def draw_tolerance(
     if len(theta) < 2 or not 1 <= len(cuts) <= _MOST_CUTS:
         raise ArgumentError(
             f"expected one to {_MOST_CUTS} cuts over two angles theta or more, got {len(cuts)} "
-            f"over {len(theta)}; give array_tolerance fewer angles phi"
+            f"over {len(theta)}; pass fewer angles phi to array_tolerance"
         )
     high = float(levels[0].max())
     drawn = style.figure_on(figure, 5.4 * len(cuts), 3.9, title, spacing=0.05)

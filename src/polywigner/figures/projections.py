@@ -108,7 +108,7 @@ def draw_projections(
 
 
 Cells = dict[tuple[int, ...], tuple[str, str, str]]
-"""(row, column) -> name of the tile, and its coordinates to the right and upwards."""
+"""Name, horizontal and vertical coordinate of the tile at each (row, column)."""
 
 
 def _cells(dataset: xarray.Dataset, layout: str) -> Cells:

@@ -172,7 +172,7 @@ def figure_on(
 
     if figure is None:
         figure = new_figure(width, height, spacing, is_compressed=is_compressed)
-    if not isinstance(figure, FigureBase):  # Figure and SubFigure
+    if not isinstance(figure, FigureBase):  # base class of Figure and SubFigure
         raise ArgumentError(
             "expected figure as a matplotlib Figure or SubFigure, got "
             f"{type(figure).__name__}; the figure has several panels"

@@ -83,7 +83,7 @@ class Silhouette:
     behind: Indices
     """Number of the face behind each edge as seen from the source, shape (m,); -1 for none."""
     touching: frozenset[tuple[int, int]] = frozenset()
-    """Pairs of bodies that continue each other's surfaces."""
+    """Pairs of bodies whose surfaces adjoin."""
     planes: Floats = field(default_factory=partial(np.empty, (0, 4)))
     """Plane (a, b, c, d) of the face behind each edge, shape (m, 4).
 

@@ -67,9 +67,9 @@ class Illumination(Immutable):
     """
 
     amplitudes: NDArray[np.complex128]
-    """(m,), read-only."""
+    """Complex amplitudes c_m, shape (m,), read-only."""
     frequencies: NDArray[np.float64]
-    """(m, d), read-only, in lexicographic order."""
+    """Frequencies kappa_m in cycles per metre, shape (m, d), lexicographic order, read-only."""
 
     def __init__(self, amplitudes: ArrayLike, frequencies: ArrayLike) -> None:
         waves = _merged(*_checked(amplitudes, frequencies))
@@ -132,7 +132,7 @@ class Illumination(Immutable):
     def _check_dimension(self, other: Illumination) -> None:
         if other.dimension != self.dimension:
             raise IlluminationError(
-                f"expected fields of one dimension, got {self.dimension} and {other.dimension}"
+                f"expected fields of equal dimension, got {self.dimension} and {other.dimension}"
             )
 
     def __truediv__(self, other: complex) -> Illumination:

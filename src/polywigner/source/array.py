@@ -118,9 +118,9 @@ class PathLengths:
     """Phases of the elements of an array due to path lengths, at one wavelength."""
 
     cycles: NDArray[np.float64]
-    """(n,) phase of each element at the origin, in cycles."""
+    """Phase of each element at the origin in cycles, shape (n,)."""
     slopes: NDArray[np.float64]
-    """(n, d) gradient of the phase of each element, in cycles per metre."""
+    """Gradient of the phase of each element in cycles per metre, shape (n, d)."""
     wavelength: float
     """Wavelength in m."""
 
@@ -174,7 +174,7 @@ class Array(TakesWaves):
     """
 
     weights: NDArray[np.complex128]
-    """(n,), read-only."""
+    """Complex weights of the elements, shape (n,), read-only."""
     repeated: tuple[Aperture | Slits, NDArray[np.float64]] | None
     """The element and the positions (n, d) of its copies in a `phased_array`; None otherwise."""
     paths: PathLengths | None
@@ -238,7 +238,7 @@ class Array(TakesWaves):
 
     @cached_property
     def bounds(self) -> tuple[float, ...]:
-        """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
+        """Bounds (xmin, xmax) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
 
         Raises
         ------

@@ -35,7 +35,7 @@ class Lattice:
     basis: tuple[tuple[float, float], tuple[float, float]]
     """b1 and b2 in m."""
     weights: NDArray[np.complex128]
-    """(n1, n2); 0 for sites without an element."""
+    """Weights of the sites, shape (n1, n2); 0 for sites without an element."""
     centre: tuple[tuple[float, float], tuple[float, float]]
     """Centre of the sites, x and y, each as the sum of two floats."""
     misfit: float

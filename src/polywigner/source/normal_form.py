@@ -46,11 +46,11 @@ class SourceElement:
     """Aperture or Slits without an illumination, in the plane of the pose."""
     weight: complex
     amplitudes: Complexes
-    """(m,) amplitudes of the waves, without the weight; 1 for a uniform field."""
+    """Amplitudes of the waves without the weight, shape (m,); 1 for a uniform field."""
     frequencies: Floats
-    """(m, d) frequencies of the waves in 1/m; 0 for a uniform field."""
+    """Frequencies of the waves in 1/m, shape (m, d); 0 for a uniform field."""
     pose: Floats | None = None
-    """(4, 4) transformation to the world from the outline's plane; None: the plane z = 0."""
+    """Transformation from the outline's plane to the world, shape (4, 4); None: plane z = 0."""
 
     @property
     def is_uniform(self) -> bool:
@@ -104,9 +104,9 @@ class RepeatedElement:
     element: SourceElement
     """The element at the origin, of weight 1."""
     positions: Floats
-    """(n, d) shifts in m."""
+    """Shifts of the copies in m, shape (n, d)."""
     weights: Complexes
-    """(n,) weights of the copies."""
+    """Weights of the copies, shape (n,)."""
 
     @cached_property
     def sites(self) -> Lattice | None:
@@ -120,13 +120,13 @@ class WaveGroup:
     """Elements with proportional waves."""
 
     amplitudes: Complexes
-    """(m,) amplitudes of the waves of the first element."""
+    """Amplitudes of the waves of the first element, shape (m,)."""
     frequencies: Floats
-    """(m, d) frequencies of the waves in 1/m."""
+    """Frequencies of the waves in 1/m, shape (m, d)."""
     members: NDArray[np.intp]
-    """(k,) numbers of the elements."""
+    """Indices of the elements, shape (k,)."""
     factors: Complexes
-    """(k,) factors between the waves of the elements and the waves of the group."""
+    """Amplitudes of each element divided by ``amplitudes``, shape (k,)."""
 
 
 @final
@@ -139,9 +139,9 @@ class Source:
     dimension: int
     """Components of a position: 2, or 1 for slits."""
     curvature: Floats
-    """Q (d, d) in 1/m^2, symmetric; zero: flat."""
+    """Symmetric matrix Q in 1/m^2, shape (d, d); zero for a flat wave."""
     centre: Floats
-    """c (d,) in m, where the curved wave touches the plane."""
+    """Point c in m at which the curved wave touches the plane, shape (d,)."""
     coherence_width: float = np.inf
     """Standard deviation in m of the degree of coherence over lag; infinite: coherent."""
     wavelength: float | None = None
@@ -176,7 +176,7 @@ class Source:
 
     @cached_property
     def weights(self) -> Complexes:
-        """(n,) weights of the elements."""
+        """Weights of the elements, shape (n,)."""
         if self.repeated is not None:
             return self.repeated.weights
         return np.array([element.weight for element in self.elements], np.complex128)
@@ -208,7 +208,7 @@ class Source:
 
     @cached_property
     def frequencies(self) -> Floats:
-        """(m, d) frequencies in 1/m of all waves, each once."""
+        """Distinct frequencies of all waves in 1/m, shape (m, d)."""
         return np.unique(np.concatenate([e.frequencies for e in self.distinct]) + 0.0, axis=0)
 
     @cached_property
@@ -238,7 +238,7 @@ class Source:
 
     @cached_property
     def bounds(self) -> tuple[float, ...]:
-        """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
+        """Bounds (xmin, xmax) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
 
         Raises
         ------

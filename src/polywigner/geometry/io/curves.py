@@ -110,7 +110,7 @@ class Spline:
     """A curve in pieces, such as a B-spline over its range of knots."""
 
     points: Points
-    """(n, d) control points, whose bounds are about the bounds of the curve."""
+    """Control points, shape (n, d); their bounds are approximately the bounds of the curve."""
     evaluate: Callable[[Points], Points]
     """Function of parameters (m,) that returns points (m, d)."""
     breaks: Points

@@ -204,7 +204,7 @@ def _parsed(content: bytes) -> Element:
         raise FileFormatError(f"expected SVG, got text that is not XML in line {line}") from None
     except ValueError:  # DefusedXmlException
         raise FileFormatError(
-            "expected SVG without entities and external files, got others; save as plain SVG"
+            "expected SVG without entities or external files, got some; save as plain SVG"
         ) from None
     if _tag(root) != "svg":
         raise FileFormatError("expected an svg element, got XML of another kind")
