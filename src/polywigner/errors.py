@@ -41,7 +41,7 @@ def value_text(value: object) -> str:
 def install_command(extra: str = "") -> str:
     """Return the command that installs polywigner with one of its extras, for messages.
 
-    No package index has the package, so the command is for a clone of the repository.
+    The package is on no package index, so the command installs a clone.
     """
     return f'`pip install ".{f"[{extra}]" if extra else ""}"` in a clone of polywigner'
 
