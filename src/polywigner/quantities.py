@@ -46,7 +46,7 @@ _DURATIONS = {
 }  # fmt: skip
 
 _POWER_LEVELS = {"dBm": 1e-3, "dBW": 1.0}
-_HIGHEST_LEVEL = 3000.0  # dB; floats end at 3080 dB
+_HIGHEST_LEVEL = 3000.0  # dB; the largest float is about 3080 dB
 
 # At most three digits of the exponent, because Fraction("1e999999999") exhausts the memory.
 _QUANTITY = re.compile(

@@ -406,7 +406,7 @@ def _key(state: State, name: Name) -> str:
 
 
 class _Page(pn.Template):
-    """A template with a short repr; the repr of Panel contains all parts twice."""
+    """A template whose repr omits the parts of the page, which Panel would write twice."""
 
     def __repr__(self) -> str:
         return TITLE

@@ -86,7 +86,7 @@ class State:
     nu: Point = (0.0, 0.0)  # selected spatial frequency [cycles per unit]
     defocus: float = 0.0  # W20 at the farthest vertex [waves]
     distance: float = 50.0  # distance of the near field's plane from the source
-    reach: float = 0.0  # largest direction cosine of frequency axes; 0: eight sidelobes
+    reach: float = 0.0  # largest direction cosine of frequency axes; 0: eight lobes of the source
     part: Part = "level"  # displayed part of the Fourier transform
 
     def __post_init__(self) -> None:

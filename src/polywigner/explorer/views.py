@@ -28,7 +28,7 @@ VIEWS: Mapping[Name, str] = {
 SAMPLES = 161  # maximum along each axis of an image; odd, so that the centre is a sample
 FLOOR_DB = -40.0
 _LOBES = 8.0  # half width of frequency axes in 1/diagonal of the source
-_MARGIN = 1.05  # half width of axes of positions and lags, as a multiple of the source
+_MARGIN = 1.05  # factor by which axes of positions and lags exceed the source
 _BEAM = 3.0  # half width of the near field's plane in lobes, beyond half the source
 _WIDE = 0.5  # sine of the angle from which on all directions are shown
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 LARGEST_SAMPLES = 4096
 """Maximum number of samples along each axis; a complex array then has 256 MiB."""
 
-# Half width of the frequency axes without a wavelength, in 1/diameter: five sidelobes of a square.
+# Half width of the frequency axes without a wavelength, in 1/diameter: five lobes of a square.
 _LOBES = 8.0
 _DASHES = ("-", "--", "-.", ":")
 # Largest difference of the curves along x and y that are drawn as one line.
