@@ -78,7 +78,11 @@ BAD = [
     (PATCH, {"array": "3 x 4, 2 furlong"}, "array: pitch_x: expected a length .* furlong"),
     (PATCH, {"window": "hamming"}, "window: expected an array of equal .* specify array as well"),
     (PATCH, {"array": "2 x 2, 1 cm", "window": "25 dB"}, "window: expected a window such as"),
-    (PATCH, {"array": "2 x 2, 1 cm", "window": "boxcar"}, "window: expected one of .*'boxcar'"),
+    (
+        PATCH,
+        {"array": "2 x 2, 1 cm", "window": "boxcar"},
+        "window: expected window to be one of .*'boxcar'",
+    ),
     (PATCH, {"steering": "20"}, "steering: .* within 90 deg of the normal"),
     (PATCH, {"steering": "1 deg, 2 deg, 3 deg"}, "steering: expected a direction"),
     (LISTED, {"steering": "20 deg"}, "steering: expected an array of equal elements"),
