@@ -81,7 +81,7 @@ BAD = [
     (
         PATCH,
         {"array": "2 x 2, 1 cm", "window": "boxcar"},
-        "window: expected window to be one of .*'boxcar'",
+        "window: .* to be one of .*'boxcar'",
     ),
     (PATCH, {"steering": "20"}, "steering: .* within 90 deg of the normal"),
     (PATCH, {"steering": "1 deg, 2 deg, 3 deg"}, "steering: expected a direction"),

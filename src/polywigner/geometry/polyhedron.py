@@ -24,6 +24,8 @@ _PLANAR = 1e-9
 
 # Relative rounding error of radii and distances, which are sums of a few terms.
 _ROUNDING = 1e-14
+# Number of points whose distances from all others are computed at once: 80 MB for 10,000 points.
+_ROWS = 1024
 
 # Smallest sine of the bend at a corner of a strictly convex face, above the rounding of the sides.
 _BEND = 1e-9
@@ -147,7 +149,12 @@ def _largest_distance(points: Vertices) -> float:
     largest = float(np.linalg.norm(offsets - farthest, axis=1).max())
     # No point is farther than r + max(radii) from a point at radius r, which excludes small radii.
     ends = offsets[radii >= (1 - _ROUNDING) * (largest - radii.max())]
-    return max(largest, *(float(np.linalg.norm(ends - end, axis=1).max()) for end in ends))
+    squares = (ends**2).sum(axis=1)
+    for k in range(0, len(ends), _ROWS):
+        block = slice(k, k + _ROWS)
+        squared_distances = squares[block, None] + squares - 2 * ends[block] @ ends.T
+        largest = max(largest, float(np.sqrt(squared_distances.max())))
+    return largest
 
 
 def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
