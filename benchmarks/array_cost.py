@@ -227,7 +227,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=1 << 18)
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
-    from polywigner.toolchain import llvm
+    from polywigner import llvm
 
     llvm.require()
     import drjit

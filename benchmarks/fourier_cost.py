@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.toolchain.llvm import prepare
+from polywigner.llvm import prepare
 
 RESULTS = Path(__file__).parent / "results" / "fourier_cost.json"
 ROUNDS = 5

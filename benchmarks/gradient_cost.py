@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.toolchain.llvm import prepare
+from polywigner.llvm import prepare
 
 RESULTS = Path(__file__).parent / "results" / "gradient_cost.json"
 SHAPES = {"square": pw.shapes.square(1.0), "chevron": pw.shapes.chevron(2.0, 1.1, 0.6)}

@@ -71,7 +71,7 @@ def _version(name: str) -> str | None:
 
 
 def _llvm() -> str | None:
-    from polywigner.toolchain.llvm import prepare
+    from polywigner.llvm import prepare
 
     state = prepare()
     return str(state.version) if state.usable and getattr(state, "version", None) else None

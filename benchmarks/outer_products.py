@@ -20,9 +20,9 @@ import numpy as np
 import shapely
 
 import polywigner as pw
+from polywigner.llvm import prepare
+from polywigner.source.array import mutual_support
 from polywigner.source.arrays import grid_positions
-from polywigner.source.support import mutual_support
-from polywigner.toolchain.llvm import prepare
 
 CYCLES = 10.0  # |nu| times the diameter, at most
 REPEATS = 5

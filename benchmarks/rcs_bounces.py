@@ -80,7 +80,7 @@ class Rays:
     """Triangles (n, 3, 3) in Mitsuba."""
 
     def __init__(self, corners: np.ndarray) -> None:
-        from polywigner.toolchain import llvm
+        from polywigner import llvm
 
         llvm.prepare()
         import mitsuba as mi

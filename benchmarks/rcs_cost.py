@@ -114,7 +114,7 @@ class Rays:
     """A body in Mitsuba."""
 
     def __init__(self, body: pw.Polyhedron) -> None:
-        from polywigner.toolchain import llvm
+        from polywigner import llvm
 
         llvm.prepare()
         import mitsuba as mi

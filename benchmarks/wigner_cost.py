@@ -24,7 +24,7 @@ from polywigner.kernels import tables_of
 from polywigner.kernels.cut.clipping import MIRRORED
 from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.functions.slices import WIGNER_SUM
-from polywigner.toolchain.llvm import prepare
+from polywigner.llvm import prepare
 
 VERTICES = (8, 16, 32, 64, 128, 256, 512, 1024)
 CHECKED = 48  # samples at which errors are measured

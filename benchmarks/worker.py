@@ -53,7 +53,7 @@ def main() -> None:
     question, case, threads, effort = sys.argv[1:]
     if threads == "1" and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    from polywigner.toolchain.llvm import prepare
+    from polywigner.llvm import prepare
 
     if prepare().usable:
         import drjit as dr

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import polywigner
-from polywigner.toolchain import llvm
+from polywigner import llvm
 
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 

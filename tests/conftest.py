@@ -14,7 +14,7 @@ from typing import NoReturn
 import pytest
 from hypothesis import settings
 
-from polywigner.toolchain import llvm as _llvm
+from polywigner import llvm as _llvm
 
 # Before any test module is imported: Dr.Jit opens its LLVM library at import, once.
 STATUS = _llvm.prepare()

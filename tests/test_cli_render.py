@@ -110,7 +110,7 @@ def test_without_llvm_rendering_goes_on_with_one_warning(tmp_path):
     path = scene_of_a_lit_floor(tmp_path)
     command = [sys.executable, "-m", "polywigner", "render", str(path)]
     command += ["--spp", "1", "--out", str(tmp_path / "a")]
-    from polywigner.toolchain.llvm import OFF_VARIABLE
+    from polywigner.llvm import OFF_VARIABLE
 
     environment = {**os.environ, OFF_VARIABLE: "1"}
     run = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)

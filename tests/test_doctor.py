@@ -55,7 +55,7 @@ def test_a_library_that_cannot_be_installed_is_bad_input(monkeypatch, capsys):
     def refuse():
         raise EngineError("no package")
 
-    monkeypatch.setattr(doctor.install, "install_llvm", refuse)
+    monkeypatch.setattr(doctor.llvm, "install_llvm", refuse)
     assert main(["doctor", "--install-llvm"]) == 2
     assert capsys.readouterr().err == "polywigner: error: no package\n"
 

@@ -97,7 +97,7 @@ for source in (pw.shapes.square(1.0), pw.shapes.regular_polygon(40, 1.0)):
 """
 RECORDED_BY_A_CALLER = """
 import numpy as np, polywigner as pw
-from polywigner.toolchain.llvm import prepare
+from polywigner.llvm import prepare
 prepare()
 import drjit, drjit.llvm as backend
 nu = np.array([0.3, 0.2])

@@ -147,7 +147,7 @@ def test_a_fit_of_higher_order_has_a_smaller_residual():
     assert pw.fit_illumination(at, steep, order=1).residual > 0.5
     result = pw.fit_illumination(at, steep, order=8)
     assert result.residual < 0.01
-    with pytest.raises(ArgumentError, match=r"got FittedIllumination; give its \.illumination"):
+    with pytest.raises(ArgumentError, match=r"got FittedIllumination; pass its \.illumination"):
         pw.shapes.square(1).with_illumination(result)
 
 

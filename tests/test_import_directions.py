@@ -29,7 +29,7 @@ ROOMS = [
     ("quantities", "citations"),
     ("geometry",),
     ("source", "optics"),
-    ("toolchain", "numerics"),
+    ("llvm", "numerics"),
     ("kernels",),
     ("execution",),
     ("transforms",),
@@ -50,7 +50,7 @@ LEVEL = {name: level for level, names in enumerate(ROOMS) for name in names}
 HOMES = {
     "drjit": {
         "execution",
-        "toolchain",
+        "llvm",
         "mitsuba",
     },  # the plugin's sampling code is Dr.Jit code by nature
     "mitsuba": {"mitsuba"},
@@ -59,8 +59,7 @@ HOMES = {
 # Files that run before anything is installed, or before Dr.Jit's library is chosen.
 STANDARD_LIBRARY_ONLY = {
     # drjit: in require_drjit() only, after a library has been selected
-    "toolchain/llvm.py": ("polywigner.errors", "polywigner.interruption", "drjit"),
-    "toolchain/install.py": ("polywigner.toolchain", "polywigner.errors"),
+    "llvm.py": ("polywigner.errors", "polywigner.interruption", "drjit"),
     "errors.py": (),
     "interruption.py": (),
 }

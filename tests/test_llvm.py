@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from polywigner import llvm as module
 from polywigner.errors import EngineError
-from polywigner.toolchain import install
-from polywigner.toolchain import llvm as module
 
 # Stands for a library that cannot compile a minimum: LLVM 15 and 16 print this, and abort.
 ABORTING_KERNELS = """
@@ -164,7 +163,7 @@ def test_a_bad_library_in_the_variable_is_refused_and_a_good_one_opened(llvm, tm
     code = """
 import json, sys
 from dataclasses import asdict
-from polywigner.toolchain.llvm import prepare
+from polywigner.llvm import prepare
 assert "drjit" not in sys.modules
 status = prepare()
 assert prepare() is status and "drjit" not in sys.modules
@@ -183,7 +182,7 @@ print(json.dumps([asdict(status), version, dr.minimum(drjit.llvm.Float([1, 5]), 
 def test_without_llvm_the_transforms_run_and_kernels_are_refused():
     code = """
 import json, sys, numpy as np, polywigner as pw
-from polywigner.toolchain.llvm import prepare, require_drjit
+from polywigner.llvm import prepare, require_drjit
 square = pw.Aperture([(-1, -1), (1, -1), (1, 1), (-1, 1)])
 value = pw.wigner(square, np.zeros((100_000, 2)), (0.0, 0.0))[-1]
 try: pw.wigner(square, np.zeros((9, 2)), (0.0, 0.0), engine='llvm')
@@ -226,7 +225,7 @@ def test_without_a_usable_library_the_status_names_the_reason_and_the_remedy(
     monkeypatch.setattr(module, "_has_libatomic", lambda: True)
     paths = [library(machine / "system", f"libLLVM-{n}.so.1") for n in (16, 15)]
     status = module.prepare()
-    reason = "LLVM 16 is too old, 17 or newer works"
+    reason = "LLVM 16 is too old; 17 or newer is required"
     assert status.problem == f"No LLVM library is usable: {paths[0]} ({reason}) and 1 more."
     assert ("--install-llvm" in status.remedy) == (tool == "apt-get")
     assert [path for path, _ in status.refused] == paths
@@ -284,36 +283,36 @@ def apt(bare_machine, monkeypatch):
 
 
 def test_root_installs_libatomic_and_the_llvm_that_apt_offers(apt):
-    status = install.install_llvm()
+    status = module.install_llvm()
     assert status.usable and status.drjit_imports and status.path.endswith("libLLVM.so.20")
     installed = [line for line in apt() if " install " in line]
     assert installed[-1].endswith("libllvm20 [noninteractive]")
     count = len(apt())
-    assert install.install_llvm().usable and len(apt()) == count
+    assert module.install_llvm().usable and len(apt()) == count
 
 
 def test_other_users_get_the_command_for_root(apt, monkeypatch):
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     with pytest.raises(EngineError, match=r"libatomic.* `apt-get install libatomic1 libllvm19` as"):
-        install.install_llvm()
+        module.install_llvm()
     assert not any(" install " in line for line in apt())
 
 
 def test_a_system_without_a_good_llvm_gets_libatomic_at_least(apt, bare_machine, monkeypatch):
     monkeypatch.setenv("LLVM", "none")
     with pytest.raises(EngineError, match="Unable to locate package"):
-        install.install_llvm()
+        module.install_llvm()
     assert (bare_machine / "libatomic1").exists()
 
 
 def test_a_system_without_apt_is_refused(bare_machine, monkeypatch):
     monkeypatch.setenv("PATH", str(bare_machine))
     with pytest.raises(EngineError, match="Install libatomic1 and libllvm19, or"):
-        install.install_llvm()
+        module.install_llvm()
 
 
 def test_llvm_that_is_switched_off_is_not_installed(apt, monkeypatch):
     monkeypatch.setenv(module.OFF_VARIABLE, "1")
     with pytest.raises(EngineError, match="Unset POLYWIGNER_NO_LLVM"):
-        install.install_llvm()
+        module.install_llvm()
     assert [line.split()[-2] for line in apt() if " install " in line][-1] == "libatomic1"

@@ -394,8 +394,8 @@ PLY = (
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n"
 
 BAD = {
-    "cut.stl": (binary_stl(BOX)[:-7], FileFormatError, "announce 12 triangles"),
-    "claims.stl": (announced(10**9), FileFormatError, "announce 1000000000 triangles"),
+    "cut.stl": (binary_stl(BOX)[:-7], FileFormatError, "12 triangles in the header"),
+    "claims.stl": (announced(10**9), FileFormatError, "1000000000 triangles in the header"),
     "none.stl": (binary_stl(BOX[:0]), FileFormatError, "triangles, got none"),
     "open.stl": (binary_stl(BOX[:-1]), GeometryError, "closed surface.*add the missing face"),
     "flipped.stl": (

@@ -1,6 +1,5 @@
 """The package and the project around it hold together: metadata, public names, make targets."""
 
-import ast
 import importlib
 import importlib.metadata
 import re
@@ -35,19 +34,6 @@ def test_the_package_says_that_it_is_typed():
 def test_every_public_name_is_what_its_home_has():
     for name, home in polywigner._HOMES.items():
         assert getattr(polywigner, name) is getattr(importlib.import_module(home), name), name
-
-
-def test_type_checkers_are_shown_the_names_of_the_lazy_loader():
-    tree = ast.parse(Path(polywigner.__file__).read_text(encoding="utf-8"))
-    shown = {
-        alias.name: node.module
-        for branch in tree.body
-        if isinstance(branch, ast.If)
-        for node in branch.body
-        if isinstance(node, ast.ImportFrom) and node.module != "typing"
-        for alias in node.names
-    }
-    assert shown == polywigner._HOMES
 
 
 def test_an_unknown_public_name_is_an_attribute_error():

@@ -394,5 +394,5 @@ LEANING = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 def test_sources_without_a_phase_space_are_refused():
     with pytest.raises(ArgumentError, match="expected a source for wigner"):
         pw.projections(SQUARE.placed(np.eye(4)))
-    with pytest.raises(GeometryError, match="one plane"):
+    with pytest.raises(GeometryError, match="in the plane z = 0"):
         pw.projections(pw.Array([SQUARE, SQUARE.placed(LEANING)]))

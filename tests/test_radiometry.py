@@ -182,7 +182,7 @@ def test_what_radiates_to_nowhere_is_refused_in_words(name: str) -> None:
 def test_elements_off_the_plane_are_refused() -> None:
     tilted = np.diag([1.0, -1.0, -1.0, 1.0])
     tilted[2, 3] = 1.0
-    with pytest.raises(GeometryError, match="one plane"):
+    with pytest.raises(GeometryError, match="in the plane z = 0"):
         pw.power(pw.Array([SQUARE, SQUARE.placed(tilted)]), WAVELENGTH)
 
 

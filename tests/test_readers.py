@@ -163,7 +163,7 @@ BAD_FILES = {
     "nan.wkt": ("POLYGON ((0 0, 1 0, nan 1, 0 0))", GeometryError, "finite"),
     "high.wkt": ("POLYGON Z ((0 0 1, 1 0 1, 1 1 1, 0 0 1))", GeometryError, "z = 0"),
     "columns.csv": ("0,0,0\n1,0,0\n1,1,0\n", FileFormatError, "line 1"),
-    "word.csv": ("0,0\n1,zero\n1,1\n", FileFormatError, "others in line 2"),
+    "word.csv": ("0,0\n1,zero\n1,1\n", FileFormatError, "other text in line 2"),
     "nan.csv": ("0,0\n1,nan\n1,1\n", FileFormatError, "line 2"),
     "second_header.csv": ("x,y\nx,y\n0,0\n1,0\n1,1", FileFormatError, "line 2"),
     "huge.csv": ("0,0\n1e999,0\n1,1\n", GeometryError, "finite"),

@@ -112,7 +112,7 @@ def test_sources_without_a_phase_space_are_refused():
     with pytest.raises(ArgumentError, match="expected a source"):
         pw.sample_automean(HOLED.placed(np.eye(4)), 3)
     leaning = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-    with pytest.raises(GeometryError, match="one plane"):
+    with pytest.raises(GeometryError, match="in the plane z = 0"):
         pw.sample_automean(pw.Array([HOLED, HOLED.placed(leaning)]), 3)
     with pytest.raises(ArgumentError, match="seed"):
         pw.sample_automean(HOLED, 3, seed="x")

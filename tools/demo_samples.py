@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 
-from polywigner.toolchain.llvm import prepare
+from polywigner.llvm import prepare
 
 
 def main() -> None:

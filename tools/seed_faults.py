@@ -39,7 +39,7 @@ AREAS = {  # rooms of the package, and words in the names of files of tests
     "propagation": ("propagation radiometry", "fields patterns beams irradiance radiometry stores"),
     "reception": ("reception scattering rays", "coupling friis rcs rays plausib covar"),
     "mitsuba": ("mitsuba", "mitsuba received scatterers range receive render_stores"),
-    "toolchain": ("toolchain interruption", "llvm doctor interruptions"),
+    "llvm": ("llvm interruption", "llvm doctor interruptions"),
     "interface": ("cli figures quantities", "cli figures doctor quantities choices"),
 }
 # Imported once, for all processes that are forked; not Dr.Jit, which has threads.

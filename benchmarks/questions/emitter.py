@@ -14,8 +14,8 @@ import numpy as np
 import polywigner as pw
 from benchmarks.lines import Line, absent, as_times, line_of
 from benchmarks.timing import Action, Effort, cores, in_turns
+from polywigner.llvm import prepare
 from polywigner.quantities import wavelength_of
-from polywigner.toolchain.llvm import prepare
 
 __all__ = ["CASES", "QUESTION", "THREADS", "area_light", "floor_scene", "measure"]
 

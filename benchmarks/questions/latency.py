@@ -85,7 +85,7 @@ def _children() -> float:
 
 def _calls(case: str, rounds: int) -> list[Line]:
     from benchmarks.peers import jax_kernel
-    from polywigner.toolchain.llvm import prepare
+    from polywigner.llvm import prepare
 
     lines = []
     for precision in ("single", "double"):

@@ -13,7 +13,7 @@ from benchmarks.lines import Line, as_rates, line_of
 from benchmarks.peers import by_shapely
 from benchmarks.questions import wigner
 from benchmarks.timing import Action, Effort, cores, fitting, in_turns
-from polywigner.toolchain.llvm import prepare
+from polywigner.llvm import prepare
 
 __all__ = ["CASES", "QUESTION", "THREADS", "measure"]
 

@@ -14,7 +14,7 @@ from benchmarks.lines import Line, absent, as_rates, line_of
 from benchmarks.peers import cpp
 from benchmarks.questions import wigner
 from benchmarks.timing import Action, Effort, fitting, in_turns
-from polywigner.toolchain.llvm import prepare
+from polywigner.llvm import prepare
 
 __all__ = ["CASES", "QUESTION", "THREADS", "arithmetic", "measure"]
 

@@ -18,7 +18,7 @@ from benchmarks.lines import Line, absent, as_times, line_of
 from benchmarks.peers import libformfactor
 from benchmarks.questions import wigner
 from benchmarks.timing import Action, Effort, cores, in_turns
-from polywigner.toolchain.llvm import prepare
+from polywigner.llvm import prepare
 
 __all__ = ["BODIES", "CASES", "QUESTION", "THREADS", "centre", "hard_frequencies", "measure"]
 

@@ -15,7 +15,7 @@ import polywigner as pw
 from benchmarks.lines import Line, absent, as_rates, line_of
 from benchmarks.peers import by_shapely, cpp, jax_kernel
 from benchmarks.timing import Action, Effort, cores, fitting, in_turns, load_average
-from polywigner.toolchain.llvm import prepare
+from polywigner.llvm import prepare
 
 __all__ = [
     "CASES",

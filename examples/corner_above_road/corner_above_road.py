@@ -22,6 +22,7 @@ import numpy as np
 
 import polywigner as pw
 import polywigner.mitsuba as pm
+from polywigner.geometry import PlacedAperture
 
 import mitsuba as mi  # isort: skip (after the package, which chooses the LLVM library)
 
@@ -35,7 +36,7 @@ PERMITTIVITY = 5.24 + 0.2j
 DISTANCES = np.geomspace(20.0, 400.0, 161)
 
 
-def reflector() -> list[pw.PlacedAperture]:
+def reflector() -> list[PlacedAperture]:
     """The plates, with their axis along -x and their corner at the given height."""
     turn = np.eye(4)
     axis, across = np.ones(3) / math.sqrt(3), np.array([1.0, -1.0, 0.0]) / math.sqrt(2)
@@ -52,7 +53,7 @@ def looking_ahead(x: float) -> np.ndarray:
     return pose
 
 
-def echoes(distance: float, body: list[pw.PlacedAperture]) -> tuple[float, float]:
+def echoes(distance: float, body: list[PlacedAperture]) -> tuple[float, float]:
     """Received over transmitted power of the echo alone, by all ways and straight."""
     index = complex(np.sqrt(PERMITTIVITY))
     road = {"type": "conductor", "eta": index.real, "k": index.imag}

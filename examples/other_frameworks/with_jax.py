@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import polywigner as pw
-from polywigner.toolchain.llvm import require
+from polywigner.llvm import require
 
 require()  # before Dr.Jit is imported: it opens its LLVM library once
 

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 
 import polywigner as pw
-from polywigner.toolchain.llvm import require
+from polywigner.llvm import require
 
 require()  # before Dr.Jit is imported: it opens its LLVM library once
 

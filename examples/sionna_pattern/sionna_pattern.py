@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.toolchain import llvm
+from polywigner import llvm
 
 llvm.prepare()  # before Dr.Jit is imported: it opens its LLVM library once, and a bad one is fatal
 

@@ -23,7 +23,7 @@ from paper.figures.sources import (
 from polywigner.figures import style
 from polywigner.figures.levels import level_db
 from polywigner.figures.projections import draw_projections
-from polywigner.geometry.display import length_unit
+from polywigner.quantities import length_unit
 from polywigner.transforms.projection import PhaseSpaceFunction
 
 _FLOOR_DB = -40.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from functools import lru_cache
 from importlib.resources import files
 
 from polywigner.errors import ArgumentError
@@ -23,7 +22,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "tapers": ("taylor1955line",),
     "arrays": ("skolnik1964statistically", "barnett2019nufft"),
 }
-"""Keys of the bibliography for each method: the works with its formulas or software."""
+"""Keys of the bibliography for each method: publications of its formulas or of its software."""
 
 
 def cite(*methods: str) -> str:
@@ -45,7 +44,7 @@ def cite(*methods: str) -> str:
     Raises
     ------
     ArgumentError
-        A method is unknown.
+        If a method is unknown.
 
     Examples
     --------
@@ -58,13 +57,7 @@ def cite(*methods: str) -> str:
             names = ", ".join(METHODS)
             raise ArgumentError(f"expected methods among {names}, got {method!r}")
     keys = dict.fromkeys((*_ALWAYS, *(key for method in methods for key in METHODS[method])))
-    entries = _entries()
+    bibliography = files("polywigner").joinpath("references.bib").read_text(encoding="utf-8")
+    matches = re.finditer(r"^@\w+\{([\w-]+),\n.*?^\}", bibliography, re.MULTILINE | re.DOTALL)
+    entries = {entry[1]: entry[0] for entry in matches}
     return "\n\n".join(entries[key] for key in keys) + "\n"
-
-
-@lru_cache(maxsize=1)
-def _entries() -> dict[str, str]:
-    """Return the text of each entry of the bibliography by its key."""
-    text = files("polywigner").joinpath("references.bib").read_text(encoding="utf-8")
-    entries = re.finditer(r"^@\w+\{([\w-]+),\n.*?^\}", text, flags=re.MULTILINE | re.DOTALL)
-    return {entry[1]: entry[0] for entry in entries}

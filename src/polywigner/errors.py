@@ -47,7 +47,7 @@ def install_command(extra: str = "") -> str:
 
 
 class PolywignerError(Exception):
-    """Root of the package's exceptions."""
+    """Base class of the package's exceptions."""
 
 
 @contextmanager
@@ -97,9 +97,9 @@ class MissingExtraError(PolywignerError, ImportError):
 
 def missing_extra(library: str, extra: str, purpose: str = "", got: str = "none") -> Exception:
     """Return the error for a missing library; ``purpose``: for example "reads SVG files"."""
-    which = f", which {purpose}" if purpose else ""
+    clause = f", which {purpose}" if purpose else ""
     return MissingExtraError(
-        f"expected {library} to be installed{which}, got {got}; run {install_command(extra)}"
+        f"expected {library} to be installed{clause}, got {got}; run {install_command(extra)}"
     )
 
 
@@ -116,7 +116,7 @@ def require(name: str, extra: str, purpose: str = "") -> Any:
 
 
 class PolywignerWarning(UserWarning):
-    """A result is less accurate than requested, or than is usual for its method.
+    """A result is less accurate than requested, or less accurate than usual for its method.
 
-    Other causes are arguments in a doubtful unit, and damaged chunks of a store.
+    Other causes are arguments whose unit is probably wrong, and damaged chunks of a store.
     """

@@ -34,7 +34,7 @@ def scratch_of(path: Path) -> Path:
 
 
 def temporary_folder() -> TemporaryDirectory[str]:
-    """Return a temporary folder that the end of a ``with`` block removes."""
+    """Return a temporary folder that is removed at the end of a ``with`` block."""
     return TemporaryDirectory(prefix="polywigner-", ignore_cleanup_errors=True)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import checked_number, checked_vectors
-from polywigner.geometry.wavefront import turned_points
+from polywigner.geometry.illumination import turned_points
 
 Matrix = NDArray[np.float64]
 

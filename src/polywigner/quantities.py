@@ -1,8 +1,8 @@
 """Text such as ``"94 GHz"``, ``"10 mm"`` or ``"30 deg"`` to SI floats.
 
-Used where people write text: the command line, scene files and aperture files. Functions of the
-Python API take SI floats. Units are written as SI writes them: "mW" and "MW", or "mm" and "Mm",
-differ by nine orders of magnitude. Only frequencies may be in any case ("ghz"), except "mHz".
+The command line, scene files and aperture files use these texts. Functions of the Python API take
+SI floats. Units are case-sensitive: "mW" and "MW", or "mm" and "Mm", differ by nine orders of
+magnitude. Only units of frequency may have any case ("ghz"), except "mHz".
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ import math
 import re
 from collections.abc import Mapping
 from fractions import Fraction
+from typing import NamedTuple
 
 from polywigner.errors import QuantityError, value_text
 
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum, m/s (exact, SI)."""
 
-# Fractions, so that "3.1 mm" is the float nearest to 0.0031 and not 3.1 * 0.001, one ulp off.
+# Fractions, so that "3.1 mm" is the float nearest to 0.0031; 3.1 * 0.001 is one ulp off.
 _LENGTHS = {
     "km": Fraction(1000), "m": Fraction(1), "dm": Fraction(1, 10), "cm": Fraction(1, 100),
     "mm": Fraction(1, 1000), "um": Fraction(1, 10**6), "µm": Fraction(1, 10**6),
@@ -45,9 +46,9 @@ _DURATIONS = {
 }  # fmt: skip
 
 _POWER_LEVELS = {"dBm": 1e-3, "dBW": 1.0}
-_HIGHEST_LEVEL = 3000.0  # dB: the next power of ten is no float
+_HIGHEST_LEVEL = 3000.0  # dB; the largest float is about 3080 dB
 
-# ASCII digits only, and at most three digits of exponent: Fraction("1e999999999") fills memory.
+# At most three digits of the exponent, because Fraction("1e999999999") exhausts the memory.
 _QUANTITY = re.compile(
     r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?)\s*([^0-9\s.,;+-]*)\s*"
 )
@@ -61,7 +62,7 @@ def _parse(
     positive: bool = False,
 ) -> float:
     """Parse a text to SI units; numbers are returned unchanged."""
-    article = "an" if kind[0] in "aeio" else "a"  # a unit
+    article = "an" if kind[0] in "aeio" else "a"  # but "a unit"
     expected = f'expected {article} {kind} such as "{example}", got {value_text(text)}'
     match = _QUANTITY.fullmatch(str(text))
     if match is None or isinstance(text, bool):
@@ -153,7 +154,7 @@ NOISE_PARSERS = {
     "temperature": parse_temperature,
     "noise_figure": parse_noise_figure,
 }
-"""Parsers of the noise parameters of receivers, by name."""
+"""Functions that parse the noise parameters of receivers, by the name of the parameter."""
 
 
 def parse_noise(
@@ -181,6 +182,30 @@ def wavelength_of(frequency: float) -> float:
     """Return the vacuum wavelength in metres of a frequency in hertz above zero."""
     if not 0 < frequency < math.inf:
         raise QuantityError(
-            f"expected a finite frequency above 0 Hz, got {value_text(frequency)}; give it in hertz"
+            f"expected a finite frequency in Hz above zero, got {value_text(frequency)}"
         )
     return SPEED_OF_LIGHT / frequency
+
+
+class LengthUnit(NamedTuple):
+    """A unit of length to print: its name and its size in metres."""
+
+    name: str
+    metres: float
+
+
+_UNITS = (LengthUnit("nm", 1e-9), LengthUnit("µm", 1e-6), LengthUnit("mm", 1e-3))
+
+
+def length_unit(length: float) -> LengthUnit:
+    """Return the unit that expresses a length (m) as a number from 1 to 1000, or metres."""
+    for unit in _UNITS:
+        if length < 1000 * unit.metres:
+            return unit
+    return LengthUnit("m", 1.0)
+
+
+def length_text(*lengths: float) -> str:
+    """Return lengths (m) in the unit of the largest one, such as ``20 x 12 mm``."""
+    unit = length_unit(max(lengths))
+    return f"{' x '.join(f'{length / unit.metres:.4g}' for length in lengths)} {unit.name}"

@@ -22,10 +22,11 @@ Floats = NDArray[np.float64]
 # (law, left side, right side, allowed difference, arguments)
 Law = tuple[str, Any, Any, float, dict[str, Floats]]
 
-# Allowed difference relative to the bound of each transform. Rounding of the source's own
-# coordinates is added to it.
+# Allowed difference relative to the bound of each transform, for a source at the origin. It grows
+# with the distance, because coordinates are rounded.
 _TOLERANCE = 1e-12
-# Points of the lattice that integrates W over x, and the error of such sums for |u|^2 with edges.
+# Number of lattice points for the integral of W over x, generator of the lattice, and relative
+# error of such sums for |u|^2 with edges.
 _LATTICE, _STEP, _LATTICE_ERROR = 10946, 6765, 2e-3
 
 
@@ -42,16 +43,16 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
     source : Aperture, Slits or Array
         Source in the plane z = 0, uniform or with illuminations.
     points : int, default 100
-        Number of random arguments of each law.
+        Number of random arguments at which each law is tested.
     seed : int, default 0
         Seed of the random arguments.
 
     Raises
     ------
     AssertionError
-        A law does not hold; the message contains the arguments and both values.
+        If a law does not hold; the message contains the arguments and both values.
     ArgumentError
-        The source is of another kind.
+        If the source has another type.
 
     Examples
     --------
@@ -59,9 +60,7 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
     >>> pw.testing.check(pw.shapes.u_shape(20e-3, 12e-3, 3e-3))
     """
     if not isinstance(source, (Aperture, Slits, Array)):
-        raise ArgumentError(
-            f"source must be an Aperture, Slits or an Array, got {type(source).__name__}"
-        )
+        raise ArgumentError(f"expected an Aperture, Slits or an Array, got {type(source).__name__}")
     checked_count(points, "points", 1)
     for law, left, right, allowed, arguments in _laws(source, points, seed):
         off = np.abs(np.asarray(left) - np.asarray(right))
@@ -78,7 +77,7 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
 
 
 def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[Law]:
-    """Yield both sides of each law at random arguments within the source and its spectrum."""
+    """Yield both sides of each law, at random points of the source and of its spectrum."""
     form = normal_form(source)
     low, high = np.reshape(form.bounds, (2, -1))
     size = float(np.linalg.norm(high - low))
@@ -141,7 +140,7 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
 
 
 def _lattice(low: Floats, high: Floats) -> tuple[Floats, float]:
-    """Return points of a rank-1 lattice in a box, and the area of each."""
+    """Return the points of a rank-1 lattice in a box, and the area per point."""
     k = np.arange(_LATTICE)
     unit = np.column_stack([k + 0.5, (k * _STEP) % _LATTICE + 0.5])[:, : len(low)] / _LATTICE
     return low + unit * (high - low), math.prod((high - low).tolist()) / _LATTICE

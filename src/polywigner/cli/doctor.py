@@ -11,9 +11,9 @@ from typing import Annotated, NamedTuple
 
 import typer
 
+from polywigner import llvm
 from polywigner.errors import install_command
-from polywigner.toolchain import install
-from polywigner.toolchain.llvm import LLVMStatus, prepare, run_in_child
+from polywigner.llvm import LLVMStatus, prepare, run_in_child
 
 _GOOD, _BAD, _OPTIONAL = "yes", "no", "-"
 _COLOURS = {_GOOD: "green", _BAD: "red", _OPTIONAL: "yellow"}
@@ -43,10 +43,10 @@ def doctor(
     Tests the engines, the LLVM library, the GPU and the extras.
     """
     if install_llvm:
-        install.install_llvm()
-    transforms, llvm, gpu = _transforms(), prepare(), _gpu()
+        llvm.install_llvm()
+    transforms, status, gpu = _transforms(), prepare(), _gpu()
     python = Row("python", _GOOD, f"{platform.python_version()} at {sys.executable}")
-    rows = [transforms, _llvm(llvm), gpu, python, *map(_library, _CORE), _rendering(llvm, gpu)]
+    rows = [transforms, _llvm(status), gpu, python, *map(_library, _CORE), _rendering(status, gpu)]
     _print(rows + _extras())
     raise typer.Exit(0 if transforms.works == _GOOD else 1)
 

@@ -56,7 +56,7 @@ class LensOptions(SourceOptions):
 
     def title(self, lengths: list[float], distance: float) -> str:
         """Return the title of a figure."""
-        from polywigner.geometry.display import length_text, length_unit
+        from polywigner.quantities import length_text, length_unit
 
         unit = length_unit(max(lengths))
         waves = ", ".join(f"{length / unit.metres:.4g}" for length in lengths)
@@ -122,7 +122,7 @@ def mtf(
 
     import polywigner as pw
     from polywigner.figures import draw_mtf, outline_of
-    from polywigner.geometry.display import length_text
+    from polywigner.quantities import length_text
 
     pupil, lengths, distance, radius = options.read_lens()
     west, south, east, north = outline_of(pupil).bounds

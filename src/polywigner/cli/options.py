@@ -318,7 +318,7 @@ class SceneOptions:
         """Return the settings, the variant and the versions of all programs of a run."""
         from importlib.metadata import version
 
-        from polywigner.toolchain.llvm import prepare
+        from polywigner.llvm import prepare
 
         versions: dict[str, str | None] = {
             name: version(name) for name in ("polywigner", "mitsuba", "drjit", "numpy")

@@ -21,8 +21,9 @@ from polywigner.quantities import parse_angle, parse_coordinate, parse_frequency
 if TYPE_CHECKING:
     import xarray
 
-    from polywigner import Aperture, PlacedAperture, Polyhedron
+    from polywigner import Aperture, Polyhedron
     from polywigner import Array as ApertureArray
+    from polywigner.geometry import PlacedAperture
 
 Point = tuple[float, float, float]
 _Projection = Literal["maximum", "mean"]

@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from polywigner import Aperture, PlacedAperture, Polyhedron
+    from polywigner import Aperture, Polyhedron
     from polywigner import Array as ApertureArray
+    from polywigner.geometry import PlacedAperture
 
 _FREQUENCIES = (("THz", 1e12), ("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0))
 _LONGEST_NAME = 32
@@ -197,7 +198,7 @@ def check_wavelength(wavelength: float, diameter: float) -> None:
 
 def field_title(path: str, wavelength: float) -> str:
     """Return the title of a figure of a field: the source's file, frequency and wavelength."""
-    from polywigner.geometry.display import length_text
+    from polywigner.quantities import length_text
 
     printed = length_text(wavelength)
     return f"{short_name(path)}, {frequency_text(wavelength)} (wavelength {printed})"

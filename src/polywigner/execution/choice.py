@@ -8,13 +8,13 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+from polywigner import llvm
 from polywigner.errors import EngineError
 from polywigner.geometry.arguments import checked_choice
 from polywigner.kernels import Kernel
 from polywigner.kernels.arrays.repeated import RepeatedTables
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.tables import Tables
-from polywigner.toolchain import llvm
 
 Engine = Literal["auto", "numpy", "llvm", "cuda"]
 Precision = Literal["double", "single"] | None

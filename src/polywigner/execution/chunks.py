@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner import llvm
 from polywigner.execution.operations import Drjit
 from polywigner.execution.progress import slow_bar
-from polywigner.toolchain import llvm
 
 
 def aligned(size: int, dtype: Any) -> npt.NDArray[Any]:

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner import llvm
 from polywigner.errors import ArgumentError
 from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.execution.operations import Drjit, Numbers
 from polywigner.geometry.arguments import real_numbers
 from polywigner.numerics.phases import cos_sin_turns
-from polywigner.toolchain import llvm
 
 Points = Mapping[str, Any]
 """Points by the names of the arguments."""

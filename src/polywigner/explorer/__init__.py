@@ -32,7 +32,8 @@ def start_state(
 ) -> State:
     """Return the initial state of the page: the outlines of an aperture file, or a chevron.
 
-    The page has the unit of the file, or mm. ``reading`` and errors are as for read_aperture.
+    The unit of the page is the unit of the file, or mm. ``reading`` contains further options of
+    read_aperture, whose errors are raised.
     """
     unit_of_page = {"um": "µm"}.get(unit, unit)
     state = State(unit=unit_of_page if unit_of_page in UNITS else "mm", wave=wave or State.wave)

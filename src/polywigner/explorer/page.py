@@ -60,28 +60,28 @@ _CARD = """
 _HEAD = ":host { padding: 4px 10px; align-items: center; flex-wrap: wrap; }" + _CARD
 _PAIR = ":host { display: grid !important; grid-template-columns: 1fr 1fr; gap: 0 6px; }"
 
-_QUICK_SAMPLES = 49  # along an axis while the state changes
-_SECONDS = 1.0  # time of one view afterwards, which limits its samples
+_QUICK_SAMPLES = 49  # samples along an axis while the state changes
+_SECONDS = 1.0  # time for one view afterwards, which determines its number of samples
 _WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
 _FIELD: dict[str, Any] = {"margin": (4, 8), **_WIDE}
-# ranges of logarithmic sliders, in units
+# Ranges of logarithmic sliders, in units.
 _LOG = {"wavelength": (0.05, 50), "width": (0.5, 100), "distance": (1, 1000)}
 
 
 class Explorer:
-    """One session of the page. ``layout`` is its Panel object, ``history`` its states.
+    """One session of the page: ``layout`` is its Panel object, ``history`` contains its states.
 
-    An explorer without a document computes all views with few samples.
+    An explorer without a Bokeh document computes all views with few samples.
     """
 
     def __init__(self, state: State | None = None) -> None:
         self.history = states.History(state or State())
         self._document: Any = pn.state.curdoc
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="explorer")
-        self._pictures: dict[Name, tuple[str, float, View]] = {}  # with code and seconds
+        self._pictures: dict[Name, tuple[str, float, View]] = {}  # key, seconds and view
         self._errors: dict[Name, str] = {}
         self._posted: deque[Callable[[], None]] = deque()
-        self._is_following = False  # controls follow the state, so their changes are no edits
+        self._is_following = False  # while controls follow the state, their changes are no edits
         self._editor = Editor(self._outline_edited, lambda point: self.edit(x=point))
         choose_nu = lambda point: self.edit(nu=point)  # noqa: E731
         taps = {"fourier": choose_nu, "wigner_nu": choose_nu, "wigner_x": lambda p: self.edit(x=p)}
@@ -93,7 +93,8 @@ class Explorer:
     def page(self) -> pn.Template:
         """Return the Panel template of the current Bokeh document."""
         if self._document is None:
-            self._pool.submit(int).result()  # the models belong to the document's lock from now on
+            # Wait for the thread: from now on, code needs the document's lock to change the models.
+            self._pool.submit(int).result()
             self._document = pn.state.curdoc
             self._pool.submit(self._compute, self.state)
         close = partial(self._pool.shutdown, wait=False, cancel_futures=True)
@@ -208,7 +209,8 @@ class Explorer:
     def _compute(self, state: State) -> None:
         """Compute all views with few samples, then with more.
 
-        A newer state stops the second part only, so the views follow a long drag.
+        A newer state interrupts only the computation with more samples, so that the views follow a
+        long drag.
         """
         if state is not self.state:
             return
@@ -246,7 +248,7 @@ class Explorer:
         self._post(self._plots[name].show, picture)
 
     def _post(self, show: Callable[..., None], *arguments: Any) -> None:
-        """Call a function with the lock of the document, after all earlier posts."""
+        """Call a function under the document's lock, after all functions posted earlier."""
         self._posted.append(partial(show, *arguments))
         if self._document is None:
             self._show_posted()
@@ -254,7 +256,7 @@ class Explorer:
             self._document.add_next_tick_callback(self._show_posted)
 
     def _show_posted(self) -> None:
-        while self._posted:  # Bokeh may call its callbacks in another order
+        while self._posted:  # a queue, because Bokeh may call its callbacks in another order
             self._posted.popleft()()
 
     def _show_source(self, support: list[views.Polygon]) -> None:
@@ -278,7 +280,7 @@ class Explorer:
         self._message.param.update(object=text, alert_type=kind, visible=bool(text))
 
     def _picture(self) -> View:
-        """Return the view that is chosen for the downloads."""
+        """Return the view that is selected for downloads."""
         name = self._saved.value
         if name not in self._pictures:
             self._compute_view(self.state, name, views.SAMPLES)
@@ -399,16 +401,16 @@ def _figure(plot: figure) -> Viewable:
 
 
 def _key(state: State, name: Name) -> str:
-    """Return a text that changes with the figure of a view."""
+    """Return a text that identifies the figure of a view."""
     return views.snippet(state, name) + (state.part if name == "fourier" else "")
 
 
 class _Page(pn.Template):
-    """A template whose repr omits its parts, which Panel would write twice."""
+    """A template whose repr omits the parts of the page, which Panel would write twice."""
 
     def __repr__(self) -> str:
         return TITLE
 
 
-if __name__.startswith("bokeh_app"):  # by ``panel serve``
+if __name__.startswith("bokeh_app"):  # under ``panel serve``
     Explorer().page().servable()

@@ -65,7 +65,7 @@ class Editor:
             min_border_left=58, min_border_right=22, min_border_top=34, min_border_bottom=46,
             output_backend="canvas",
         )  # fmt: skip
-        # add_glyph: the functions of a figure make four glyphs each
+        # add_glyph, because methods such as plot.scatter make four glyphs each.
         plot.add_glyph(self._support, models.MultiPolygons(fill_color=PALE, line_color=None))
         plot.add_glyph(
             self._drawn, models.MultiPolygons(fill_color=BLUE, fill_alpha=0.75, line_color=INK)
@@ -87,7 +87,7 @@ class Editor:
         self._relay.on_change("data", lambda attr, old, new: self._edited(self._relay, False))
         self.vertices.on_change("data", lambda attr, old, new: self._edited(self.vertices, True))
         plot.on_event(Tap, self._tapped)
-        plot.on_event(DoubleTap, self._tapped)  # without a Tap; in a sketch, two quick clicks
+        plot.on_event(DoubleTap, self._tapped)  # is not also a Tap; in a sketch: two quick clicks
         self.plot = plot
 
     def show(self, state: State, keep_handles: bool = False) -> None:
@@ -97,7 +97,7 @@ class Editor:
             points = [(x, y, k) for k, ring in enumerate(state.rings) for x, y in ring]
             columns = zip(*points, strict=True) if points else ([], [], [])
             self.vertices.data = dict(zip(("x", "y", "ring"), map(list, columns), strict=True))
-            # one row: the canvas fills nested rings by the even-odd rule
+            # All rings in one row, which the canvas fills by the even-odd rule.
             rings = [np.array(ring) for ring in state.rings]
             self._drawn.data = rows([rings] if rings else [])
             self._fit(state)
@@ -117,7 +117,7 @@ class Editor:
         self._on_rings(rings_of_rows(rows), True)
 
     def start_sketch(self) -> None:
-        """Start an outline; clicks add its corners."""
+        """Start a new outline, whose corners are added by clicks."""
         self.sketch = []
         self._show_sketch()
 
@@ -187,7 +187,7 @@ class Plot:
     def __init__(self, name: Name, on_tap: Callable[[Point], None] | None = None) -> None:
         plot = _new_figure(
             name, title=" ", tools="",
-            # left + right = top + bottom, so that a square figure has a square frame
+            # left + right = top + bottom, so that a square figure has square axes
             min_border_left=52, min_border_right=50, min_border_top=54, min_border_bottom=48,
         )  # fmt: skip
         plot.add_tools(models.SaveTool(filename=name))
@@ -241,7 +241,7 @@ class Plot:
         if picture.image is not None and self._mapper is not None:
             low, high = picture.limits
             self._mapper.update(palette=_palette(picture.colours), low=low, high=high)
-            # the outermost samples are at the centres of the outermost pixels
+            # The outermost samples are at the centres of the outermost pixels.
             edges = [(a[0] - h, a[-1] + h) for a, h in ((a, (a[1] - a[0]) / 2) for a in (x, y))]
             (x0, x1), (y0, y1) = edges
             self._source.data = {
@@ -266,7 +266,7 @@ class Plot:
         self._horizon.data = {"d": [2 * horizon]}
 
     def show_error(self, text: str) -> None:
-        """Clear the figure and show a reason."""
+        """Clear the figure, and show the reason as its title."""
         self._source.data = {key: [] for key in self._source.data}
         self.plot.title.text, self._quantity.text = text, " "
 
@@ -276,7 +276,7 @@ class Plot:
 
 
 def rounded(plot: Figure, x: float, y: float) -> Point:
-    """Round to a thousandth of a figure, less than a pixel."""
+    """Round a point to a thousandth of the figure's width, less than a pixel."""
     digits = max(0, 3 - math.floor(math.log10(plot.x_range.end - plot.x_range.start)))
     return round(x, digits) + 0.0, round(y, digits) + 0.0
 

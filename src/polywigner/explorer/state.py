@@ -1,4 +1,4 @@
-"""State of the explorer: outline, illumination and chosen point, independent of the page."""
+"""State of the explorer: outline, illumination and selected point, independent of the page."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ Ring = tuple[Point, ...]
 Rings = tuple[Ring, ...]
 Source = pw.Aperture | pw.Array
 
-# number of each unit in one metre
+# Number of each unit in one metre.
 UNITS: Mapping[str, int] = {"m": 1, "cm": 100, "mm": 1000, "µm": 10**6, "nm": 10**9}
 TAPERS = {"uniform": None, "cosine": "cosine_taper", "Taylor 30 dB": "taylor_taper"}
-# shapes of about ten units, in any unit
+# Shapes with a size of about ten units.
 CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
     "chevron": lambda: shapes.chevron(20, 12, 4),
     "square": lambda: shapes.square(10),
@@ -51,8 +51,8 @@ CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
     "double slit": lambda: shapes.double_slit(2, 12, (-4, 4)),
     "18 hexagons": lambda: shapes.hexagonal_segments(2.5, 0.1),
 }
-MAX_VERTICES = 1000  # with handles; a transform of 1,000 edges takes seconds
-MAX_ELEMENTS = 256  # of an array
+MAX_VERTICES = 1000  # each vertex has a handle; a transform of 1,000 edges takes seconds
+MAX_ELEMENTS = 256  # largest array
 
 
 def rings_of(aperture: Aperture, per_metre: float = 1) -> Rings:
@@ -70,10 +70,10 @@ _CHEVRON = rings_of(CATALOGUE["chevron"]())
 class State:
     """Aperture, illumination and settings of the views. Lengths are in ``unit``.
 
-    Too many vertices, and a wave that cannot be parsed, raise an ArgumentError.
+    Raises ArgumentError if there are too many vertices, or the wave cannot be parsed.
     """
 
-    rings: Rings = _CHEVRON  # outlines inside others are holes
+    rings: Rings = _CHEVRON  # an outline inside another one is a hole
     unit: str = "mm"
     wave: str = "94 GHz"  # a frequency or a wavelength
     taper: str = "uniform"  # key of TAPERS
@@ -82,10 +82,10 @@ class State:
     columns: int = 1
     rows: int = 1
     pitch: float = 12.0  # distance of neighbouring array elements
-    x: Point = (0.0, 0.0)  # chosen position
-    nu: Point = (0.0, 0.0)  # chosen spatial frequency [cycles per unit]
+    x: Point = (0.0, 0.0)  # selected position
+    nu: Point = (0.0, 0.0)  # selected spatial frequency [cycles per unit]
     defocus: float = 0.0  # W20 at the farthest vertex [waves]
-    distance: float = 50.0  # of the plane of the near field from the source
+    distance: float = 50.0  # distance of the near field's plane from the source
     reach: float = 0.0  # largest direction cosine of frequency axes; 0: eight lobes of the source
     part: Part = "level"  # displayed part of the Fourier transform
 
@@ -95,9 +95,10 @@ class State:
         count = sum(map(len, rings))
         if count > MAX_VERTICES:
             raise errors.ArgumentError(
-                f"{count} vertices, at most {MAX_VERTICES}; use `polywigner transform`"
+                f"{count} vertices are too many for the page, which allows {MAX_VERTICES}; use "
+                "`polywigner transform`"
             )
-        self.wavelength  # noqa: B018 (raises for a wave that cannot be parsed)
+        self.wavelength  # noqa: B018 (raises if the wave cannot be parsed)
 
     @property
     def wavelength(self) -> float:
@@ -118,7 +119,7 @@ class State:
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """Bounds of the outlines: least x and y, largest x and y; zeros without an outline."""
+        """Bounds (xmin, ymin, xmax, ymax) of the outlines; zeros without an outline."""
         points = np.array([p for ring in self.rings for p in ring]).reshape(-1, 2)
         if not len(points):
             return 0.0, 0.0, 0.0, 0.0
@@ -148,7 +149,7 @@ class History:
         return self.states[self.position]
 
     def add(self, state: State, gesture: str = "") -> None:
-        """Add a state; successive states of one gesture, such as a drag, are one step."""
+        """Add a state; successive states of one gesture, such as a drag, form one step."""
         if state == self.present:
             return
         first = self.position + (not gesture or gesture != self.gesture)
@@ -156,17 +157,17 @@ class History:
         self.position, self.gesture = len(self.states) - 1, gesture
 
     def can_move(self, steps: int) -> bool:
-        """Return whether there is a state some steps later, or earlier if negative."""
+        """Return whether the history has a state ``steps`` later (negative: earlier)."""
         return 0 <= self.position + steps < len(self.states)
 
     def move(self, steps: int) -> None:
-        """Go some steps forwards, or backwards if negative."""
+        """Go ``steps`` forwards (negative: backwards), if there is such a state."""
         if self.can_move(steps):
             self.position, self.gesture = self.position + steps, ""
 
 
 def with_vertex(rings: Rings, point: Point) -> Rings:
-    """Insert a vertex at a point, into the nearest edge."""
+    """Insert a vertex into the nearest edge."""
     edges = [(k, j) for k, ring in enumerate(rings) for j in range(len(ring))]
     if not edges:
         return rings
@@ -176,14 +177,14 @@ def with_vertex(rings: Rings, point: Point) -> Rings:
 
 
 def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
-    """Return the outlines of rows (number of the outline, x, y) that have three vertices."""
+    """Return outlines from rows (number of the outline, x, y), if they have three vertices."""
     numbers = dict.fromkeys(number for number, _, _ in rows)
     rings = (tuple((x, y) for n, x, y in rows if n == k) for k in numbers)
     return tuple(ring for ring in rings if len(ring) >= 3)
 
 
 def read_upload(name: str, content: bytes, unit: str) -> Rings:
-    """Return the outlines in units of an uploaded file; bad files raise a PolywignerError."""
+    """Return the outlines of an uploaded file in units; bad files raise a PolywignerError."""
     with tempfile.TemporaryDirectory(prefix="polywigner-") as folder:
         path = Path(folder) / f"aperture{Path(name).suffix}"
         path.write_bytes(content)
@@ -192,7 +193,7 @@ def read_upload(name: str, content: bytes, unit: str) -> Rings:
         except errors.PolywignerError as error:
             raise errors.FileFormatError(str(error).replace(str(path), name)) from None
     rings = rings_of(aperture, UNITS[unit])
-    State(rings=rings)  # its limits
+    State(rings=rings)  # checks the number of vertices
     return rings
 
 
@@ -207,12 +208,12 @@ def geojson(state: State) -> str:
 
 @lru_cache(maxsize=64)
 def aperture_of(rings: Rings, per_metre: int) -> Aperture:
-    """Return the aperture of outlines in units, in metres.
+    """Return the aperture in metres of outlines in units.
 
     Raises GeometryError for outlines that intersect themselves or each other.
     """
     if not rings:
-        raise errors.GeometryError("the sheet is empty; draw an outline or choose a shape")
+        raise errors.GeometryError("there is no outline; draw one or choose a shape")
     polygons = nested([np.array(ring, dtype=np.float64) for ring in rings])
     metres = [[ring / per_metre for ring in polygon] for polygon in polygons]
     return pw.Aperture([shapely.Polygon(exterior, holes) for exterior, *holes in metres])
@@ -221,12 +222,14 @@ def aperture_of(rings: Rings, per_metre: int) -> Aperture:
 def source_code(state: State) -> str:
     """Return the Python code that builds ``source``.
 
-    The page runs this code, too. Outlines that are no polygons, and too large arrays, raise a
-    PolywignerError.
+    The page runs this code, too. Raises PolywignerError if the outlines are no polygons, or the
+    array is too large.
     """
     count = state.columns * state.rows
     if count > MAX_ELEMENTS:
-        raise errors.ArgumentError(f"an array of {count} elements is too large; use {MAX_ELEMENTS}")
+        raise errors.ArgumentError(
+            f"an array of {count} elements is too large; use at most {MAX_ELEMENTS}"
+        )
     lines = [f"wavelength = {state.wavelength!r}  # m", "source = pw.Aperture([  # m"]
     for exterior, *holes in polygons_of(aperture_of(state.rings, state.per_metre).polygons):
         inner = f", {[ring.tolist() for ring in holes]}" if holes else ""
@@ -255,7 +258,7 @@ def source_code(state: State) -> str:
 
 
 def run(code: str, **names: Any) -> dict[str, Any]:
-    """Run code that :func:`source_code` or the views wrote, and return its variables."""
+    """Run code of :func:`source_code` or of the views, and return its variables."""
     variables = {"np": np, "shapely": shapely, "pw": pw, **names}
     exec(code, variables)
     return variables

@@ -15,7 +15,7 @@ from polywigner.explorer import state as states
 from polywigner.explorer.state import State, polygons_of, source_of, variables_of
 from polywigner.figures import style
 from polywigner.figures.levels import level_db
-from polywigner.source.support import mutual_support
+from polywigner.source.array import mutual_support
 
 Polygon = list[NDArray[np.float64]]  # exterior and holes, each (n, 2)
 Name = Literal["fourier", "wigner_nu", "wigner_x", "ambiguity", "otf", "far", "near", "lags"]
@@ -25,19 +25,19 @@ VIEWS: Mapping[Name, str] = {
     "ambiguity": "Ambiguity", "otf": "OTF", "far": "Directivity", "near": "Near field",
     "lags": "Lag slice",
 }  # fmt: skip
-SAMPLES = 161  # along each axis of an image, at most; odd, so that the centre is one
+SAMPLES = 161  # maximum along each axis of an image; odd, so that the centre is a sample
 FLOOR_DB = -40.0
-_LOBES = 8.0  # half width of frequency axes in 1/diagonal
-_MARGIN = 1.05
-_BEAM = 3.0  # half width of the near field's plane: half the source and three lobes
-_WIDE = 0.5  # sine of the angle from which all directions are shown
+_LOBES = 8.0  # half width of frequency axes in 1/diagonal of the source
+_MARGIN = 1.05  # factor by which axes of positions and lags exceed the source
+_BEAM = 3.0  # half width of the near field's plane in lobes, beyond half the source
+_WIDE = 0.5  # sine of the angle from which on all directions are shown
 
 _GRID = """
 axis = np.linspace(-{half!r}, {half!r}, {samples})
 x, y = {x!r} + axis, {y!r} + axis
 grid = np.stack(np.meshgrid(x, y), axis=-1)
 """
-# engine="numpy": nothing is compiled, so a new outline costs as much as an old one
+# engine="numpy" compiles nothing, so a new outline takes no longer than a previous one.
 _CODE: Mapping[Name, str] = {
     "fourier": _GRID + 'values = pw.fourier(source, grid, engine="numpy")  # m², axes in 1/m',
     "wigner_nu": _GRID
@@ -64,7 +64,7 @@ values = pattern["directivity"].values  # dBi""",
 
 
 def view_code(state: State, name: Name, samples: int = SAMPLES) -> str:
-    """Return the code of a view, which follows the code of the source."""
+    """Return the code of a view, to be run after the code of the source."""
     xmin, ymin, xmax, ymax = source_of(state).bounds
     size, wavelength = _half_size(state), state.wavelength
     distance = state.distance / state.per_metre
@@ -103,8 +103,8 @@ def snippet(state: State, name: Name, samples: int = SAMPLES) -> str:
 class View:
     """A view for display, in the unit of the page, and its values in SI units.
 
-    ``x`` and ``y`` are the axes of an image. Otherwise ``y`` contains limits, and ``x`` contains
-    limits or the argument of the curves.
+    For an image, ``x`` and ``y`` are its axes. For curves, ``x`` is their argument and ``y``
+    contains the limits of the axis. For outlines, both contain limits.
     """
 
     title: str
@@ -122,7 +122,7 @@ class View:
 
 
 def picture(state: State, name: Name, samples: int = SAMPLES) -> View:
-    """Compute a view with samples along each axis; errors are PolywignerErrors."""
+    """Compute a view with a number of samples along each axis; errors are PolywignerErrors."""
     result = states.run(view_code(state, name, samples), **variables_of(state))
     values, scale, unit = result["values"], float(state.per_metre), state.unit
     at_x = f"at x = ({state.x[0]:.3g}, {state.x[1]:.3g}) {unit}"
@@ -162,7 +162,7 @@ def picture(state: State, name: Name, samples: int = SAMPLES) -> View:
 def _image(
     state: State, name: Name, values: NDArray[Any]
 ) -> tuple[NDArray[np.float64], tuple[float, float], str, str]:
-    """Return displayed values, limits and colour map of an image, and the displayed quantity."""
+    """Return the displayed values of an image, its limits, colour map and quantity."""
     scale, unit, part = float(state.per_metre), state.unit, state.part
     if name == "otf":
         return np.abs(values), (0.0, 1.0), style.LEVEL_MAP, "|OTF|"

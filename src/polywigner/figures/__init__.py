@@ -14,12 +14,12 @@ from polywigner.figures.far_field_plots import draw_pattern, draw_rcs, draw_tole
 from polywigner.figures.field_plots import draw_hemispheres, draw_lines, draw_planes
 from polywigner.figures.levels import image_peak, level_db
 from polywigner.figures.projections import draw_projections
-from polywigner.figures.radar_maps import draw_radar_map
 from polywigner.figures.scene_plots import (
     DirectArrival,
     draw_arrivals,
     draw_channel,
     draw_polarisation,
+    draw_radar_map,
     draw_range_profile,
     draw_scene,
     draw_stokes,

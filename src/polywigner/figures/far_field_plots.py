@@ -42,7 +42,7 @@ _DASHES = ("-", "--", "-.", ":")
 _PANELS: dict[str, tuple[float, float]] = {
     "cuts": (4.6, 3.4), "polar": (3.6, 3.4), "uv": (3.8, 3.4), "table": (5.0, 3.4),
 }  # fmt: skip
-# Least number of meridians of a map.
+# Smallest number of meridians of a map.
 _LEAST_MERIDIANS = 8
 # Maximum number of cuts of a tolerance analysis in a figure.
 _MOST_CUTS = 4
@@ -69,13 +69,13 @@ def draw_pattern(
         Panels to draw; "uv" is a map over direction cosines and requires eight angles phi. The
         default is all panels for which the pattern has enough angles.
     cuts : {"beam", "principal"} or sequence of xarray.Dataset, optional
-        "beam": two orthogonal great circles through the beam, over the angle from the beam, as of
-        :func:`polywigner.beam_cuts`. "principal": the meridians next to the x and the y axis.
-        Otherwise results of :func:`polywigner.beam_cuts`, or patterns whose meridians are drawn.
-        The default is "beam" if the pattern has angles phi around the full circle, otherwise
+        "beam": two orthogonal great circles through the beam, over the angle from the beam, as in
+        :func:`polywigner.beam_cuts`. "principal": the meridians nearest to the x and the y axis. A
+        sequence contains results of :func:`polywigner.beam_cuts`, or patterns whose meridians are
+        drawn. The default is "beam" if the pattern has angles phi around the full circle, otherwise
         "principal".
     metrics : BeamMetrics, optional
-        Numbers of the table, by default the result of :func:`polywigner.beam_metrics`. The table
+        Metrics in the table, by default the result of :func:`polywigner.beam_metrics`. The table
         also contains the metrics of the cuts in the figure.
     floor_db : float, default -40
         Lowest level in dB relative to the largest directivity.
@@ -92,11 +92,14 @@ def draw_pattern(
     Raises
     ------
     ArgumentError
-        For another ``pattern``, an unknown panel, too few angles, or a ``figure`` of another type.
+        If ``pattern`` is no radiation pattern, a panel is unknown, there are too few angles, or
+        ``figure`` has another type.
     """
     check_floor(floor_db)
     if metrics is not None and not isinstance(metrics, BeamMetrics):
-        raise ArgumentError(f"expected metrics of beam_metrics, got {type(metrics).__name__}")
+        raise ArgumentError(
+            f"expected metrics as a result of beam_metrics, got {type(metrics).__name__}"
+        )
     theta, phi, levels, _ = checked_pattern(pattern)
     chosen = _chosen(panels, len(phi))
     lines, beam = _drawn_cuts(pattern, cuts, metrics)
@@ -122,7 +125,7 @@ def draw_pattern(
 
 
 def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
-    """Return the names of the panels of a pattern with a number of meridians."""
+    """Return the names of the panels to draw for a pattern with ``meridians`` angles phi."""
     if panels is None:
         return [name for name in _PANELS if name != "uv" or meridians >= _LEAST_MERIDIANS]
     if isinstance(panels, str) or not isinstance(panels, Sequence):
@@ -141,7 +144,7 @@ def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
 def _drawn_cuts(
     pattern: Any, cuts: Any, metrics: BeamMetrics | None
 ) -> tuple[list[Cut], BeamMetrics]:
-    """Return the cuts to draw, and the beam with their metrics."""
+    """Return the cuts to draw, and the metrics of the beam and of these cuts."""
     if not (cuts is None or isinstance(cuts, str)):
         if not isinstance(cuts, Sequence) or not cuts:
             raise ArgumentError(
@@ -151,7 +154,7 @@ def _drawn_cuts(
         lines = [line for part in cuts for line in cuts_in(part)]
         if len({line.kind == "theta" for line in lines}) > 1:
             raise ArgumentError(
-                "expected great circles of beam_cuts or meridians of patterns, got both"
+                "expected either great circles of beam_cuts or meridians of patterns, got both"
             )
         return lines, _of_lines(beam_metrics(cuts[0]) if metrics is None else metrics, lines)
     if cuts is not None:
@@ -174,7 +177,7 @@ def _drawn_cuts(
 
 
 def _of_lines(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
-    """Return the metrics of a beam with the metrics of the cuts to draw."""
+    """Return the metrics of a beam, with the cuts replaced by the drawn cuts."""
     highest = max(float(line.levels.max()) for line in lines)
     cuts = tuple(cut_metrics(line, highest) for line in lines)
     return replace(metrics, cuts=cuts, beam_cuts=() if lines[0].kind == "theta" else cuts)
@@ -219,9 +222,9 @@ def _draw_cuts(
     axes.legend(frameon=False, fontsize=7, ncols=2, loc="upper center")
 
 
-def _plot(axes: Axes, number: int, angles: Floats, levels: Floats, low: float, **how: Any) -> None:
-    looks: dict[str, Any] = {"color": _COLOURS[number % 4], "ls": _DASHES[number % 4], "lw": 1.2}
-    axes.plot(angles, np.maximum(levels, low), **(looks | how))
+def _plot(axes: Axes, number: int, angles: Floats, levels: Floats, low: float, **line: Any) -> None:
+    default: dict[str, Any] = {"color": _COLOURS[number % 4], "ls": _DASHES[number % 4], "lw": 1.2}
+    axes.plot(angles, np.maximum(levels, low), **(default | line))
 
 
 def _reach(cuts: Sequence[Cut]) -> float:
@@ -265,7 +268,7 @@ def draw_tolerance(
     title: str = "",
     figure: Figure | SubFigure | None = None,
 ) -> Figure:
-    """Draw mean and 5 to 95 % band of the patterns of an array with errors, over theta.
+    """Draw the patterns of an array with errors over theta: their mean and 5 to 95 % band.
 
     Parameters
     ----------
@@ -287,8 +290,8 @@ def draw_tolerance(
     Raises
     ------
     ArgumentError
-        For another ``tolerance``, too many cuts, fewer than two angles theta, or a ``figure`` of
-        another type.
+        If ``tolerance`` is no result of array_tolerance, there are too many cuts or fewer than two
+        angles theta, or ``figure`` has another type.
     """
     check_floor(floor_db)
     axes_of = {"theta": "theta", "phi": "phi"}
@@ -299,7 +302,7 @@ def draw_tolerance(
     if len(theta) < 2 or not 1 <= len(cuts) <= _MOST_CUTS:
         raise ArgumentError(
             f"expected one to {_MOST_CUTS} cuts over two angles theta or more, got {len(cuts)} "
-            f"over {len(theta)}; give array_tolerance fewer angles phi"
+            f"over {len(theta)}; pass fewer angles phi to array_tolerance"
         )
     high = float(levels[0].max())
     drawn = style.figure_on(figure, 5.4 * len(cuts), 3.9, title, spacing=0.05)
@@ -339,10 +342,10 @@ def draw_rcs(
     pattern : xarray.Dataset
         Result of :func:`polywigner.rcs_pattern` with at least two azimuths and two elevations.
     cuts : sequence of two xarray.Dataset, optional
-        Patterns in finer steps: one of a single elevation, and one of two opposite azimuths. The
-        default is the cuts of ``pattern`` nearest to the planes z = 0 and y = 0.
+        Patterns in finer steps for the two cuts: one of a single elevation, and one of two opposite
+        azimuths. The default is the cuts of ``pattern`` nearest to the planes z = 0 and y = 0.
     smooth : float, default no median
-        Width in rad of a running median of the cuts.
+        Width in rad of a running median, which is drawn in addition to the cuts.
     floor_db : float, default -60
         Lowest level in dB relative to the largest cross section.
     title : str, optional
@@ -358,8 +361,8 @@ def draw_rcs(
     Raises
     ------
     ArgumentError
-        For another ``pattern``, too few angles, a body without scattering, or a ``figure`` of
-        another type.
+        If ``pattern`` is no result of rcs_pattern, there are too few angles, all cross sections are
+        zero, or ``figure`` has another type.
     """
     check_floor(floor_db)
     if smooth is not None:
@@ -405,7 +408,7 @@ def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | No
 
 
 def _clear_angle(angles: Floats, levels: Floats) -> float:
-    """Return the angle in degrees, between the angle labels, at which a cut is lowest."""
+    """Return the angle in degrees, midway between angle labels, at which a cut is lowest."""
     candidates = np.radians(np.arange(22.5, 360.0, 45.0))
     distance = np.abs(np.angle(np.exp(1j * (angles - candidates[:, None]))))
     near = np.where(distance < math.radians(10.0), levels, -np.inf).max(axis=1)
@@ -413,12 +416,12 @@ def _clear_angle(angles: Floats, levels: Floats) -> float:
 
 
 def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
-    """Return medians of levels over windows about evenly spaced angles (n,)."""
+    """Return medians (n,) of levels over windows of a width in rad, at evenly spaced angles."""
     half = min(int(width / (2 * abs(angles[1] - angles[0]))), (len(levels) - 1) // 2)
     padded = np.pad(levels, half, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # medians of NaN alone are NaN
+        warnings.simplefilter("ignore", RuntimeWarning)  # the median of only NaN is NaN
         return np.asarray(np.nanmedian(windows, axis=1))
 
 
@@ -441,12 +444,12 @@ def _rcs_cuts(
     """Return title, angles and levels of the cut over azimuth and of the cut over elevation."""
     if cuts is None:
         flat = upright = pattern
-        at = int(np.abs(pattern[1]).argmin())
+        nearest = int(np.abs(pattern[1]).argmin())
         distance = np.abs(np.exp(1j * pattern[0])[:, None] - np.array([1.0, -1.0]))
         front, back = distance.argmin(axis=0).tolist()
     elif isinstance(cuts, Sequence) and len(cuts) == 2:
         flat, upright = _checked_rcs(cuts[0], (2, 1)), _checked_rcs(cuts[1])
-        at, front, back = 0, 0, 1
+        nearest, front, back = 0, 0, 1
     else:
         raise ArgumentError(
             "expected cuts as two patterns, over azimuth and over elevation, got "
@@ -455,6 +458,6 @@ def _rcs_cuts(
     azimuth, elevation, levels = upright
     around = np.concatenate([elevation, math.pi - elevation[::-1]])
     over_elevation = np.concatenate([levels[front], levels[back][::-1]])
-    behind = f"over elevation, at azimuth {style.degrees_text(azimuth[front])} and behind"
-    across = f"over azimuth, at elevation {style.degrees_text(flat[1][at])}"
-    return [(across, flat[0], flat[2][:, at]), (behind, around, over_elevation)]
+    vertical = f"over elevation, at azimuth {style.degrees_text(azimuth[front])} and behind"
+    horizontal = f"over azimuth, at elevation {style.degrees_text(flat[1][nearest])}"
+    return [(horizontal, flat[0], flat[2][:, nearest]), (vertical, around, over_elevation)]

@@ -25,8 +25,8 @@ from polywigner.figures.levels import (
     quantity_of,
 )
 from polywigner.geometry.arguments import checked_choice
-from polywigner.geometry.display import length_unit
 from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
+from polywigner.quantities import length_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -42,25 +42,25 @@ _COLOURS = (
 )
 _DASHES = ("-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)))
 
-# Least ratio of the ends of a logarithmic axis of lengths.
+# Smallest ratio of the ends of a logarithmic axis of lengths.
 _DECADES = 20.0
-# Difference in dB up to which the axis is linear; it is logarithmic beyond, since differences of
-# accurate methods decrease by three decades along a line.
+# Difference in dB up to which the axis of differences is linear. It is logarithmic beyond, because
+# differences of accurate methods decrease by three decades along a line.
 _LINEAR_DB = 0.01
-# Width of a panel in inches: one of several maps, a single map, and a disc.
+# Width in inches of one of several maps, of a single map, and of a disc.
 _INCHES, _ALONE, _DISC = 3.0, 4.8, 3.3
 # Limit of the colour scale of differences, in dB.
 _MOST_DB = 3.0
-# Fraction of the power below the default floor of a plane.
+# Fraction of the power of a plane that lies below the default floor.
 _FAINT = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A quantity at the same points by several methods, as powers."""
+    """A quantity that several methods compute at the same points."""
 
     fields: dict[str, NDArray[Any]]
-    """Unchanged values by the name of the variable."""
+    """Values by the name of the variable, one for each method."""
     powers: dict[str, Floats]
     """The same values as powers: complex values are squared."""
     labels: dict[str, str]
@@ -74,7 +74,7 @@ class Comparison:
     quantity: str
     unit: str
     is_field: bool
-    """Whether the unchanged values are complex."""
+    """Whether the values in ``fields`` are complex."""
 
     @staticmethod
     def of(dataset: Any, against: str | None) -> Comparison:
@@ -139,14 +139,14 @@ def draw_lines(
     """Draw fields along a line by each method, and differences from a reference method.
 
     The horizontal axis is x, y or z if the line is parallel to that axis, otherwise the dimension
-    of the dataset. Differences are drawn where the reference is above -30 dB.
+    of the dataset. Differences are drawn at points where the reference is above -30 dB.
 
     Parameters
     ----------
     dataset : xarray.Dataset or dict of xarray.Dataset
         A variable for each method along one axis, such as a result of :func:`polywigner.line`, or a
-        cut of :func:`polywigner.hemisphere`. Complex values are squared. A dict has datasets with
-        equal methods by the titles of columns.
+        cut of :func:`polywigner.hemisphere`. Squared moduli of complex values are drawn. A dict
+        contains a dataset for each column of panels, by the title of the column.
     against : str, default the last variable
         Reference variable, whose peak is 0 dB.
     floor_db : float, default -40
@@ -164,8 +164,8 @@ def draw_lines(
     Raises
     ------
     ArgumentError
-        If the quantity or method is missing, for values over more than one axis, and for a
-        ``figure`` of another type.
+        If the quantity or method is missing, the values have more than one axis, or ``figure`` has
+        another type.
     """
     check_floor(floor_db)
     columns = dict(dataset) if isinstance(dataset, dict) and dataset else {"": dataset}
@@ -216,7 +216,7 @@ def _draw_column(column: Any, fields: Comparison, axis: tuple[Floats, str, bool]
     if is_logarithmic:
         from matplotlib.ticker import LogFormatter, LogLocator
 
-        column[-1].set_xscale("log")  # of both panels, which share the axis
+        column[-1].set_xscale("log")  # for both panels, which share the axis
         ticks = column[-1].xaxis
         ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
         ticks.set_major_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(9, 9)))
@@ -257,7 +257,7 @@ def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
 
 
 def _range(columns: list[Comparison], floor_db: float) -> tuple[float, float]:
-    """Return the limits of levels: from the floor, or just below the curves, to above them.
+    """Return the limits of levels in dB: the floor, or a limit below all curves if it is higher.
 
     Curves may exceed the peak of the reference (0 dB) by up to a quarter of the floor.
     """
@@ -277,7 +277,7 @@ def _difference_axis(panels: Any, fields: Comparison) -> None:
     decades = [10.0**k for k in range(-2, 2) if 10.0**k <= bound]
     panels[0].set_ylabel("difference (dB)")
     floor = style.number_text(COMPARED_DB)
-    text = f"minus {fields.labels[fields.against]}, where above {floor} dB of its peak"
+    text = f"minus {fields.labels[fields.against]}, above {floor} dB of its peak"
     panels[0].set_title(text, loc="left", fontsize=8)
     for axes in panels:
         axes.set_yscale("symlog", linthresh=_LINEAR_DB, linscale=0.6)
@@ -298,15 +298,15 @@ def draw_planes(
 ) -> Figure:
     """Draw maps of a field on a plane, and a second row with phases or differences of methods.
 
-    Phases of complex fields fade with the level. Differences are drawn where the reference is above
-    -30 dB.
+    The second row has the phases of complex fields, which fade with the level, or differences at
+    points where the reference is above -30 dB.
 
     Parameters
     ----------
     dataset : xarray.Dataset
         A variable for each method over two evenly spaced axes in metres, such as a result of
-        :func:`polywigner.plane`. The second axis is drawn upwards, unless it is z. Complex values
-        are squared.
+        :func:`polywigner.plane`. The second axis is vertical, unless it is z. Squared moduli of
+        complex values are drawn.
     against : str, default the last variable
         Reference variable, whose peak is 0 dB.
     floor_db : float, optional
@@ -327,7 +327,7 @@ def draw_planes(
     Raises
     ------
     ArgumentError
-        If the quantity or method is missing, for unevenly spaced axes, and for a ``figure`` of
+        If the quantity or method is missing, an axis is not evenly spaced, or ``figure`` has
         another type.
     """
     fields = Comparison.of(dataset, against)
@@ -360,7 +360,7 @@ def draw_planes(
 
 
 def _axes(dataset: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
-    """Return the axes across and upwards; z, the direction of beams, is drawn across."""
+    """Return the horizontal and the vertical axis; z, the direction of beams, is horizontal."""
     if len(dims) != 2:
         raise ArgumentError(f"expected fields over two axes, got fields over {', '.join(dims)}")
     values = {d: even_axis(d, np.asarray(dataset[d].values, dtype=np.float64)) for d in dims}
@@ -390,7 +390,7 @@ def _cuts(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
 
 
 def _upright(values: NDArray[Any], fields: Comparison) -> NDArray[Any]:
-    """Transpose values such that the vertical axis is the first."""
+    """Return values (vertical axis, horizontal axis)."""
     return values if fields.dims[1] == "z" else values.T
 
 
@@ -401,14 +401,14 @@ def _draw_phases(
     from matplotlib.colors import Normalize
 
     for axes, (method, field) in zip(panels, fields.fields.items(), strict=True):
-        # phases fade with the level: they are noise near nulls
+        # Phases are noise near nulls, so they fade with the level.
         strength = 1 - level_db(fields.powers[method], fields.zero, floor_db) / floor_db
         phases = _upright(np.degrees(np.angle(field)), fields)
         shown: Any = style.draw_map(
             axes, phases, across, up, cmap=style.PHASE_MAP, vmin=-180, vmax=180
         )
         shown.set_alpha(_upright(np.clip(3 * strength, 0, 1), fields))
-    # a bar of the images would be transparent as well
+    # A colour bar of the images would be transparent as well.
     opaque = ScalarMappable(Normalize(-180, 180), style.PHASE_MAP)
     style.colour_bar(panels, opaque, "phase (degrees)").set_ticks([-180, -90, 0, 90, 180])
 
@@ -444,8 +444,8 @@ def draw_hemispheres(
     ----------
     dataset : xarray.Dataset
         A variable for each method over ``theta`` (angle from the z axis) and ``phi`` (azimuth from
-        the x axis) in radians, such as a result of :func:`polywigner.hemisphere`. Complex values
-        are squared.
+        the x axis) in radians, such as a result of :func:`polywigner.hemisphere`. Squared moduli of
+        complex values are drawn.
     against : str, default the last variable
         Variable whose peak is 0 dB.
     floor_db : float, default -40
@@ -463,7 +463,7 @@ def draw_hemispheres(
     Raises
     ------
     ArgumentError
-        If the quantity or method is missing, for other axes, and for a ``figure`` of another type.
+        If the quantity or method is missing, the axes are others, or ``figure`` has another type.
     """
     check_floor(floor_db)
     if "directivity" in checked_dataset(dataset, "dataset"):

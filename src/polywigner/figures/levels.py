@@ -25,12 +25,13 @@ COMPARED_DB = -30.0
 """Lowest compared level in dB relative to the peak of the reference: differences in dB diverge at
 nulls."""
 
-# Lower levels are rounding errors: 15 digits of a field.
+_MILLIWATT = 1e-3
+# Lowest floor in dB: lower levels are rounding errors of a field with 15 digits.
 _LOWEST_DB = -300.0
-# Largest deviation of the steps of an axis, relative: single precision has 1e-5 on a hundred
-# wavelengths with a thousand samples.
+# Largest relative deviation of the steps of an even axis. In single precision, a thousand samples
+# over a hundred wavelengths deviate by 1e-5.
 _EVEN = 1e-3
-# Units for labels; files have W m-2.
+# Units in labels, for the units in files.
 _PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
 # Names of methods and obliquities for labels.
 _NAMES = {"wigner": "Wigner", "fresnel": "Fresnel", "fraunhofer": "Fraunhofer"}
@@ -39,11 +40,11 @@ _NAMES |= {name: obliquity.title for name, obliquity in OBLIQUITIES.items()}
 
 def check_floor(floor_db: float) -> float:
     """Return a level below 0 dB, or raise ArgumentError."""
-    number = isinstance(floor_db, Real) and not isinstance(floor_db, bool)
-    if not number or not _LOWEST_DB <= floor_db < 0:
+    is_number = isinstance(floor_db, Real) and not isinstance(floor_db, bool)
+    if not is_number or not _LOWEST_DB <= floor_db < 0:
         raise ArgumentError(
-            f"expected a floor below 0 dB, down to {_LOWEST_DB:g} dB, got {floor_db}; give for "
-            "example --db-floor -40"
+            f"expected a floor below 0 dB, down to {_LOWEST_DB:g} dB, got {floor_db}; use for "
+            "example -40"
         )
     return float(floor_db)
 
@@ -94,8 +95,8 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
     Raises
     ------
     ArgumentError
-        For values that are not real numbers, a reference that is not positive, or a floor that is
-        not below 0 dB.
+        If the values are not real numbers, the reference is not positive, or the floor is not below
+        0 dB.
     """
     try:
         power = real_numbers(values)
@@ -111,6 +112,12 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
     return levels
 
 
+def dbm(power: ArrayLike, floor: float = _LOWEST_DB) -> NDArray[np.float64]:
+    """Convert powers in W to levels in dBm, at least ``floor``."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.fmax(10 * np.log10(np.asarray(power) / _MILLIWATT), floor))
+
+
 def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:
     """Return an xarray.Dataset, or raise ArgumentError."""
     import xarray
@@ -121,10 +128,11 @@ def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:
 
 
 def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str) -> list[NDArray[Any]]:
-    """Return arrays of a result of the function ``maker``, transposed to the axes of each name.
+    """Return the arrays of a dataset by name, each transposed to its axes.
 
-    An empty text stands for any axes. Raises ArgumentError if an array is missing, or has other
-    axes.
+    ``axes`` contains the axes of each name, separated by blanks; an empty text accepts any axes.
+    Raises ArgumentError if an array is missing, or has other axes; ``maker`` is the name of the
+    function that makes such datasets, for the message.
     """
     try:
         return [
@@ -152,7 +160,7 @@ class Difference(NamedTuple):
 def difference_db(
     values: ArrayLike, reference: ArrayLike, above_db: float = COMPARED_DB
 ) -> NDArray[np.float64]:
-    """Return differences of levels from a reference in dB; NaN if the reference is too low."""
+    """Return differences of levels from a reference in dB; NaN where the reference is too low."""
     if np.shape(values) != np.shape(reference):
         got = f"{np.shape(values)}, {np.shape(reference)}"
         raise ArgumentError(f"expected fields at the same points, got {got}")
@@ -162,7 +170,7 @@ def difference_db(
 def _differences(
     values: ArrayLike | xarray.DataArray, reference: ArrayLike | xarray.DataArray, above_db: float
 ) -> tuple[xarray.DataArray, int]:
-    """Return the differences in dB, and the number of points with a field of zero or less."""
+    """Return the differences in dB, and the number of compared points with a field <= 0."""
     import xarray
 
     field, true = xarray.DataArray(values), xarray.DataArray(reference)
@@ -176,7 +184,7 @@ def summary(values: Any, reference: Any, above_db: float = COMPARED_DB) -> Diffe
     """Return the largest and the rms difference of two fields in dB.
 
     ``values`` and ``reference`` are arrays or xarray.DataArrays, which may be lazy. Complex values
-    are squared.
+    are fields, whose squared moduli are compared.
     """
     field, true = (abs(a) ** 2 if np.iscomplexobj(a) else a for a in (values, reference))
     difference, negative = _differences(field, true, above_db)
@@ -200,7 +208,7 @@ def peak_of(values: NDArray[Any], name: str) -> float:
     """Return the largest value, or raise ArgumentError if it is not above zero."""
     peak = float(np.max(values))
     if not (peak > 0 and math.isfinite(peak)):
-        raise ArgumentError(f"expected some {name} above zero, got {peak:g} at most")
+        raise ArgumentError(f"expected values of {name} above zero, got at most {peak:g}")
     return peak
 
 

@@ -11,7 +11,7 @@ from polywigner.errors import ArgumentError
 from polywigner.figures import style
 from polywigner.figures.levels import check_floor, checked_dataset, level_db
 from polywigner.geometry.arguments import checked_choice
-from polywigner.geometry.display import LengthUnit, length_unit
+from polywigner.quantities import LengthUnit, length_unit
 
 if TYPE_CHECKING:
     import xarray
@@ -37,9 +37,9 @@ _KNOWN = {
 }
 _LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}
 
-# Largest negative value due to rounding, relative to the peak.
+# Largest modulus of a negative value that is a rounding error, relative to the peak.
 _NEGATIVE = 1e-9
-# Width of a panel with its colour bar.
+# Width of a panel with its colour bar, in inches.
 _INCHES = 3.3
 
 
@@ -62,10 +62,10 @@ def draw_projections(
     dataset : xarray.Dataset
         Result of :func:`polywigner.projections` with all tiles.
     layout : {"paper", "all"}
-        "paper": two rows of two tiles. The tiles on the diagonal have two coordinates of one kind,
-        and the others a position with its frequency (or lag). "all": a triangle of all six pairs of
-        coordinates. Tiles in a column share the horizontal axis, and tiles in a row the vertical
-        axis. Slits have one tile.
+        "paper": two rows of two tiles. A tile on the diagonal has two coordinates of one kind; the
+        other tiles have a position and its frequency (or lag). "all": a triangle of all six pairs
+        of coordinates. Tiles in a column share the horizontal axis, and tiles in a row share the
+        vertical axis. Slits have one tile.
     floor_db : float, default -40
         Lowest level of power spectra in dB relative to the peak.
     title : str, optional
@@ -81,8 +81,8 @@ def draw_projections(
     Raises
     ------
     ArgumentError
-        For another layout, missing tiles, fewer than two samples on an axis, and a ``figure`` of
-        another type.
+        If the layout is unknown, tiles are missing, an axis has fewer than two samples, or
+        ``figure`` has another type.
     """
     check_floor(floor_db)
     cells = _cells(dataset, layout)
@@ -108,13 +108,13 @@ def draw_projections(
 
 
 Cells = dict[tuple[int, ...], tuple[str, str, str]]
-"""(row, column) -> name of the tile, and its coordinates to the right and upwards."""
+"""Name, horizontal and vertical coordinate of the tile at each (row, column)."""
 
 
 def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
     names = list(checked_dataset(dataset, "dataset").data_vars)
     if len(names) == 1 and not any("_" in d for d in dataset[names[0]].dims):
-        return {(0, 0): (names[0], *dataset[names[0]].dims)}  # of slits
+        return {(0, 0): (names[0], *dataset[names[0]].dims)}  # the tile of slits
     p, q, r, s = _COORDINATES[dataset.attrs["kind"]]
     if checked_choice(layout, "layout", get_args(Layout)) == "paper":
         pairs = {(j, i): ((p, s)[i], (q, r)[j]) for i, j in product(range(2), repeat=2)}
@@ -141,7 +141,7 @@ def _draw(
         tile.attrs["units"]
     ]
     scale, printed = float(unit.metres**power), unit.name + exponent if power else ""
-    # such as 2.56·10⁴ mm⁴
+    # The size is printed as, for example, 2.56·10⁴ mm⁴.
     digits, _, tens = f"{peak / scale:.3g}".partition("e")
     times = rf"$\,\cdot\,10^{{{int(tens)}}}$" if tens else ""
     size = f"{digits}{times} {printed}".rstrip()
@@ -149,15 +149,15 @@ def _draw(
         np.asarray(data[name].values) * unit.metres ** (1 if style.is_spectral(name) else -1)
         for name in (across, up)
     ]
-    how: dict[str, Any] = {"shading": "nearest", "label": f"relative to {size}"}
+    options: dict[str, Any] = {"shading": "nearest", "label": f"relative to {size}"}
     if values.min() < -_NEGATIVE * peak:
-        style.draw_signed(axes, values / peak, *grid, **how)
+        style.draw_signed(axes, values / peak, *grid, **options)
     elif style.is_spectral(across) or style.is_spectral(up):
-        how |= {"low": floor_db, "label": f"dB relative to {size}"}
-        style.draw_levels(axes, level_db(values, peak, floor_db), *grid, **how)
+        options |= {"low": floor_db, "label": f"dB relative to {size}"}
+        style.draw_levels(axes, level_db(values, peak, floor_db), *grid, **options)
     else:
-        how |= {"low": 0.0, "high": None, "label": printed}
-        style.draw_levels(axes, values / scale, *grid, **how)
+        options |= {"low": 0.0, "high": None, "label": printed}
+        style.draw_levels(axes, values / scale, *grid, **options)
     axes.set_title(_integral(data.attrs["kind"], tile.dims, np.iscomplexobj(tile.values)))
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.figures import style
-from polywigner.figures.levels import arrays_of, check_floor, image_peak, level_db
+from polywigner.figures.levels import arrays_of, check_floor, dbm, image_peak, level_db
 from polywigner.geometry.arguments import checked_array, checked_count
 
 if TYPE_CHECKING:
@@ -21,12 +21,11 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_MILLIWATT = 1e-3
-# Margin below the noise and above the peak, in dB.
+# Margin of the axis below the noise and above the peak, in dB.
 _MARGIN_DB = 5.0
-# Least degree of linear polarisation with a meaningful angle.
+# Smallest degree of linear polarisation whose angle is drawn: other angles are noise.
 _LEAST_LINEAR = 0.05
-# Colour of marks.
+# Colour of the marks of direct paths.
 _MARK = "#4dd2ff"
 
 
@@ -66,12 +65,12 @@ def draw_scene(
     Raises
     ------
     ArgumentError
-        For ``ax`` of another type.
+        If ``ax`` has another type.
     """
     image = checked_array(radiance, "radiance", 2)
     height, width = image.shape
     levels = level_db(image, reference, floor_db)
-    # in inches, with space for a colour bar
+    # Inches per pixel; the width includes the colour bar.
     scale = 5.0 / max(width, height)
     axes, drawn = style.axes_on(ax, width * scale + 1.2, max(height * scale, 3.4))
     shown = style.draw_levels(axes, levels, low=floor_db)
@@ -105,7 +104,7 @@ def draw_stokes(stokes: ArrayLike, title: str = "") -> Figure:
     Raises
     ------
     ArgumentError
-        For an array of another shape.
+        If the array has another shape.
     """
     numbers, figure, panels = _stokes_panels(stokes, 2, title)
     peak = image_peak(numbers[0])
@@ -122,7 +121,7 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
     """Draw the degree of polarisation of a rendered image and the angle of its linear part.
 
     The angle is measured from the image's right upwards, from -90 to 90 degrees. Pixels are grey if
-    less than 5 % of the radiance is linearly polarised.
+    less than 5 % of their radiance is linearly polarised.
 
     Parameters
     ----------
@@ -141,7 +140,7 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
     Raises
     ------
     ArgumentError
-        For an array of another shape, or a floor that is not below 0 dB.
+        If the array has another shape, or the floor is not below 0 dB.
     """
     check_floor(floor_db)
     numbers, figure, panels = _stokes_panels(stokes, 1, title)
@@ -182,11 +181,6 @@ def _stokes_panels(
     return numbers, figure, panels
 
 
-def _rounded(value: float) -> str:
-    """Return a number with up to four significant digits."""
-    return style.number_text(float(f"{value:.4g}"))
-
-
 @style.typeset
 def draw_range_profile(
     profile: Any,
@@ -198,7 +192,7 @@ def draw_range_profile(
 ) -> Axes | Figure:
     """Draw the power of each bin in dBm over range in m, with the noise of the receiver.
 
-    Circles are line-of-sight paths and specular paths.
+    Circles mark line-of-sight paths and specular paths.
 
     Parameters
     ----------
@@ -222,45 +216,39 @@ def draw_range_profile(
     Raises
     ------
     ArgumentError
-        For another ``profile``, a receiver that does not exist, ``ax`` of another type, or a floor
-        that is not below 0 dB.
+        If ``profile`` is no range profile, the receiver does not exist, ``ax`` has another type, or
+        the floor is not below 0 dB.
     """
     check_floor(floor_db)
     if "receiver" in getattr(profile, "dims", ()):
         checked_count(receiver, "receiver", 0, profile.sizes["receiver"] - 1)
         profile = profile.isel(receiver=receiver)
     elif receiver != 0:
-        raise ArgumentError(f"expected a profile of several receivers, got one and {receiver!r}")
+        raise ArgumentError(f"expected receiver 0 of a profile with one receiver, got {receiver!r}")
     names = dict.fromkeys(
         ("range_edge", "power", "standard_error", "noise_power", "path_range", "path_power"), ""
     )
     maker = "polywigner.mitsuba.radar.range_profile"
     edges, power, error, noise, lengths, strengths = arrays_of(profile, names, maker)
     peak, has_noise = float(power.max()), float(np.nan_to_num(noise)) > 0
-    top = 10 * math.log10(peak / _MILLIWATT) if peak > 0 else 0.0
-    low = top + floor_db
-    noise_level = 10 * math.log10(noise / _MILLIWATT) if has_noise else low
+    top = float(dbm(peak)) if peak > 0 else 0.0
+    low, noise_level = top + floor_db, float(dbm(noise))
     if has_noise:
         low, top = min(low, noise_level - _MARGIN_DB), max(top, noise_level)
-
-    def dbm(power: Floats) -> Floats:
-        floor = _MILLIWATT * 10 ** (low / 10)
-        return np.asarray(10 * np.log10(np.maximum(power, floor) / _MILLIWATT))
-
     axes, drawn = style.axes_on(ax, 6.4, 3.6)
-    lower, upper = dbm(power - error), dbm(power + error)
+    lower, upper = dbm(power - error, low), dbm(power + error, low)
     axes.stairs(upper, edges, baseline=lower, fill=True, color="C0", alpha=0.3, lw=0)
-    axes.stairs(dbm(power), edges, baseline=None, color="C0", lw=1.0)
+    axes.stairs(dbm(power, low), edges, baseline=None, color="C0", lw=1.0)
     visible = (lengths >= edges[0]) & (lengths <= edges[-1])
     if visible.any():
         label = "line-of-sight or specular path"
-        levels = dbm(strengths[visible])
+        levels = dbm(strengths[visible], low)
         axes.plot(lengths[visible], levels, "o", mfc="none", color="C1", ms=6, label=label)
     if has_noise:
         label = f"noise kTBF, {style.number_text(round(noise_level, 1))} dBm"
         axes.axhline(noise_level, color="C3", ls="--", lw=1.0, label=label)
     width = np.diff(edges)
-    bins = f"{_rounded(width.max())} m"
+    bins = f"{style.number_text(float(f'{width.max():.4g}'))} m"
     if width.max() > width.min() * (1 + 1e-6):
         bins = f"up to {bins}"
     style.finish_lines(
@@ -276,7 +264,7 @@ def draw_range_profile(
 
 
 class DirectArrival(NamedTuple):
-    """Line-of-sight or specular path, which :func:`draw_arrivals` marks."""
+    """Line-of-sight or specular path for :func:`draw_arrivals`."""
 
     direction_cosines: tuple[float, float]
     """Direction cosines s_x and s_y of the arrival."""
@@ -306,7 +294,7 @@ def draw_arrivals(
     power : array_like, shape (rows, columns)
         Power of each pixel in W. Columns are evenly spaced in s_x, and rows in s_y, from -1 to 1.
     direct : sequence of DirectArrival, default none
-        Paths from single directions, which are marked with their power.
+        Paths from single directions, which are marked and labelled with their power.
     floor_db : float, default -40
         Lowest level in dB relative to the strongest pixel. Weaker and negative pixels get the
         colour of the floor.
@@ -325,7 +313,7 @@ def draw_arrivals(
     Raises
     ------
     ArgumentError
-        For ``ax`` of another type, or a floor that is not below 0 dB.
+        If ``ax`` has another type, or the floor is not below 0 dB.
     """
     from matplotlib.patches import Circle
     from matplotlib.patheffects import withStroke
@@ -333,7 +321,7 @@ def draw_arrivals(
     values = checked_array(power, "power", 2)
     peak = float(np.max(values, initial=0.0, where=np.isfinite(values))) or None
     levels = level_db(values, peak, floor_db)
-    top = 0.0 if peak is None else 10 * math.log10(peak / _MILLIWATT)
+    top = 0.0 if peak is None else float(dbm(peak))
     axes, drawn = style.axes_on(ax, 5.2, 4.6)
     shown = style.draw_levels(
         axes, levels + top, low=top + floor_db, high=top,
@@ -367,7 +355,7 @@ _MARGIN, _LEAST_HALF = 0.05, 0.1
 def _view(
     bright: NDArray[np.bool_], directions: Sequence[tuple[float, float]]
 ) -> tuple[Floats, Floats]:
-    """Return the lower and upper corner of the square that contains pixels and directions."""
+    """Return two corners of the square of cosines that contains bright pixels and directions."""
     points = np.asarray(directions, np.float64).reshape(-1, 2)
     if bright.any():
         pixels = np.argwhere(bright)[:, ::-1]
@@ -390,7 +378,7 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     labels = []
     for arrival in direct:
         axes.plot(*arrival.direction_cosines, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)
-        level = f"{10 * math.log10(arrival.power / _MILLIWATT):.1f} dBm".replace("-", "−")
+        level = f"{dbm(arrival.power):.1f} dBm".replace("-", "−")
         label = axes.annotate(
             f"{arrival.name}\n{level}", arrival.direction_cosines, (0, 12),
             textcoords="offset points",
@@ -400,8 +388,8 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     return labels
 
 
-# Maximum number of pairs in a figure, number of delays of an impulse response, and its extent
-# before the first and after the last path in inverse bandwidths.
+# Maximum number of pairs in a figure, number of samples of an impulse response, and its extent
+# before the first and after the last path in units of the inverse bandwidth.
 _MOST_PAIRS, _DELAYS, _BEYOND = 6, 2001, 6.0
 _HERTZ = ((1e12, "THz"), (1e9, "GHz"), (1e6, "MHz"), (1.0, "Hz"))
 
@@ -418,7 +406,7 @@ def draw_channel(
 
     Each pair of emitter and receiver has a row; the first six pairs are drawn. The impulse response
     is the mean of h exp(-2 pi i f t) over evenly spaced frequencies with a Hann window, so a single
-    path peaks at its level. Stems are the paths at the centre frequency.
+    path peaks at its level. Stems mark the paths at the centre frequency.
 
     Parameters
     ----------
@@ -439,7 +427,7 @@ def draw_channel(
     Raises
     ------
     ArgumentError
-        For another ``channel``, a floor that is not below 0 dB, or a ``figure`` of another type.
+        If ``channel`` is no channel, the floor is not below 0 dB, or ``figure`` has another type.
     """
     check_floor(floor_db)
     ends = "receiver emitter"
@@ -472,7 +460,7 @@ def draw_channel(
 
 
 def _levels(amplitudes: Any) -> Floats:
-    """Convert amplitudes to dB; zero is far below any floor."""
+    """Convert amplitudes to dB; the level of zero is -3000 dB, below any floor."""
     return np.asarray(20 * np.log10(np.maximum(np.abs(amplitudes), 1e-150)))
 
 
@@ -498,3 +486,60 @@ def _draw_response(
         axes.plot(delay, level, "o", ms=4, color=ink, label=names[number])
         axes.vlines(delay, level - 1e3, level, color=ink, lw=1.0)
     axes.legend(frameon=False, fontsize=7, loc="upper right")
+
+
+_MAP_LABELS = {
+    "range": "range (m)",
+    "range_rate": "range rate (m/s)",
+    "direction_cosine": "direction cosine",
+}
+
+
+@style.typeset
+def draw_radar_map(
+    image: Any, *, floor_db: float = -60.0, title: str = "", ax: Axes | None = None
+) -> Axes | Figure:
+    """Draw a map of power in dBm over range and range rate, or range and direction cosine.
+
+    Parameters
+    ----------
+    image : xarray.DataArray
+        Result of :func:`polywigner.radar.range_doppler` or :func:`polywigner.radar.range_angle`.
+        Power is averaged over draws, receivers and emitters.
+    floor_db : float, default -60
+        Lowest level in dB relative to the largest value.
+    title : str, optional
+        Title of the panel.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. Default: new axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or matplotlib.figure.Figure
+        The axes, or the new figure if ``ax`` is None.
+
+    Raises
+    ------
+    ArgumentError
+        If ``image`` is not a radar map, or the floor is not below 0 dB.
+    """
+    check_floor(floor_db)
+    dims = tuple(getattr(image, "dims", ()))
+    if dims[-1:] != ("range",) or dims[-2] not in _MAP_LABELS:
+        raise ArgumentError(
+            "expected a map of polywigner.radar.range_doppler or range_angle, got "
+            f"{type(image).__name__}"
+        )
+    power = image.mean(dims[:-2]) if len(dims) > 2 else image
+    peak = float(dbm(power.values).max())
+    axes, drawn = style.axes_on(ax, 6.4, 4.2)
+    noise = float(np.mean(image.attrs["noise_floor"]))
+    label = f"received power (dBm), {style.floor_text(floor_db)}"
+    if noise > 0:
+        label += f"; noise {style.number_text(round(float(dbm(noise)), 1))} dBm"
+    style.draw_levels(
+        axes, dbm(power.values), power["range"].values, power[dims[-2]].values,
+        low=peak + floor_db, high=peak, label=label, aspect="auto",
+    )  # fmt: skip
+    axes.set(xlabel=_MAP_LABELS["range"], ylabel=_MAP_LABELS[dims[-2]], title=title)
+    return drawn

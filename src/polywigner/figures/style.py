@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 import numpy as np
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.display import LengthUnit, draw_rings
+from polywigner.geometry.parts import polygons_in
+from polywigner.geometry.rings import draw_rings, rings_of_polygon
+from polywigner.quantities import LengthUnit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,7 +32,7 @@ INK, TINT, ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"  # outlines, regions around 
 RED, BLUE, ORANGE, GREEN, VIOLET = "#d7301f", "#2166ac", "#e69f00", "#1b9e77", "#7b3294"  # lines
 
 TYPOGRAPHY: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",  # part of matplotlib, so the same on every machine
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so it is the same on every machine
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.labelsize": 9,
@@ -46,7 +48,7 @@ Result = TypeVar("Result")
 
 
 def typeset(draw: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Return a function that draws with this typography and restores the caller's."""
+    """Return a function that draws with TYPOGRAPHY, and restores the settings of the caller."""
 
     @wraps(draw)
     def drawn(*values: Arguments.args, **options: Arguments.kwargs) -> Result:
@@ -65,13 +67,13 @@ _LINEAR = 0.01
 def draw_levels(
     axes: Axes, levels: Any, across: Any = None, up: Any = None, *, low: float,
     high: float | None = 0.0, label: str | None = None,
-    **how: Any,
+    **options: Any,
 ) -> Map:  # fmt: skip
-    """Draw levels from ``low``, black, to ``high``, or to the largest level if ``high`` is None.
+    """Draw levels from ``low`` (black) to ``high``; None: the largest level.
 
-    With a ``label`` the axes get a colour bar. See :func:`draw_map` for the positions.
+    With a ``label`` the axes get a colour bar. :func:`draw_map` explains ``across`` and ``up``.
     """
-    shown = draw_map(axes, levels, across, up, cmap=LEVEL_MAP, vmin=low, vmax=high, **how)
+    shown = draw_map(axes, levels, across, up, cmap=LEVEL_MAP, vmin=low, vmax=high, **options)
     if label is not None:
         colour_bar(axes, shown, label)
     return shown
@@ -79,40 +81,40 @@ def draw_levels(
 
 def draw_signed(
     axes: Axes, values: Any, across: Any = None, up: Any = None, *, bound: float | None = None,
-    label: str | None = None, **how: Any,
+    label: str | None = None, **options: Any,
 ) -> Map:  # fmt: skip
     """Draw signed values on a symmetric colour scale up to ``bound``.
 
     Without a bound, values range from -1 to 1 on a logarithmic scale. With a ``label`` the axes get
-    a :func:`signed_bar`. See :func:`draw_map` for the positions.
+    a :func:`signed_bar`. :func:`draw_map` explains ``across`` and ``up``.
     """
     if bound is None:
         from matplotlib.colors import SymLogNorm
 
-        how["norm"] = SymLogNorm(_LINEAR, linscale=0.5, vmin=-1.0, vmax=1.0)
+        options["norm"] = SymLogNorm(_LINEAR, linscale=0.5, vmin=-1.0, vmax=1.0)
     else:
-        how |= {"vmin": -bound, "vmax": bound}
-    shown = draw_map(axes, values, across, up, cmap=SIGNED_MAP, **how)
+        options |= {"vmin": -bound, "vmax": bound}
+    shown = draw_map(axes, values, across, up, cmap=SIGNED_MAP, **options)
     if label is not None:
         signed_bar(axes, shown, label)
     return shown
 
 
-def draw_map(axes: Axes, values: Any, across: Any, up: Any, **how: Any) -> Map:
-    """Draw values (rows, columns) as an image, or as a mesh if ``how`` specifies its shading.
+def draw_map(axes: Axes, values: Any, across: Any, up: Any, **options: Any) -> Map:
+    """Draw values (rows, columns) as an image, or as a mesh if ``options`` specifies its shading.
 
-    Columns lie at the positions ``across``, rows at the positions ``up``. Positions are evenly
-    spaced, except those of a mesh. Without positions the rows are drawn from the top.
+    Columns have the horizontal positions ``across``, and rows the vertical positions ``up``. The
+    positions of an image are evenly spaced. Without positions the first row is at the top.
     """
-    if "shading" in how:
-        return axes.pcolormesh(across, up, values, rasterized=True, **how)
+    if "shading" in options:
+        return axes.pcolormesh(across, up, values, rasterized=True, **options)
     if across is None:
-        return axes.imshow(values, **how)
-    # positions are the centres of pixels
+        return axes.imshow(values, **options)
+    # The positions are the centres of the pixels.
     half = (across[1] - across[0]) / 2, (up[1] - up[0]) / 2
     extent = across[0] - half[0], across[-1] + half[0], up[0] - half[1], up[-1] + half[1]
     return axes.imshow(
-        values, origin="lower", extent=extent, **({"interpolation": "nearest"} | how)
+        values, origin="lower", extent=extent, **({"interpolation": "nearest"} | options)
     )
 
 
@@ -134,7 +136,7 @@ def floor_text(floor: float, unit: str = "dB") -> str:
 def new_figure(
     width: float, height: float, spacing: float = 0.02, *, is_compressed: bool = False
 ) -> Figure:
-    """Return an empty figure of a size in inches, which pyplot does not manage.
+    """Return an empty figure of a size in inches, which is not registered with pyplot.
 
     The spacing of panels is a fraction of their size. In a compressed layout, panels with a fixed
     aspect ratio are adjacent.
@@ -163,15 +165,14 @@ def figure_on(
     """Return the figure or subfigure of a caller with a title, or a :func:`new_figure` for None.
 
     An empty figure without a layout engine gets the constrained layout, which prevents colour bars
-    from overlapping. The static type of a subfigure is Figure too, so that results for None have
-    the method ``savefig``. An empty title leaves the caller's title. Raises ArgumentError for other
-    types.
+    from overlapping. An empty title keeps the caller's title. The declared type is Figure also for
+    a subfigure, so that type checkers accept ``savefig``. Raises ArgumentError for other types.
     """
     from matplotlib.figure import Figure, FigureBase
 
     if figure is None:
         figure = new_figure(width, height, spacing, is_compressed=is_compressed)
-    if not isinstance(figure, FigureBase):  # Figure and SubFigure
+    if not isinstance(figure, FigureBase):  # base class of Figure and SubFigure
         raise ArgumentError(
             "expected figure as a matplotlib Figure or SubFigure, got "
             f"{type(figure).__name__}; the figure has several panels"
@@ -185,9 +186,10 @@ def figure_on(
 
 
 def axes_on(ax: Any, width: float, height: float) -> tuple[Axes, Axes | Figure]:
-    """Return the axes to draw on, and the return value: the axes, or a new figure for None.
+    """Return the axes to draw on, and the return value of the caller.
 
-    Raises ArgumentError for other types.
+    The return value is ``ax``, or a new figure if ``ax`` is None. Raises ArgumentError for other
+    types.
     """
     from matplotlib.axes import Axes
 
@@ -196,7 +198,7 @@ def axes_on(ax: Any, width: float, height: float) -> tuple[Axes, Axes | Figure]:
         return figure.add_subplot(), figure
     if not isinstance(ax, Axes):
         raise ArgumentError(
-            f"expected ax as matplotlib Axes, got {type(ax).__name__}; make them by "
+            f"expected ax as matplotlib Axes, got {type(ax).__name__}; make axes with "
             "matplotlib.pyplot.subplots()"
         )
     return ax, ax
@@ -218,9 +220,9 @@ def degrees_text(angle: float) -> str:
 def colour_bar(panels: Any, mappable: Any, label: str, extend: str = "neither") -> Colorbar:
     """Draw a labelled colour bar next to axes, or at the right of a row of panels."""
     row = [panels] if hasattr(panels, "figure") else list(panels)
-    how = {"aspect": 18} if len(row) > 1 or row[0] is not panels else {}
+    options = {"aspect": 18} if len(row) > 1 or row[0] is not panels else {}
     bar: Colorbar = row[0].figure.colorbar(
-        mappable, ax=row, extend=extend, fraction=0.046 / len(row), pad=0.03 / len(row), **how
+        mappable, ax=row, extend=extend, fraction=0.046 / len(row), pad=0.03 / len(row), **options
     )
     bar.set_label(label)
     bar.outline.set_linewidth(0.6)
@@ -238,12 +240,11 @@ def set_ticks(axis: Any, values: Any) -> None:
     axis.set_ticks([], minor=True)
 
 
-def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
-    """Draw a shapely polygon or multipolygon in metres on axes with a length unit."""
-    polygons = [p for p in getattr(shape, "geoms", [shape]) if p.geom_type == "Polygon"]
-    rings = [ring for p in polygons for ring in (p.exterior, *p.interiors)]
+def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **options: Any) -> None:
+    """Draw a shapely polygon or multipolygon, in metres, on axes with a unit of length."""
+    rings = [ring for polygon in polygons_in(shape) for ring in rings_of_polygon(polygon)]
     if rings:
-        draw_rings(axes, [np.asarray(ring.coords) for ring in rings], unit.metres, **how)
+        draw_rings(axes, rings, unit.metres, **options)
 
 
 def draw_cut(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> None:
@@ -256,9 +257,9 @@ def draw_cut(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> N
 
     flat = np.shape(lines)[-1] == 2
     for ink, width in zip(inks, (2.2, 1.0), strict=True):
-        how: dict[str, Any] = {"colors": ink, "linewidths": width, "zorder": zorder}
-        how["capstyle"] = "round"
-        drawn: Any = (LineCollection if flat else Line3DCollection)(list(lines), **how)
+        options: dict[str, Any] = {"colors": ink, "linewidths": width, "zorder": zorder}
+        options["capstyle"] = "round"
+        drawn: Any = (LineCollection if flat else Line3DCollection)(list(lines), **options)
         add = axes.add_collection if flat else axes.add_collection3d
         add(drawn, autolim=False)
 
@@ -267,9 +268,10 @@ def draw_disc(
     axes: Axes, theta: Any, phi: Any, levels: Any, low: float, high: float,
     label: str | None = None, names: str = "",
 ) -> Map:  # fmt: skip
-    """Draw levels (theta, phi) in the plane of the direction cosines, named by two letters.
+    """Draw levels (theta, phi) over direction cosines.
 
-    If phi ends one step before the full circle, the first meridian is repeated.
+    ``names`` contains the letters of the two cosines; without it the axes have no labels. If phi
+    ends one step before the full circle, the first meridian is repeated.
     """
     step = phi[1] - phi[0] if len(phi) > 1 else 0.0
     if abs(phi[-1] + step - phi[0] - 2 * np.pi) <= 1e-6 * max(step, 1e-6):
@@ -329,7 +331,7 @@ def separate_labels(axes: Axes, labels: Iterable[Annotation]) -> None:
 
 
 def mark_evanescent(axes: Axes, wavelength: float, unit: LengthUnit, ink: str) -> None:
-    """Draw a dotted circle |nu| = 1/wavelength, outside which waves are evanescent."""
+    """Draw the dotted circle |nu| = 1/wavelength; waves outside it are evanescent."""
     from matplotlib.patches import Circle
 
     radius = unit.metres / wavelength

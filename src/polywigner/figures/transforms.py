@@ -19,8 +19,8 @@ from polywigner.geometry.arguments import (
     checked_vectors,
     checked_wavelength,
 )
-from polywigner.geometry.display import LengthUnit, length_unit
-from polywigner.source.support import mutual_support
+from polywigner.quantities import LengthUnit, length_unit
+from polywigner.source.array import mutual_support
 from polywigner.transforms.wavefronts import flat_source
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ LARGEST_SAMPLES = 4096
 # Half width of the frequency axes without a wavelength, in 1/diameter: five lobes of a square.
 _LOBES = 8.0
 _DASHES = ("-", "--", "-.", ":")
-# Largest difference of curves that are drawn as one line.
-_ALIKE = 2e-3
+# Largest difference of the curves along x and y that are drawn as one line.
+_SAME_CURVE = 2e-3
 
 Point = tuple[float, float]
 
@@ -88,15 +88,16 @@ def transform_slices(
         Position in m inside the automean. The default is the centre of the bounds if it is inside,
         otherwise another point inside.
     xi : array_like, shape (2,), optional
-        Lag in m at which the aperture overlaps itself. The default is the first of 1/4 of the
-        width, 1/4 of the height, 1/16 of the width and 1/16 of the height that leaves a quarter of
-        the area.
+        Lag in m at which the aperture overlaps its shifted copy. The default is the first of 1/4 of
+        the width, 1/4 of the height, 1/16 of the width and 1/16 of the height at which more than a
+        quarter of the area overlaps.
     wavelength : float, optional
-        Wavelength in m. The axes extend to |nu| = 1/wavelength, without a wavelength to 8/diameter.
+        Wavelength in m. The axes extend to |nu| = 1/wavelength; without a wavelength, they extend
+        to 8/diameter.
     samples : int, default 257
         Number of samples along each axis, from 2 to 4096. Odd numbers include nu = 0.
     zoomed : bool, default False
-        Whether axes extend to 8/diameter with a wavelength too.
+        Whether the axes extend to 8/diameter also with a wavelength.
 
     Returns
     -------
@@ -106,10 +107,10 @@ def transform_slices(
     Raises
     ------
     ArgumentError
-        For another source, for an x or xi at which W or A is zero at all frequencies, and for too
-        few or too many samples.
+        If the source has another type, W is zero at x or A is zero at xi for all frequencies, or
+        the number of samples is out of range.
     GeometryError
-        For an Array whose elements do not lie in the plane z = 0.
+        If an element of an array does not lie in the plane z = 0.
     """
     checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     aperture, support = outline_of(source), mutual_support(flat_source(source))
@@ -119,12 +120,12 @@ def transform_slices(
         bounds = ", ".join(f"{b:.4g}" for b in support.bounds)
         raise ArgumentError(
             f"expected a position x inside the automean (bounds {bounds} m), where W is not zero, "
-            f"got ({position[0]:.4g}, {position[1]:.4g}) m; give another, with its unit"
+            f"got ({position[0]:.4g}, {position[1]:.4g}) m; check its unit"
         )
     if not pw.position_slice(aperture, lag).area > 0:
         raise ArgumentError(
             "expected a lag xi at which the aperture overlaps its shifted copy, got "
-            f"({lag[0]:.4g}, {lag[1]:.4g}) m, where A is zero; give another, with its unit"
+            f"({lag[0]:.4g}, {lag[1]:.4g}) m, where A is zero; check its unit"
         )
     half = _half_width(aperture, None if checked_flag(zoomed, "zoomed") else wavelength)
     frequency = np.linspace(-half, half, samples)
@@ -152,14 +153,14 @@ def outline_of(source: pw.Aperture | pw.Array | pw.Wavefront) -> pw.Aperture:
 
 
 def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
-    """Return the number of samples along each axis that resolves |F|^2, W and A.
+    """Return the number of samples along each axis that resolve |F|^2, W and A.
 
     Parameters
     ----------
     aperture : Aperture
         Outline of the source.
     wavelength : float, optional
-        Wavelength in m, as of :func:`transform_slices`.
+        Wavelength in m, as in :func:`transform_slices`.
 
     Returns
     -------
@@ -216,8 +217,8 @@ def draw_transforms(
     slices : TransformSlices
         Result of :func:`polywigner.figures.transform_slices`.
     floor_db : float
-        Lowest level of |F|^2 in dB, relative to |F(0)|^2 for a uniform aperture, and to the largest
-        value for other sources.
+        Lowest level of |F|^2 in dB. 0 dB is |F(0)|^2 for a uniform aperture, and the largest value
+        for other sources.
     title : str, optional
         Title of the figure, in addition to the wavelength.
     figure : matplotlib.figure.Figure or SubFigure, default a new figure
@@ -231,7 +232,7 @@ def draw_transforms(
     Raises
     ------
     ArgumentError
-        If the floor is not below 0 dB, or for a ``figure`` of another type.
+        If the floor is not below 0 dB, or ``figure`` has another type.
     """
     check_floor(floor_db)
     if not isinstance(slices, TransformSlices):
@@ -322,7 +323,7 @@ def _draw_real(
 def _frequency_axes(
     axes: Axes, symbol: str, unit: LengthUnit, wavelength: float | None, ink: str
 ) -> None:
-    # a circle far outside the axes would consist of millions of dots
+    # No circle far outside the axes, because it would consist of millions of dots.
     if wavelength is not None and unit.metres / wavelength < 2 * max(axes.get_xlim()):
         style.mark_evanescent(axes, wavelength, unit, ink)
     style.label_axes(axes, symbol, unit)
@@ -352,7 +353,7 @@ def draw_psf(
     *,
     figure: Figure | SubFigure | None = None,
 ) -> Figure:
-    """Draw point spread functions, a panel for each defocus.
+    """Draw point spread functions, with one panel for each defocus.
 
     Parameters
     ----------
@@ -373,7 +374,8 @@ def draw_psf(
     Raises
     ------
     ArgumentError
-        For another dataset, a floor that is not below 0 dB, and a ``figure`` of another type.
+        If the dataset has no point spread functions, the floor is not below 0 dB, or ``figure`` has
+        another type.
     """
     check_floor(floor_db)
     spots = _checked_lens(dataset, "psf", ("defocus", "y", "x"))
@@ -415,7 +417,7 @@ def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None
     Raises
     ------
     ArgumentError
-        For another dataset, and a ``figure`` of another type.
+        If the dataset has no modulation transfer functions, or ``figure`` has another type.
     """
     curves = _checked_lens(dataset, "mtf", ("defocus", "direction", "frequency"))
     figure = style.figure_on(figure, 6.4, 3.8, title)
@@ -423,7 +425,7 @@ def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None
     frequency = dataset["frequency"].values
     for part, dashes in zip(curves, cycle(_DASHES), strict=False):
         lines = dict(zip(("along x", "along y"), part.values, strict=True))
-        if np.ptp(part.values, axis=0).max() <= _ALIKE:
+        if np.ptp(part.values, axis=0).max() <= _SAME_CURVE:
             lines = {"along x and y": part.values[0]}
         state = f", {_of_focus(part)}" if len(curves) > 1 or float(part["defocus"]) else ""
         for (name, line), colour in zip(lines.items(), (style.RED, style.BLUE), strict=False):

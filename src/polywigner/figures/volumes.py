@@ -21,8 +21,8 @@ from polywigner.figures.levels import (
 )
 from polywigner.figures.transforms import outline_of
 from polywigner.geometry.arguments import checked_choice, checked_length, checked_row
-from polywigner.geometry.display import length_unit
 from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
+from polywigner.quantities import length_unit
 from polywigner.source.source_files import SOURCE_COORDINATE, read_source
 
 if TYPE_CHECKING:
@@ -37,19 +37,20 @@ Floats = NDArray[np.float64]
 
 # Maximum number of samples along an axis; longer axes are decimated.
 _MOST = 128
-_SURFACES = (0.15, 0.3, 0.45, 0.6)  # fractions of the floor
-_FAINTEST, _DENSEST = 0.28, 0.95  # opacities of the outermost and innermost surface
+_SURFACES = (0.15, 0.3, 0.45, 0.6)  # default levels, as fractions of the floor in dB
+_FAINTEST, _DENSEST = 0.28, 0.95  # opacities of the outermost and of the innermost surface
 _SURFACE_COLOURS = ("#2f6be0", "#0fb5a6", "#ffb000", "#e01a10")
 _WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")  # pale, behind the surfaces
 _WALL_LEVELS = 80
 _INKS = "white", "#101010"
 
-# Viewing angles in degrees, from above and behind the aperture: z increases to the right and away.
+# Viewing angles in degrees, from above and behind the aperture: z points to the right and away from
+# the viewer.
 _ELEVATION, _AZIMUTH = 24.0, -133.0
-# Levels are clipped this far below the lowest surface, in dB: interpolation next to a null, whose
+# Levels are clipped at this distance below the surface, in dB: interpolation next to a null, whose
 # level is minus infinity, would shift the surface.
 _BELOW = 20.0
-# Smallest ratio of drawn sides of a box; thinner boxes are stretched.
+# Smallest ratio of the sides of a box in the figure; thinner boxes are stretched.
 _FLATTEST = 0.25
 _AMBIENT, _DIFFUSE = 0.45, 0.55
 
@@ -70,8 +71,8 @@ def draw_volume(
 ) -> Axes3D | Figure:
     """Draw isosurfaces of an irradiance in a box, and its projections on the three back walls.
 
-    All axes have equal scales, unless the box is more than four times as long as wide. scikit-image
-    computes the surfaces (marching cubes), and matplotlib draws them.
+    All axes have equal scales, unless the box is more than four times as long as it is wide.
+    scikit-image computes the surfaces (marching cubes), and matplotlib draws them.
 
     Parameters
     ----------
@@ -107,7 +108,7 @@ def draw_volume(
     Raises
     ------
     ArgumentError
-        For another dataset, wrong levels, or axes that are not 3D.
+        If the dataset has other variables, a level is out of range, or the axes are not 3D.
     MissingExtraError
         If scikit-image is not installed.
     """
@@ -147,7 +148,7 @@ def draw_volume(
         _draw_wall(axes, volume, axis, wall, floor_db, shells, colours)
     opacities = np.geomspace(_FAINTEST, _DENSEST, len(shells))
     for k, (shell, colour, opacity) in enumerate(zip(shells, colours, opacities, strict=True)):
-        # surfaces of lower levels enclose the others, and are drawn later
+        # Surfaces of lower levels enclose the others, and are drawn later.
         _draw_surface(axes, volume, levels, shell, colour, opacity, zorder=20 - k)
     if source is None and SOURCE_COORDINATE in dataset.coords:
         source = read_source(dataset)  # type: ignore[assignment]
@@ -157,7 +158,7 @@ def draw_volume(
         lines = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in corners]
         style.draw_cut(axes, np.concatenate(lines), _INKS, 30)
     for body in bodies_if_any(obstacles):
-        style.draw_cut(axes, obstacle_of(body).outline(_towards()) / unit.metres, _INKS, 30)
+        style.draw_cut(axes, obstacle_of(body).outline(_viewer()) / unit.metres, _INKS, 30)
     extend = "max" if np.max(volume.values) > zero else "neither"
     walls = ScalarMappable(Normalize(floor_db, 0.0), _map(_WALL_COLOURS))
     bar = axes.figure.colorbar(walls, extend=extend, **bar_options)
@@ -197,12 +198,13 @@ class _Volume(NamedTuple):
     label: str
     """Name of the quantity."""
     unit: str
-    """Unit of the values, as it is printed."""
+    """Unit of the values, for labels."""
     values: Floats
-    """(n, m, k) real."""
+    """Real values over x, y and z, shape (n, m, k)."""
     lower: Floats
+    """Position of the first sample, shape (3,)."""
     upper: Floats
-    """(3,) positions of the first and of the last sample."""
+    """Position of the last sample, shape (3,)."""
 
 
 def _samples(dataset: Any, name: str | None) -> _Volume:
@@ -217,14 +219,16 @@ def _samples(dataset: Any, name: str | None) -> _Volume:
     array = dataset[name]
     if sorted(array.dims) != ["x", "y", "z"]:
         raise ArgumentError(
-            f"expected {name} over x, y, z, got it over {', '.join(map(str, array.dims))}"
+            f"expected {name} over x, y, z, got the dimensions {', '.join(map(str, array.dims))}"
         )
     array = array.transpose("x", "y", "z")
     array = array[tuple(slice(None, None, -(-n // _MOST)) for n in array.shape)]
     axes = [even_axis(d, np.asarray(array[d].values, dtype=np.float64)) for d in "xyz"]
     values = np.asarray(array.values)
     if np.iscomplexobj(values):
-        raise ArgumentError(f"expected {name} as real values, got complex ones; draw their squares")
+        raise ArgumentError(
+            f"expected {name} as real values, got complex values; draw their squared moduli"
+        )
     if np.isnan(values).any():
         raise ArgumentError(
             f"expected {name} at all points, got NaN at {np.isnan(values).mean():.1%} of the "
@@ -234,8 +238,8 @@ def _samples(dataset: Any, name: str | None) -> _Volume:
     return _Volume(quantity_of(array), printed_unit(array), values.astype(np.float64), *ends)
 
 
-def _towards() -> Floats:
-    """Return the unit vector from the box to the viewer; y is vertical."""
+def _viewer() -> Floats:
+    """Return the unit vector (3,) from the box to the viewer."""
     elevation, azimuth = np.radians([_ELEVATION, _AZIMUTH])
     across = np.cos(elevation) * np.array([np.sin(azimuth), np.cos(azimuth)])
     return np.array([across[0], np.sin(elevation), across[1]])
@@ -245,7 +249,7 @@ def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: str) -> None:
     """Set the limits, the view and the labels of the axes, and draw the edges of the walls."""
     from matplotlib.ticker import MaxNLocator
 
-    # artists have explicit zorders; matplotlib would sort them by their mean depth
+    # All artists have explicit zorders; matplotlib would sort them by their mean depth.
     axes.computed_zorder = False
     extent = upper - lower
     axes.set_proj_type("ortho")
@@ -261,7 +265,7 @@ def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: str) -> None:
     for corner, axis in product(product((0, 1), repeat=3), range(3)):
         start, end = list(corner), list(corner)
         end[axis] = 1
-        fronts = sum((_towards()[k] > 0) == start[k] for k in range(3) if k != axis)
+        fronts = sum((_viewer()[k] > 0) == start[k] for k in range(3) if k != axis)
         if start[axis] == 0 and fronts < 2:
             line = [[ends[k][start[k]], ends[k][end[k]]] for k in range(3)]
             axes.plot(*line, color="0.25", lw=0.7, zorder=2)
@@ -273,7 +277,7 @@ def _draw_wall(
 ) -> None:  # fmt: skip
     """Draw projected levels on the back wall normal to an axis, with contours."""
     lower, upper = volume.lower, volume.upper
-    position = (lower if _towards()[axis] > 0 else upper)[axis]
+    position = (lower if _viewer()[axis] > 0 else upper)[axis]
     shape = volume.values.shape
     along = [np.linspace(lower[k], upper[k], shape[k]) for k in range(3) if k != axis]
     arguments = list(np.meshgrid(*along, indexing="ij"))
@@ -307,7 +311,7 @@ def _draw_surface(
     vertices = np.clip(lower + (vertices - 1) * spacing, lower, upper)
     across = normals[faces].mean(axis=1) / spacing
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    shade = _AMBIENT + _DIFFUSE * np.abs(across @ _towards())
+    shade = _AMBIENT + _DIFFUSE * np.abs(across @ _viewer())
     colours = colour * shade[:, None]
     drawn = Poly3DCollection(
         vertices[faces], facecolors=colours, edgecolors=colours, linewidths=0.3, zorder=zorder

@@ -1,4 +1,4 @@
-"""Apertures as polygons: regions, supports of their autocorrelations, shapes and files.
+"""Apertures, slits and polyhedra: outlines, shapes, silhouettes, waves and files.
 
 - ``aperture``: the immutable :class:`Aperture`, in the plane or placed in space, its automean,
   lag and position slices; ``slits``: sources in one dimension; ``shapes``: the catalogue
@@ -6,10 +6,9 @@
 - ``convex``: convex pieces, triangles and trapezoids
 - ``polyhedron``: solid bodies, and the triangles and closed surfaces of polygonal faces
 - ``silhouettes``: opaque bodies and plates, their contacts, and the edges of their shadows;
-  ``contours``, ``hidden_parts``: these edges if bodies hide each other
-- ``wavefront``: curved or partially coherent waves, and checks of a field
-- ``arguments``: checks of numbers, arrays, wavelengths, poses and units; ``display``: sources in
-  notebooks and on axes
+  ``contours``, ``hidden_parts``: the shadow edges of bodies that hide each other
+- ``illumination``: fields as sums of plane waves; ``wavefront``: curved or partially coherent waves
+- ``arguments``: checks of numbers, arrays, wavelengths, poses and units
 - ``io``: files, a module for each format
 """
 

@@ -13,8 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry.arguments import Immutable, Outline, checked_length, rigid_pose
-from polywigner.geometry.convex import convex_pieces, triangulate_part
-from polywigner.geometry.display import plot_rings
+from polywigner.geometry.convex import convex_pieces, mean_polygon, triangulate_part
+from polywigner.geometry.illumination import (
+    Illumination,
+    checked_field,
+    checked_shift,
+    turned_points,
+)
 from polywigner.geometry.parts import (
     combined_on_grid,
     merge_parts,
@@ -23,14 +28,15 @@ from polywigner.geometry.parts import (
     split_ring,
     union_on_grid,
 )
-from polywigner.geometry.rings import Part, Ring, orientations, polygon_of_part, shoelace
-from polywigner.geometry.wavefront import (
-    Field,
-    TakesWaves,
-    checked_field,
-    checked_shift,
-    turned_points,
+from polywigner.geometry.rings import (
+    Part,
+    Ring,
+    orientations,
+    plot_rings,
+    polygon_of_part,
+    shoelace,
 )
+from polywigner.geometry.wavefront import TakesWaves
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,8 +90,8 @@ class Aperture(TakesWaves):
     _parts: tuple[Part, ...]
     _segments: tuple[Part, ...] | None
     """Segments of a mirror, which may touch; None if the segments are the parts."""
-    illumination: Field | None
-    """Field on the aperture, an Illumination; None for the field 1."""
+    illumination: Illumination | None
+    """Illumination on the aperture, an Illumination; None for the field 1."""
 
     def __init__(self, vertices: Outline) -> None:
         self._set(merge_parts(parts_from(vertices)))
@@ -93,18 +99,20 @@ class Aperture(TakesWaves):
     def _set(
         self,
         parts: Sequence[Part],
-        illumination: Field | None = None,
+        illumination: Illumination | None = None,
         segments: Sequence[Part] | None = None,
     ) -> None:
-        object.__setattr__(self, "_parts", _frozen_parts(parts))
-        object.__setattr__(self, "_segments", segments and _frozen_parts(segments))
-        object.__setattr__(self, "illumination", illumination)
+        self.__dict__.update(
+            _parts=_frozen_parts(parts),
+            _segments=segments and _frozen_parts(segments),
+            illumination=illumination,
+        )
 
     @classmethod
     def _of_parts(
         cls,
         parts: Sequence[Part],
-        illumination: Field | None = None,
+        illumination: Illumination | None = None,
         segments: Sequence[Part] | None = None,
     ) -> Aperture:
         """Make an aperture of valid parts."""
@@ -121,9 +129,9 @@ class Aperture(TakesWaves):
         )
 
     def _mapped(
-        self, image: Callable[[Ring], Ring], image_of_field: Callable[[Field], Field]
+        self, image: Callable[[Ring], Ring], image_of_field: Callable[[Illumination], Illumination]
     ) -> Aperture:
-        """Map the vertices and the field by a similarity."""
+        """Return the image of the aperture, its segments and its field under a similarity."""
         field = self.illumination
         parts, segments = (
             parts and [tuple(map(image, part)) for part in parts]
@@ -157,7 +165,7 @@ class Aperture(TakesWaves):
         """
         return cls._of_parts(split_ring(ring, winding))
 
-    def with_illumination(self, illumination: Field | None) -> Aperture:
+    def with_illumination(self, illumination: Illumination | None) -> Aperture:
         """Return the aperture with another field.
 
         Parameters
@@ -225,7 +233,7 @@ class Aperture(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Aperture, ...]:
-        """The aperture as the only element, as for arrays."""
+        """Tuple of the elements, which is the aperture itself; arrays have several elements."""
         return (self,)
 
     def scaled(self, factor: float) -> Aperture:
@@ -313,9 +321,9 @@ class Aperture(TakesWaves):
 
     @property
     def segments(self) -> tuple[Aperture, ...]:
-        """Segments of a mirror, or the separate parts, each an aperture with this field.
+        """Segments of a mirror, or the separate parts, each as an aperture with this field.
 
-        Only the segments of ``polywigner.shapes.hexagonal_segments`` may touch.
+        Segments of ``polywigner.shapes.hexagonal_segments`` may touch; other parts do not.
         """
         return tuple(
             Aperture._of_parts([part], self.illumination) for part in self._segments or self._parts
@@ -355,7 +363,7 @@ class Aperture(TakesWaves):
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
-        """Field and outline, regardless of the order of parts and of first vertices."""
+        """Illumination and outline, regardless of the order of parts and of first vertices."""
         return self.illumination, shapely.normalize(self.polygons).wkb
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -426,7 +434,7 @@ def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:
 
 @final
 class PlacedAperture(Immutable):
-    """An aperture and its rigid pose in space; made by :meth:`Aperture.placed`."""
+    """An aperture and its rigid pose in space, the result of :meth:`Aperture.placed`."""
 
     aperture: Aperture
     pose: NDArray[np.float64]
@@ -435,8 +443,7 @@ class PlacedAperture(Immutable):
     def __init__(self, aperture: Aperture, pose: NDArray[np.float64]) -> None:
         fixed = np.array(pose, dtype=np.float64)
         fixed.setflags(write=False)
-        object.__setattr__(self, "aperture", aperture)
-        object.__setattr__(self, "pose", fixed)
+        self.__dict__.update(aperture=aperture, pose=fixed)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PlacedAperture, (self.aperture, self.pose)
@@ -467,28 +474,8 @@ def _require_aperture(aperture: Aperture) -> None:
     if not isinstance(aperture, Aperture):
         raise ArgumentError(
             f"expected an Aperture, got {type(aperture).__name__}; make one with "
-            "polywigner.Aperture(vertices); the support of an Array is one"
+            "polywigner.Aperture(vertices), or pass the support of an Array"
         )
-
-
-def _mean_polygon(first: Ring, second: Ring) -> Ring:
-    """Return the convex polygon of all midpoints (a + b)/2 of two convex rings.
-
-    Its sides are the sides of both rings, sorted by direction. GEOS' convex hull of the midpoints
-    of vertices is wrong for points that lie nearly on a line.
-    """
-    rings, angles = [], []
-    for ring in (first, second):
-        lowest = np.roll(ring, -int(np.lexsort(ring.T)[0]), axis=0)
-        side = np.roll(lowest, -1, axis=0) - lowest
-        turned = np.arctan2(side[:, 1], side[:, 0]) % (2 * np.pi)
-        rings.append(lowest)
-        angles.append(np.maximum.accumulate(turned))  # rounding may bend a side
-    of_second = np.argsort(np.concatenate(angles), kind="stable") >= len(first)
-    passed: NDArray[np.intp] = np.cumsum(of_second) - of_second
-    index = np.arange(len(of_second)) - passed
-    a, b = rings
-    return np.asarray(a[index % len(a)] / 2 + b[passed % len(b)] / 2)
 
 
 def automean(aperture: Aperture) -> Aperture:
@@ -530,13 +517,16 @@ def automean(aperture: Aperture) -> Aperture:
     pieces = aperture.convex_cover
     if len(pieces) == 1:
         return aperture.with_illumination(None)
-    means = [_mean_polygon(a, b) for a, b in combinations_with_replacement(pieces, 2)]
+    means = [mean_polygon(a, b) for a, b in combinations_with_replacement(pieces, 2)]
     return Aperture(union_on_grid([shapely.Polygon(ring) for ring in means], np.concatenate(means)))
 
 
 def _overlap(
-    first: shapely.MultiPolygon, second: shapely.MultiPolygon
+    aperture: Aperture, *images: Callable[[Ring], Ring]
 ) -> shapely.Polygon | shapely.MultiPolygon:
+    """Return the intersection of two images of an aperture."""
+    _require_aperture(aperture)
+    first, second = (shapely.transform(aperture.polygons, image) for image in images)
     parts = polygons_in(shapely.intersection(first, second))
     return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
 
@@ -563,7 +553,7 @@ def lag_slice(aperture: Aperture, x: ArrayLike) -> shapely.Polygon | shapely.Mul
 
     Notes
     -----
-    The matrices in the paper translate by x instead of 2x.
+    The matrices in the paper translate the copies by x, not by 2x.
 
     Examples
     --------
@@ -571,13 +561,8 @@ def lag_slice(aperture: Aperture, x: ArrayLike) -> shapely.Polygon | shapely.Mul
     >>> pw.lag_slice(pw.shapes.square(2.0), (0.5, 0.0)).area
     8.0
     """
-    _require_aperture(aperture)
     position = checked_shift(x, 2, "a position x")
-    shape = aperture.polygons
-    return _overlap(
-        shapely.transform(shape, lambda v: 2 * (v - position)),
-        shapely.transform(shape, lambda v: 2 * (position - v)),
-    )
+    return _overlap(aperture, lambda v: 2 * (v - position), lambda v: 2 * (position - v))
 
 
 def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shapely.MultiPolygon:
@@ -603,7 +588,7 @@ def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shape
 
     Notes
     -----
-    The paper shifts one copy only, which gives a wrong phase.
+    The paper shifts only one of the two copies, which results in a wrong phase.
 
     Examples
     --------
@@ -611,9 +596,5 @@ def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shape
     >>> pw.position_slice(pw.shapes.square(2.0), (0.5, 0.0)).area
     3.0
     """
-    _require_aperture(aperture)
     half = checked_shift(xi, 2, "a lag xi") / 2
-    shape = aperture.polygons
-    return _overlap(
-        shapely.transform(shape, lambda v: v - half), shapely.transform(shape, lambda v: v + half)
-    )
+    return _overlap(aperture, lambda v: v - half, lambda v: v + half)

@@ -33,7 +33,7 @@ class DrJitArray(Protocol):
 
     @property
     def index_ad(self) -> int:
-        """Number of the variable in the graph of derivatives."""
+        """Index of the variable in the graph of automatic differentiation."""
         ...
 
     def __dlpack__(self, stream: object | None = None) -> Any: ...
@@ -42,8 +42,8 @@ class DrJitArray(Protocol):
 Points: TypeAlias = ArrayLike | DrJitArray
 """Coordinates with the components of each point along the last axis.
 
-NumPy must be able to convert them, as an ``xarray.DataArray``. Dr.Jit arrays other than tensors
-have their components along the first axis.
+Any array-like object is accepted, such as an ``xarray.DataArray``. Dr.Jit arrays other than tensors
+have the components along the first axis.
 """
 
 Outline: TypeAlias = (
@@ -79,7 +79,7 @@ def shape_of(value: Any) -> str:
         return "of lists of different lengths"
 
 
-# Products of a few numbers above this limit overflow.
+# Largest coordinate or parameter: products of a few larger numbers overflow.
 _LARGEST = 1e100
 
 
@@ -98,10 +98,10 @@ def real_array(
     *shapes: tuple[Any, ...],
     error: type[PolywignerError] = ArgumentError,
 ) -> NDArray[np.float64]:
-    """Return a float64 copy of real numbers that has one of some shapes.
+    """Return real numbers as a float64 copy, whose shape must be one of ``shapes``.
 
     In a shape, None stands for any length above zero, and ``...`` at the start for any leading
-    axes. The message of the error starts with ``expected``.
+    axes. Error messages start with ``expected``.
     """
     try:
         array = real_numbers(values)
@@ -118,7 +118,7 @@ def finite_array(
     *shapes: tuple[Any, ...],
     error: type[PolywignerError] = ArgumentError,
 ) -> NDArray[np.float64]:
-    """Return a :func:`real_array` whose numbers are all below 1e100."""
+    """Return a :func:`real_array`, whose numbers must be finite and below 1e100."""
     array = real_array(values, expected, *shapes, error=error)
     is_finite = (np.abs(np.atleast_1d(array)) < _LARGEST).reshape((*array.shape[:1], -1))
     if not is_finite.all():
@@ -129,14 +129,14 @@ def finite_array(
 
 
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Return one or more real numbers (k,); a message of an error starts with ``expected``."""
+    """Return one or more real numbers (k,); error messages start with ``expected``."""
     return np.atleast_1d(real_array(values, expected, (), (None,)))
 
 
 def checked_vectors(
     values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
 ) -> NDArray[np.float64]:
-    """Return real numbers (..., *last); a message of an error starts with ``expected``."""
+    """Return real numbers (..., *last); error messages start with ``expected``."""
     return real_array(values, expected, (..., *last), error=error)
 
 
@@ -165,8 +165,8 @@ class Immutable:
     __delattr__ = __setattr__
 
 
-# Largest count: a number with a few more zeros would fill the memory.
-_MOST = 1_000_000
+# Largest count of parameters without their own limit: larger counts would exhaust the memory.
+_LARGEST_COUNT = 1_000_000
 
 
 def checked_number(value: Any, name: str, meaning: str) -> float:
@@ -183,7 +183,7 @@ def checked_number(value: Any, name: str, meaning: str) -> float:
 
 
 def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
-    """Return one of the names ``choices``; raise ArgumentError for other values."""
+    """Return a value that is one of the names ``choices``; raise ArgumentError for others."""
     if not isinstance(value, str) or value not in choices:
         known = ", ".join(f'"{choice}"' for choice in choices)
         raise ArgumentError(f"expected {name} to be one of {known}, got {value_text(value)}")
@@ -234,14 +234,13 @@ def checked_generator(seed: Any) -> np.random.Generator:
         ) from None
 
 
-def checked_count(value: Any, name: str, least: int, most: int | None = None) -> int:
+def checked_count(value: Any, name: str, least: int, most: int = _LARGEST_COUNT) -> int:
     """Return a whole number within bounds; raise ArgumentError for other values."""
-    if most is None and isinstance(value, (int, np.integer)) and value > _MOST:
-        raise ArgumentError(f"expected {name} as a whole number up to {_MOST}, got {value}")
     is_integer = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not is_integer or value < least or (most is not None and value > most):
-        bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
-        raise ArgumentError(f"expected {name} as a whole number {bounds}, got {value_text(value)}")
+    if not is_integer or not least <= value <= most:
+        raise ArgumentError(
+            f"expected {name} as a whole number from {least} to {most}, got {value_text(value)}"
+        )
     return int(value)
 
 
@@ -260,20 +259,22 @@ def checked_path(path: Any) -> Path:
 _LIKE_A_FREQUENCY = 1e6, 1e17
 # Largest plausible wavelength in diameters of the source.
 _LONGEST = 1e4
-# Largest plausible diameter in wavelengths. Few radio sources are a thousand wavelengths wide;
-# optical sources are, up to a size of about a metre. Confusing mm and m is a factor of a thousand.
-_MOST_OF_RADIO, _MOST_OF_LIGHT = 1e3, 1e6
+# Largest plausible diameter of a source in wavelengths. Few radio sources exceed a thousand
+# wavelengths; optical sources reach a million, a metre at 1 µm. Writing mm as m changes the
+# diameter by a factor of a thousand.
+_WIDEST_RADIO, _WIDEST_OPTICAL = 1e3, 1e6
+# Shortest radio wavelength in m.
 _SHORTEST_RADIO = 1e-4
-# Largest plausible distance of a link in sizes and wavelengths. Automotive radar reaches a
-# hundredth of this distance.
+# Largest plausible distance of a link, in diameters of the source and in wavelengths. Automotive
+# radar reaches a hundredth of this distance.
 _LONGEST_LINK = 1e5
 
 
 def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
-    """Return a text if a wavelength is implausible for a source of this diameter, both in m."""
+    """Return a warning text if a wavelength is implausible for a diameter (both in m), or None."""
     ratio = diameter / wavelength
-    most = _MOST_OF_RADIO if wavelength >= _SHORTEST_RADIO else _MOST_OF_LIGHT
-    if 1 / _LONGEST <= ratio <= most:
+    widest = _WIDEST_RADIO if wavelength >= _SHORTEST_RADIO else _WIDEST_OPTICAL
+    if 1 / _LONGEST <= ratio <= widest:
         return None
     size = f"a source of {diameter:.3g} m at a wavelength of {wavelength:.3g} m"
     if ratio < 1:
@@ -308,7 +309,7 @@ def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: floa
 
 def _diameter(source: Any) -> float | None:
     """Return the diagonal of the bounds of a source in m; None for other objects."""
-    outline = getattr(source, "source", source)  # of a differentiable source
+    outline = getattr(source, "source", source)  # the result of differentiable() contains a source
     try:
         bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
     except PolywignerError:
@@ -324,11 +325,11 @@ def warn_caller(message: str, stacklevel: int = 3) -> None:
     warnings.warn(message, PolywignerWarning, stacklevel=stacklevel)
 
 
-# Whether the caller is another function with a wavelength, which has warned already.
+# True within a call of another function with a wavelength, which has issued the warnings.
 _is_nested: ContextVar[bool] = ContextVar("_is_nested", default=False)
 
-# Least frequency in Hz, a wavelength of a thousand kilometres; smaller numbers are probably in GHz.
-_LEAST = 300.0
+# Lowest frequency in Hz, a wavelength of a thousand kilometres; lower numbers are probably in GHz.
+_LOWEST_FREQUENCY = 300.0
 
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
@@ -351,13 +352,13 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
     """Add a keyword ``frequency`` (Hz) to a function with a parameter ``wavelength`` (m).
 
     A call with the frequency omits the wavelength, also among positional arguments:
-    ``radiation_pattern(source, theta, phi, frequency=77e9)``. The arguments' sources get the
-    phases of their path lengths at the wavelength, and doubtful wavelengths cause a warning.
+    ``radiation_pattern(source, theta, phi, frequency=77e9)``. Sources among the arguments are
+    converted by their ``at_wavelength``, and implausible wavelengths cause a warning.
     """
     parameters = list(inspect.signature(function).parameters.values())
     position = [parameter.name for parameter in parameters].index("wavelength")
-    most = sum(p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD for p in parameters)
-    # if the next parameter has a default, a number at this position is a wavelength
+    positional = sum(p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD for p in parameters)
+    # If the next parameter has a default, a number at this position is a wavelength.
     following = parameters[position + 1 : position + 2]
     is_last = all(p.default is not inspect.Parameter.empty for p in following)
 
@@ -366,7 +367,7 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
         length: Any = args[position] if len(args) > position else kwargs.get("wavelength")
         if frequency is not None:
             is_number = is_last and len(args) > position and isinstance(length, Real)
-            if kwargs.pop("wavelength", None) is not None or is_number or len(args) >= most:
+            if kwargs.pop("wavelength", None) is not None or is_number or len(args) >= positional:
                 raise ArgumentError(
                     "expected a wavelength or a frequency, got both; leave one of them out"
                 )
@@ -398,7 +399,7 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
 
 
 def _at_wavelength(value: T, length: float) -> T:
-    """Return a source, or a container of arguments, with phases at a wavelength in m."""
+    """Convert a source, or the sources in a container of arguments, to a wavelength in m."""
     result: Any = value
     if isinstance(value, dict):
         result = {name: _at_wavelength(item, length) for name, item in value.items()}
@@ -412,7 +413,7 @@ def _at_wavelength(value: T, length: float) -> T:
 
 def _checked(frequency: Any) -> float:
     number = checked_length(frequency, "frequency", meaning="a number in Hz above zero")
-    if number < _LEAST:
+    if number < _LOWEST_FREQUENCY:
         raise ArgumentError(
             f"expected frequency in Hz, got {number:g}, a wavelength of "
             f"{SPEED_OF_LIGHT / number:.3g} m; write 94e9 for 94 GHz"
@@ -420,8 +421,8 @@ def _checked(frequency: Any) -> float:
     return number
 
 
-# Scene files contain angles in single precision: products of a few rotations deviate from a
-# rotation by some 1e-6. Intended scales differ from 1 by more than this tolerance.
+# Largest deviation from a rotation that counts as rounding. Scene files contain angles in single
+# precision, so products of a few rotations deviate by about 1e-6. Intended scales deviate by more.
 RIGID_TOLERANCE = 1e-4
 
 
@@ -462,7 +463,7 @@ def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
     last_row = np.isclose(poses[..., 3, :], (0.0, 0.0, 0.0, 1.0))
     faults = {
         "a last row other than (0, 0, 0, 1)": ~last_row.all(axis=-1),
-        "one that scales by {}; scale the source itself": (
+        "a pose that scales by {}; scale the source itself": (
             np.abs(gram - np.eye(3)) > RIGID_TOLERANCE
         ).any(axis=(-2, -1)),
         "a mirror image; mirror the source itself": np.linalg.det(rotation) < 0,

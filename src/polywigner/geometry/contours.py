@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import partial
+from functools import cached_property, partial
+from typing import Self
 
 import numpy as np
 import shapely
@@ -29,18 +30,34 @@ Indices = NDArray[np.intp]
 _NARROW = 0.5
 # Relative rounding error of a difference of coordinates.
 _ULPS = 8.0 * float(np.finfo(float).eps)
-# Distance of two coincident contours, as a fraction of the extent of the figure.
-_BESIDE = 1e-10
-# Distance of two touching surfaces along the line of sight, in the same unit.
+# Largest distance of contours that coincide, as a fraction of the extent of the figure.
+_COINCIDENT = 1e-10
+# Largest distance along the line of sight of surfaces that touch, in the same unit.
 _TOUCHING = 1e-6
-# Distance of sides of triangles on the border of a figure, as a fraction of its extent.
-_BORDER = 1e-11
+# Sides of triangles within this distance of the border of a figure are on the border, in the same
+# unit; such sides have this number in the place of an edge.
+_BORDER, _BORDER_SIDE = 1e-11, -2
 # Axes of the six pyramids, rotated out of the planes in which faces of bodies usually lie.
 _CUBE = np.linalg.qr(np.array([[0.83, 0.31, 0.47], [-0.29, 0.91, 0.17], [0.41, -0.23, 0.87]]))[0]
 
 
+class _Columns:
+    """Base of dataclasses whose fields are arrays with one row per item."""
+
+    @classmethod
+    def of(cls, parts: Sequence[Self]) -> Self:
+        """Concatenate the rows of all parts."""
+        names = [item.name for item in fields(cls)]  # type: ignore[arg-type]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def subset(self, rows: NDArray[np.bool_] | Indices) -> Self:
+        """Return the items that a mask or indices select."""
+        arrays = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
+        return type(self)(*(array[rows] for array in arrays))
+
+
 @dataclass(frozen=True)
-class Surface:
+class Surface(_Columns):
     """Illuminated triangles, counter-clockwise for the observer."""
 
     corners: Floats
@@ -52,23 +69,13 @@ class Surface:
     bodies: Indices
     """Number of the body of each triangle, shape (t,)."""
 
-    @classmethod
-    def of(cls, parts: Sequence[Surface]) -> Surface:
-        """Concatenate surfaces."""
-        names = [item.name for item in fields(cls)]
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-
-    def subset(self, rows: NDArray[np.bool_] | Indices) -> Surface:
-        """Return a subset of the triangles."""
-        return Surface(*(getattr(self, item.name)[rows] for item in fields(self)))
-
 
 @dataclass(frozen=True)
 class Silhouette:
     """Directed edges of shadows, with the body on the left as seen from the source."""
 
     edges: Floats
-    """Begin and end of each edge, shape (m, 2, 3)."""
+    """Start and end of each edge, shape (m, 2, 3)."""
     numbers: Indices
     """Number of the mesh edge that contains each edge, shape (m,); -1 if none does."""
     bodies: Indices
@@ -76,7 +83,7 @@ class Silhouette:
     behind: Indices
     """Number of the face behind each edge as seen from the source, shape (m,); -1 for none."""
     touching: frozenset[tuple[int, int]] = frozenset()
-    """Pairs of bodies that continue each other's surfaces."""
+    """Pairs of bodies whose surfaces adjoin."""
     planes: Floats = field(default_factory=partial(np.empty, (0, 4)))
     """Plane (a, b, c, d) of the face behind each edge, shape (m, 4).
 
@@ -178,7 +185,9 @@ def _projected(
     if border:
         on_border = np.abs(np.abs(figure.points) - distance) <= _BORDER * distance
         on_border &= np.roll(on_border, -1, axis=1)
-        surface = replace(surface, sides=np.where(on_border.any(axis=2), -2, surface.sides))
+        surface = replace(
+            surface, sides=np.where(on_border.any(axis=2), _BORDER_SIDE, surface.sides)
+        )
     wide = figure.has_width
     return figure.subset(wide), surface.subset(wide)
 
@@ -196,7 +205,7 @@ def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
         ring = [*zip(surface.corners[t], surface.sides[t], strict=True)]
         for plane in planes:
             ring = _cut_ring(ring, plane, observer)
-        # the fan of triangles has diagonals that are no edges of the mesh
+        # The diagonals of the fan of triangles are no edges of the mesh: they get new numbers.
         for k in range(1, len(ring) - 1):
             three = ring[0], ring[k], ring[k + 1]
             diagonals = following + t * 16 + k
@@ -220,7 +229,7 @@ def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
 def _cut_ring(
     ring: list[tuple[Floats, int]], plane: Floats, observer: Floats
 ) -> list[tuple[Floats, int]]:
-    """Clip a convex ring of (corner, number of the following side) to the half-space of a plane."""
+    """Clip a convex ring of pairs (corner, number of the next side) to one side of a plane."""
     result: list[tuple[Floats, int]] = []
     for (corner, side), (end, _) in zip(ring, [*ring[1:], *ring[:1]], strict=True):
         here, there = plane @ (corner - observer), plane @ (end - observer)
@@ -236,229 +245,239 @@ def _contours_in(figure: Projected, surface: Surface, closed: float) -> Silhouet
     """Return the net contours in one figure."""
     polygons = np.asarray(shapely.polygons(figure.points), dtype=object)
     hidden, left = less_shadows(figure, polygons, polygons)
-    pairing = _Pairing(figure, surface, closed)
-    visible = np.ones(len(polygons), bool)
-    visible[hidden] = False
-    pairing.add_sides(np.flatnonzero(visible))
-    pairing.add_parts(hidden, left)
-    return pairing.resolved()
+    visible = np.setdiff1d(np.arange(len(polygons)), hidden)
+    extent = float(np.ptp(figure.points.reshape(-1, 2), axis=0).max())
+    within = max(_COINCIDENT * extent, 16 * NOTHING * figure.size)
+    boundaries = [
+        _triangle_sides(figure, surface, visible),
+        _part_boundaries(figure, surface, hidden, left, within),
+    ]
+    segments = _Segments.of([part.subset(part.edge != _BORDER_SIDE) for part in boundaries])
+    segments = segments.subset(~_cancelling(segments))
+    beside, touching = max(within, closed), max(_TOUCHING * extent, closed)
+    return _Pairing(figure, surface, segments, within, beside, touching).resolved()
+
+
+@dataclass(frozen=True)
+class _Segments(_Columns):
+    """Segments of the boundaries of visible parts in a figure."""
+
+    begin: Floats
+    """Start points, shape (n, 2)."""
+    end: Floats
+    """End points, shape (n, 2)."""
+    triangle: Indices
+    """Number of the triangle that contains each segment, shape (n,)."""
+    side: Indices
+    """Number of the triangle's side that contains the segment, shape (n,); -1 if none does."""
+    edge: Indices
+    """Number of the mesh edge that contains the segment, shape (n,); -1 if none does."""
+
+    @cached_property
+    def length(self) -> Floats:
+        """Lengths, shape (n,)."""
+        return np.asarray(np.linalg.norm(self.end - self.begin, axis=1))
+
+    @cached_property
+    def unit(self) -> Floats:
+        """Unit vectors from start to end, shape (n, 2)."""
+        return np.asarray((self.end - self.begin) / np.maximum(self.length, 1e-300)[:, None])
+
+
+def _triangle_sides(figure: Projected, surface: Surface, rows: Indices) -> _Segments:
+    """Return all sides of completely visible triangles."""
+    points = figure.points[rows]
+    return _Segments(
+        points.reshape(-1, 2),
+        np.roll(points, -1, axis=1).reshape(-1, 2),
+        np.repeat(rows, 3),
+        np.tile(np.arange(3), len(rows)),
+        surface.sides[rows].ravel(),
+    )
+
+
+def _part_boundaries(
+    figure: Projected, surface: Surface, rows: Indices, parts: NDArray[np.object_], within: float
+) -> _Segments:
+    """Return the boundaries of the visible parts of triangles ``rows``."""
+    polygons, owner = shapely.get_parts(parts, return_index=True)
+    has_width = shapely.area(polygons) > NOTHING * figure.size * shapely.length(polygons)
+    number, begin, end = edges_around(polygons[has_width])
+    triangle = rows[owner[has_width]][number]
+    # A segment belongs to the side of its triangle that contains both of its ends.
+    corners = figure.points[triangle]
+    along = np.roll(corners, -1, axis=1) - corners
+    along /= np.linalg.norm(along, axis=2, keepdims=True)
+    distances = [np.abs(_cross(along, point[:, None] - corners)) for point in (begin, end)]
+    off = np.maximum(*distances)
+    nearest = off.argmin(axis=1)
+    side = np.where(off[np.arange(len(off)), nearest] <= within, nearest, -1)
+    edge = np.where(side >= 0, surface.sides[triangle, side], -1)
+    return _Segments(begin, end, triangle, side, edge)
 
 
 class _Pairing:
-    """Boundaries of visible parts as segments, from which shared segments are removed."""
+    """Segments in one figure, less the intervals that two surfaces share."""
 
-    def __init__(self, figure: Projected, surface: Surface, closed: float) -> None:
-        self.figure, self.surface = figure, surface
-        extent = float(np.ptp(figure.points.reshape(-1, 2), axis=0).max())
-        self.within = max(_BESIDE * extent, 16 * NOTHING * figure.size)
-        self.beside = max(self.within, closed)
-        self.touching = max(_TOUCHING * extent, closed)
-        self.begin: list[Floats] = []
-        self.end: list[Floats] = []
-        self.triangle: list[Indices] = []
-        self.side: list[Indices] = []
-
-    def add_sides(self, rows: Indices) -> None:
-        """Add all sides of completely visible triangles."""
-        points = self.figure.points[rows]
-        self._add(
-            points.reshape(-1, 2),
-            np.roll(points, -1, axis=1).reshape(-1, 2),
-            np.repeat(rows, 3),
-            np.tile(np.arange(3), len(rows)),
-        )
-
-    def add_parts(self, rows: Indices, parts: NDArray[np.object_]) -> None:
-        """Add the boundaries of visible parts of triangles."""
-        polygons, owner = shapely.get_parts(parts, return_index=True)
-        some = shapely.area(polygons) > NOTHING * self.figure.size * shapely.length(polygons)
-        number, begin, end = edges_around(polygons[some])
-        triangle = rows[owner[some]][number]
-        # a segment belongs to the side of its triangle that contains both of its ends
-        corners = self.figure.points[triangle]
-        along = np.roll(corners, -1, axis=1) - corners
-        along /= np.linalg.norm(along, axis=2, keepdims=True)
-        off = np.zeros((len(begin), 3))
-        for point in (begin, end):
-            away = point[:, None] - corners
-            height = along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]
-            off = np.maximum(off, np.abs(height))
-        best = off.argmin(axis=1)
-        near = off[np.arange(len(off)), best] <= self.within
-        self._add(begin, end, triangle, np.where(near, best, -1))
-
-    def _add(self, begin: Floats, end: Floats, triangle: Indices, side: Indices) -> None:
-        on_border = (side >= 0) & (self.surface.sides[triangle, side] == -2)
-        self.begin.append(begin[~on_border])
-        self.end.append(end[~on_border])
-        self.triangle.append(triangle[~on_border])
-        self.side.append(side[~on_border])
+    def __init__(
+        self,
+        figure: Projected,
+        surface: Surface,
+        segments: _Segments,
+        within: float,
+        beside: float,
+        touching: float,
+    ) -> None:
+        self.figure, self.surface, self.segments = figure, surface, segments
+        # Distance below which points coincide, distance of segments that run along each other, and
+        # distance along the line of sight of surfaces that touch.
+        self.within, self.beside, self.touching = within, beside, touching
+        # For each segment, the intervals of its length that no other segment shares.
+        self.free = [[(0.0, float(length))] for length in segments.length]
 
     def resolved(self) -> Silhouette:
         """Return the net contours: all segments that no two surfaces share."""
-        begin, end = np.concatenate(self.begin), np.concatenate(self.end)
-        triangle, side = np.concatenate(self.triangle), np.concatenate(self.side)
-        edge = np.where(side >= 0, self.surface.sides[triangle, side], -1)
-        left = ~_cancelling(edge, begin, end)
-        begin, end = begin[left], end[left]
-        triangle, side, edge = triangle[left], side[left], edge[left]
-        length = np.linalg.norm(end - begin, axis=1)
-        self.segments = begin, end, triangle, side, edge, length
-        free: list[list[tuple[float, float]]] = [[(0.0, float(size))] for size in length]
-        pieces: list[tuple[int, float, float, int]] = []
+        s, bodies = self.segments, self.surface.bodies
+        pieces: list[tuple[int, float, float, int]] = []  # segment, interval, segment behind
         touching = set()
-        for one, other in self._candidates(begin, end, edge, length, triangle):
-            for low, high, at in _shared(begin, end, length, free, one, other, self.within):
-                kind = self._nearer(one, other, 0.5 * (low + high), at)
-                if kind > 0:
-                    pieces.append((one, low, high, other))
-                elif kind < 0:
-                    first, last = sorted(_on(begin, end, length, one, other, (low, high)))
-                    pieces.append((other, first, last, one))
-                elif side[one] >= 0 and side[other] >= 0 and edge[one] != edge[other]:
-                    both = self.surface.bodies[triangle[[one, other]]]
-                    if both[0] != both[1]:
-                        touching.add((int(both.min()), int(both.max())))
-        for k, intervals in enumerate(free):
+        for j, k in self._candidates():
+            for low, high, at in self._shared(j, k):
+                order = self._nearer(j, k, 0.5 * (low + high), at)
+                if order > 0:
+                    pieces.append((j, low, high, k))
+                elif order < 0:
+                    first, last = sorted(self._converted(j, k, low, high))
+                    pieces.append((k, first, last, j))
+                elif s.side[j] >= 0 and s.side[k] >= 0 and s.edge[j] != s.edge[k]:
+                    pair = bodies[s.triangle[[j, k]]]
+                    if pair[0] != pair[1]:
+                        touching.add((int(pair.min()), int(pair.max())))
+        for k, intervals in enumerate(self.free):
             pieces += [
                 (k, low, high, -1)
                 for low, high in intervals
-                # shorter pieces are the ends of closed slits
-                if high - low > self.beside or high - low == length[k]
+                # Shorter pieces are the ends of closed slits.
+                if high - low > self.beside or high - low == s.length[k]
             ]
         pieces = [piece for piece in pieces if piece[2] - piece[1] > self.within]
-        rows = np.array([piece[0] for piece in pieces], np.intp)
-        behind = np.array([piece[3] for piece in pieces], np.intp)
+        rows, behind = (np.array([piece[k] for piece in pieces], np.intp) for k in (0, 3))
         ends = [self._lifted(rows, np.array([piece[k] for piece in pieces])) for k in (1, 2)]
-        faces = np.where(behind >= 0, self.surface.faces[triangle[behind]], -1)
-        bodies = self.surface.bodies[triangle[rows]]
-        return Silhouette(np.stack(ends, axis=1), edge[rows], bodies, faces, frozenset(touching))
+        faces = np.where(behind >= 0, self.surface.faces[s.triangle[behind]], -1)
+        edges = np.stack(ends, axis=1)
+        return Silhouette(edges, s.edge[rows], bodies[s.triangle[rows]], faces, frozenset(touching))
 
-    def _candidates(
-        self, begin: Floats, end: Floats, edge: Indices, length: Floats, triangle: Indices
-    ) -> list[tuple[int, int]]:
+    def _candidates(self) -> list[tuple[int, int]]:
         """Return pairs of segments that may run along each other in opposite directions."""
-        lines = shapely.linestrings(np.stack([begin, end], axis=1))
+        s = self.segments
+        lines = shapely.linestrings(np.stack([s.begin, s.end], axis=1))
         boxes = shapely.box(*(shapely.bounds(lines) + self.beside * np.array([-1, -1, 1, 1])).T)
-        one, other = shapely.STRtree(boxes).query(boxes)
-        one, other = one[one < other], other[one < other]
-        along = (end - begin) / np.maximum(length, 1e-300)[:, None]
-        some = np.einsum("nk,nk->n", along[one], along[other]) < -0.5
-        one, other = one[some], other[some]
-        # segments run along each other if their distance is below a tolerance
-        shift = begin[other] - begin[one]
-        t0 = np.einsum("nk,nk->n", end[other] - begin[one], along[one])
-        t1 = np.einsum("nk,nk->n", shift, along[one])
-        low, high = np.maximum(t0, 0.0), np.minimum(t1, length[one])
-        off1 = _cross(along[one], shift)
-        off0 = _cross(along[one], end[other] - begin[one])
+        j, k = shapely.STRtree(boxes).query(boxes)
+        is_opposite = (j < k) & (np.einsum("nk,nk->n", s.unit[j], s.unit[k]) < -0.5)
+        j, k = j[is_opposite], k[is_opposite]
+        # Ends of the second segment in coordinates along and across the first segment.
+        unit, to_end, to_begin = s.unit[j], s.end[k] - s.begin[j], s.begin[k] - s.begin[j]
+        t0, t1 = (np.einsum("nk,nk->n", point, unit) for point in (to_end, to_begin))
+        off0, off1 = (_cross(unit, point) for point in (to_end, to_begin))
+        low, high = np.maximum(t0, 0.0), np.minimum(t1, s.length[j])
         with np.errstate(divide="ignore", invalid="ignore"):
             slope = (off1 - off0) / (t1 - t0)
-            ends = (off0 + slope * (low - t0), off0 + slope * (high - t0))
-        off = np.abs(ends).max(axis=0)
-        some = (high - low > self.within) & (off <= self.beside)
-        # slits are between different bodies
-        bodies = self.surface.bodies[triangle]
-        some &= (off <= self.within) | (bodies[one] != bodies[other])
-        one, other, off = one[some], other[some], off[some]
-        same = (edge[one] == edge[other]) & (edge[one] >= 0)
-        order = np.lexsort([off, ~same])
-        return list(zip(one[order].tolist(), other[order].tolist(), strict=True))
+            off = np.abs([off0 + slope * (t - t0) for t in (low, high)]).max(axis=0)
+        is_near = (high - low > self.within) & (off <= self.beside)
+        # Slits are between different bodies.
+        bodies = self.surface.bodies[s.triangle]
+        is_near &= (off <= self.within) | (bodies[j] != bodies[k])
+        j, k, off = j[is_near], k[is_near], off[is_near]
+        is_one_edge = (s.edge[j] == s.edge[k]) & (s.edge[j] >= 0)
+        order = np.lexsort([off, ~is_one_edge])
+        return list(zip(j[order].tolist(), k[order].tolist(), strict=True))
 
-    def _nearer(self, one: int, other: int, at: float, at_other: float) -> int:
-        """Return 1 if the first segment is in front of the second, -1 if behind, else 0."""
-        _, _, triangle, _, edge, _ = self.segments
-        if edge[one] >= 0 and edge[one] == edge[other]:
+    def _converted(self, j: int, k: int, *lengths: float) -> list[float]:
+        """Convert lengths along segment j to lengths along segment k."""
+        s = self.segments
+        points = (s.begin[j] + t * s.unit[j] for t in lengths)
+        return [float(np.clip((p - s.begin[k]) @ s.unit[k], 0.0, s.length[k])) for p in points]
+
+    def _shared(self, j: int, k: int) -> Iterator[tuple[float, float, float]]:
+        """Remove the intervals that two opposite segments share from the free intervals.
+
+        Yields start and end along segment j, and the midpoint along segment k.
+        """
+        for low, high in list(self.free[j]):
+            for start, stop in list(self.free[k]):
+                t1, t0 = self._converted(k, j, start, stop)
+                first, last = max(low, t0), min(high, t1)
+                if last - first <= self.within:
+                    continue
+                u1, u0 = self._converted(j, k, first, last)
+                self.free[j] = _without(self.free[j], first, last)
+                self.free[k] = _without(self.free[k], u0, u1)
+                yield first, last, 0.5 * (u0 + u1)
+
+    def _nearer(self, j: int, k: int, at_j: float, at_k: float) -> int:
+        """Return 1 if segment j is in front of segment k, -1 if it is behind, else 0."""
+        s, faces = self.segments, self.surface.faces
+        is_one_edge = s.edge[j] >= 0 and s.edge[j] == s.edge[k]
+        if is_one_edge or faces[s.triangle[j]] == faces[s.triangle[k]]:
             return 0
-        if self.surface.faces[triangle[one]] == self.surface.faces[triangle[other]]:
-            return 0
-        (here, steep), (there, steep_there) = self._depth(one, at), self._depth(other, at_other)
-        gap = there - here
-        if abs(gap) <= self.touching + self.within * (steep + steep_there):
+        (depth_j, slope_j), (depth_k, slope_k) = self._depth(j, at_j), self._depth(k, at_k)
+        gap = depth_k - depth_j
+        if abs(gap) <= self.touching + self.within * (slope_j + slope_k):
             return 0
         return 1 if gap > 0 else -1
 
     def _depth(self, row: int, at: float) -> tuple[float, float]:
         """Return the depth of a segment, and its slope in the figure if it is not on a side."""
-        begin, end, triangle, side, _, length = self.segments
-        t, k = triangle[row], side[row]
-        point = begin[row] + at / length[row] * (end[row] - begin[row])
+        s = self.segments
+        t, k = s.triangle[row], s.side[row]
+        point = s.begin[row] + at * s.unit[row]
         depth, corners = self.figure.depth[t], self.figure.points[t]
         if k >= 0:
             along = corners[(k + 1) % 3] - corners[k]
-            share = (point - corners[k]) @ along / (along @ along)
-            return float(depth[k] + share * (depth[(k + 1) % 3] - depth[k])), 0.0
+            fraction = (point - corners[k]) @ along / (along @ along)
+            return float(depth[k] + fraction * (depth[(k + 1) % 3] - depth[k])), 0.0
         slope = self.figure.subset(np.array([t])).slopes[0]
         return float(depth[0] + (point - corners[0]) @ slope), float(np.abs(slope).sum())
 
     def _lifted(self, rows: Indices, at: Floats) -> Floats:
         """Return the points (m, 3) in space at lengths along segments."""
-        begin, end, triangle, side, _, length = (part[rows] for part in self.segments)
-        points = begin + (at / length)[:, None] * (end - begin)
-        corners, k = self.figure.points[triangle], np.maximum(side, 0)
+        s = self.segments.subset(rows)
+        points = s.begin + at[:, None] * s.unit
+        corners, k = self.figure.points[s.triangle], np.maximum(s.side, 0)
         n = np.arange(len(rows))
         first, last = corners[n, k], corners[n, (k + 1) % 3]
         along = last - first
-        share = np.einsum("nk,nk->n", points - first, along) / np.einsum("nk,nk->n", along, along)
-        share = np.clip(share, 0.0, 1.0)
-        ranges, space = self.figure.ranges[triangle], self.surface.corners[triangle]
-        near, far = share * ranges[n, k], (1.0 - share) * ranges[n, (k + 1) % 3]
-        share = (near / (near + far))[:, None]
-        on_side = (1.0 - share) * space[n, k] + share * space[n, (k + 1) % 3]
-        # on the edge of a shadow: barycentric coordinates in the triangle
+        fraction = np.einsum("nk,nk->n", points - first, along) / np.einsum(
+            "nk,nk->n", along, along
+        )
+        fraction = np.clip(fraction, 0.0, 1.0)
+        ranges, space = self.figure.ranges[s.triangle], self.surface.corners[s.triangle]
+        near, far = fraction * ranges[n, k], (1.0 - fraction) * ranges[n, (k + 1) % 3]
+        fraction = (near / (near + far))[:, None]
+        on_side = (1.0 - fraction) * space[n, k] + fraction * space[n, (k + 1) % 3]
+        # Points on the edge of a shadow, inside the triangle, have barycentric coordinates.
         edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
         inner = np.linalg.solve(edges, (points - corners[:, 0])[..., None])[..., 0]
-        shares = np.column_stack([1.0 - inner.sum(axis=1), inner]) / ranges
-        shares /= shares.sum(axis=1, keepdims=True)
-        return np.where((side >= 0)[:, None], on_side, np.einsum("nc,nck->nk", shares, space))
+        weights = np.column_stack([1.0 - inner.sum(axis=1), inner]) / ranges
+        weights /= weights.sum(axis=1, keepdims=True)
+        inside = np.einsum("nc,nck->nk", weights, space)
+        return np.where((s.side >= 0)[:, None], on_side, inside)
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-def _cancelling(edge: Indices, begin: Floats, end: Floats) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the segments that are one edge in both directions."""
+def _cancelling(segments: _Segments) -> NDArray[np.bool_]:
+    """Return a mask (n,) of the segments that occur in both directions, on one mesh edge."""
+    edge, begin, end = segments.edge, segments.begin, segments.end
     order = np.argsort(edge, kind="stable")
     first, second = order[:-1], order[1:]
     same = (edge[first] == edge[second]) & (edge[first] >= 0)
     same &= (begin[first] == end[second]).all(axis=1) & (end[first] == begin[second]).all(axis=1)
     same[1:] &= ~(same[1:] & same[:-1])
-    gone = np.zeros(len(edge), bool)
-    gone[first[same]] = gone[second[same]] = True
-    return gone
-
-
-def _on(
-    begin: Floats, end: Floats, length: Floats, one: int, other: int, at: tuple[float, ...]
-) -> list[float]:
-    """Convert lengths along one segment to lengths along the other one."""
-    unit = (end[one] - begin[one]) / length[one]
-    along = (end[other] - begin[other]) / length[other]
-    return [
-        float(np.clip((begin[one] + t * unit - begin[other]) @ along, 0.0, length[other]))
-        for t in at
-    ]
-
-
-def _shared(
-    begin: Floats, end: Floats, length: Floats, free: list[list[tuple[float, float]]],
-    one: int, other: int, least: float,
-) -> Iterator[tuple[float, float, float]]:  # fmt: skip
-    """Remove the intervals that two opposite segments share from the free intervals.
-
-    Yields begin and end along the first segment, and the midpoint along the other one.
-    """
-    for low, high in list(free[one]):
-        for start, stop in list(free[other]):
-            t1, t0 = _on(begin, end, length, other, one, (start, stop))
-            first, last = max(low, t0), min(high, t1)
-            if last - first <= least:
-                continue
-            u1, u0 = _on(begin, end, length, one, other, (first, last))
-            free[one] = _without(free[one], first, last)
-            free[other] = _without(free[other], u0, u1)
-            yield first, last, 0.5 * (u0 + u1)
+    mask = np.zeros(len(edge), bool)
+    mask[first[same]] = mask[second[same]] = True
+    return mask
 
 
 def _without(

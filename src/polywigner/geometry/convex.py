@@ -1,7 +1,8 @@
-"""Tilings of outlines: triangles, few convex pieces, and trapezoids to sample points from.
+"""Tilings of outlines: triangles, convex pieces, and trapezoids for random points.
 
-The first coordinate of a sample in the unit square selects a trapezoid and the abscissa. Stratified
-samples remain stratified, which a map to triangles, with its folds, would not preserve.
+Samples of the unit square are mapped to trapezoids: the first coordinate selects the trapezoid and
+x. Stratified samples remain stratified. A map to triangles folds the square, and would not preserve
+the strata.
 """
 
 from __future__ import annotations
@@ -25,26 +26,23 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
 
     Triangles may have zero area. Raises GeometryError if they do not tile the part exactly.
     """
-    vertices = np.unique(np.concatenate(part), axis=0)
-    index = {vertex.tobytes(): number for number, vertex in enumerate(vertices)}
     polygons = shapely.constrained_delaunay_triangles(polygon_of_part(part))
     corners = shapely.get_coordinates(polygons).reshape(-1, 4, 2)[:, :3] + 0.0
-    triangles = np.array(
-        [[index[corner.tobytes()] for corner in triangle] for triangle in corners], dtype=np.intp
-    ).reshape(-1, 3)
+    vertices, numbers = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
+    triangles = numbers.reshape(-1, 3)
     if shoelace(vertices[triangles]) < 0:
-        # Triangles of zero area are reversed as well, to stay consistent with their neighbours.
+        # Triangles of zero area too: neighbours need their common edge in opposite directions.
         triangles = triangles[:, ::-1]
     if shoelace(vertices[triangles]) != shoelace(part):
         raise GeometryError(
-            "expected an outline that can be triangulated, got one whose triangles miss its area; "
+            "expected an outline that can be triangulated, got triangles of another total area; "
             "round its coordinates, for instance with shapely.set_precision"
         )
     return vertices, triangles
 
 
 class _Merger:
-    """Pieces as cycles of vertex numbers, merged across diagonals if they stay convex."""
+    """Convex pieces (lists of vertex numbers), merged across diagonals while they stay convex."""
 
     def __init__(self, vertices: Ring, triangles: Indices) -> None:
         self.points = [(float(x), float(y)) for x, y in vertices]
@@ -80,9 +78,10 @@ class _Merger:
 def convex_pieces(part: Part) -> list[Ring]:
     """Split a part into convex counter-clockwise polygons without new vertices.
 
-    Constrained Delaunay triangles are merged greedily while convex (Hertel and Mehlhorn 1983: at
-    most four times the fewest possible). The better of two orders is used: the longest diagonals
-    first, or the shortest.
+    Constrained Delaunay triangles are merged greedily while they stay convex, which yields at most
+    four times the minimum number of pieces (Hertel and Mehlhorn 1983). Triangles are merged in two
+    orders, across the longest or across the shortest diagonals first, and the smaller set is
+    returned.
     """
     if len(part) == 1:
         ring = part[0]
@@ -100,11 +99,32 @@ def convex_pieces(part: Part) -> list[Ring]:
     return [piece for piece in pieces if shoelace([piece]) > 0]
 
 
-# Relative area of trapezoids between vertices whose abscissas differ by rounding. Dropping them
-# changes the density by less than the rounding of single precision.
+def mean_polygon(first: Ring, second: Ring) -> Ring:
+    """Return the convex polygon of all midpoints (a + b)/2 of two convex rings.
+
+    Its sides are the sides of both rings, sorted by direction. GEOS' convex hull of the midpoints
+    of vertices is wrong for points that lie nearly on a line.
+    """
+    rings, angles = [], []
+    for ring in (first, second):
+        lowest_first = np.roll(ring, -int(np.lexsort(ring.T)[0]), axis=0)
+        side = np.roll(lowest_first, -1, axis=0) - lowest_first
+        direction = np.arctan2(side[:, 1], side[:, 0]) % (2 * np.pi)
+        rings.append(lowest_first)
+        angles.append(np.maximum.accumulate(direction))  # rounding may turn a side backwards
+    is_of_second = np.argsort(np.concatenate(angles), kind="stable") >= len(first)
+    k: NDArray[np.intp] = np.cumsum(is_of_second) - is_of_second  # vertex of the second ring
+    j = np.arange(len(is_of_second)) - k  # vertex of the first ring
+    a, b = rings
+    return np.asarray(a[j % len(a)] / 2 + b[k % len(b)] / 2)
+
+
+# Largest relative area of a trapezoid that is dropped, between vertices whose x differs by rounding
+# only. Dropping it changes the density of points by less than the rounding of single precision.
 _NEGLIGIBLE = 1e-12
 
-# Smaller than any height of an aperture and above zero in single precision.
+# Replaces denominators of zero: smaller than any height of an aperture, and above zero in single
+# precision.
 _TINY = 1e-30
 
 
@@ -130,7 +150,7 @@ class Trapezoids(NamedTuple):
 
     @property
     def midpoints(self) -> NDArray[np.float64]:
-        """Midpoints of the lines halfway between the parallel sides, shape (n, 2)."""
+        """Midpoints between the midpoints of the parallel sides, shape (n, 2)."""
         height = self.height_left + self.height_right
         y = 0.5 * (self.low_left + self.low_right) + 0.25 * height
         return np.stack([self.left + 0.5 * self.width, y], axis=-1)
@@ -147,7 +167,7 @@ class Trapezoids(NamedTuple):
 
 
 def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
-    """Split an aperture with boundary rings (n, 2) into trapezoids, from left to right."""
+    """Split the region inside boundary rings (n, 2) into trapezoids, from left to right."""
     start = np.concatenate(rings)
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     rightwards = start[:, :1] <= end[:, :1]
@@ -163,15 +183,15 @@ def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
 def _slab(
     start: NDArray[np.float64], end: NDArray[np.float64], left: float, right: float
 ) -> NDArray[np.float64]:
-    """Return the trapezoids between two adjacent cuts, from below upwards."""
+    """Return the trapezoids (k, 6) between two vertical lines, from below upwards."""
     across = (start[:, 0] <= left) & (end[:, 0] >= right)
     a, b = start[across], end[across]
     slope = (b[:, 1] - a[:, 1]) / (b[:, 0] - a[:, 0])
     at_left = a[:, 1] + slope * (left - a[:, 0])
     at_right = a[:, 1] + slope * (right - a[:, 0])
     order = np.argsort(at_left + at_right, kind="stable")
-    # Edges alternate between entering and leaving the aperture. Edges of touching parts coincide,
-    # and their order does not matter.
+    # From below, edges alternate between entering and leaving the aperture. Edges of parts that
+    # touch coincide, and their order does not matter.
     low, high = order[0::2], order[1::2]
     heights = at_left[high] - at_left[low], at_right[high] - at_right[low]
     sides = np.full(low.shape, left), np.full(low.shape, right - left), *heights

@@ -39,7 +39,7 @@ _GRID = 2.0**-44
 
 
 def grid_size(points: Ring) -> float:
-    """Return a power of two near 2^-44 of the extent, or of the largest coordinate if larger."""
+    """Return a power of two near 2^-44 times the extent or the largest coordinate, if larger."""
     scale = max(extent(points), float(np.abs(points).max()))
     return float(_GRID * 2.0 ** np.ceil(np.log2(scale)))
 
@@ -52,24 +52,24 @@ def polygons_in(geometry: BaseGeometry) -> list[shapely.Polygon]:
 
 
 def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeometry:
-    """Move each vertex to the nearest of `originals` (n, 2) within `reach`, if that stays valid."""
+    """Move vertices to the nearest of `originals` (n, 2) within `reach`, if the result is valid."""
     tree = shapely.STRtree(shapely.points(originals))
 
     def moved(points: Ring) -> Ring:
         index, nearest = tree.query_nearest(
             shapely.points(points), max_distance=reach, all_matches=False
         )
-        out = points.copy()
-        out[index] = originals[nearest]
-        return out
+        result = points.copy()
+        result[index] = originals[nearest]
+        return result
 
     exact = shapely.transform(geometry, moved)
     return exact if shapely.is_valid(exact) else geometry
 
 
 def straightened(geometry: BaseGeometry, reach: float) -> BaseGeometry:
-    """Drop vertices within `reach` of the line between their neighbours, if that stays valid."""
-    # The rings begin at their lowest vertex, so that the result does not depend on the first one.
+    """Drop vertices within `reach` of the line between neighbours, if the result is valid."""
+    # Normalised rings begin at their lowest vertex, so the first vertex does not affect the result.
     polygons = shapely.simplify(shapely.normalize(np.array(polygons_in(geometry), object)), reach)
     simple = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons.tolist())
     fewer = shapely.get_num_coordinates(simple) < shapely.get_num_coordinates(geometry)
@@ -80,19 +80,13 @@ def _is_hairline(region: BaseGeometry, width: float) -> bool:
     return bool(region.area <= width * region.length)
 
 
-def _without_hairlines(polygon: shapely.Polygon, width: float) -> shapely.Polygon:
-    """Close holes that are cracks of at most this width."""
-    holes = [hole for hole in polygon.interiors if not _is_hairline(shapely.Polygon(hole), width)]
-    return shapely.Polygon(polygon.exterior, holes)
-
-
-def connected(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return a label for each of ``count`` items; pairs (one, other) connect items of one label."""
+def connected(count: int, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return labels (count,), equal for items that are connected by pairs (first, second)."""
     labels = np.arange(count)
     while True:
-        least = np.minimum(labels[one], labels[other])
+        least = np.minimum(labels[first], labels[second])
         before = labels.copy()
-        for side in (one, other):
+        for side in (first, second):
             np.minimum.at(labels, labels[side], least)
         labels = labels[labels]
         if (labels == before).all():
@@ -100,9 +94,9 @@ def connected(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> NDA
 
 
 def _union(geometries: Sequence[BaseGeometry], grid: float) -> BaseGeometry:
-    """Return the union of geometries, computed for each group of overlapping boxes.
+    """Return the union of geometries, computed for each group whose bounding boxes overlap.
 
-    GEOS takes ten times as long to unite many separate geometries at once.
+    GEOS takes ten times as long if it unites many separate geometries in one call.
     """
     array = np.array(geometries, dtype=object)
     boxes = shapely.box(*(shapely.bounds(array) + grid * np.array([-1, -1, 1, 1])).T)
@@ -129,20 +123,23 @@ def union_on_grid(
 
 
 def combined_on_grid(
-    operation: Callable[..., BaseGeometry], one: BaseGeometry, other: BaseGeometry
+    operation: Callable[..., BaseGeometry], first: BaseGeometry, second: BaseGeometry
 ) -> BaseGeometry:
     """Apply a set operation of shapely, and clean the result like :func:`union_on_grid`."""
-    points = shapely.get_coordinates([one, other])
+    points = shapely.get_coordinates([first, second])
     grid = grid_size(points)
-    result = operation(one, other, grid_size=grid)
+    result = operation(first, second, grid_size=grid)
     if all(_is_hairline(polygon, grid) for polygon in polygons_in(result)):
         return shapely.MultiPolygon()
     return _cleaned(result, points, grid)
 
 
 def _cleaned(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
-    """Remove cracks and slivers, and restore the vertices ``points``."""
-    polygons = [_without_hairlines(polygon, grid) for polygon in polygons_in(region)]
+    """Remove cracks and slivers up to the width ``grid``, and restore the vertices ``points``."""
+    polygons = []
+    for polygon in polygons_in(region):
+        holes = [h for h in polygon.interiors if not _is_hairline(shapely.Polygon(h), grid)]
+        polygons.append(shapely.Polygon(polygon.exterior, holes))
     wide = [polygon for polygon in polygons if not _is_hairline(polygon, grid)] or polygons
     joined = wide[0] if len(wide) == 1 else shapely.MultiPolygon(wide)
     return straightened(restored(joined, points, grid), grid)
@@ -180,8 +177,8 @@ def _with_vertices_on_edges(ring: Ring, tree: shapely.STRtree, points: Ring, rea
 def weld(parts: Sequence[Part]) -> list[Part]:
     """Make nearly equal vertices equal, and insert vertices into the edges that they touch.
 
-    Vertices move by at most 64 ulp of the largest coordinate. Parts that touch along an edge then
-    have the same vertices on it.
+    Vertices move by at most 64 ulp of the largest coordinate. Afterwards, two parts that touch
+    along an edge have the same vertices on that edge.
     """
     rings = [ring for part in parts for ring in part]
     reach = max(rounding_tolerance(ring) for ring in rings)
@@ -196,16 +193,17 @@ def weld(parts: Sequence[Part]) -> list[Part]:
     return [tuple(next(welded) for _ in part) for part in parts]
 
 
-# Distance of vertices on a straight line, in units of area/diameter: the relative change of the
-# area is about the same, also for a thin part. For a unit square the distance is 16 ulp.
+# Largest distance of a dropped vertex from the line between its neighbours, in units of
+# area/diameter, so that the relative change of the area is about the same for thin parts. For a
+# unit square the distance is 16 ulp.
 _STRAIGHT = 2.0**-48
 
-# A block of parts that overlap all other parts is intersected in about a second.
+# Number of vertices that are intersected at once, which takes about a second if all parts overlap.
 _VERTICES_AT_ONCE = 200_000
 
 _MERGE = "merge them with shapely.union_all, or give a hole as shapely.Polygon(outer, [hole])"
 
-_COORDINATES = re.compile(r"\[(\S+) (\S+)\]")  # in the reasons of GEOS
+_COORDINATES = re.compile(r"\[(\S+) (\S+)\]")  # a position in a message of GEOS
 
 
 def part_of_ring(vertices: object, name: str = "the ring") -> Part:
@@ -224,7 +222,7 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
             'split it with Aperture.from_ring(ring, winding="nonzero") or winding="evenodd"'
         )
     if not spans:
-        raise GeometryError(f"expected {name} to enclose an area, got one of zero area")
+        raise GeometryError(f"expected {name} to enclose an area, got zero area")
     return _straightened((oriented(ring, True),))
 
 
@@ -265,7 +263,7 @@ def _check_overlaps(
 ) -> bool:
     """Return whether any two parts touch; GeometryError if two overlap by more than rounding.
 
-    Pairs are formed in blocks: a thousand parts on top of each other make a million pairs.
+    Blocks of parts limit the memory: a thousand parts on top of each other form a million pairs.
     """
     # Parts within a rounding error of each other count as touching.
     shift = max(rounding_tolerance(part[0]) for part in parts)
@@ -294,8 +292,8 @@ def check_pairs(
 ) -> None:
     """Raise GeometryError if pairs of polygons overlap by more than a rounding error `shift`."""
     common = shapely.intersection(array[first], array[second])
-    # An edge displaced by the rounding tolerance sweeps this tolerance times its length. Half the
-    # area of a sliver is an overlap, also if the sliver is thin.
+    # An edge that moves by the rounding tolerance sweeps an area of the tolerance times its length.
+    # For slivers, which may be thinner than the tolerance, the limit is half of their area.
     allowed = shift * np.minimum(shapely.length(array[first]), shapely.length(array[second]))
     smaller = np.minimum(shapely.area(array[first]), shapely.area(array[second]))
     excess = shapely.area(common) - np.minimum(allowed, smaller / 2)
@@ -312,7 +310,7 @@ def check_pairs(
 
 
 def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
-    """Return the union of touching parts, or None if its area or its vertices differ."""
+    """Return the union of touching parts; None if GEOS changes its area or adds vertices."""
     if any(len(ring) < 3 for part in parts for ring in part):
         return None  # welding has closed a sliver
     try:
@@ -339,12 +337,12 @@ def merge_parts(parts: Sequence[Part], remedy: str = _MERGE) -> list[Part]:
         union = shapely.MultiPolygon([polygon_of_part(part) for part in merged])
         reach = max(rounding_tolerance(part[0]) for part in merged)
         return [part_of_polygon(polygon) for polygon in polygons_in(straightened(union, reach))]
-    # Rare: edges run along each other at rounding distance without common vertices.
+    # In rare cases, edges run along each other at rounding distance without common vertices.
     return _joined_on_grid(polygons)
 
 
 def union_parts(parts: Sequence[Part]) -> list[Part]:
-    """Return the union of parts that may overlap, like :func:`merge_parts` if none does."""
+    """Return the union of parts that may overlap; :func:`merge_parts` if they do not."""
     try:
         return merge_parts(parts)
     except GeometryError:
@@ -355,10 +353,11 @@ def _joined_on_grid(polygons: Sequence[shapely.Polygon]) -> list[Part]:
     return [part_of_polygon(polygon) for polygon in polygons_in(union_on_grid(polygons))]
 
 
-def _turns(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
+def _winding_numbers(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
     """Return the winding numbers (m,) of closed rings with the edges start, end (n, 2).
 
-    Counts signed crossings of the ray towards +x. Points on a ring get the number of one side.
+    Counts signed crossings of the ray towards +x. Points on a ring get the winding number on one
+    side of the ring.
     """
     tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
     farthest = np.column_stack([np.full(len(points), start[:, 0].max()), points[:, 1]])
@@ -374,7 +373,7 @@ def _turns(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
 
 
 def split_ring(vertices: Any, winding: str) -> list[Part]:
-    """Return the parts of the region inside a ring by the rule "nonzero" or "evenodd"."""
+    """Return the region inside a ring, by the rule "nonzero" or "evenodd", as parts."""
     checked_choice(winding, "winding", ("nonzero", "evenodd"))
     ring = clean_ring(vertices, "the ring")
     if shapely.is_valid(shapely.Polygon(ring)):
@@ -382,26 +381,26 @@ def split_ring(vertices: Any, winding: str) -> list[Part]:
     polygons = enclosed([ring], winding)
     if not polygons:
         raise GeometryError(
-            f"expected a ring that encloses an area, got none by the {winding!r} rule"
+            f"expected a ring that encloses an area, got zero area by the {winding!r} rule"
         )
     return [part_of_polygon(polygon) for polygon in polygons]
 
 
 def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
-    """Return the region that rings (n, 2), which may cross, enclose by a winding rule.
+    """Return the region inside rings (n, 2), which may cross, by the rule "nonzero" or "evenodd".
 
     The polygons are separate or touch in points. The list is empty if no area is enclosed.
     """
-    # The faces of the arrangement of all edges, noded on a grid: a curve that is traversed twice,
-    # with different rounding, leaves no hairline faces.
+    # All edges, split at their crossings on a grid, divide the plane into faces. Due to the grid, a
+    # curve that is traversed twice with different rounding leaves no hairline faces.
     points = np.concatenate(rings)
     following = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
-    # One line per ring: GEOS takes many times as long for one line per edge.
+    # A line per ring: GEOS takes many times as long for a line per edge.
     lines = [shapely.LineString(np.concatenate([ring, ring[:1]])) for ring in rings]
     noded = shapely.union_all(lines, grid_size=grid_size(points))
     faces = polygons_in(shapely.polygonize([noded]))
     inside = shapely.get_coordinates(shapely.point_on_surface(faces)).reshape(-1, 2)
-    numbers = _turns(points, following, inside)
+    numbers = _winding_numbers(points, following, inside)
     chosen = numbers != 0 if winding == "nonzero" else numbers % 2 == 1
     inner = [face for face, is_inner in zip(faces, chosen, strict=True) if is_inner]
     return polygons_in(union_on_grid(inner, points)) if inner else []

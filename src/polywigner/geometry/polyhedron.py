@@ -22,21 +22,21 @@ from polywigner.geometry.rings import rings_of_polygon
 # Coordinates printed with ten digits pass; the volume changes by less than 1e-9 of diameter^3.
 _PLANAR = 1e-9
 
-# Rounding of radii and distances, sums of a few terms. Rows of distances per step: 80 MB for
-# 10,000 ends.
+# Relative rounding error of radii and distances, which are sums of a few terms.
 _ROUNDING = 1e-14
+# Number of points whose distances from all others are computed at once: 80 MB for 10,000 points.
 _ROWS = 1024
 
-# Sine of the least bend at a corner of a strictly convex face, above the rounding of the sides.
+# Smallest sine of the bend at a corner of a strictly convex face, above the rounding of the sides.
 _BEND = 1e-9
-# Fraction of a face's area by which rounding may change the area of its triangles.
+# Largest change of a face's area by the triangulation, as a fraction of the area: rounding.
 _LOST = 1e-9
 # Distance to a surface, as a fraction of the size, below which a point lies on the surface.
 _ON_SURFACE = 1e-9
-# Vertices of a surface that are tested for being inside another surface.
+# Number of triangles of a surface whose centroids are tested for being inside another surface.
 _SAMPLES = 16
 
-# Pairs of a point and a triangle per step: some 50 MB.
+# Number of pairs of a point and a triangle that are processed at once: about 50 MB.
 _PAIRS = 1 << 18
 # Replaces lengths and areas of zero in denominators.
 _TINY = 1e-300
@@ -68,7 +68,7 @@ class Polyhedron(Immutable):
     Warns
     -----
     PolywignerWarning
-        If a surface inside another surface faces the same way: it is read as a cavity.
+        If a surface inside another surface has the same orientation: it is read as a cavity.
 
     Examples
     --------
@@ -94,8 +94,7 @@ class Polyhedron(Immutable):
         if volume <= 1e-15 * float(np.max(np.ptp(points, axis=0))) ** 3:
             raise GeometryError("expected faces that enclose a volume, got zero volume")
         points.setflags(write=False)
-        object.__setattr__(self, "vertices", points)
-        object.__setattr__(self, "faces", numbers)
+        self.__dict__.update(vertices=points, faces=numbers)
 
     @cached_property
     def volume(self) -> float:
@@ -134,11 +133,10 @@ class Polyhedron(Immutable):
 
 
 def _restored(vertices: Vertices, faces: tuple[tuple[int, ...], ...]) -> Polyhedron:
-    """Return a body that needs no checks."""
+    """Return a body of valid vertices and faces, without checks."""
     body = object.__new__(Polyhedron)
     vertices.setflags(write=False)
-    object.__setattr__(body, "vertices", vertices)
-    object.__setattr__(body, "faces", faces)
+    body.__dict__.update(vertices=vertices, faces=faces)
     return body
 
 
@@ -147,15 +145,16 @@ def _largest_distance(points: Vertices) -> float:
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     offsets = points - centre
     radii = np.linalg.norm(offsets, axis=1)
-    far = offsets[int(radii.argmax())]
-    least = float(np.linalg.norm(offsets - far, axis=1).max())
-    # An end at radius r is at most r + max(radii) away from the other.
-    ends = offsets[radii >= (1 - _ROUNDING) * (least - radii.max())]
+    farthest = offsets[int(radii.argmax())]
+    largest = float(np.linalg.norm(offsets - farthest, axis=1).max())
+    # No point is farther than r + max(radii) from a point at radius r, which excludes small radii.
+    ends = offsets[radii >= (1 - _ROUNDING) * (largest - radii.max())]
     squares = (ends**2).sum(axis=1)
     for k in range(0, len(ends), _ROWS):
-        apart = squares[k : k + _ROWS, None] + squares - 2 * ends[k : k + _ROWS] @ ends.T
-        least = max(least, float(np.sqrt(apart.max())))
-    return least
+        block = slice(k, k + _ROWS)
+        squared_distances = squares[block, None] + squares - 2 * ends[block] @ ends.T
+        largest = max(largest, float(np.sqrt(squared_distances.max())))
+    return largest
 
 
 def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
@@ -181,21 +180,21 @@ def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
 def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
     """Raise GeometryError unless each directed edge occurs as often as its reverse."""
     starts = [face.index(min(face)) for face in faces]
-    turned = Counter(f[k:] + f[:k] for f, k in zip(faces, starts, strict=True))
-    repeated, times = next(iter(turned.most_common(1)), ((), 0))
-    if times > 1:
+    canonical = Counter(f[k:] + f[:k] for f, k in zip(faces, starts, strict=True))
+    repeated, count = next(iter(canonical.most_common(1)), ((), 0))
+    if count > 1:
         raise GeometryError(
             f"expected consistently oriented faces, each once, got {list(repeated)[:20]} "
-            f"{times} times; remove the repetitions"
+            f"{count} times; remove the repetitions"
         )
     edges = Counter((f[k - 1], f[k]) for f in faces for k in range(len(f)))
-    for (a, b), times in edges.items():
-        if times > max(1, edges[b, a]):
+    for (a, b), count in edges.items():
+        if count > max(1, edges[b, a]):
             raise GeometryError(
-                f"expected consistently oriented faces, got two that run from vertex {a} to {b}; "
+                f"expected consistently oriented faces, got two with an edge from {a} to {b}; "
                 "reverse one of them"
             )
-        if edges[b, a] < times:
+        if edges[b, a] < count:
             raise GeometryError(
                 f"expected a closed surface, got an edge from vertex {a} to {b} with a face on one "
                 "side only; add the missing face, or read an open mesh with polywigner.read_sheets"
@@ -220,10 +219,10 @@ def _oriented(
     """Return the faces, counter-clockwise from outside the solid, and its volume."""
     surfaces = closed_surfaces(faces)
     members = [[faces[k] for k in surface] for surface in surfaces]
-    volumes = [_volume_inside(points, some) for some in members]
+    volumes = [_volume_inside(points, member) for member in members]
     around = np.zeros((len(surfaces),) * 2, dtype=bool)
     if len(surfaces) > 1:
-        around = nesting_of([points[triangulate_faces(points, some)] for some in members])
+        around = nesting_of([points[triangulate_faces(points, member)] for member in members])
     depths = around.sum(axis=0)
     total, oriented = 0.0, list(faces)
     for n, (surface, volume) in enumerate(zip(surfaces, volumes, strict=True)):
@@ -235,8 +234,8 @@ def _oriented(
         outermost = np.flatnonzero(around[:, n] & (depths == 0))
         if sign < 0 and len(outermost) and volume * volumes[outermost[0]] > 0:
             warn_caller(
-                f"the surface with face {surface[0]} lies inside another surface and faces the "
-                "same way: it is read as a cavity; remove it if it is a body inside the body"
+                f"the surface with face {surface[0]} lies inside another surface and has the same "
+                "orientation: it is read as a cavity; remove it if the body is solid there"
             )
     return tuple(oriented), total
 
@@ -337,13 +336,13 @@ def _unit(vectors: Vertices) -> Vertices:
 
 
 def _are_convex(corners: Vertices) -> NDArray[np.bool_]:
-    """Return a mask (k,) of convex faces: equal signs of all bends, one turn in total."""
+    """Return a mask (k,) of convex faces: all bends are to the left, and add up to 2 pi."""
     sides = _unit(np.roll(corners, -1, axis=1) - corners)
     following = np.roll(sides, -1, axis=1)
     normals = _unit(normals_of(corners))
     bends = np.einsum("kni,ki->kn", np.cross(sides, following), normals)
-    turns = np.arctan2(bends, (sides * following).sum(axis=2)).sum(axis=1)
-    return (bends > _BEND).all(axis=1) & (turns < 3 * np.pi)
+    total = np.arctan2(bends, (sides * following).sum(axis=2)).sum(axis=1)
+    return (bends > _BEND).all(axis=1) & (total < 3 * np.pi)
 
 
 def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
@@ -355,7 +354,7 @@ def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
     vertex = {corner.tobytes(): int(k) for corner, k in zip(flat, face, strict=True)}
     outline = shapely.Polygon(flat)
     area = float(normals_of(corners[None])[0] @ normal) / 2
-    # make_valid removes a bridge to a hole, an edge in both directions.
+    # make_valid removes the bridge to a hole, an edge that the outline contains in both directions.
     valid = outline if outline.is_valid else shapely.make_valid(outline)
     pieces = [np.empty((0, 2))]
     for part in polygons_in(shapely.orient_polygons(valid)):
@@ -387,10 +386,10 @@ def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
     end[last] = begin[last - counts + 1]
     keys = np.minimum(begin, end) * (int(begin.max()) + 1) + np.maximum(begin, end)
     order = np.argsort(keys, kind="stable")
-    _, starts, times = np.unique(keys[order], return_index=True, return_counts=True)
-    pairs = starts[times == 2]  # two faces meet at the edge, and no other
+    _, starts, face_counts = np.unique(keys[order], return_index=True, return_counts=True)
+    pairs = starts[face_counts == 2]  # edges of exactly two faces
     labels = connected(len(faces), owner[order[pairs]], owner[order[pairs + 1]])
-    if (times != 2).any():
+    if (face_counts != 2).any():
         # A surface is closed if each edge occurs equally often in both directions.
         _, numbers = np.unique(np.stack([keys, labels[owner]]), axis=1, return_inverse=True)
         balance = np.bincount(numbers.ravel(), np.where(begin < end, 1, -1))
@@ -424,12 +423,12 @@ def nesting_of(surfaces: Sequence[Vertices]) -> NDArray[np.bool_]:
 
 
 def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
-    """Return whether a surface lies inside another one, by centroids of its triangles."""
+    """Return whether a surface lies inside another one, judged by centroids of its triangles."""
     centroids = inner[:: max(1, len(inner) // _SAMPLES)].mean(axis=1)
     size = float(np.ptp(outer.reshape(-1, 3), axis=0).max())
     centroids = centroids[distances_from(outer, centroids) > _ON_SURFACE * size]
-    turns = np.abs(windings_about(centroids, outer))
-    return bool(len(turns)) and bool((np.round(turns) % 2 == 1).all())
+    windings = np.abs(windings_about(centroids, outer))
+    return bool(len(windings)) and bool((np.round(windings) % 2 == 1).all())
 
 
 def distances_from(corners: Vertices, points: Vertices) -> Vertices:
@@ -442,7 +441,7 @@ def distances_from(corners: Vertices, points: Vertices) -> Vertices:
 
 
 def point_distances(points: Vertices, corners: Vertices) -> Vertices:
-    """Return the distances (...) of points (..., 3) from triangles (..., 3, 3), broadcast."""
+    """Return the distances of points (..., 3) from triangles (..., 3, 3), with broadcasting."""
     best = np.array(np.inf)
     above = np.array(True)
     normal = np.cross(
@@ -461,7 +460,7 @@ def point_distances(points: Vertices, corners: Vertices) -> Vertices:
 
 
 def dot_products(a: Vertices, b: Vertices) -> Vertices:
-    """Return the dot products (...) of vectors (..., 3), broadcast."""
+    """Return the dot products of vectors (..., 3), with broadcasting."""
     return np.asarray(np.einsum("...k,...k", a, b))
 
 
@@ -484,13 +483,13 @@ def windings_about(points: Vertices, corners: Vertices) -> Vertices:
     ----------
     A. Van Oosterom and J. Strackee, "The solid angle of a plane triangle", 1983.
     """
-    turns = np.empty(len(points))
+    windings = np.empty(len(points))
     step = max(1, _PAIRS // len(corners))
     for start in range(0, len(points), step):
-        some = slice(start, start + step)
-        a, b, c = np.moveaxis(corners - points[some, None, None], -2, 0)
+        block = slice(start, start + step)
+        a, b, c = np.moveaxis(corners - points[block, None, None], -2, 0)
         x, y, z = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
         below = x * y * z + dot_products(a, b) * z + dot_products(b, c) * x + dot_products(c, a) * y
         triple = dot_products(a, np.cross(b, c))
-        turns[some] = np.arctan2(triple, below).sum(axis=1) / (2 * np.pi)
-    return turns
+        windings[block] = np.arctan2(triple, below).sum(axis=1) / (2 * np.pi)
+    return windings

@@ -1,20 +1,24 @@
-"""Rings of vertices: exact orientations and areas, and clean rings from the input of callers.
+"""Rings of vertices: exact orientations and areas, clean rings from user input, and plots.
 
 Clean rings are finite float64 arrays without repeated vertices.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import GeometryError
+from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry.arguments import finite_array
+from polywigner.quantities import parse_unit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Ring = NDArray[np.float64]
 """Vertices of a closed ring, shape (n, 2); the first vertex is not repeated."""
@@ -22,7 +26,7 @@ Ring = NDArray[np.float64]
 Part = tuple[Ring, ...]
 """One polygon: its exterior (counter-clockwise) followed by its holes (clockwise)."""
 
-# Exact predicates: floating point decides nearly every case, and whole numbers the others.
+# Exact predicates. Floating point decides nearly every case; integer arithmetic decides the others.
 
 # (3 + 16 u) u with u = 2^-53 bounds the rounding error of the cross product below in units of
 # |product 1| + |product 2| (Shewchuk 1997, "ccwerrboundA").
@@ -89,8 +93,8 @@ def signed_area(ring: Ring) -> float:
     x, y = (ring - ring[0]).T
     first, second = x[:-1] * y[1:], x[1:] * y[:-1]
     area = float((first - second).sum()) / 2
-    # One rounding u = 2^-53 for each difference, product and sum, relative to at most the sum of
-    # the absolute products; doubled to be safe.
+    # Each difference, product and sum has a rounding error of at most u = 2^-53 of the sum of the
+    # absolute products. The bound is twice as large, to be safe.
     error = (len(ring) + 8) * 2.0**-53 * float((np.abs(first) + np.abs(second)).sum())
     return area if abs(area) > error else float(shoelace([ring]))
 
@@ -111,20 +115,15 @@ def extent(points: Ring) -> float:
     return float(np.hypot(size[0], size[1]))
 
 
-def _without_repeats(ring: Ring) -> Ring:
-    """Drop vertices equal to their predecessor, including a closing vertex."""
-    return ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)]
-
-
 def without_straight_vertices(ring: Ring) -> Ring:
     """Drop vertices that lie exactly on the segment between their neighbours.
 
     The tips of spikes stay, so that validation detects them.
     """
-    before, after = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
-    onward = np.sum((ring - before) * (after - ring), axis=1) > 0
-    bent = ring[~(onward & (orientations(before, ring, after) == 0))]
-    return bent if len(bent) >= 3 else ring
+    previous, following = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
+    is_forward = np.sum((ring - previous) * (following - ring), axis=1) > 0
+    corners = ring[~(is_forward & (orientations(previous, ring, following) == 0))]
+    return corners if len(corners) >= 3 else ring
 
 
 def different_vertices(ring: Ring) -> int:
@@ -138,12 +137,13 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
     Raises GeometryError unless there are three different vertices with finite coordinates.
     """
     expected = f"expected {name} as an (n, 2) array of real numbers, without z"
-    # + 0.0 turns -0.0 into 0.0: equal rings have equal bytes
+    # Adding 0.0 replaces -0.0 by 0.0, so that equal rings have equal bytes.
     ring = finite_array(vertices, expected, (None, 2), error=GeometryError) + 0.0
     count = different_vertices(ring)
     if count < 3:
         raise GeometryError(f"expected at least 3 different vertices in {name}, got {count}")
-    return without_straight_vertices(_without_repeats(ring))
+    # Drop vertices equal to their predecessor, including a closing vertex.
+    return without_straight_vertices(ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)])
 
 
 def spans_area(ring: Ring) -> bool:
@@ -153,7 +153,7 @@ def spans_area(ring: Ring) -> bool:
 
 
 def hull_spans_area(ring: Ring) -> bool:
-    """Return whether the vertices do not lie on one line, also if areas of a ring cancel."""
+    """Return whether the vertices do not lie on one line, even if the ring's area cancels."""
     return spans_area(shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(ring))))
 
 
@@ -185,3 +185,38 @@ def rings_of_polygon(polygon: shapely.Polygon, name: str = "the polygon") -> lis
                 "drop them with shapely.force_2d(polygon)"
             )
     return [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
+
+
+_FILL, _LINE = "#9ecae1", "#2166ac"
+
+
+def plot_rings(rings: Sequence[Ring], ax: Axes | None, unit: str) -> Axes:
+    """Plot filled rings on ``ax``, or on new axes of pyplot, in a unit of length.
+
+    Raises ArgumentError for other objects than axes, QuantityError for an unknown unit.
+    """
+    scale = parse_unit(unit)
+    if ax is None:
+        from matplotlib import pyplot
+
+        ax = pyplot.subplots()[1]
+    if not hasattr(ax, "add_patch"):
+        raise ArgumentError(f"expected axes of matplotlib, got {type(ax).__name__}")
+    closed = [np.append(ring, ring[:1], axis=0) for ring in rings]
+    draw_rings(ax, closed, scale, facecolor=_FILL, edgecolor=_LINE)
+    ax.set_aspect("equal")
+    ax.autoscale_view()
+    ax.set_xlabel(f"x ({unit})")
+    ax.set_ylabel(f"y ({unit})")
+    return ax
+
+
+def draw_rings(ax: Axes, rings: Sequence[Ring], metres: float, **style: Any) -> None:
+    """Draw closed rings in m, with holes, as one patch; ``metres``: unit of the axes in m."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    paths: list[Any] = [Path(ring / metres, closed=True) for ring in rings]
+    path = Path.make_compound_path(*paths)
+    ax.add_patch(PathPatch(path, **style))
+    ax.update_datalim(path.vertices)

@@ -10,9 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
 from polywigner.geometry.arguments import finite_array
-from polywigner.geometry.wavefront import Field, TakesWaves, checked_field, checked_shift
+from polywigner.geometry.illumination import Illumination, checked_field, checked_shift
+from polywigner.geometry.wavefront import TakesWaves
 
-# Largest overlap of intervals that touch, as a fraction of the largest coordinate; see ``rings``.
+# Largest overlap of intervals that touch, as a fraction of the largest coordinate: the same as
+# ``rings.rounding_tolerance``.
 _ROUNDING = 2.0**-46
 
 
@@ -25,8 +27,8 @@ class Slits(TakesWaves):
     Parameters
     ----------
     intervals : array_like, shape (m, 2) or (2,)
-        Begin and end of each slit, or of one slit, in any order. In metres; any other unit works
-        if it is used consistently.
+        Start and end of each slit, or of a single slit, in any order. In metres; any other unit
+        works if it is used consistently.
 
     Raises
     ------
@@ -41,17 +43,16 @@ class Slits(TakesWaves):
     """
 
     intervals: NDArray[np.float64]
-    """Begin and end of each slit in metres, shape (m, 2), ascending, read-only."""
-    illumination: Field | None
-    """Field on the slits, an Illumination; None for the field 1."""
+    """Start and end of each slit in metres, shape (m, 2), ascending, read-only."""
+    illumination: Illumination | None
+    """Illumination on the slits, an Illumination; None for the field 1."""
 
     def __init__(self, intervals: ArrayLike) -> None:
         array = _ascending(intervals)
         array.setflags(write=False)
-        object.__setattr__(self, "intervals", array)
-        object.__setattr__(self, "illumination", None)
+        self.__dict__.update(intervals=array, illumination=None)
 
-    def with_illumination(self, illumination: Field | None) -> Slits:
+    def with_illumination(self, illumination: Illumination | None) -> Slits:
         """Return the slits with another field.
 
         Parameters
@@ -97,7 +98,7 @@ class Slits(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Slits, ...]:
-        """The slits as the only element, as for arrays."""
+        """Tuple of the elements, which is the slits themselves; arrays have several elements."""
         return (self,)
 
     @cached_property
@@ -107,7 +108,7 @@ class Slits(TakesWaves):
 
     @cached_property
     def bounds(self) -> tuple[float, float]:
-        """Begin of the first slit and end of the last slit in metres."""
+        """Start of the first slit and end of the last slit in metres."""
         return float(self.intervals[0, 0]), float(self.intervals[-1, 1])
 
     @property
@@ -117,11 +118,11 @@ class Slits(TakesWaves):
 
     @cached_property
     def diameter(self) -> float:
-        """Distance in metres from the begin of the first slit to the end of the last slit."""
+        """Distance in metres from the start of the first slit to the end of the last slit."""
         return self.bounds[1] - self.bounds[0]
 
     @cached_property
-    def _key(self) -> tuple[bytes, Field | None]:
+    def _key(self) -> tuple[bytes, Illumination | None]:
         return (self.intervals + 0.0).tobytes(), self.illumination
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -132,18 +133,17 @@ class Slits(TakesWaves):
         return f"Slits({self.intervals.tolist()}{field})"
 
 
-def _restored(intervals: NDArray[np.float64], illumination: Field | None) -> Slits:
+def _restored(intervals: NDArray[np.float64], illumination: Illumination | None) -> Slits:
     slits = object.__new__(Slits)
     field = None if illumination is None else checked_field(illumination, 1)
     intervals = intervals.copy()
     intervals.setflags(write=False)
-    object.__setattr__(slits, "intervals", intervals)
-    object.__setattr__(slits, "illumination", field)
+    slits.__dict__.update(intervals=intervals, illumination=field)
     return slits
 
 
 def _ascending(intervals: Any) -> NDArray[np.float64]:
-    expected = "expected slits as an (m, 2) array of begins and ends"
+    expected = "expected slits as an (m, 2) array of starts and ends"
     array = finite_array(intervals, expected, (None, 2), (2,), error=GeometryError).reshape(-1, 2)
     array = np.sort(array, axis=1)
     array = array[np.argsort(array[:, 0], kind="stable")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, Protocol, final, runtime_checkable
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,64 +14,11 @@ from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.geometry.arguments import (
     Immutable,
     checked_length,
-    checked_number,
     checked_row,
     checked_wavelength,
     finite_array,
 )
-
-
-@runtime_checkable
-class Field(Protocol):
-    """The part of :class:`polywigner.Illumination` that travels with a source."""
-
-    amplitudes: Any
-    frequencies: Any
-
-    @property
-    def dimension(self) -> int: ...
-
-    def moved(self, shift: Any) -> Field: ...
-
-    def turned(self, angle: Any) -> Field: ...
-
-    def scaled(self, factor: float) -> Field: ...
-
-
-def checked_field(field: Any, dimension: int) -> Field:
-    """Return a field; raise ArgumentError or IlluminationError unless it fits the dimension."""
-    if not isinstance(field, Field):
-        advice = (
-            "give its .illumination"
-            if isinstance(getattr(field, "illumination", None), Field)
-            else "make one with polywigner.Illumination(amplitudes, frequencies) or "
-            "polywigner.steering(...)"
-        )
-        raise ArgumentError(f"expected an Illumination, got {type(field).__name__}; {advice}")
-    if field.dimension != dimension:
-        raise IlluminationError(
-            f"expected an illumination with frequencies of {dimension} components, got "
-            f"{field.dimension}"
-        )
-    return field
-
-
-def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[np.float64]:
-    """Return a translation, shape (dimension,); raise ArgumentError unless it is finite."""
-    shapes = ((), (1,)) if dimension == 1 else ((dimension,),)
-    expected = f"expected {name} of {dimension} finite numbers"
-    return np.atleast_1d(finite_array(shift, expected, *shapes))
-
-
-def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64]:
-    """Rotate points (n, 2) counter-clockwise about the origin; multiples of pi/2 rad are exact."""
-    turn = checked_number(angle, "angle", "an angle in radians")
-    quarters = round(turn / (math.pi / 2))
-    c, s = math.cos(turn), math.sin(turn)
-    if turn == quarters * (math.pi / 2):
-        c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
-    x, y = points.T
-    return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0  # no negative zeros
+from polywigner.geometry.illumination import checked_shift, turned_points
 
 
 class TakesWaves(Immutable):
@@ -160,7 +107,7 @@ class TakesWaves(Immutable):
             wave = wave.at_wavelength(wavelength)
         if not wave.is_flat and centre is not None and not np.array_equal(wave.centre, centre):
             raise IlluminationError(
-                "expected curved waves with one centre, got two centres; pass the present one"
+                "expected curved waves with one centre, got two centres; leave the second one out"
             )
         c = wave.centre if centre is None else centre
         return wave._with(curvature=wave.curvature + q, centre=c)
@@ -200,8 +147,11 @@ class TakesWaves(Immutable):
         least, most = sorted((_checked_width(width, "width"), wave.coherence_width))
         if least == np.inf:
             return wave
-        # 1/sqrt(1/least^2 + 1/most^2) without squares that overflow
+        # The combined width 1/sqrt(1/least^2 + 1/most^2), without squares that overflow.
         return wave._with(coherence_width=least / math.hypot(1.0, least / most))
+
+
+_PROPERTIES = ("source", "curvature", "centre", "coherence_width", "wavelength")
 
 
 @final
@@ -274,7 +224,7 @@ class Wavefront(TakesWaves):
         c = np.zeros(d) if centre is None else checked_shift(centre, d, "a centre")
         if not np.array_equal(q, q.T):
             raise IlluminationError(f"{expected}, got {value_text(curvature)}")
-        c = c.copy() if q.any() else np.zeros(d)  # flat waves are the same about all points
+        c = c.copy() if q.any() else np.zeros(d)  # a flat wave does not depend on the centre
         width = _checked_width(coherence_width, "coherence_width")
         length = None if wavelength is None else checked_wavelength(wavelength)
         for array in (q, c):
@@ -292,8 +242,7 @@ class Wavefront(TakesWaves):
         return self._with(source=source, curvature=q, wavelength=length)
 
     def _with(self, **changes: Any) -> Wavefront:
-        names = ("source", "curvature", "centre", "coherence_width", "wavelength")
-        return Wavefront(*(changes.get(name, getattr(self, name)) for name in names))
+        return Wavefront(*(changes.get(name, getattr(self, name)) for name in _PROPERTIES))
 
     @property
     def dimension(self) -> int:
@@ -343,7 +292,7 @@ class Wavefront(TakesWaves):
         if method is None:
             kind = type(self.source).__name__
             raise ArgumentError(
-                f"expected a wave on an Aperture for {name}, got one on {kind}; apply {name} to "
+                f"expected a wave on an Aperture for {name}, got a wave on {kind}; apply {name} to "
                 "the elements of an array with their waves, and make an array of the results"
             )
         return method
@@ -361,9 +310,9 @@ class Wavefront(TakesWaves):
     def turned(self, angle: float) -> Wavefront:
         """Return the source and its wave, rotated about the origin by an angle in radians."""
         if self.dimension != 2:
-            raise IlluminationError("expected a source in two dimensions to turn, got slits")
-        turn = turned_points(np.eye(2), angle).T
-        q = turn @ self.curvature @ turn.T
+            raise IlluminationError("expected a source in two dimensions to rotate, got slits")
+        rotation = turned_points(np.eye(2), angle).T
+        q = rotation @ self.curvature @ rotation.T
         centre = turned_points(self.centre[None], angle)[0]
         return self._with(
             source=self._of_source("turned")(angle), curvature=(q + q.T) / 2, centre=centre
@@ -386,13 +335,12 @@ class Wavefront(TakesWaves):
         return self.source, q.tobytes(), c.tobytes(), self.coherence_width, design
 
     def __reduce__(self) -> tuple[Any, ...]:
-        content = self.source, self.curvature, self.centre, self.coherence_width, self.wavelength
-        return Wavefront, content
+        return Wavefront, tuple(getattr(self, name) for name in _PROPERTIES)
 
     def __repr__(self) -> str:
-        how = [] if self.is_flat else [f"curvature {self.curvature.tolist()} /m^2"]
-        how += [] if self.is_coherent else [f"coherent over {self.coherence_width:g} m"]
-        return f"Wavefront({self.source!r}, {', '.join(how) or 'flat, coherent'})"
+        properties = [] if self.is_flat else [f"curvature {self.curvature.tolist()} /m^2"]
+        properties += [] if self.is_coherent else [f"coherent over {self.coherence_width:g} m"]
+        return f"Wavefront({self.source!r}, {', '.join(properties) or 'flat, coherent'})"
 
 
 def _curvature_of(

@@ -10,7 +10,7 @@ to every Mitsuba variant. It never sets a variant.
 - ``radar``: received power by range, and clouds of scatterers
 """
 
-from polywigner.toolchain import llvm
+from polywigner import llvm
 
 llvm.require_drjit()  # before the next imports, which load Dr.Jit
 

@@ -17,6 +17,7 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     warn_caller,
 )
+from polywigner.geometry.illumination import Illumination
 from polywigner.propagation.point_grids import unit_vectors
 from polywigner.propagation.vector_fields import of_co_and_cross, of_currents
 from polywigner.radiometry.directions import directions_and_weights
@@ -27,7 +28,6 @@ from polywigner.source.polarisation import (
     checked_polarisation,
     ludwig_axes,
 )
-from polywigner.source.waves import Illumination
 from polywigner.transforms import fourier
 
 if TYPE_CHECKING:

@@ -63,9 +63,9 @@ from polywigner.radiometry.directions import (
     wavelengths_of_band,
 )
 from polywigner.source import Array
+from polywigner.source.array import mutual_support
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import DEFAULT, Forms, ObliquityName, obliquity_of
-from polywigner.source.support import mutual_support
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import (

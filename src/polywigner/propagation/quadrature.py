@@ -14,8 +14,8 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.numerics.nodes import chirp_node_counts, gauss_legendre
 from polywigner.source import Array
+from polywigner.source.array import mutual_support
 from polywigner.source.normal_form import normal_form
-from polywigner.source.support import mutual_support
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -1,27 +1,28 @@
-"""Fields on sources as sums of plane waves, and weights of the elements of arrays.
+"""Fields on sources, and arrays with weights of their elements.
 
-- ``waves``: the immutable :class:`Illumination`, and waves for sampled fields; ``tapers``:
-  steering, tapers and modes
+- ``tapers``: steering, tapers and modes, and plane waves for sampled fields
 - ``normal_form``: :class:`Source`, the form into which all public sources are converted
-- ``array``: :class:`Array` and :func:`phased_array`; ``lattices``: sites of equal elements
+- ``array``: :class:`Array`, :func:`phased_array`, and the region that contains all points with
+  W != 0; ``lattices``: sites of equal elements
 - ``arrays``: layouts and weights of elements, and tables of both
 - ``source_files``: sources in TOML and JSON; ``source_tables``: tables and short texts of fields,
   layouts, weights and shapes
-- ``support``: the region that contains all points with W != 0
 - ``obliquities``: factors of angle and wave, for each boundary condition
 """
 
+from polywigner.geometry.illumination import Illumination
 from polywigner.source import arrays
 from polywigner.source.array import Array, Element, phased_array, segmented_pupil
 from polywigner.source.source_files import read_polarisation, read_source, write_source
 from polywigner.source.tapers import (
+    FittedIllumination,
     cosine_taper,
+    fit_illumination,
     steering,
     taylor_taper,
     te_mode,
     uniform,
 )
-from polywigner.source.waves import FittedIllumination, Illumination, fit_illumination
 
 __all__ = [
     "Array",

@@ -12,23 +12,23 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, automean
 from polywigner.geometry.arguments import (
     checked_wavelength,
     finite_array,
     takes_frequency,
     warn_caller,
 )
+from polywigner.geometry.illumination import Illumination
 from polywigner.geometry.parts import union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
-from polywigner.source.lattices import checked_sites, checked_weights
-from polywigner.source.waves import Illumination
+from polywigner.source.lattices import checked_sites, checked_weights, joint_bounds
 
 Element = Aperture | PlacedAperture | Polyhedron | Slits
 _E = TypeVar("_E")
 
-# Largest distance of an element from the plane z = 0, as a fraction of its diameter, and largest
-# tilt in radians: the rounding of a product of several poses.
+# Largest distance of an element in the plane z = 0 from that plane, as a fraction of its diameter,
+# and its largest tilt in radians: the rounding of a product of several poses.
 _IN_PLANE = 1e-12
 
 
@@ -41,7 +41,7 @@ def _checked_elements(elements: Any) -> tuple[Element, ...]:
     for k, element in enumerate(items):
         if not isinstance(element, Element):
             hint = "; join its elements and weights" if isinstance(element, Array) else ""
-            raise ArgumentError(f"{expected}, got {type(element).__name__} at {k}{hint}")
+            raise ArgumentError(f"{expected}, got {type(element).__name__} as element {k}{hint}")
     if len({isinstance(element, Slits) for element in items}) > 1:
         raise ArgumentError(
             "expected elements of one space, got Slits (one dimension) and others; "
@@ -60,16 +60,16 @@ def aperture_in_plane(number: int, element: Element) -> Aperture:
     got = type(element).__name__
     if isinstance(element, PlacedAperture):
         rotation, shift = element.pose[:3, :3], element.pose[:3, 3]
-        lean = float(np.arctan2(np.hypot(*rotation[:2, 2]), abs(rotation[2, 2])))
+        tilt = float(np.arctan2(np.hypot(*rotation[:2, 2]), abs(rotation[2, 2])))
         got = f"z = {shift[2]:.6g}"
-        if lean > _IN_PLANE:
-            got = f"a tilt of {np.degrees(lean):.3g} degrees"
+        if tilt > _IN_PLANE:
+            got = f"a tilt of {np.degrees(tilt):.3g} degrees"
         elif abs(shift[2]) <= _IN_PLANE * element.aperture.diameter:
             got = ""
     if got:
         raise GeometryError(
-            f"expected elements of one plane, got {got} at {number}; Wigner and ambiguity "
-            "functions need all elements in the plane z = 0 (polywigner.fourier takes others)"
+            f"expected elements in the plane z = 0, got {got} for element {number}; of the "
+            "transforms, only polywigner.fourier accepts other elements"
         )
     assert isinstance(element, PlacedAperture)
     plane = rotation[:2, :2]
@@ -77,41 +77,39 @@ def aperture_in_plane(number: int, element: Element) -> Aperture:
     field = element.aperture.illumination
     if field is None:
         return Aperture(outline)
-    turned = Illumination(field.amplitudes, field.frequencies @ plane.T)
-    return Aperture(outline).with_illumination(turned.moved(shift[:2]))
+    rotated = Illumination(field.amplitudes, field.frequencies @ plane.T)
+    return Aperture(outline).with_illumination(rotated.moved(shift[:2]))
 
 
-# Relative difference of curvatures by rounding, after rotations or in files.
+# Largest relative difference of equal curvatures: the rounding of rotations and of files.
 _SAME = 1e-12
 
 
 def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
-    """Convert elements with equally curved waves to one curved wave on an array."""
+    """Return one curved wave on an array, for elements whose waves have the same curvature."""
     waves = [e if isinstance(e, Wavefront) else Wavefront(e) for e in elements]
     first = waves[0]
     curvatures = np.array([wave.curvature for wave in waves])
-    size = float(np.abs(curvatures).max())
+    allowed = _SAME * float(np.abs(curvatures).max())
+    properties = first.coherence_width, first.wavelength
     for k, wave in enumerate(waves):
-        apart = float(np.abs(wave.curvature - first.curvature).max())
-        differs = (wave.coherence_width, wave.wavelength) != (
-            first.coherence_width,
-            first.wavelength,
-        )
-        if apart > _SAME * size or differs:
+        difference = float(np.abs(wave.curvature - first.curvature).max())
+        if difference > allowed or (wave.coherence_width, wave.wavelength) != properties:
             raise IlluminationError(
                 f"expected elements with one curvature and coherence width, got {wave!r} as "
-                f"element {k} and {first!r}; make an array of equal ones, and add the fields"
+                f"element {k} and {first!r}; make an array of the elements with equal waves, and "
+                "add the fields"
             )
     factors = checked_weights(weights, len(waves))
-    # A wave with its centre c at a distance d from the first one differs from it by the plane wave
-    # exp(-2 pi i x.Q d) and the phase exp(2 pi i (c - d/2).Q d).
+    # If the centre c of a wave is at a distance d from the centre of the first wave, the waves
+    # differ by the plane wave exp(-2 pi i x.Q d) and the phase exp(2 pi i (c - d/2).Q d).
     centres = np.array([wave.centre for wave in waves])
-    away = centres - first.centre
-    slopes = (curvatures @ away[:, :, None])[:, :, 0]
-    turns = ((centres - away / 2) * slopes).sum(axis=1)
-    array = _with_phases(Array([wave.source for wave in waves], factors), turns, -slopes)
+    offsets = centres - first.centre
+    slopes = (curvatures @ offsets[:, :, None])[:, :, 0]
+    cycles = ((centres - offsets / 2) * slopes).sum(axis=1)
+    array = _with_phases(Array([wave.source for wave in waves], factors), cycles, -slopes)
     if first.wavelength is not None:
-        array = array.with_paths(PathLengths(turns, -slopes, first.wavelength))
+        array = array.with_paths(PathLengths(cycles, -slopes, first.wavelength))
     return first._with(source=array)
 
 
@@ -120,22 +118,22 @@ class PathLengths:
     """Phases of the elements of an array due to path lengths, at one wavelength."""
 
     cycles: NDArray[np.float64]
-    """(n,) phases at the origin in cycles."""
+    """Phase of each element at the origin in cycles, shape (n,)."""
     slopes: NDArray[np.float64]
-    """(n, d) tilts in 1/m."""
+    """Gradient of the phase of each element in cycles per metre, shape (n, d)."""
     wavelength: float
     """Wavelength in m."""
 
 
 def _with_phases(array: Array, cycles: NDArray[np.float64], slopes: NDArray[np.float64]) -> Array:
-    """Multiply element k of an array by exp(2 pi i (cycles_k + slopes_k.x))."""
+    """Return the array with element k multiplied by exp(2 pi i (cycles_k + slopes_k.x))."""
     pairs = zip(array.elements, slopes, strict=True)
     elements = [_tilted(element, slope) for element, slope in pairs]
     return Array(elements, array.weights * np.exp(2j * np.pi * (cycles - np.round(cycles))))
 
 
 def _tilted(element: _E, kappa: NDArray[np.float64]) -> _E:
-    """Multiply an element by exp(2 pi i kappa.x), kappa (d,)."""
+    """Return the element multiplied by exp(2 pi i kappa.x), kappa (d,)."""
     if not kappa.any():
         return element
     outline: Any = element
@@ -176,7 +174,7 @@ class Array(TakesWaves):
     """
 
     weights: NDArray[np.complex128]
-    """(n,), read-only."""
+    """Complex weights of the elements, shape (n,), read-only."""
     repeated: tuple[Aperture | Slits, NDArray[np.float64]] | None
     """The element and the positions (n, d) of its copies in a `phased_array`; None otherwise."""
     paths: PathLengths | None
@@ -194,12 +192,12 @@ class Array(TakesWaves):
         self.__dict__.update(elements=items, weights=factors, repeated=None, paths=None)
 
     def with_paths(self, paths: PathLengths | None) -> Array:
-        """Return this array with the part of its phases that is due to path lengths.
+        """Return this array with a record of its phases that are due to path lengths.
 
         Raises
         ------
         ArgumentError
-            If there are path lengths of another number of elements.
+            If the number of path lengths differs from the number of elements.
         """
         size = len(self.weights)
         if paths is not None and not len(paths.cycles) == len(paths.slopes) == size:
@@ -221,7 +219,7 @@ class Array(TakesWaves):
     @cached_property
     def elements(self) -> tuple[Element, ...]:
         """The elements, each with its field."""
-        assert self.repeated is not None  # else __init__ has set them
+        assert self.repeated is not None  # otherwise __init__ has set the elements
         element, positions = self.repeated
         return tuple(element.moved(position) for position in positions)
 
@@ -240,7 +238,7 @@ class Array(TakesWaves):
 
     @cached_property
     def bounds(self) -> tuple[float, ...]:
-        """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
+        """Bounds (xmin, xmax) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
 
         Raises
         ------
@@ -249,15 +247,12 @@ class Array(TakesWaves):
         """
         if self.repeated is not None:
             element, positions = self.repeated
-            low, high = positions.min(axis=0), positions.max(axis=0)
-            return tuple((np.array(element.bounds) + np.concatenate([low, high])).tolist())
-        boxes = np.array([element.bounds for element in self.elements_in_plane])
-        half = boxes.shape[1] // 2
-        return (*boxes[:, :half].min(axis=0).tolist(), *boxes[:, half:].max(axis=0).tolist())
+            return joint_bounds([element.bounds], positions)
+        return joint_bounds([element.bounds for element in self.elements_in_plane])
 
     @cached_property
     def elements_in_plane(self) -> tuple[Any, ...]:
-        """The elements as apertures in the plane z = 0, poses in that plane applied; or the slits.
+        """The elements as apertures in the plane z = 0, with their poses applied; or the slits.
 
         Raises
         ------
@@ -372,11 +367,11 @@ def phased_array(
     return array
 
 
-# Largest number of pairs in a block of the search: a million equal positions have 5e11 pairs.
+# Largest number of pairs that are tested at once: a million equal positions have 5e11 pairs.
 _MOST_PAIRS = 1000
-# Overlaps below this fraction of an element are rounding errors of elements that touch.
+# Largest overlap of elements that touch, as a fraction of an element: rounding.
 _TOUCHING = 1e-9
-# Elements per query of the tree.
+# Number of elements per query of the search tree.
 _ROWS = 32
 
 
@@ -441,6 +436,35 @@ def repeated_element(
     return array
 
 
+# Largest number of pairs of convex pieces of an automean: the union of all pairs takes 0.7 s for 30
+# pieces, and 2.3 s for 60 pieces, whose union has 60,000 trapezoids.
+_MOST_AUTOMEAN_PAIRS = 500
+
+
+def mutual_support(source: Aperture | Array) -> Aperture:
+    """Return a region that contains all x with W(x, nu) != 0, for any weights and fields.
+
+    The region is the automean {(a + b)/2} of the aperture, or of the support of the array. If the
+    automean has more than 500 pairs of convex pieces, the region is the convex hull of the source,
+    which contains the automean.
+
+    Raises
+    ------
+    GeometryError
+        If the source is an array of slits, or elements do not lie in the plane z = 0.
+    """
+    if isinstance(source, Array):
+        # Each element has at least one convex piece.
+        if source.dimension > 1 and len(source) ** 2 > 2 * _MOST_AUTOMEAN_PAIRS:
+            outlines = [element.polygons for element in source.elements_in_plane]
+            return Aperture(shapely.GeometryCollection(outlines).convex_hull)
+        source = source.support
+    pieces = len(source.convex_cover)
+    if pieces * (pieces + 1) <= 2 * _MOST_AUTOMEAN_PAIRS:
+        return automean(source)
+    return Aperture(source.polygons.convex_hull)
+
+
 @takes_frequency
 def segmented_pupil(
     pupil: Aperture | Sequence[Aperture],
@@ -464,15 +488,15 @@ def segmented_pupil(
     wavelength : float
         Wavelength in m to which the phases of the returned array belong.
     piston : float or array_like, shape (n,), default 0
-        Path length of the wavefront at each segment's centroid in m. If a segment of
-        a mirror moves by d, give 2 d.
+        Path length of the wavefront at each segment's centroid in m: 2 d for a segment of a mirror
+        that moves by d.
     tilt : float or array_like, shape (2,) or (n, 2), default 0
         Slopes of the wavefront along x and y on each segment, without unit.
 
     Returns
     -------
     Array
-        The segments, for :func:`psf`, :func:`mtf`, :func:`otf` and others.
+        The segments, each with its phase.
 
     Raises
     ------

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, FileFormatError, at_key, require, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
+    checked_choice,
     checked_count,
     checked_length,
     checked_number,
@@ -23,7 +24,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
 )
 from polywigner.geometry.io.limits import bytes_of, text_of
-from polywigner.geometry.io.text import fields_of
+from polywigner.geometry.io.readers import table_rows
 from polywigner.quantities import parse_unit
 from polywigner.source.array import Array, repeated_element, warn_of_overlaps
 from polywigner.source.lattices import checked_positions, checked_weights
@@ -149,9 +150,9 @@ def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
         )
     _check_number(sum(numbers))
     if any(size == 0 and number > 1 for size, number in zip(sizes, numbers, strict=True)):
-        raise ArgumentError("expected one element at radius 0, got several; give a count of 1")
-    turns = [2 * np.pi * np.arange(n) / n for n in numbers]
-    rings = [r * np.stack([np.cos(t), np.sin(t)], 1) for r, t in zip(sizes, turns, strict=True)]
+        raise ArgumentError("expected one element at radius 0, got several; use a count of 1")
+    angles = [2 * np.pi * np.arange(n) / n for n in numbers]
+    rings = [r * np.stack([np.cos(a), np.sin(a)], 1) for r, a in zip(sizes, angles, strict=True)]
     return np.concatenate(rings) + 0.0
 
 
@@ -200,7 +201,7 @@ def thinned(
     if density.shape != layout.shape[:1] or not (density >= 0).all() or not density.any():
         raise ArgumentError(
             f"expected a taper of {len(layout)} real weights of zero or more, got "
-            f"{value_text(taper)}; give the moduli of complex weights"
+            f"{value_text(taper)}; pass the moduli of complex weights"
         )
     most = float(density.mean() / density.max())
     if not 0 < fraction <= most:
@@ -225,11 +226,12 @@ def _check_number(elements: int) -> None:
 
 
 def _steps(count: int) -> NDArray[np.int64]:
-    """Return -(n - 1), -(n - 3), ..., n - 1, twice the centred numbers."""
+    """Return -(n - 1), -(n - 3), ..., n - 1: twice the positions of a centred row of step 1."""
     return 2 * np.arange(count) - (count - 1)
 
 
-# Largest distance of equal virtual elements, as a fraction of the extent: sums are rounded.
+# Largest difference of coordinates of virtual elements that count as equal, as a fraction of the
+# largest coordinate: the rounding of sums.
 _EQUAL_POSITIONS = 1e-12
 
 
@@ -375,10 +377,10 @@ def focusing_weights(
     focus = finite_array(point, expected, (3,))
     if not focus[2] > 0:
         raise ArgumentError(f"{expected}, got {value_text(point)}")
-    apart = np.column_stack([focus[:2] - positions, np.full(len(positions), focus[2])])
-    distance = np.linalg.norm(apart, axis=1) + np.linalg.norm(focus)
-    # R_k - R without cancellation
-    path = ((positions - 2 * focus[:2]) * positions).sum(axis=1) / distance
+    rays = focus - np.pad(positions, ((0, 0), (0, 1)))
+    total = np.linalg.norm(rays, axis=1) + np.linalg.norm(focus)  # R_k + R
+    # R_k - R = (R_k^2 - R^2)/(R_k + R), without cancellation
+    path = ((positions - 2 * focus[:2]) * positions).sum(axis=1) / total
     return np.exp(-2j * np.pi * path / checked_length(wavelength, "wavelength"))
 
 
@@ -421,13 +423,12 @@ def window_weights(
     _check_number(math.prod(checked_count(n, "shape", 1) for n in sizes))
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     weights = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
-    # The largest amplitude may be negative for few sidelobes with a slow decay.
+    # If few sidelobes decay slowly, the amplitude with the largest modulus may be negative.
     return np.asarray(weights / weights[np.abs(weights).argmax()])
 
 
 def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]:
-    if name not in WINDOWS:
-        raise ArgumentError(f"expected one of the windows {', '.join(WINDOWS)}, got {name!r}")
+    checked_choice(name, "window", WINDOWS)
     if name == "uniform" or count == 1:
         return np.ones(count)
     if name == "hamming":
@@ -436,7 +437,7 @@ def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]
     if name == "taylor":
         return np.asarray(windows.taylor(count, nbar=nbar, sll=sll, norm=True, sym=True))
     with warnings.catch_warnings():
-        # scipy warns below 45 dB about spectra of signals, which does not concern arrays.
+        # Below 45 dB scipy warns about spectral analysis, which does not concern arrays.
         warnings.simplefilter("ignore")
         return np.asarray(windows.chebwin(count, at=sll))
 
@@ -451,16 +452,16 @@ def read_elements(
 
     The first line names the columns, in any order: ``x`` and ``y``; the weight as ``amplitude``
     (linear) and ``phase`` in degrees, or as ``re`` and ``im``; and ``angle`` in degrees,
-    counter-clockwise, by which the element with its field is turned about its origin. Missing
-    columns are 1 for amplitudes and 0 for others; without names the columns are x and y.
-    Semicolons, commas or blanks separate them; # begins a comment.
+    counter-clockwise, by which the element with its field is rotated about its origin. Missing
+    columns are 1 for amplitudes and 0 for others. Without a line of names, the columns are x and y.
+    Semicolons, commas or blanks separate the columns; # begins a comment.
 
     Parameters
     ----------
     path : str or path
         The table, a text file.
     element : Aperture
-        The element that each row places, with its own field.
+        The element that is repeated at each row's position, with its field.
     unit : str or float, default "mm"
         Unit of x and y, or a number of metres.
 
@@ -506,27 +507,26 @@ def read_elements(
         x, y, size, phase, re, im, angle = (table.get(name, zero) for name in _COLUMNS)
         weights = size * np.exp(1j * np.radians(phase)) + re + 1j * im
         positions, angles = metres * np.stack([x, y], axis=1), np.radians(angle).tolist()
-        turned = {angle: element.turned(angle) for angle in set(angles)}
-        if len(turned) == 1:
-            array = repeated_element(turned[angles[0]], positions, weights)
+        rotated = {angle: element.turned(angle) for angle in set(angles)}
+        if len(rotated) == 1:
+            array = repeated_element(rotated[angles[0]], positions, weights)
         else:
             pairs = zip(angles, positions, strict=True)
-            array = Array([turned[angle].moved(position) for angle, position in pairs], weights)
+            array = Array([rotated[angle].moved(position) for angle, position in pairs], weights)
     warn_of_overlaps(array)
     return array
 
 
 def _columns(text: str) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of a table by name; x and y without a line of names."""
-    lines = enumerate(text.splitlines(), start=1)
-    rows = [(n, fields) for n, line in lines if (fields := fields_of(line.split("#")[0]))]
+    """Return the columns of a table by name; without a line of names they are x and y."""
+    rows = table_rows(text)
     names = [name.lower() for name in rows[0][1]] if rows else []
     has_names = len(names) != 2 or set(names) & set(_COLUMNS)
     names, rows = (names, rows[1:]) if has_names else (["x", "y"], rows)
     has_both = {"re", "im"} & set(names) and {"amplitude", "phase"} & set(names)
     if len({"x", "y", *names}) != len(names) or not set(names) <= set(_COLUMNS) or has_both:
         raise FileFormatError(
-            "expected the columns x, y, and amplitude, phase or re, im, and angle, each once, got "
+            "expected the columns x, y, (amplitude, phase) or (re, im), and angle, each once, got "
             f"{value_text(', '.join(names))}"
         )
     values = []

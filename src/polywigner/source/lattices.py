@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,18 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import IlluminationError, value_text
-from polywigner.geometry.arguments import finite_array
+from polywigner.geometry.arguments import Immutable, finite_array
 
 # Largest distance of positions from a lattice, as a fraction of the extent of the array: the
 # rounding of multiples of a pitch.
 _ROUNDING = 4e-15
-# Most sites of a lattice per element; sites without an element have the weight 0.
+# Largest number of sites of a lattice per element; sites without an element have the weight 0.
 _SITES_PER_ELEMENT = 16
 # Largest deviation of weights from a product of two profiles, or from real weights times a linear
 # phase, as a fraction of the largest weight.
 _EQUAL = 1e-14
-# Number of positions whose differences from all others are computed to find the shortest one. If
-# one site in 16 is filled, none of them has a neighbour in one of 10^7 arrays.
+# Number of positions whose differences from all other positions are computed to find the shortest
+# difference. If one site in 16 is filled at random, the probability that none of these positions
+# has a neighbour is 1e-7.
 _PAIRED_WITH_ALL = 128
 
 
@@ -33,7 +35,7 @@ class Lattice:
     basis: tuple[tuple[float, float], tuple[float, float]]
     """b1 and b2 in m."""
     weights: NDArray[np.complex128]
-    """(n1, n2); 0 for sites without an element."""
+    """Weights of the sites, shape (n1, n2); 0 for sites without an element."""
     centre: tuple[tuple[float, float], tuple[float, float]]
     """Centre of the sites, x and y, each as the sum of two floats."""
     misfit: float
@@ -50,14 +52,14 @@ def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) 
     basis = _basis(positions, extent)
     if basis is None:
         return None
-    away = positions - positions[0]
-    whole = np.rint(np.linalg.solve(basis.T, away.T).T)
-    left = away - whole @ basis
+    offsets = positions - positions[0]
+    steps = np.rint(np.linalg.solve(basis.T, offsets.T).T)
+    residuals = offsets - steps @ basis
     largest = float(np.abs(positions).max())
-    if np.abs(left).max() > _ROUNDING * max(extent, largest):
+    if np.abs(residuals).max() > _ROUNDING * max(extent, largest):
         return None
-    first = whole.min(axis=0)
-    index = (whole - first).astype(np.intp)
+    first = steps.min(axis=0)
+    index = (steps - first).astype(np.intp)
     shape = index.max(axis=0) + 1
     if int(np.prod(shape)) > _SITES_PER_ELEMENT * len(positions) + 16:
         return None
@@ -65,7 +67,7 @@ def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) 
     np.add.at(table, (index[:, 0], index[:, 1]), weights)
     origin = positions[0] + first @ basis
     b1, b2 = basis.tolist()
-    shift = left.mean(axis=0)
+    shift = residuals.mean(axis=0)
     centre = shift + (first + (np.array(shape) - 1) / 2) @ basis
     (x, from_x), (y, from_y) = zip(positions[0].tolist(), centre.tolist(), strict=True)
     return Lattice(
@@ -73,12 +75,12 @@ def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) 
         (tuple(b1), tuple(b2)),
         table,
         ((x, from_x), (y, from_y)),
-        float(np.abs(left - shift).max()) / extent,
+        float(np.abs(residuals - shift).max()) / extent,
     )
 
 
 def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64] | None:
-    """Return two short differences that are not parallel, the second one arbitrary for a row."""
+    """Return two short differences that are not parallel; for a row the second one is arbitrary."""
     first = _shortest(positions, extent, None)
     if first is None:
         return None
@@ -113,7 +115,7 @@ def _shortest(
 
 
 def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Refine a basis by the most distant sites."""
+    """Return a basis that is accurate also for the most distant sites."""
     steps = np.rint(np.linalg.solve(basis.T, (positions - positions[0]).T).T)
     if np.linalg.matrix_rank(steps - steps.mean(axis=0)) < 2:
         used = int(np.argmax(np.ptp(steps, axis=0)))
@@ -136,12 +138,14 @@ def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDAr
 
 @dataclass(frozen=True)
 class Profile:
-    """Weights factor a_i exp(2 pi i c i) along one direction, with real a_i if possible."""
+    """Weights factor * a_i exp(2 pi i c i) along one direction of a lattice."""
 
     amplitudes: tuple[complex, ...]
+    """The amplitudes a_i, real if possible."""
     cycles_per_element: float
     """The slope c of the phase."""
     factor: complex
+    """Constant factor of the weights."""
 
     @property
     def is_uniform(self) -> bool:
@@ -172,40 +176,42 @@ def _profile(values: NDArray[np.complex128]) -> Profile:
     """Split values into a linear phase, a constant, and real amplitudes (1 if all are equal)."""
     size = np.abs(values)
     active = np.flatnonzero(size > _EQUAL * size.max())
-    turns = _even_phase(values, active)
-    steady = values * np.exp(-2j * np.pi * turns * np.arange(len(values)))
-    factor = complex(steady[active[0]])
-    relative = steady / factor
+    cycles = _linear_phase(values, active)
+    unsteered = values * np.exp(-2j * np.pi * cycles * np.arange(len(values)))
+    factor = complex(unsteered[active[0]])
+    relative = unsteered / factor
     allowed = 8 * _EQUAL * len(values) * np.abs(relative).max()
     if np.abs(relative - 1.0).max() <= allowed:
-        return Profile((1.0,) * len(values), turns, factor)
+        return Profile((1.0,) * len(values), cycles, factor)
     if np.abs(relative.imag).max() <= allowed:
-        return Profile(tuple(relative.real.tolist()), turns, factor)
+        return Profile(tuple(relative.real.tolist()), cycles, factor)
     return Profile(tuple(values.tolist()), 0.0, 1.0)
 
 
-def _even_phase(values: NDArray[np.complex128], active: NDArray[np.intp]) -> float:
-    """Return the cycles by which the phase grows per element, up to changes of sign."""
+def _linear_phase(values: NDArray[np.complex128], active: NDArray[np.intp]) -> float:
+    """Return the slope of the phase in cycles per element, regardless of signs of the values."""
     neighbours = active[:-1][np.diff(active) == 1]
     if not len(neighbours):
         return 0.0
     squares = (values / np.abs(values).max()) ** 2
-    turns = float(np.angle((squares[neighbours + 1] * squares[neighbours].conj()).sum())) / (
-        4 * np.pi
-    )
-    rest = squares[active] * np.exp(-4j * np.pi * turns * active) / squares[active[0]]
+    step = (squares[neighbours + 1] * squares[neighbours].conj()).sum()
+    cycles = float(np.angle(step)) / (4 * np.pi)
     if len(active) > 2:
-        slope = np.polyfit(active - active.mean(), np.angle(rest) / (4 * np.pi), 1)[0]
-        turns += float(slope)
-    return 0.0 if abs(turns) < 1e-15 else turns
+        residual = squares[active] * np.exp(-4j * np.pi * cycles * active) / squares[active[0]]
+        slope = np.polyfit(active - active.mean(), np.angle(residual) / (4 * np.pi), 1)[0]
+        cycles += float(slope)
+    return 0.0 if abs(cycles) < 1e-15 else cycles
 
 
-class Sites:
+class Sites(Immutable):
     """Constant positions (n, d) and complex weights (n,), compared by content."""
 
+    positions: NDArray[np.float64]
+    weights: NDArray[np.complex128]
+
     def __init__(self, positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> None:
-        self.positions, self.weights = positions, weights
-        self._key = (positions.shape, positions.tobytes(), weights.tobytes())
+        key = (positions.shape, positions.tobytes(), weights.tobytes())
+        self.__dict__.update(positions=positions, weights=weights, _key=key)
 
     @property
     def dimension(self) -> int:
@@ -216,15 +222,19 @@ class Sites:
         """The plane lattice of the sites; None without one."""
         return lattice_of(self.positions, self.weights)
 
-    def __eq__(self, other: object) -> bool:
-        return self._key == other._key if isinstance(other, Sites) else NotImplemented
 
-    def __hash__(self) -> int:
-        return hash(self._key)
+def joint_bounds(
+    boxes: Sequence[tuple[float, ...]], positions: NDArray[np.float64] | None = None
+) -> tuple[float, ...]:
+    """Return the bounds of boxes (lower corner, upper corner), or of copies at positions (n, d)."""
+    low, high = np.split(np.array(boxes), 2, axis=1)
+    shifts = np.zeros((1, low.shape[1])) if positions is None else positions
+    lower, upper = low.min(axis=0) + shifts.min(axis=0), high.max(axis=0) + shifts.max(axis=0)
+    return (*lower.tolist(), *upper.tolist())
 
 
 def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return finite positions (n, d), d one of `components`; (n,) means (n, 1)."""
+    """Return finite positions (n, d), with d in `components`; the shape (n,) means (n, 1)."""
     expected = f"expected finite positions of shape {' or '.join(f'(n, {c})' for c in components)}"
     shapes: list[tuple[int | None, ...]] = [(None, c) for c in components]
     shapes += [(None,)] if 1 in components else []
@@ -262,6 +272,6 @@ def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
         raise IlluminationError(
             f"expected finite weights other than zero, got {value_text(array.tolist())}"
         )
-    array += 0.0  # no negative zeros, which equal zeros but hash differently
+    array += 0.0  # replaces negative zeros, which equal zeros but have another hash
     array.setflags(write=False)
     return array

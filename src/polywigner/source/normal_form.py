@@ -1,7 +1,7 @@
 """The normal form of a source: elements with weights and plane waves, and one wavefront.
 
-`Aperture`, `PlacedAperture`, `Slits`, `Array` and `Wavefront` are constructors.
-:func:`normal_form` converts them once, at the public edge; the code behind takes a :class:`Source`:
+Users build an `Aperture`, `PlacedAperture`, `Slits`, `Array` or `Wavefront`. Public functions
+convert it once by :func:`normal_form`, and all other code takes a :class:`Source`:
 
     u(x) = exp(i pi (x - c).Q (x - c)) sum_k w_k 1_k(x) sum_m c_km exp(2 pi i kappa_km.x)
 
@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
+from polywigner.geometry.illumination import Illumination, shift_phases
 from polywigner.source.array import Array, PathLengths, aperture_in_plane, repeated_element
-from polywigner.source.lattices import Lattice, lattice_of
-from polywigner.source.waves import Illumination, exact_turns
+from polywigner.source.lattices import Lattice, joint_bounds, lattice_of
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -30,10 +30,10 @@ PublicSource = Aperture | PlacedAperture | Slits | Array | Wavefront
 
 # Largest deviation of proportional amplitudes, as a fraction of the largest: a few roundings.
 _PROPORTIONAL = 1e-15
-# Least number of elements that are compared with shifted copies of one element.
+# Smallest number of elements for which shifted copies of one element are detected.
 _LEAST_COPIES = 24
-# Largest deviation of copies, as a fraction of the largest coordinate and of the largest amplitude:
-# a few roundings. Amplitudes come from a sine, which adds errors.
+# Largest deviation of vertices and of amplitudes of copies, as fractions of the largest coordinate
+# and of the largest amplitude: a few roundings. The phases of shifted amplitudes add errors.
 _COPIES, _COPIED_FIELDS = 1e-15, 1e-13
 
 
@@ -46,11 +46,11 @@ class SourceElement:
     """Aperture or Slits without an illumination, in the plane of the pose."""
     weight: complex
     amplitudes: Complexes
-    """(m,) amplitudes of the waves, without the weight; 1 for a uniform field."""
+    """Amplitudes of the waves without the weight, shape (m,); 1 for a uniform field."""
     frequencies: Floats
-    """(m, d) frequencies of the waves in 1/m; 0 for a uniform field."""
+    """Frequencies of the waves in 1/m, shape (m, d); 0 for a uniform field."""
     pose: Floats | None = None
-    """(4, 4) from the outline's plane to the world; None: the outline lies in the plane z = 0."""
+    """Transformation from the outline's plane to the world, shape (4, 4); None: plane z = 0."""
 
     @property
     def is_uniform(self) -> bool:
@@ -82,7 +82,7 @@ class SourceElement:
         return self.outline.rings
 
     def tilted(self, kappa: ArrayLike) -> SourceElement:
-        """Return the element times exp(2 pi i kappa.x), kappa (d,)."""
+        """Return the element multiplied by exp(2 pi i kappa.x), kappa (d,)."""
         return replace(self, frequencies=self.frequencies + np.asarray(kappa, np.float64))
 
     def moved(self, shift: Floats) -> SourceElement:
@@ -93,8 +93,7 @@ class SourceElement:
 
     def moved_amplitudes(self, shift: Floats) -> Complexes:
         """Return the amplitudes (m,) of the waves shifted by (d,)."""
-        turns = [exact_turns(kappa, shift.tolist()) for kappa in self.frequencies.tolist()]
-        return self.amplitudes * np.exp(-2j * np.pi * np.array(turns))
+        return self.amplitudes * shift_phases(self.frequencies, shift)
 
 
 @final
@@ -105,9 +104,9 @@ class RepeatedElement:
     element: SourceElement
     """The element at the origin, of weight 1."""
     positions: Floats
-    """(n, d) shifts in m."""
+    """Shifts of the copies in m, shape (n, d)."""
     weights: Complexes
-    """(n,) weights of the copies."""
+    """Weights of the copies, shape (n,)."""
 
     @cached_property
     def sites(self) -> Lattice | None:
@@ -121,13 +120,13 @@ class WaveGroup:
     """Elements with proportional waves."""
 
     amplitudes: Complexes
-    """(m,) amplitudes of the waves of the first element."""
+    """Amplitudes of the waves of the first element, shape (m,)."""
     frequencies: Floats
-    """(m, d) frequencies of the waves in 1/m."""
+    """Frequencies of the waves in 1/m, shape (m, d)."""
     members: NDArray[np.intp]
-    """(k,) numbers of the elements."""
+    """Indices of the elements, shape (k,)."""
     factors: Complexes
-    """(k,) factors between the waves of the elements and the waves of the group."""
+    """Amplitudes of each element divided by ``amplitudes``, shape (k,)."""
 
 
 @final
@@ -140,15 +139,15 @@ class Source:
     dimension: int
     """Components of a position: 2, or 1 for slits."""
     curvature: Floats
-    """Q (d, d) in 1/m^2, symmetric; zero: flat."""
+    """Symmetric matrix Q in 1/m^2, shape (d, d); zero for a flat wave."""
     centre: Floats
-    """c (d,) in m, where the curved wave touches the plane."""
+    """Point c in m at which the curved wave touches the plane, shape (d,)."""
     coherence_width: float = np.inf
     """Standard deviation in m of the degree of coherence over lag; infinite: coherent."""
     wavelength: float | None = None
     """Wavelength in m of the curvature; None: the curvature is the same at all wavelengths."""
     paths: PathLengths | None = None
-    """The part of the elements' phases that is due to path lengths; None: no part."""
+    """Phases of the elements that are due to path lengths; None if there are none."""
 
     def with_elements(self, elements: Sequence[SourceElement], **changes: Any) -> Source:
         """Return a source with other elements."""
@@ -156,7 +155,7 @@ class Source:
 
     @property
     def repeated(self) -> RepeatedElement | None:
-        """The repeated element of a phased array; :attr:`lattice` finds other copies."""
+        """The repeated element of a phased array, or None; :attr:`lattice` detects other copies."""
         return self.content if isinstance(self.content, RepeatedElement) else None
 
     @cached_property
@@ -177,7 +176,7 @@ class Source:
 
     @cached_property
     def weights(self) -> Complexes:
-        """(n,) weights of the elements."""
+        """Weights of the elements, shape (n,)."""
         if self.repeated is not None:
             return self.repeated.weights
         return np.array([element.weight for element in self.elements], np.complex128)
@@ -209,7 +208,7 @@ class Source:
 
     @cached_property
     def frequencies(self) -> Floats:
-        """(m, d) frequencies in 1/m of all waves, each once."""
+        """Distinct frequencies of all waves in 1/m, shape (m, d)."""
         return np.unique(np.concatenate([e.frequencies for e in self.distinct]) + 0.0, axis=0)
 
     @cached_property
@@ -239,7 +238,7 @@ class Source:
 
     @cached_property
     def bounds(self) -> tuple[float, ...]:
-        """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
+        """Bounds (xmin, xmax) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
 
         Raises
         ------
@@ -247,12 +246,8 @@ class Source:
             If an element does not lie in that plane.
         """
         if self.repeated is not None:
-            low, high = self.repeated.positions.min(axis=0), self.repeated.positions.max(axis=0)
-            box = np.array(self.repeated.element.outline.bounds)
-            return tuple((box + np.concatenate([low, high])).tolist())
-        boxes = np.array([element.outline.bounds for element in self.in_plane.elements])
-        d = self.dimension
-        return (*boxes[:, :d].min(axis=0).tolist(), *boxes[:, d:].max(axis=0).tolist())
+            return joint_bounds([self.repeated.element.outline.bounds], self.repeated.positions)
+        return joint_bounds([element.outline.bounds for element in self.in_plane.elements])
 
     @cached_property
     def in_plane(self) -> Source:
@@ -287,7 +282,7 @@ class Source:
         elements = [element.moved(offset) for element in self.in_plane.elements]
         return self.with_elements(elements, centre=centre)
 
-    # ---- sources made from this one
+    # ---- modified sources
 
     def with_weights(self, weights: ArrayLike) -> Source:
         """Return the source with other weights (n,)."""
@@ -300,13 +295,13 @@ class Source:
         return self.with_elements([replace(e, weight=w) for e, w in pairs])
 
     def tilted(self, kappa: ArrayLike) -> Source:
-        """Return the source times exp(2 pi i kappa.x), kappa (d,)."""
+        """Return the source multiplied by exp(2 pi i kappa.x), kappa (d,)."""
         tilt = np.asarray(kappa, np.float64)
         if not tilt.any():
             return self
         if self.repeated is None:
             return self.with_elements([e.tilted(tilt) for e in self.in_plane.elements])
-        copies = self.repeated  # copies contain the tilt of the element
+        copies = self.repeated  # a copy contains the tilt relative to its position
         phases = np.exp(2j * np.pi * (copies.positions @ tilt))
         element = copies.element.tilted(tilt)
         tilted = RepeatedElement(element, copies.positions, copies.weights * phases)
@@ -340,8 +335,8 @@ def coherent_form(
 ) -> Source:
     """Return the normal form of a source with a flat, coherent wave."""
     flat = np.zeros((dimension, dimension)), np.zeros(dimension)
-    known = content if isinstance(content, RepeatedElement) else tuple(content)
-    return Source(known, dimension, *flat, paths=paths)
+    elements = content if isinstance(content, RepeatedElement) else tuple(content)
+    return Source(elements, dimension, *flat, paths=paths)
 
 
 def normal_form(public: PublicSource | Source) -> Source:

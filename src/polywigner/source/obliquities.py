@@ -1,10 +1,11 @@
 """Obliquity factors: the field of a source at an angle to its normal.
 
-At the cosine c the field of a wave that leaves the plane with the direction cosine p_m (D1) carries
+A boundary condition is a pair (a, b). At the cosine c, the field of a wave that leaves the plane
+with the direction cosine p_m (D1) has the factor
 
     a c + b p_m
 
-of a boundary condition (a, b), and the irradiance of two waves m and n
+and the irradiance of two waves m and n has the factor
 
     g = (a c + b p_m) (a c + b p_n*).
 
@@ -21,9 +22,9 @@ from typing import Any, Literal, NamedTuple, final
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import IlluminationError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_length
+from polywigner.geometry.arguments import checked_choice, checked_length
 from polywigner.source.array import Array
 from polywigner.source.normal_form import (
     PublicSource,
@@ -54,15 +55,15 @@ def times_direction_cosine(
 ) -> PublicSource:
     """Multiply the amplitudes c_m of a flat source by p_m + constant, with p_m as in (D1).
 
-    Uniform elements have p = 1. Equal elements of a `phased_array` stay equal. Raises ArgumentError
-    for polyhedra, IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
+    Uniform elements have p = 1. A `phased_array` remains one. Raises ArgumentError for polyhedra,
+    and IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
     """
     length, form = checked_length(wavelength, "wavelength"), normal_form(source)
 
     def scaled(element: SourceElement) -> SourceElement:
         factors = direction_cosines(element.frequencies, length) + constant
         amplitudes = factors * element.amplitudes
-        # A changed weight keeps elements uniform, which have faster kernels; grazing waves get 0.
+        # Scaling the weight keeps the element uniform, for faster kernels; grazing waves become 0.
         if element.has_unit_field or not amplitudes.any():
             return replace(element, weight=element.weight * amplitudes[0])
         return replace(element, amplitudes=amplitudes)
@@ -78,7 +79,7 @@ def times_direction_cosine(
 
 
 def grazing_error(wavelength: float) -> IlluminationError:
-    """Return the error for a field without waves that leave the plane."""
+    """Return the error for a field whose waves all graze the plane."""
     return IlluminationError(
         "expected a field with waves that leave the plane, got waves that graze it, with "
         f"frequencies of 1/wavelength; use another wavelength than {wavelength:g} m"
@@ -101,14 +102,15 @@ class Forms(NamedTuple):
     constant: float
 
     def irradiance(self, cosine: Any) -> Any:
-        """Return g at a cosine, to leading order."""
+        """Return the factor g of the irradiance at a cosine."""
         return self.square * cosine * cosine + self.linear * cosine + self.constant
 
     def radiance(self, cosine: Any) -> Any:
         """Return h = g/cos for a cosine above zero: the factor in the radiance h W/lambda^2, (R1).
 
-        If a boundary condition needs the normal derivative, the dimensionless h grows without bound
-        towards grazing directions; the cosine of the projected area makes the power finite.
+        If a boundary condition contains the normal derivative, the dimensionless h grows without
+        bound towards grazing directions. The power is finite, due to the cosine of the projected
+        area.
         """
         return (
             self.square * cosine + self.linear + (self.constant / cosine if self.constant else 0.0)
@@ -117,7 +119,8 @@ class Forms(NamedTuple):
     def at_lags(self, q: Floats) -> Floats:
         """Return the transform of h over the disc of the hemisphere, at lags q/(2 pi) wavelengths.
 
-        Bessel functions are integrals over n equidistant angles, exact to rounding for n > q.
+        Bessel functions are computed as means over n equidistant angles, exact to rounding for
+        n > q.
         """
         total = self.square * (np.sin(q) / q - np.cos(q)) / q**2 + self.constant * np.sin(q) / q
         if self.linear:
@@ -153,7 +156,7 @@ class Obliquity:
 
     @property
     def mirrored(self) -> float:
-        """Factor of the field at the mirror image of a point, in the field at the point (B2)."""
+        """Factor of the mirror image's field in the field at a point (B2)."""
         return self.slope - self.field
 
     def amplitude(self, cosine: Any, p: Any = 1.0) -> Any:
@@ -173,7 +176,7 @@ class Obliquity:
         a, b, mixed = self.field, self.slope, self.field * self.slope
         p = direction_cosines(normal_form(source).frequencies, wavelength)
         if not b or float(np.abs(p - p[0]).max()) <= _SAME_COSINE:
-            # Python floats: products of NumPy scalars with Dr.Jit arrays would be NumPy arrays.
+            # Python floats, because a NumPy scalar times a Dr.Jit array is a NumPy array.
             return [(source, Forms(a * a, float(2 * mixed * p[0].real), float(abs(b * p[0]) ** 2)))]
         turned = times_direction_cosine(source, wavelength)
         if not a:
@@ -200,9 +203,9 @@ DERIVATIVE_OF = {
     "kirchhoff": "kirchhoff",
     "rayleigh-sommerfeld-2": "rayleigh-sommerfeld-1",
 }
-"""The boundary condition with a and b exchanged: that of the derivative in z of a field."""
+"""The condition with a and b exchanged, which the z derivative of a field obeys."""
 
-# Largest difference of the cosines of waves at one angle: the rounding of their frequencies.
+# Largest difference of the cosines of waves that leave at one angle: rounding of frequencies.
 _SAME_COSINE = 1e-13
 
 
@@ -210,7 +213,4 @@ def obliquity_of(name: object) -> Obliquity:
     """Return the obliquity of a name, the default for None; ArgumentError for other values."""
     if name is None:
         return OBLIQUITIES[DEFAULT]
-    if not isinstance(name, str) or name not in OBLIQUITIES:
-        names = ", ".join(f'"{known}"' for known in OBLIQUITIES)
-        raise ArgumentError(f"expected obliquity to be None or one of {names}, got {name!r}")
-    return OBLIQUITIES[name]
+    return OBLIQUITIES[checked_choice(name, "obliquity", OBLIQUITIES)]

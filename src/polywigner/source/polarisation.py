@@ -33,7 +33,7 @@ MODELS = {
     "magnetic": Currents(1.0, 0.0),
     "electric": Currents(0.0, 1.0),
 }
-"""Models of polarised sources: the currents in their plane."""
+"""Currents in the plane of a source, by the name of the model."""
 
 _HALF = math.sqrt(0.5)
 _NAMED = {
@@ -107,8 +107,8 @@ def is_pair(polarisation: Any) -> bool:
 
 def checked_pair(polarisation: Any, first: Any, second: Any) -> tuple[Complexes, Complexes]:
     """Return the Jones vectors of two sources, from a pair or from one polarisation for both."""
-    one, other = polarisation if is_pair(polarisation) else (polarisation, polarisation)
-    return checked_polarisation(one, first), checked_polarisation(other, second)
+    pair = polarisation if is_pair(polarisation) else (polarisation, polarisation)
+    return checked_polarisation(pair[0], first), checked_polarisation(pair[1], second)
 
 
 def _count(source: Any) -> int:
@@ -128,8 +128,8 @@ def _of_text(text: str) -> Complexes:
 
 
 def _error(value: Any, count: int) -> ArgumentError:
-    each = f", or one for each of the {count} elements" if count else ""
-    return ArgumentError(f"{_EXPECTED}{each}, got {value_text(value)}")
+    for_elements = f", or one for each of the {count} elements" if count else ""
+    return ArgumentError(f"{_EXPECTED}{for_elements}, got {value_text(value)}")
 
 
 def components(source: Any, polarisation: Complexes) -> list[tuple[Any, Complexes]]:
@@ -152,7 +152,7 @@ def components(source: Any, polarisation: Complexes) -> list[tuple[Any, Complexe
 Stokes = tuple[float, float, float, float]
 """S0 to S3 for a wave towards the observer, with respect to x and y; S3 > 0 is left (IEEE)."""
 
-# Weights of sums of fields below this fraction are rounding errors.
+# Relative size of weights and of differences of Jones vectors that are rounding errors.
 _ROUNDING = 1e-12
 
 
@@ -176,9 +176,9 @@ def stokes_vector(polarisation: Complexes) -> Stokes:
 def stokes_fields(source: Any, polarisation: Complexes) -> list[tuple[Any, Stokes]]:
     """Return scalar sources and Stokes vectors whose products with irradiances add up.
 
-    For one polarisation (2,) this is the source. For one polarisation per element (n, 2) these are
-    the fields u_x, u_y, u_x + u_y and u_x + i u_y, except for zero fields. Their real irradiances
-    (or functions W) determine the complex one of u_x and u_y*.
+    For one polarisation (2,) the only field is the source. For one polarisation per element (n, 2),
+    the fields are u_x, u_y, u_x + u_y and u_x + i u_y, without those that are zero. Their real
+    irradiances (or functions W) determine the complex cross term of u_x and u_y*.
     """
     if polarisation.ndim == 1:
         return [(source, stokes_vector(polarisation))]

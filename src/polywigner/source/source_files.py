@@ -82,7 +82,7 @@ class Context(NamedTuple):
 
 
 def _origin(table: Table, *origins: str) -> str:
-    """Return the only present key of several; FileFormatError for none or several."""
+    """Return the key of ``origins`` that the table contains; FileFormatError unless it is one."""
     present = [key for key in origins if getattr(table, key) is not None]
     if len(present) != 1:
         got = " and ".join(present) or "none"
@@ -132,7 +132,7 @@ class ApertureTable(_Illuminated, tag="aperture"):
             return aperture
         with at_key("to_world"):
             pose = rigid_pose(self.to_world)
-        # The nearest rotation may be rounded: a written pose must be read back unchanged.
+        # A pose that was written must be read back unchanged, without rounding of the rotation.
         is_rigid = np.allclose(self.to_world, pose, rtol=0.0, atol=1e-15)
         return PlacedAperture(aperture, np.array(self.to_world) if is_rigid else pose)
 
@@ -150,7 +150,8 @@ class SlitsTable(_Illuminated, tag="slits"):
 def _aperture(polygons: list[list[Any]]) -> Aperture:
     """Make an aperture of polygons, which are lists of rings with the exterior first.
 
-    Valid polygons keep all vertices. Other polygons are cleaned, and merged if they touch.
+    If all polygons are valid, all vertices are kept. Otherwise the polygons are cleaned, and merged
+    where they touch.
     """
     parts = [
         tuple(oriented(np.array(ring), n == 0) for n, ring in enumerate(rings))
@@ -229,7 +230,7 @@ class WavefrontTable(Table):
     coherence_width: Length | None = None
 
     def on(self, source: Any, wavelength: float | None) -> Wavefront:
-        """Return a source with this wave; ``wavelength``: of the file in m, or None."""
+        """Return a source with this wave; ``wavelength``: wavelength of the file in m, or None."""
         length = None if self.curvature is None else self.wavelength
         width = self.coherence_width or math.inf
         wave = Wavefront(source, self.curvature, self.centre, width, length)
@@ -251,7 +252,7 @@ class Top(Table):
 
 
 class FileContent(NamedTuple):
-    """The source of a file, its wavelength in m, and its polarisation; None if missing.
+    """The source of a file, its wavelength in m or None, and its polarisation or None.
 
     The polarisation is a Jones vector (2,), or one vector for each element (n, 2).
     """
@@ -313,7 +314,7 @@ def read_source(
         If the file is missing, empty, too large (64 MiB) or not TOML or JSON; names a file outside
         its folder; or has an unknown key or a wrong value; or if a dataset contains no source.
     GeometryError, IlluminationError, ArgumentError, QuantityError
-        If the values describe no valid source: see the functions and classes that the file names.
+        If the values describe no valid source, as in the functions and classes that the file names.
     MissingExtraError
         If a library that a window or an outline needs is not installed.
 

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from polywigner import quantities
 from polywigner.errors import ArgumentError, FileFormatError, QuantityError, at_key, value_text
 from polywigner.geometry import Aperture, shapes
+from polywigner.geometry.illumination import Illumination
 from polywigner.source import arrays, tapers
 from polywigner.source.array import Array, phased_array, repeated_element
-from polywigner.source.waves import Illumination
 
 # Types of values. Quantities are numbers in SI units, or texts with a unit.
 
@@ -129,8 +129,9 @@ class _Shape(Table, tag_field="name"):
     """A table whose key "name" selects a shape of the catalogue."""
 
 
-# Tables that name a function. The keys are its parameters, with angles for a direction, and without
-# parameters that follow from other tables. A key has the same type and meaning in all tables.
+# Each of these tables names a function, and its keys are the parameters of the function. Angles
+# replace a direction, and parameters that follow from other tables are omitted. A key has the same
+# type and meaning in all tables.
 
 _OF_ANNOTATION: dict[str, Any] = {
     "float": Coordinate, "ArrayLike": Coordinates, "int": int, "bool": bool, "str": str,
@@ -147,7 +148,7 @@ _FUNCTIONS: dict[type, Callable[..., Any]] = {}
 
 
 def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) -> Any:
-    """Return the union of the tables of functions by name."""
+    """Return the union type of tables for functions, each with the parameters as keys."""
     tables = []
     for name, function in functions.items():
         fields: list[Any] = []
@@ -189,8 +190,8 @@ ShapeTable = _union_of({name: getattr(shapes, name) for name in shapes.__all__},
 def called(table: Any, wavelength: float | None = None, layout: Any = None, **context: Any) -> Any:
     """Call the function of a table with its values.
 
-    `wavelength` in m is the default of tables. `layout` is the table of the positions, for windows.
-    `context` contains values of parameters that are not keys.
+    `wavelength` in m is the default of tables without one. Windows require `layout`, the table of
+    the positions. `context` contains the values of parameters that are no keys of tables.
     """
     function, values = _FUNCTIONS[type(table)], msgspec.structs.asdict(table)
     parameters = inspect.signature(function).parameters
@@ -198,13 +199,15 @@ def called(table: Any, wavelength: float | None = None, layout: Any = None, **co
         values["wavelength"] = required_wavelength(wavelength_in(table, wavelength))
         del values["frequency"]
     if "theta" in values:
-        towards = tapers.direction_of(values.pop("theta"), values.pop("phi"))
-        values["direction"] = towards[: context["dimension"]]
+        direction = tapers.direction_of(values.pop("theta"), values.pop("phi"))
+        values["direction"] = direction[: context["dimension"]]
     if "shape" in parameters:
         counts = (getattr(layout, key, None) for key in ("count", "nx", "ny"))
         values["shape"] = [count for count in counts if isinstance(count, int)]
         if not values["shape"]:
-            raise FileFormatError("expected positions of kind row, grid or triangular, got others")
+            raise FileFormatError(
+                "expected positions of the kind row, grid or triangular, got another kind"
+            )
     return function(**values, **{key: value for key, value in context.items() if key in parameters})
 
 
@@ -214,7 +217,7 @@ def product_of(tables: Any, wavelength: float | None, **context: Any) -> Any:
     return functools.reduce(operator.mul, factors)
 
 
-# Short texts that stand for a table. Groups of the patterns are keys of the table.
+# Short texts that stand for a table. The groups of a pattern are the keys of the table.
 
 SOURCE_TEXTS = ("taper", "array", "window", "steering", "focus", "curved", "coherence")
 """Names of the texts of :func:`apply_texts`."""
@@ -295,7 +298,7 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
     text, got = texts[name], type(source).__name__
     if name in ("curved", "coherence"):
         if not hasattr(source, "curved"):
-            raise ArgumentError(f"expected an aperture, slits or an array for it, got {got}")
+            raise ArgumentError(f"expected an aperture, slits or an array, got {got}")
         if name == "coherence":
             return source.partially_coherent(quantities.parse_length(text))
         low, high = np.reshape(source.bounds, (2, -1))
@@ -304,7 +307,7 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
     table = _table(name, text)
     if name in ("taper", "array"):
         if not isinstance(source, Aperture):
-            raise ArgumentError(f"expected an aperture for it, got {got}")
+            raise ArgumentError(f"expected an aperture, got {got}")
         if name == "taper":
             return _tapered(source, table)
         return phased_array(source, called(converted(table, LayoutTable, strict=False)))
@@ -312,8 +315,8 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         return _times(source, called(converted(table, FieldTable), wavelength, dimension=2))
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
-            f"expected an array of equal elements with a flat wave, got {got}; give array as "
-            "well, or write it into the source file"
+            f"expected an array of equal elements with a flat wave, got {got}; specify array as "
+            "well, or write the array into the source file"
         )
     layout = None
     if "array" in texts:
@@ -346,7 +349,7 @@ def _times(aperture: Aperture, field: Illumination) -> Aperture:
 def parse_direction(text: str) -> tuple[float, float]:
     """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; QuantityError if invalid."""
     theta, *phi = map(quantities.parse_angle, _parts(text))
-    if len(phi) > 1 or not abs(theta) < math.pi / 2:  # perhaps degrees without a unit
+    if len(phi) > 1 or not abs(theta) < math.pi / 2:  # such as degrees without their unit
         raise QuantityError(
             'expected a direction such as "20 deg" or "20 deg, 90 deg", within 90 deg of the '
             f"normal, got {value_text(text)}; write degrees with their unit"

@@ -12,10 +12,10 @@ from polywigner import execution
 from polywigner.execution import Differentiable, Drjit, Engine, Precision
 from polywigner.geometry import Aperture, PlacedAperture, Wavefront
 from polywigner.geometry.arguments import Points
+from polywigner.geometry.illumination import shift_phases
 from polywigner.kernels import is_separable
 from polywigner.source import Array, Illumination
 from polywigner.source.lattices import Sites, checked_sites
-from polywigner.source.waves import exact_turns
 from polywigner.transforms.calls import compute, public
 from polywigner.transforms.checked_calls import (
     Source,
@@ -144,11 +144,12 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
     uniform = uniform.with_illumination(None)
     if isinstance(source, PlacedAperture):
         uniform = uniform.placed(source.pose)
-    for amplitude, kappa in zip(field.amplitudes, field.frequencies @ rotation.T, strict=True):
-        # The phase of a wave on a placed aperture counts from there, not from the world's origin.
-        phase = np.exp(-2j * np.pi * exact_turns(kappa.tolist(), shift.tolist()))
+    frequencies = field.frequencies @ rotation.T
+    # The phases of the waves refer to the origin of the placed aperture, not of the world.
+    amplitudes = field.amplitudes * shift_phases(frequencies, shift)
+    for amplitude, kappa in zip(amplitudes, frequencies, strict=True):
         shifted, lost = _difference(nu, kappa)
-        term = execution.times_complex(fourier(uniform, shifted, **how), complex(amplitude * phase))
+        term = execution.times_complex(fourier(uniform, shifted, **how), complex(amplitude))
         if lost is not None:
             term = term * np.exp(-2j * np.pi * (lost @ centre)).astype(term.dtype)
         total = total + term

@@ -14,7 +14,6 @@ from polywigner.execution import Differentiable, Drjit, is_drjit
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import DrJitArray
 from polywigner.geometry.rings import signed_area
-from polywigner.geometry.wavefront import Field
 from polywigner.source import Array, Illumination
 
 PlainFourier = Callable[[Aperture, Drjit], Drjit]
@@ -138,7 +137,9 @@ def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
     return _of_rings(regrouped, aperture.illumination)
 
 
-def _of_rings(parts: list[list[NDArray[np.float64]]], illumination: Field | None) -> Aperture:
+def _of_rings(
+    parts: list[list[NDArray[np.float64]]], illumination: Illumination | None
+) -> Aperture:
     """Return an aperture of exactly these vertices. Raises GeometryError if it is not valid."""
     for part in parts:
         for number, ring in enumerate(part):

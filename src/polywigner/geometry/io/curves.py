@@ -34,7 +34,7 @@ Points = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Arc:
-    """centre + u cos t + v sin t for t from start to start + sweep (radians)."""
+    """Points centre + u cos t + v sin t for t from start to start + sweep (radians)."""
 
     centre: Points
     u: Points
@@ -81,7 +81,7 @@ class Arc:
 
 @dataclass(frozen=True, eq=False)
 class Bezier:
-    """A Bezier curve of control points (p + 1, d)."""
+    """A Bezier curve of degree p, with control points (p + 1, d)."""
 
     points: Points
 
@@ -99,7 +99,7 @@ class Bezier:
         return Bezier(self.points @ matrix + offset)
 
     def chords(self, reach: float) -> Points:
-        """Return vertices (n, d) at equal steps, by the bound of the second derivative."""
+        """Return vertices (n, d) at equal steps; the second derivative determines their number."""
         degree = len(self.points) - 1
         second = np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)
         return sampled(self, _counted(math.sqrt(degree * (degree - 1) / 8 * second / reach)))
@@ -110,7 +110,7 @@ class Spline:
     """A curve in pieces, such as a B-spline over its range of knots."""
 
     points: Points
-    """(n, d) control points, whose bounds are about the bounds of the curve."""
+    """Control points, shape (n, d); their bounds are approximately the bounds of the curve."""
     evaluate: Callable[[Points], Points]
     """Function of parameters (m,) that returns points (m, d)."""
     breaks: Points
@@ -162,7 +162,7 @@ def chords(curve: Curve, reach: float) -> Points:
 
 
 def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
-    """Return the largest distance of chords: `tolerance`, or 1/2000 of the outline's size.
+    """Return the largest distance of chords from curves: `tolerance`, or 1/2000 of the size.
 
     Coordinates beyond 1e100 raise a FileFormatError.
     """
@@ -173,7 +173,7 @@ def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
     check_coordinates(points)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
-    # The ring of a point-like outline is refused, or dropped, later.
+    # At least the rounding of coordinates: an outline as small as a point is refused later.
     return max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
 
 

@@ -44,9 +44,9 @@ _JOINT = 1e-6
 CAD programs write six decimals or more; ends of a drawing of 100 units meet within 1e-4.
 """
 
-# A drawing is plane if its heights differ by less than rounding, in diagonals.
+# Largest difference of heights in a plane drawing, in diagonals of the drawing: rounding.
 _FLAT = 1e-9
-# Relative difference of angles and points that are the same up to rounding.
+# Largest relative difference of angles that are equal up to rounding.
 _SAME = 1e-9
 # Largest nesting depth of the boundaries of a hatch, by its style: normal (all), outer (the
 # outermost two, so that islands are open with their content), ignore (the outermost).
@@ -84,7 +84,7 @@ def _size(points: Points) -> float:
 
 
 def _rough(path: Path) -> Points:
-    """Return some points (n, 3) along a path, its vertices and ends among them."""
+    """Return sample points (n, 3) along a path, including its vertices and ends."""
     return np.concatenate([sampled(curve, 8) for curve in path])
 
 
@@ -110,7 +110,7 @@ def _elliptic(centre: Points, u: Points, v: Points, start: float, end: float) ->
 
 
 def _curves(kind: str, item: Any) -> Path:
-    """Return the curve of a line, arc, circle, ellipse or spline: an entity, or a hatch's edge."""
+    """Return the curve of an entity or of a hatch's edge: line, arc, circle, ellipse or spline."""
     data = getattr(item, "dxf", item)
     if kind == "LINE":
         return [_array([data.start, data.end])]
@@ -123,7 +123,7 @@ def _curves(kind: str, item: Any) -> Path:
         centre, x, y = _array([tool.center, tool.major_axis, tool.minor_axis])
         return [_elliptic(centre, x, y, tool.start_param, tool.end_param)]
     control = _array(tool.control_points)
-    # The flattening of ezdxf exceeds the range of the knots of a spline that is not clamped.
+    # ezdxf evaluates splines that are not clamped beyond their first and last knot.
     breaks = np.unique(list(tool.knots())[tool.degree : len(control) + 1])
     return [Spline(control, lambda t: _array(tool.points(t.tolist())), breaks)]
 
@@ -302,7 +302,7 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
 
 
 def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[list[Ring]]:
-    """Return polygons of the union of all hatches, from the boundaries of each."""
+    """Return the polygons of the union of all hatches; ``painted``: the rings of each hatch."""
     polygons = []
     for hatch, rings in zip(hatches, painted, strict=True):
         deepest = _DEEPEST.get(hatch.style or 0, 0)
@@ -316,7 +316,7 @@ def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[l
 
 def _rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
     """Return rings (n, 2) of closed paths, and of paths whose ends meet."""
-    paths = [path for path in paths if _size(_rough(path)) > gap]  # anything shorter is a point
+    paths = [path for path in paths if _size(_rough(path)) > gap]  # shorter paths are points
     is_open = [_size(_ends(path)) > gap for path in paths]
     runs = [[(path, False)] for path in compress(paths, np.logical_not(is_open))]
     loose = list(compress(paths, is_open))
@@ -336,16 +336,17 @@ def _chords(path: Path, reach: float) -> Points:
 
 
 def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
-    """Return closed runs of paths whose ends (2, 3) meet in pairs within `gap`.
+    """Return closed runs of paths; `tips`: the ends (2, 3) of each path, which must meet in pairs.
 
-    Each run lists the numbers of its paths, and whether these are reversed.
+    Ends meet if their distance is at most `gap`. Each run contains the numbers of its paths, and
+    whether each path is reversed.
     """
     if not tips:
         return []
     points = np.concatenate(tips)
     geometries = shapely.points(points[:, :2])
     first, second = shapely.STRtree(geometries).query(geometries, predicate="dwithin", distance=gap)
-    counts = np.bincount(first)  # each end meets itself
+    counts = np.bincount(first)  # each end is near itself
     if (counts != 2).any():
         worst = int(np.argmax(counts != 2))
         x, y = points[worst, :2]

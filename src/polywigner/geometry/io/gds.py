@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     import gdstk
 
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
-# Record STRANS, and its bits of absolute magnification and absolute angle.
+# Type of the record STRANS, and its bits for absolute magnification and absolute angle.
 _TRANSFORMATION, _ABSOLUTE = 0x1A, 0x0006
 
 
 def _chosen(library: Any, name: str | None) -> gdstk.Cell:
-    """Return the cell of a name, or the only cell that no other one contains."""
+    """Return the cell with a name, or by default the only top cell."""
     cells = {cell.name: cell for cell in library.cells if hasattr(cell, "get_polygons")}
     top = [cell.name for cell in library.top_level() if cell.name in cells]
     if name is None and len(top) == 1:
@@ -34,7 +34,9 @@ def _chosen(library: Any, name: str | None) -> gdstk.Cell:
     if name not in cells:
         expected = "one top cell" if name is None else f"a cell or layer of the file ({name!r})"
         listed = ", ".join(sorted(top if name is None else cells)[:12])
-        raise FileFormatError(f"expected {expected}, got the cells {listed}; name a cell as layer")
+        raise FileFormatError(
+            f"expected {expected}, got the cells {listed}; select a cell by layer"
+        )
     return cells[name]
 
 
@@ -86,7 +88,7 @@ def _shapes(cell: Any) -> Iterator[tuple[str, str, Ring]]:
     """Yield the outlines of polygons and paths, with their layer and "layer/data type"."""
     for polygon in cell.get_polygons(include_paths=False):
         yield *_layer_names(polygon.layer, polygon.datatype), polygon.points
-    for path in cell.get_paths():  # polygons of paths in references would lose absolute widths
+    for path in cell.get_paths():  # get_polygons would lose absolute widths of paths in references
         for polygon in path.to_polygons():
             yield *_layer_names(path.layers[0], path.datatypes[0]), polygon.points
 
@@ -94,8 +96,8 @@ def _shapes(cell: Any) -> Iterator[tuple[str, str, Ring]]:
 def load_gds(file: File) -> Drawing:
     """Load the polygons of one cell, references included; paths have their widths.
 
-    Layers: "1" for a layer with all its data types, "1/0" for one of them. Any other text names the
-    cell, which otherwise is the only one that no other contains.
+    Layers: "1" for a layer with all its data types, "1/0" for one of them. Any other text is the
+    name of the cell, by default the only top cell.
     """
     cells = [name for name in file.layers if not _LAYER.fullmatch(name)]
     if len(cells) > 1:
@@ -103,7 +105,7 @@ def load_gds(file: File) -> Drawing:
     library: Any = importlib.import_module("gdstk").read_gds(str(file.path))
     metres = float(library.unit)
     if not 0 < metres < math.inf:
-        raise FileFormatError(f"expected a unit above zero, got {metres:g} m; export it anew")
+        raise FileFormatError(f"expected a unit above zero, got {metres:g} m; export it again")
     cell: Any = _chosen(library, cells[0] if cells else None)
     _check_cycles(library.cells)
     members = [cell, *cell.dependencies(True)]
@@ -119,7 +121,8 @@ def load_gds(file: File) -> Drawing:
             )
         size = length + float(path.widths().max())
         path.tolerance = file.tolerance / metres if file.tolerance else DEFAULT_TOLERANCE * size
-    shapes = [shape for shape in _shapes(cell) if len(shape[2])]  # boundaries of a point have none
+    # Boundaries without extent have no points.
+    shapes = [shape for shape in _shapes(cell) if len(shape[2])]
     if missing := requested - {name for layer, kind, _ in shapes for name in (layer, kind)}:
         listed = ", ".join(sorted({kind for _, kind, _ in shapes})[:12])
         raise FileFormatError(f"expected a layer of the cell, got {min(missing)}; it has {listed}")
@@ -128,7 +131,7 @@ def load_gds(file: File) -> Drawing:
     if not rings:
         raise FileFormatError("expected polygons or paths in the cell, got none")
     check_coordinates(np.concatenate(rings))
-    # A cut leads from the exterior of a polygon to each hole, which the fill rule opens.
+    # In GDSII, a cut leads from the exterior of a polygon to each hole. The fill rule opens it.
     polygons = [polygon for ring in rings for polygon in filled([ring], "nonzero")]
     if not polygons:
         raise FileFormatError("expected polygons that enclose an area, got none that do")

@@ -19,12 +19,12 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError, PolywignerError
+from polywigner.geometry.illumination import turned_points
 from polywigner.geometry.io.curves import Arc, Curve, Points, chords, flattened, reach_of
 from polywigner.geometry.io.limits import check_coordinates, text_of
 from polywigner.geometry.io.outlines import Drawing, File, filled
 from polywigner.geometry.parts import combined_on_grid, polygons_in, union_on_grid
 from polywigner.geometry.rings import rings_of_polygon
-from polywigner.geometry.wavefront import turned_points
 
 _METRES = {"MM": 1e-3, "IN": 25.4e-3}
 
@@ -56,19 +56,19 @@ _NEUTRAL = re.compile(
 )
 # Warnings of gerbonara about statements that it reads correctly.
 _HARMLESS = ".*(Arc is missing|D01 interpolation with a zero-size)"
-# Relative difference of the radii at both ends of an arc, whose coordinates are rounded.
+# Largest relative difference of the radii at both ends of an arc, due to rounded coordinates.
 _RADII = 1e-3
 
 Layers = Iterable[tuple[bool, BaseGeometry]]
 """Shapes in the order of drawing; a dark one (True) adds copper, a clear one removes copper."""
 
 
-def _refusal(expected: str, got: str, advice: str = "export the layer anew") -> FileFormatError:
+def _refusal(expected: str, got: str, advice: str = "export the layer again") -> FileFormatError:
     return FileFormatError(f"expected {expected}, got {got}; {advice}")
 
 
 def _statements(text: str) -> Iterator[tuple[str, int]]:
-    """Yield each statement, with a percent sign if it is extended, and its line."""
+    """Yield each statement and its line number; extended statements begin with a percent sign."""
     position, line = 0, 1
     while match := _PIECE.match(text, position):
         extended, word = match.groups()
@@ -126,14 +126,14 @@ def _objects_of(text: str) -> list[Any]:
 
 
 def _composed(layers: Layers) -> BaseGeometry:
-    """Return the copper after all shapes: dark ones add, clear ones cut."""
+    """Return the copper after all shapes: dark shapes add copper, clear shapes remove copper."""
     copper = np.array([], dtype=object)
     for dark, run in groupby(layers, key=lambda layer: layer[0]):
         shapes = [shape for _, shape in run if not shape.is_empty]
         if not shapes:
             continue
         shape = shapes[0] if len(shapes) == 1 else union_on_grid(shapes)
-        # Polygons apart from the new shape stay unchanged.
+        # Polygons outside the bounds of the new shape stay unchanged.
         near = shapely.intersects(copper, shapely.box(*shape.bounds))
         if near.any():
             around = shapely.MultiPolygon(list(copper[near]))
@@ -187,19 +187,19 @@ class _Shapes:
         self._tolerance = tolerance
         self._flashes: dict[int, BaseGeometry] = {}
 
-    def of(self, thing: Any) -> Layers:
+    def of(self, item: Any) -> Layers:
         """Yield the polygons of one object of gerbonara."""
-        kind = type(thing).__name__
+        kind = type(item).__name__
         if kind == "Region":
-            shapes = [self._region(thing)]
-        elif thing.aperture is None:
+            shapes = [self._region(item)]
+        elif item.aperture is None:
             raise _refusal("an aperture before D01 and D03", "none")
         elif kind == "Flash":
-            shapes = [self._flash(thing)]
+            shapes = [self._flash(item)]
         else:
-            shapes = self._stroke(thing, kind)
+            shapes = self._stroke(item, kind)
         for shape in shapes:
-            yield bool(thing.polarity_dark), shape
+            yield bool(item.polarity_dark), shape
 
     def _polygon(self, outline: Sequence[Curve]) -> BaseGeometry:
         rings = flattened([outline], self._tolerance)
@@ -279,12 +279,12 @@ class _Shapes:
 
 
 def load_gerber(file: File) -> Drawing:
-    """Load the copper after all objects: dark objects add, clear ones cut."""
+    """Load the copper after all objects: dark objects add copper, clear objects remove copper."""
     text, unit = _checked(text_of(file.content))
     metres = _METRES[unit]
     shapes = _Shapes(file.tolerance and file.tolerance / metres)
     try:
-        copper = _composed(layer for thing in _objects_of(text) for layer in shapes.of(thing))
+        copper = _composed(layer for item in _objects_of(text) for layer in shapes.of(item))
     except (PolywignerError, ImportError):
         raise
     except Exception as error:  # gerbonara documents no exceptions
@@ -294,7 +294,7 @@ def load_gerber(file: File) -> Drawing:
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]
     if not polygons:
         raise FileFormatError(
-            "expected copper (regions, flashes or strokes that are dark), got none; give another "
-            "layer of the board"
+            "expected copper (regions, flashes or strokes that are dark), got none; choose "
+            "another layer of the board"
         )
     return Drawing(polygons, metres)

@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 
-# Sizes in bytes. A million vertices as text take about 40 MB. Scene files are XML without meshes.
+# Largest sizes in bytes. A million vertices take about 40 MB as text; scene files have no meshes.
 LARGEST_FILE = 64 * 2**20
 LARGEST_SCENE = 8 * 2**20
 
-# One aperture: checking this many vertices or outlines takes about 10 s.
+# Largest number of vertices and of outlines of an aperture: their checks take about 10 s.
 MOST_VERTICES = 1_000_000
 MOST_RINGS = 10_000
 
-# Triangles of a body; checking this many takes about 10 s.
+# Largest number of triangles of a body: their checks take about 10 s.
 MOST_FACES = 200_000
 
-# Squares and products of coordinates must not overflow.
+# Largest coordinate: squares and products must not overflow.
 LARGEST_NUMBER = 1e100
 
 
@@ -45,8 +45,8 @@ def check_coordinates(points: NDArray[Any]) -> None:
     """Raise FileFormatError for coordinates that are not finite or too large."""
     if not (np.abs(points) <= LARGEST_NUMBER).all():  # also for a NaN
         raise FileFormatError(
-            f"expected finite coordinates below {LARGEST_NUMBER:g}, got a larger one; "
-            "correct that number"
+            f"expected finite coordinates below {LARGEST_NUMBER:g}, got a larger number or NaN; "
+            "correct it"
         )
 
 
@@ -54,7 +54,7 @@ _NUMBER = re.compile(r"[-+.,;:\s0-9eE]{1,12}", re.ASCII)
 
 
 def token(text: str, known: tuple[str, ...] = ()) -> str:
-    """Return a text for a message: a short number or a known word itself, else the length."""
+    """Return a token for a message: short numbers and known words as they are, else the length."""
     if text in known or _NUMBER.fullmatch(text):
         return repr(text)
     return f"{len(text)} characters of text" if text else "nothing"

@@ -27,7 +27,7 @@ Face = tuple[int, ...]
 # Vertices nearer than this fraction of the size are merged: CAD programs compute the corners of
 # each face separately, with rounding errors of 1e-16 to 1e-12.
 _WELD = 1e-9
-# Largest difference of merged corners in single precision, in units of the last digit.
+# Largest difference of merged vertices in single precision, in units of the last digit.
 _LAST_DIGITS = 2
 # Largest distance of a vertex from its face's plane, as a fraction of the size: coordinates with
 # six digits pass.
@@ -57,7 +57,7 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
     kind = suffix.removeprefix(".").upper()
     try:
         mesh = readers[suffix](content)
-    except FileFormatError:  # a ValueError, too
+    except FileFormatError:  # is also a ValueError
         raise
     except (ValueError, IndexError, KeyError, OverflowError, TypeError) as error:
         raise FileFormatError(
@@ -116,7 +116,7 @@ def _welded(mesh: Mesh) -> Mesh:
 
 
 def _clusters(values: Points, reach: float) -> NDArray[np.intp]:
-    """Return labels (n,) of values, equal if steps of at most `reach` connect the values."""
+    """Return labels (n,), equal for values that steps of at most `reach` connect."""
     order = np.argsort(values, kind="stable")
     labels = np.empty(len(values), dtype=np.intp)
     labels[order] = np.cumsum(np.diff(values[order], prepend=values[order[:1]]) > reach)
@@ -138,8 +138,8 @@ def _stl(content: bytes) -> Mesh:
         return _of_corners(corners, _SINGLE)
     if b"\0" in content:
         raise FileFormatError(
-            f"expected binary STL of 84 + 50 n bytes, got {len(content)} that announce {count} "
-            "triangles; export the body again"
+            f"expected binary STL of 84 + 50 n bytes, got {len(content)} bytes with {count} "
+            "triangles in the header; export the body again"
         )
     vertices = _VERTEX.findall(content)
     facets = len(_END_OF_FACET.findall(content))
@@ -217,7 +217,7 @@ def _ply(content: bytes) -> Mesh:
             name: [_row(properties, take) for _ in range(count)]
             for name, count, properties in elements
         }
-    except (StopIteration, RuntimeError, struct.error):  # a generator makes a RuntimeError of it
+    except (StopIteration, RuntimeError, struct.error):  # StopIteration may become RuntimeError
         raise _cut_short("fewer") from None
     if not is_empty():
         raise _cut_short("more")
@@ -239,15 +239,15 @@ def _header(text: str) -> tuple[str, list[tuple[str, int, list[Property]]]]:
     form = ""
     elements: list[tuple[str, int, list[Property]]] = []
     for line in text.splitlines():
-        word, *rest = line.split() or [""]
+        word, *values = line.split() or [""]
         if word == "format":
-            form = rest[0]
+            form = values[0]
         elif word == "element":
-            elements.append((rest[0], int(rest[1]), []))
-        elif word == "property" and rest[0] == "list":
-            elements[-1][2].append((rest[3], _NUMBERS[rest[2]], _NUMBERS[rest[1]]))
+            elements.append((values[0], int(values[1]), []))
+        elif word == "property" and values[0] == "list":
+            elements[-1][2].append((values[3], _NUMBERS[values[2]], _NUMBERS[values[1]]))
         elif word == "property":
-            elements[-1][2].append((rest[1], _NUMBERS[rest[0]], ""))
+            elements[-1][2].append((values[1], _NUMBERS[values[0]], ""))
     if form not in ("ascii", *_ORDERS):
         raise ValueError
     return form, elements

@@ -34,7 +34,7 @@ from polywigner.geometry.rings import (
 OVERLAP_REMEDY = (
     "join them in the drawing, read fewer layers (--layer), or give union=True (--union)"
 )
-"""Advice to users whose outlines overlap."""
+"""Advice of the error for outlines that overlap."""
 
 Polygon = list[Ring]
 """Rings with the exterior first."""
@@ -82,11 +82,15 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
 
     Rings without an area are ignored. Rings that meet no other ring stay unchanged.
     """
-    rings = [ring for ring in rings if _encloses(ring)]
+    rings = [
+        ring
+        for ring in rings
+        if different_vertices(ring) >= 3 and (spans_area(ring) or hull_spans_area(ring))
+    ]
     if not rings:
         return []
     if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):
-        return [rings]  # cleaned with the aperture
+        return [rings]  # cleaned later, with the aperture
     clean = [clean_ring(ring, "a ring") for ring in rings]
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
 
@@ -99,14 +103,16 @@ def depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
 def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
     """Return polygons whose holes are the rings inside them; rings in holes are polygons again.
 
-    `union` first joins rings that overlap or touch. Without it, overlaps raise a GeometryError.
+    With `union`, rings that overlap or touch are joined first. Otherwise, overlaps raise a
+    GeometryError.
     """
     is_simple = shapely.is_valid([shapely.Polygon(ring) for ring in rings])
-    clean = [  # simple ones are cleaned with the aperture
+    clean = [  # simple rings are cleaned later, with the aperture
         ring if simple else part_of_ring(ring, f"outline {k}")[0]
         for k, (ring, simple) in enumerate(zip(rings, is_simple.tolist(), strict=True))
     ]
-    if not shapely.is_simple(_lines(clean)):
+    lines = shapely.MultiLineString([np.concatenate([ring, ring[:1]]) for ring in clean])
+    if not shapely.is_simple(lines):
         if union:
             clean = _joined(clean)
         else:
@@ -126,14 +132,6 @@ def _joined(rings: Sequence[Ring]) -> list[Ring]:
         region = members[0] if len(members) == 1 else union_on_grid(list(members))
         joined += [ring for polygon in polygons_in(region) for ring in rings_of_polygon(polygon)]
     return joined
-
-
-def _encloses(ring: Ring) -> bool:
-    return different_vertices(ring) >= 3 and (spans_area(ring) or hull_spans_area(ring))
-
-
-def _lines(rings: Sequence[Ring]) -> shapely.MultiLineString:
-    return shapely.MultiLineString([np.concatenate([ring, ring[:1]]) for ring in rings])
 
 
 def _check_overlaps(rings: Sequence[Ring]) -> None:

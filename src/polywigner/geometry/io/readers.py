@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import (
     ArgumentError,
@@ -30,17 +31,89 @@ from polywigner.geometry.arguments import checked_flag, checked_length, checked_
 from polywigner.geometry.io.dxf import load_dxf
 from polywigner.geometry.io.gds import load_gds
 from polywigner.geometry.io.gerber import load_gerber
-from polywigner.geometry.io.limits import MOST_RINGS, MOST_VERTICES, bytes_of, check_most
+from polywigner.geometry.io.limits import MOST_RINGS, MOST_VERTICES, bytes_of, check_most, text_of
 from polywigner.geometry.io.meshes import MESH_SUFFIXES, read_mesh
 from polywigner.geometry.io.outlines import OVERLAP_REMEDY, Drawing, File
 from polywigner.geometry.io.svg import PIXEL, load_svg
-from polywigner.geometry.io.text import load_csv, load_geojson, load_wkt
-from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
+from polywigner.geometry.parts import merge_parts, part_of_rings, polygons_in, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
-from polywigner.geometry.rings import Ring
+from polywigner.geometry.rings import Ring, rings_of_polygon
 from polywigner.quantities import parse_unit
 
 T = TypeVar("T")
+
+
+def load_geojson(file: File) -> Drawing:
+    """Load all polygons in order, including the polygons of features and collections."""
+    return _polygons(file, shapely.from_geojson, "GeoJSON with polygons")
+
+
+def load_wkt(file: File) -> Drawing:
+    """Load the polygons of well-known text."""
+    return _polygons(file, shapely.from_wkt, "WKT such as POLYGON ((0 0, 1 0, 1 1, 0 0))")
+
+
+def _polygons(file: File, parse: Callable[[str], BaseGeometry], expected: str) -> Drawing:
+    try:
+        with np.errstate(invalid="ignore"):  # a NaN is reported below, with its vertex
+            geometry = parse(text_of(file.content).strip())
+    except (shapely.errors.GEOSException, NotImplementedError) as error:
+        line = re.search(r" in line \d+", str(error).replace("at line", "in line"))
+        closed = "; end each ring with its first point"
+        raise FileFormatError(
+            f"expected {expected}, got text that does not parse{line[0] if line else ''}"
+            f"{closed if 'closed' in str(error) else ''}"
+        ) from None
+    polygons = polygons_in(geometry)
+    count = sum(map(shapely.get_num_coordinates, polygons))
+    if count == 0 or shapely.get_num_coordinates(geometry) > count:
+        got = "points or lines" if shapely.get_num_coordinates(geometry) > count else "none"
+        raise FileFormatError(f"expected {expected}, got {got}")
+    named = [rings_of_polygon(p, f"polygon {n}") for n, p in enumerate(polygons)]
+    return Drawing(named, file.unit_metres)
+
+
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+
+
+def table_rows(text: str) -> list[tuple[int, list[str]]]:
+    """Return line number and columns of each line of a table; # begins a comment."""
+    lines = enumerate(text.splitlines(), start=1)
+    return [(n, columns) for n, line in lines if (columns := _columns_of(line.split("#", 1)[0]))]
+
+
+def _columns_of(line: str) -> list[str]:
+    """Split a line at semicolons, else commas, else blanks.
+
+    With semicolons, a comma is a decimal sign, as in spreadsheets of many countries.
+    """
+    if ";" in line:
+        fields = line.replace(",", ".").split(";")
+    elif "," in line:
+        fields = line.split(",")
+    else:
+        fields = line.split()
+    stripped = [field.strip().strip("\"'") for field in fields]
+    while stripped and not stripped[-1]:  # a trailing separator
+        stripped.pop()
+    return stripped
+
+
+def load_csv(file: File) -> Drawing:
+    """Load the ring of a table with a vertex per line, and perhaps a header line."""
+    rows = table_rows(text_of(file.content))
+    has_header = rows and not any(map(_NUMBER.match, rows[0][1]))
+    vertices = []
+    for number, fields in rows[1 if has_header else 0 :]:
+        if len(fields) != 2 or not all(map(_NUMBER.fullmatch, fields)):
+            raise FileFormatError(
+                f'expected two numbers such as "1.5, -2", got other text in line {number}'
+            )
+        vertices.append((float(fields[0]), float(fields[1])))
+    if not vertices:
+        raise FileFormatError("expected lines of two numbers, got none")
+    return Drawing([[np.array(vertices)]], file.unit_metres)
+
 
 LOADERS: dict[str, Callable[[File], Drawing]] = {
     ".geojson": load_geojson,
@@ -55,7 +128,7 @@ LOADERS: dict[str, Callable[[File], Drawing]] = {
 """Loader of each suffix."""
 
 _WITH_LAYERS = (load_svg, load_dxf, load_gds)
-# First bytes of files with another suffix.
+# Patterns of the first bytes, for files with another suffix.
 _STARTS = (
     (rb"AutoCAD Binary DXF|(?:999\r?\n[^\n]*\n\s*)*0\s*\r?\n\s*SECTION", load_dxf),
     (rb"\x00\x06\x00\x02", load_gds),
@@ -86,15 +159,15 @@ def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
 
 
 def _loaded(file: File) -> Drawing:
-    """Return the drawing; a missing or failing library raises a package error."""
+    """Return the drawing; a missing or failing library is reported as a PolywignerError."""
     loader = _loader_of(file.path, file.content)
     if file.layers and loader not in _WITH_LAYERS:
         raise ArgumentError(
-            "expected a layer of a drawing (SVG, DXF, GDSII), got a file without layers; leave it "
-            "out"
+            "expected a layer of a drawing (SVG, DXF, GDSII), got a file without layers; leave "
+            "layer out"
         )
     try:
-        with warnings.catch_warnings():  # of libraries
+        with warnings.catch_warnings():  # hides warnings of the libraries
             warnings.simplefilter("ignore")
             return loader(file)
     except PolywignerError:
@@ -115,7 +188,7 @@ def _loaded(file: File) -> Drawing:
 
 
 def _scaled(points: Any, metres: float) -> Ring:
-    """Return coordinates in metres. Dividing by 1000 is more exact than multiplying by 0.001."""
+    """Return coordinates in metres; dividing by 1000 is more exact than multiplying by 0.001."""
     array = np.asarray(points, dtype=np.float64)
     per_metre = round(1 / metres) if 1e-15 < metres < 1 else 0
     return array / per_metre if per_metre and 1 / per_metre == metres else array * metres
@@ -290,9 +363,10 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
 def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[PlacedAperture]:
     """Read a mesh file (``.stl``, ``.ply``, ``.obj``), open or closed, as thin plates.
 
-    Each plate has two sides; triangles in one plane are one plate. :func:`rcs` takes the list as a
-    body, and :func:`amplitude` as obstacles. Read closed bodies with :func:`read_polyhedron`, so
-    that their inner sides are dark and their facets may join smoothly.
+    Each plate has two sides; triangles in one plane form one plate. :func:`rcs` takes the list as a
+    body, and :func:`amplitude` takes it as obstacles. Read closed bodies with
+    :func:`read_polyhedron`: their inner sides are not illuminated, and their facets can form smooth
+    surfaces.
 
     Parameters
     ----------
@@ -352,10 +426,10 @@ def _body(
         raise type(error)(f"{source}: {error}") from None
 
 
-# Step of a grid of normals and of heights over the size of a mesh. Triangles with equal grid points
-# are one plate.
+# Normals of triangles, and their heights divided by the size of the mesh, are rounded to this step.
+# Triangles with equal normals and heights form one plate.
 _ONE_PLANE = 1e-12
-# Fraction of the area that rounding may take from a union.
+# Largest fraction of the area that a union may lose by rounding.
 _LOST = 1e-9
 
 
@@ -369,7 +443,7 @@ def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[P
     if not wide.any():
         raise GeometryError("expected triangles with an area, got none; export the mesh again")
     corners, normals = corners[wide], normals[wide] / lengths[wide, None]
-    # a plate has no orientation, so the largest component of its normal is made positive
+    # A plate has no orientation, so the largest component of its normal is made positive.
     largest = np.take_along_axis(normals, np.abs(normals).argmax(axis=1)[:, None], axis=1)
     normals = normals * np.sign(largest)
     heights = (normals * corners[:, 0]).sum(axis=1, keepdims=True) / np.ptp(vertices, axis=0).max()
@@ -381,7 +455,7 @@ def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[P
 
 
 def _plates(corners: NDArray[np.float64]) -> list[PlacedAperture]:
-    """Return one plate for triangles (n, 3, 3) of a plane, or each one if GEOS loses some."""
+    """Return triangles (n, 3, 3) in one plane as one plate, or as n plates if GEOS loses area."""
     origin, sides = corners[0, 0], corners[0, 1:] - corners[0, 0]
     x = sides[0] / np.linalg.norm(sides[0])
     z = np.cross(*sides)

@@ -44,11 +44,11 @@ _TRANSFORM = re.compile(
     r"(?:\s*+(?:matrix|translate|scale|rotate|skew[XY])"
     rf"\s*+\(\s*+(?:{_NUMBER}{_COMMA})++\)\s*+,?+)*+\s*+"
 )
-_N = _NUMBER.replace(r"\.?[0-9]*+", r"(?:\.[0-9]++)?+") + _COMMA  # without "5."
+_ARGUMENT = _NUMBER.replace(r"\.?[0-9]*+", r"(?:\.[0-9]++)?+") + _COMMA  # not "5."
 _PATH = re.compile(
-    rf"\s*+(?:(?=[Mm])(?:[MmLlTt]\s*+(?:(?:{_N}){{2}})++|[HhVv]\s*+(?:{_N})++"
-    rf"|[Cc]\s*+(?:(?:{_N}){{6}})++|[SsQq]\s*+(?:(?:{_N}){{4}})++"
-    rf"|[Aa]\s*+(?:(?:{_N}){{3}}(?:[01]{_COMMA}){{2}}(?:{_N}){{2}})++|[Zz]\s*+)++)?+"
+    rf"\s*+(?:(?=[Mm])(?:[MmLlTt]\s*+(?:(?:{_ARGUMENT}){{2}})++|[HhVv]\s*+(?:{_ARGUMENT})++"
+    rf"|[Cc]\s*+(?:(?:{_ARGUMENT}){{6}})++|[SsQq]\s*+(?:(?:{_ARGUMENT}){{4}})++"
+    rf"|[Aa]\s*+(?:(?:{_ARGUMENT}){{3}}(?:[01]{_COMMA}){{2}}(?:{_ARGUMENT}){{2}})++|[Zz]\s*+)++)?+"
 )
 
 PIXEL = Fraction(254, 960_000)
@@ -100,7 +100,7 @@ def _length(text: str, name: str, reference: float | None = None) -> tuple[float
         metres = Fraction(number) * _SIZES[unit]
         return float(metres / PIXEL), metres
     if unit == "%" and reference is None:
-        raise _refusal(f"the {name} in units", text)
+        raise _refusal(f"the {name} without a percent sign", text)
     return float(number) * (float(reference or 0.0) / 100 if unit == "%" else 1.0), None
 
 
@@ -178,7 +178,7 @@ def _outlines_of(
     if tag == "circle":
         rx = ry = value("r")
     if min(width, height, rx, ry) < 0:
-        raise FileFormatError("expected lengths from zero up, got a negative length; correct it")
+        raise FileFormatError("expected lengths of zero or more, got a negative length; correct it")
     if tag == "rect":
         radii = [value(name) if name in attributes else None for name in ("rx", "ry")]
         rectangle = library.Rect(value("x"), value("y"), width, height, *radii)
@@ -204,7 +204,7 @@ def _parsed(content: bytes) -> Element:
         raise FileFormatError(f"expected SVG, got text that is not XML in line {line}") from None
     except ValueError:  # DefusedXmlException
         raise FileFormatError(
-            "expected SVG without entities and external files, got one; save as plain SVG"
+            "expected SVG without entities or external files, got some; save as plain SVG"
         ) from None
     if _tag(root) != "svg":
         raise FileFormatError("expected an svg element, got XML of another kind")
@@ -305,7 +305,7 @@ class _Document:
         elif tag == "switch":  # draws the first element without required extensions
             children = [e for e in element if _tag(e) and not e.get("requiredExtensions")][:1]
         elif tag == "svg" and element is not self.root and inside.is_requested:
-            raise FileFormatError("expected one svg element, got another in it; make it a group")
+            raise FileFormatError("expected one svg element, got a nested one; make it a group")
         for child in children:
             yield from self.shapes(child, inside)
 
@@ -417,6 +417,6 @@ def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
         return unit_metres, flip
     if max(scales) > 1.001 * min(scales):
         raise FileFormatError(
-            "expected a width and height in the ratio of the viewBox, got another; correct one"
+            "expected a width and height in the ratio of the viewBox, got another ratio; correct it"
         )
     return min(scales), flip

@@ -26,9 +26,9 @@ from polywigner.radiometry.directions import (
 )
 from polywigner.reception.norms import NORMALISATIONS
 from polywigner.source import Array
+from polywigner.source.array import mutual_support
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import OBLIQUITIES, Forms, grazing_error
-from polywigner.source.support import mutual_support
 from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_source, tilts_of

@@ -22,6 +22,7 @@ import mitsuba as mi
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
+from polywigner import llvm
 from polywigner.errors import (
     ArgumentError,
     EngineError,
@@ -41,7 +42,6 @@ from polywigner.mitsuba.plugins.films import threads_for_openexr
 from polywigner.mitsuba.plugins.polariser import is_polarised
 from polywigner.mitsuba.plugins.registration import one_at_a_time, original_error, register
 from polywigner.mitsuba.scenes.surfaces import is_source
-from polywigner.toolchain import llvm
 
 # Variants for unpolarised and for polarised light: compiled, on a GPU, and without a compiler.
 _VARIANTS = {

@@ -1,9 +1,12 @@
-"""Select a usable LLVM library before Dr.Jit is imported.
+"""Select a usable LLVM library before Dr.Jit is imported, and install one on Debian and Ubuntu.
 
 Dr.Jit contains no LLVM. It opens a shared library of the system at its first import. An unsuitable
 library ends the process without an exception, so each library is tested with kernels in a child
 process. The result of this probe is cached on disk. Every module of this package that imports
 ``drjit`` or ``mitsuba`` calls :func:`prepare` first.
+
+``tools/bootstrap`` imports this module before anything is installed, so it needs the standard
+library only.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ import shutil
 import signal
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,16 +42,16 @@ LIBRARY_VARIABLE = "DRJIT_LIBLLVM_PATH"
 # If this variable is 1, polywigner behaves as on a machine without LLVM.
 OFF_VARIABLE = "POLYWIGNER_NO_LLVM"
 
-# Value of the first variable if no library is usable. Without it, Dr.Jit would open any libLLVM of
-# the system, and its first kernel could end the process. Dr.Jit may print this text.
+# Value of LIBRARY_VARIABLE if no library is usable. If the variable were unset, Dr.Jit would open
+# any libLLVM of the system, and its first kernel could end the process. Dr.Jit may print this text.
 NONE_USABLE = "/no usable LLVM library; see `polywigner doctor`"
 
 # LLVM 15 and 16 abort when they compile a minimum or a maximum ("Cannot select: fminimum"), and
 # LLVM 14 lacks opaque pointers.
 OLDEST_VERSION = 17
 
-# Dr.Jit's Linux wheels require this library. Bare Debian lacks it, and `import drjit` then raises
-# a NameError that names neither.
+# Dr.Jit's Linux wheels require this library. Without it, as on bare Debian, `import drjit` raises a
+# NameError that does not name the library.
 LIBATOMIC = "libatomic.so.1"
 
 _SYSTEM_LIBRARIES = (
@@ -64,9 +67,9 @@ _SYSTEM_LIBRARIES = (
 )
 _ENVIRONMENT_LIBRARIES = ("lib/libLLVM*.so*", "lib/libLLVM*.dylib", "Library/bin/LLVM-C.dll")
 
-# Wall time of a probe [s]: the first import of Dr.Jit from a cold disk is slow.
+# Largest wall time of a probe in s: the first import of Dr.Jit from a cold disk is slow.
 _TIME_LIMIT = 120.0
-# Only crashes of the library are cached. Ctrl-C ends a probe too.
+# Return codes of crashes of the library, whose probes are cached; Ctrl-C has another code.
 _CRASHES = (-signal.SIGABRT, -signal.SIGSEGV, -signal.SIGILL, -signal.SIGFPE)
 
 _KERNELS = """
@@ -101,8 +104,8 @@ class LLVMStatus:
     version: str | None = None
     problem: str | None = None  # one sentence
     remedy: str | None = None  # one sentence with a command or a setting
-    drjit_imports: bool = True  # if False, Mitsuba cannot be imported either
-    refused: tuple[tuple[str, str], ...] = ()  # path and reason for each library
+    drjit_imports: bool = True  # whether Dr.Jit, and thus Mitsuba, can be imported
+    refused: tuple[tuple[str, str], ...] = ()  # path of each unusable library, and the reason
 
 
 _OFF = LLVMStatus(
@@ -178,7 +181,7 @@ def require_drjit() -> LLVMStatus:
 
 @contextlib.contextmanager
 def _silent_stderr() -> Iterator[None]:
-    """Discard the two lines that Dr.Jit writes in C++ without a library."""
+    """Discard the two lines that Dr.Jit's C++ code prints if there is no library."""
     sys.stderr.flush()
     saved = os.dup(2)
     try:
@@ -191,7 +194,7 @@ def _silent_stderr() -> Iterator[None]:
 
 
 def _select() -> LLVMStatus:
-    # The wheels of some processors do not need libatomic, so only a failed import counts.
+    # The wheels for some processors do not need libatomic, so the import is tried without it.
     if not _has_libatomic() and run_in_child("import drjit").returncode != 0:
         return LLVMStatus(
             False,
@@ -230,7 +233,7 @@ def _has_libatomic() -> bool:
 
 
 def _status_of_loaded_drjit() -> LLVMStatus:
-    """Return the status after an import of Dr.Jit, whose library cannot be changed."""
+    """Return the status if Dr.Jit has been imported, so that its library cannot be changed."""
     if is_switched_off():
         return _OFF
     drjit: Any = sys.modules["drjit"]
@@ -284,7 +287,7 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
     19.1, and ``/usr/lib/llvm-18/lib/libLLVM.so.1`` is 18.
     """
     real = os.path.realpath(path)
-    # the name of the file, then the name of its folder
+    # First the name of the file, then the name of its folder.
     for pattern in (r"libLLVM(?:-|\.so\.|\.)(\d\d[\d.]*)[^/]*$", r"llvm[-@]?(\d\d)/"):
         match = re.search(pattern, real) or re.search(pattern, path)
         if match:
@@ -293,22 +296,24 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
 
 
 def probe(path: str) -> tuple[str | None, str | None]:
-    """Test a library by its name, from the cache, or in a child process.
+    """Return the version of a library, and why it is not usable.
 
-    The cache is a file in the user's cache folder. Its name depends on the library, on Dr.Jit, on
-    Python and on the machine, because machines with different processors may share a home folder.
+    The version in the name decides if it is too old; otherwise the cache, or a test in a child
+    process. The cache is a file in the user's cache folder. Its name depends on the library, on
+    Dr.Jit, on Python and on the machine, because machines with different processors may share a
+    home folder.
 
     Returns
     -------
     version : str or None
         Version of the library.
     problem : str or None
-        Reason why it is not usable, as half a sentence; None if it is usable.
+        Reason why the library is not usable, a clause for a message; None if it is usable.
     """
     version = version_of_name(path)
     if version is not None and version[0] < OLDEST_VERSION:
         text = ".".join(str(number) for number in version)
-        return text, f"LLVM {text} is too old, {OLDEST_VERSION} or newer works"
+        return text, f"LLVM {text} is too old; {OLDEST_VERSION} or newer is required"
     cache = _cache_of(path)
     with contextlib.suppress(OSError, ValueError, LookupError):
         content = json.loads(cache.read_bytes())
@@ -318,7 +323,7 @@ def probe(path: str) -> tuple[str | None, str | None]:
     tested = child.stdout.split()[-1] if is_usable else None
     problem = None if is_usable else _first_complaint(child)
     if is_usable or child.returncode in _CRASHES:
-        # A library that does not open may open later, after a dependency has been installed.
+        # Other failures are not cached: a missing dependency may be installed later.
         with contextlib.suppress(OSError), atomic_path(cache) as scratch:
             scratch.parent.mkdir(parents=True, exist_ok=True)
             scratch.write_text(json.dumps({"version": tested, "problem": problem}))
@@ -355,11 +360,11 @@ def run_in_child(script: str, library: str = NONE_USABLE) -> subprocess.Complete
         The finished process, with its output as text. If it does not start, or runs longer than two
         minutes, the return code is 1 and ``stderr`` contains the reason.
     """
-    import subprocess  # takes 10 ms, which a cached probe does not need
+    import subprocess  # takes 10 ms, and is not needed if the probe is cached
 
     command = [sys.executable, "-P", "-c", script]
     try:
-        # The folder receives Dr.Jit's kernels, so that each is compiled, and core dumps.
+        # The folder contains core dumps and the kernel cache, so that no kernel is reused.
         with temporary_folder() as folder:
             environment = {
                 **os.environ,
@@ -386,3 +391,104 @@ def _first_complaint(child: subprocess.CompletedProcess[str]) -> str:
     text = lines[-1] if lines[0].startswith("Traceback") else lines[0]
     end = "its kernels end the process: " if child.returncode in _CRASHES else ""
     return f"{end}{text[:120].strip(' .!')}"
+
+
+# ---- installation
+
+# Alternative packages, best first. The tests run with LLVM 19. Ubuntu's names may end with t64.
+_LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")]
+_LIBATOMIC = ["libatomic1"]
+
+
+def install_llvm() -> LLVMStatus:
+    """Install the packages that Dr.Jit needs to compile kernels with LLVM, if they are missing.
+
+    Returns
+    -------
+    LLVMStatus
+        The status after the installation: usable.
+
+    Raises
+    ------
+    EngineError
+        If the packages cannot be installed, or LLVM is not usable afterwards.
+    """
+    status = prepare()
+    packages = [] if status.drjit_imports else [_LIBATOMIC]
+    if not (status.usable or is_switched_off()):
+        packages.append(_LLVM)
+    if packages:
+        try:
+            install_packages(packages)
+        except EngineError as error:
+            raise EngineError(f"{status.problem} {error}") from error
+        status = prepare(refresh=True)
+    if not status.usable:
+        raise EngineError(f"{status.problem} {status.remedy}")
+    return status
+
+
+def install_packages(packages: Sequence[Sequence[str]]) -> None:
+    """Install Debian packages with apt-get, as root.
+
+    Parameters
+    ----------
+    packages : sequence of sequences of str
+        Alternatives for each package, best first. The first one that apt offers is installed.
+
+    Raises
+    ------
+    EngineError
+        If this user or this system cannot install packages; the message names the packages.
+    """
+    if not shutil.which("apt-get"):
+        names = " and ".join(alternatives[0] for alternatives in packages)
+        raise EngineError(f"Install {names}, or the packages of your system that replace them.")
+    names = " ".join(map(_offered, packages))
+    if os.geteuid() != 0:
+        raise EngineError(f"Run `apt-get install {names}` as root.")
+    for alternatives in packages:
+        problem = _install(alternatives)
+        if problem:  # the package lists may be missing or old
+            _apt("apt-get", "update")
+            problem = _install(alternatives)
+        if problem:
+            raise EngineError(f"`apt-get install` failed: {problem}.")
+
+
+def _install(alternatives: Sequence[str]) -> str:
+    """Return the error message of apt-get; empty if the package was installed."""
+    name = _offered(alternatives)
+    print(f"polywigner: installing {name} (apt-get install) ...", file=sys.stderr, flush=True)
+    options = ["-o", "DPkg::Lock::Timeout=300", "-y", "--no-install-recommends"]
+    done = _apt("apt-get", "install", *options, name)
+    errors = re.findall(r"^E: (.*?)\.?$", done.stderr, flags=re.MULTILINE) or ["unknown error"]
+    return errors[-1] if done.returncode != 0 else ""
+
+
+def _offered(alternatives: Sequence[str]) -> str:
+    """Return the first alternative that apt's package lists contain, else the first alternative."""
+    listing = _apt("apt-cache", "madison", *alternatives).stdout
+    offered = {line.split("|")[0].strip() for line in listing.splitlines()}
+    return next((name for name in alternatives if name in offered), alternatives[0])
+
+
+def _apt(tool: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    import subprocess
+
+    environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive", "LC_ALL": "C.UTF-8"}
+    return subprocess.run(
+        [tool, *arguments],
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        errors="replace",
+    )
+
+
+if __name__ == "__main__":  # for tools/bootstrap
+    try:
+        print(f"polywigner: LLVM {install_llvm().version} is usable.", file=sys.stderr)
+    except EngineError as problem:
+        sys.exit(f"polywigner: {problem}")

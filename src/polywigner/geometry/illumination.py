@@ -1,0 +1,251 @@
+"""Illuminations: fields on sources as sums of plane waves."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from functools import cached_property
+from numbers import Complex
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.geometry.arguments import (
+    Immutable,
+    checked_length,
+    checked_number,
+    finite_array,
+    real_numbers,
+)
+
+
+def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[np.float64]:
+    """Return a translation, shape (dimension,); raise ArgumentError unless it is finite."""
+    shapes = ((), (1,)) if dimension == 1 else ((dimension,),)
+    expected = f"expected {name} of {dimension} finite numbers"
+    return np.atleast_1d(finite_array(shift, expected, *shapes))
+
+
+def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64]:
+    """Rotate points (n, 2) counter-clockwise about the origin; multiples of pi/2 rad are exact."""
+    radians = checked_number(angle, "angle", "an angle in radians")
+    quarters = round(radians / (math.pi / 2))
+    c, s = math.cos(radians), math.sin(radians)
+    if radians == quarters * (math.pi / 2):
+        c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
+    x, y = points.T
+    return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0  # no negative zeros
+
+
+@final
+class Illumination(Immutable):
+    """A field u(x) = sum_m c_m exp(2 pi i kappa_m.x) on an aperture (d = 2) or on slits (d = 1).
+
+    All transforms have closed forms. `a * b` multiplies two fields, `2j * a` and `a / 2` scale a
+    field, and `a + b` and `a - b` superpose fields. Waves of one frequency are merged.
+
+    Parameters
+    ----------
+    amplitudes : array_like, shape (m,)
+        Complex amplitudes c_m in the unit of the field.
+    frequencies : array_like, shape (m, d)
+        Real frequencies kappa_m in cycles per metre; for d = 1 also (m,).
+
+    Raises
+    ------
+    IlluminationError
+        If a value is not finite, the shapes do not match, or the field is zero everywhere.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> tilt = pw.Illumination([1.0], [(100.0, 0.0)])  # towards s_x = 100 m^-1 times lambda
+    >>> pw.shapes.square(0.01).with_illumination(tilt).illumination == tilt
+    True
+    """
+
+    amplitudes: NDArray[np.complex128]
+    """Complex amplitudes c_m, shape (m,), read-only."""
+    frequencies: NDArray[np.float64]
+    """Frequencies kappa_m in cycles per metre, shape (m, d), lexicographic order, read-only."""
+
+    def __init__(self, amplitudes: ArrayLike, frequencies: ArrayLike) -> None:
+        waves = _merged(*_checked(amplitudes, frequencies))
+        for name, array in zip(("amplitudes", "frequencies"), waves, strict=True):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def dimension(self) -> int:
+        """Number d of components of a position."""
+        return int(self.frequencies.shape[1])
+
+    def __call__(self, x: ArrayLike) -> NDArray[np.complex128]:
+        """Return the complex field (...) at positions x (..., d) in m."""
+        try:
+            points = real_numbers(x)
+        except ValueError as error:
+            raise ArgumentError(f"expected x as real numbers, got {error}") from None
+        if points.ndim == 0 or points.shape[-1] != self.dimension:
+            raise ArgumentError(f"expected x of shape (..., {self.dimension}), got {points.shape}")
+        return np.exp(2j * np.pi * (points @ self.frequencies.T)) @ self.amplitudes
+
+    def moved(self, shift: ArrayLike) -> Illumination:
+        """Return the field shifted by (d,) m: u(x - shift)."""
+        phases = shift_phases(self.frequencies, checked_shift(shift, self.dimension))
+        return Illumination(self.amplitudes * phases, self.frequencies)
+
+    def turned(self, angle: float) -> Illumination:
+        """Return the field rotated counter-clockwise about the origin by an angle in radians.
+
+        Multiples of pi/2 are exact.
+
+        Raises
+        ------
+        IlluminationError
+            For a field of slits.
+        """
+        if self.dimension != 2:
+            raise IlluminationError("expected a field in two dimensions, got a field of slits")
+        return Illumination(self.amplitudes, turned_points(self.frequencies, angle))
+
+    def scaled(self, factor: float) -> Illumination:
+        """Return the field scaled about the origin by a factor."""
+        size = checked_length(factor, "factor")
+        with np.errstate(over="ignore"):
+            return Illumination(self.amplitudes, self.frequencies / size)
+
+    def __mul__(self, other: Illumination | complex) -> Illumination:
+        if isinstance(other, Complex):
+            return Illumination(self.amplitudes * complex(other), self.frequencies)
+        if not isinstance(other, Illumination):
+            return NotImplemented
+        self._check_dimension(other)
+        products = np.multiply.outer(self.amplitudes, other.amplitudes)
+        sums = self.frequencies[:, None] + other.frequencies
+        return Illumination(products.ravel(), sums.reshape(-1, self.dimension))
+
+    __rmul__ = __mul__
+
+    def _check_dimension(self, other: Illumination) -> None:
+        if other.dimension != self.dimension:
+            raise IlluminationError(
+                f"expected fields of equal dimension, got {self.dimension} and {other.dimension}"
+            )
+
+    def __truediv__(self, other: complex) -> Illumination:
+        if not isinstance(other, Complex):
+            return NotImplemented
+        if other == 0:
+            raise IlluminationError("expected a number other than zero to divide a field by, got 0")
+        return Illumination(self.amplitudes / complex(other), self.frequencies)
+
+    def __neg__(self) -> Illumination:
+        return -1 * self
+
+    def __sub__(self, other: Illumination) -> Illumination:
+        return self + -other if isinstance(other, Illumination) else NotImplemented
+
+    def __add__(self, other: Illumination) -> Illumination:
+        if not isinstance(other, Illumination):
+            return NotImplemented
+        self._check_dimension(other)
+        return Illumination(
+            np.concatenate([self.amplitudes, other.amplitudes]),
+            np.concatenate([self.frequencies, other.frequencies]),
+        )
+
+    @cached_property
+    def _key(self) -> tuple[int, bytes, bytes]:
+        return self.dimension, self.amplitudes.tobytes(), self.frequencies.tobytes()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Illumination, (self.amplitudes, self.frequencies)
+
+    def __len__(self) -> int:
+        """Return the number of waves."""
+        return len(self.amplitudes)
+
+    def __repr__(self) -> str:
+        plural = "s" if len(self) > 1 else ""
+        return f"Illumination({len(self)} plane wave{plural}, {self.dimension}D)"
+
+
+def shift_phases(
+    frequencies: NDArray[np.float64], shift: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """Return exp(-2 pi i kappa.shift) (m,) for frequencies kappa (m, d) and a shift (d,).
+
+    The products are exact: rounding would change the phase of a large product.
+    """
+    offset = [Fraction(s) for s in shift.tolist()]
+    cycles = (
+        sum((Fraction(k) * s for k, s in zip(kappa, offset, strict=True)), Fraction(0))
+        for kappa in frequencies.tolist()
+    )
+    return np.exp(-2j * np.pi * np.array([float(c - round(c)) for c in cycles]))
+
+
+def _checked(
+    amplitudes: Any, frequencies: Any
+) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    try:
+        if np.ma.is_masked(amplitudes):
+            raise ValueError
+        waves = np.atleast_1d(np.array(amplitudes, dtype=np.complex128))
+        kappa = real_numbers(frequencies)
+    except (TypeError, ValueError, OverflowError):
+        raise IlluminationError(
+            "expected complex amplitudes (m,) and real frequencies (m, d), got "
+            f"{type(amplitudes).__name__} and {type(frequencies).__name__}"
+        ) from None
+    if kappa.ndim == 1:
+        kappa = kappa[None, :] if waves.size == 1 and kappa.size == 2 else kappa[:, None]
+    if waves.ndim != 1 or kappa.ndim != 2 or len(waves) != len(kappa) or not waves.size:
+        raise IlluminationError(
+            f"expected one frequency for each amplitude, got shapes {waves.shape} and {kappa.shape}"
+        )
+    if kappa.shape[1] not in (1, 2):
+        raise IlluminationError(
+            f"expected frequencies of one or two components, got {kappa.shape[1]}"
+        )
+    if not (np.isfinite(waves).all() and np.isfinite(kappa).all()):
+        raise IlluminationError("expected finite amplitudes and frequencies, got inf or nan")
+    return waves, kappa
+
+
+def _merged(
+    amplitudes: NDArray[np.complex128], frequencies: NDArray[np.float64]
+) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """Merge waves of equal frequencies, in lexicographic order, without negative zeros.
+
+    Sums of amplitudes below the rounding error of the amplitudes count as zero.
+    """
+    distinct, number = np.unique(frequencies + 0.0, axis=0, return_inverse=True)
+    total, size = np.zeros(len(distinct), np.complex128), np.zeros(len(distinct))
+    np.add.at(total, number.ravel(), amplitudes)
+    np.add.at(size, number.ravel(), np.abs(amplitudes))
+    nonzero = np.abs(total) > 1e-15 * size
+    if not nonzero.any():
+        raise IlluminationError("expected a field other than zero, got amplitudes of zero only")
+    return total[nonzero] + 0.0, distinct[nonzero]
+
+
+def checked_field(field: Any, dimension: int) -> Illumination:
+    """Return a field; raise ArgumentError or IlluminationError unless it fits the dimension."""
+    if not isinstance(field, Illumination):
+        advice = (
+            "pass its .illumination"
+            if isinstance(getattr(field, "illumination", None), Illumination)
+            else "make one with polywigner.Illumination(amplitudes, frequencies) or "
+            "polywigner.steering(...)"
+        )
+        raise ArgumentError(f"expected an Illumination, got {type(field).__name__}; {advice}")
+    if field.dimension != dimension:
+        raise IlluminationError(
+            f"expected an illumination with frequencies of {dimension} components, got "
+            f"{field.dimension}"
+        )
+    return field
