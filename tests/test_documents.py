@@ -27,8 +27,10 @@ LABEL = re.compile(r"\(([A-Z]{1,2}\d{1,2})\)")
         "public_names.py --check",
     ],
 )
-def test_documents_agree_with_files_benchmarks_and_the_package(tool):
+def test_documents_agree_with_files_benchmarks_and_the_package(tool, leave_out):
     name, *options = tool.split()
+    if name == "check_documents.py" and not (ROOT / "docs" / "images").exists():
+        leave_out("docs/images, which only a clone has")
     command = [sys.executable, ROOT / "tools" / name, *options]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
