@@ -169,7 +169,7 @@ def test_the_citation_file_has_the_paper_of_the_bibliography():
     yaml = pytest.importorskip("yaml")
     file = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     paper, software = pw.cite().split("\n\n")
-    preferred = file["preferred-citation"]
+    (preferred,) = file["references"]
     assert preferred["title"] == field_of(paper, "title")
     names = [f"{a['family-names']}, {a['given-names']}" for a in preferred["authors"]]
     assert " and ".join(names) == field_of(paper, "author")
