@@ -136,7 +136,8 @@ def interpreters() -> Iterator[tuple[str, str]]:
     for name in PYTHONS:
         running = name == f"{sys.version_info.major}.{sys.version_info.minor}"
         path = sys.executable if running else shutil.which(f"python{name}")
-        if path is None:
+        # The shim of a version manager exists for versions that it does not run.
+        if path is None or subprocess.run([path, "-c", ""], capture_output=True).returncode:
             print(f"- Python {name}: not on this machine, left to the jobs of tests.yml")
         else:
             yield name, path
