@@ -110,14 +110,13 @@ def test_forward_and_reverse_mode_are_adjoint():
 
     rng = np.random.default_rng(2)
     pieces = [
-        pw.Aperture(CHEVRON),
-        pw.shapes.square(0.7).moved((1.5, 0.3)),
-        pw.shapes.triangle(1.0, 0.8).moved((0.2, -0.9)),
+        pw.shapes.square(0.7),
+        pw.shapes.triangle(1.0, 0.8).moved((0.4, -0.6)),
     ]
-    source = pw.Array(pieces, [1, 0.5 + 0.3j, -0.8j])
+    source = pw.Array(pieces, [1, 0.5 + 0.3j])
     corners = np.concatenate([ring for element in pieces for ring in element.rings])
     weights = np.stack([source.weights.real, source.weights.imag], axis=-1)
-    points = rng.uniform(-2, 2, (9, 2)), rng.uniform(-0.3, 1.0, (9, 2))
+    points = rng.uniform(-2, 2, (9, 2)), rng.uniform(-0.5, 0.8, (9, 2))
     arrays = [_points(v) for v in (corners, weights, *points)]
     changes = [type(a)(rng.normal(size=np.array(a).shape)) for a in arrays]
 

@@ -1,5 +1,7 @@
 """Data cubes of radars against the radar equation, received powers and the geometry of scenes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -132,10 +134,16 @@ def test_phases_across_elements_follow_the_direction(corner):
 def test_twelve_virtual_elements_resolve_the_angle():
     """The half-power width of a uniform array of n elements at a pitch d is 0.886 lambda/(n d)."""
     emitters = [(2e-2 + 4 * k * WAVELENGTH / 2, 0.0, 0.0) for k in range(3)]
-    position = 50.0 * np.array([np.sin(np.radians(10)), 0.0, np.cos(np.radians(10))])
+    sine, cosine = np.sin(np.radians(10)), np.cos(np.radians(10))
+    position = 50.0 * np.array([sine, 0.0, cosine])
+    facing = np.eye(4)
+    facing[:3] = np.c_[[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine], position]
+    waveform = replace(CHIRPS, chirps=8)
+    rate = waveform.rate_step / 3  # in the centre of a bin, for three emitters
     cube = pm.radar_cube(
-        scene_of(row(4), emitters, (0.0, 0.0, 0.0)), CHIRPS, elements=True, points=0, noise=False,
-        bodies={"corner": (trihedral(position), 3)}, velocities={"corner": (0.0, 0.0, 2.0)},
+        scene_of(row(4), emitters, (0.0, 0.0, 0.0)), waveform, elements=True, points=0, noise=False,
+        bodies={"plate": pw.shapes.square(LEG).placed(facing)},
+        velocities={"plate": (0.0, 0.0, rate)},
     )  # fmt: skip
     image = radar.range_angle(cube, window="boxcar", directions=4001).isel(draw=0)
     cut = image.where(image["range"] > 20.0, 0.0).max("range")

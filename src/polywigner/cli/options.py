@@ -171,7 +171,7 @@ def check_writable(paths: Sequence[Path]) -> None:
     """Raise ArgumentError before the long work if one of the files cannot be written."""
     for path in paths:
         # os.path returns False for a name that is too long; pathlib raises OSError.
-        if os.path.isdir(path):  # noqa: PTH112
+        if os.path.isdir(path) and path.suffix != ".zarr":  # noqa: PTH112
             raise ArgumentError(f"expected --out to name a file, got the folder {path}; rename it")
         parents = path.absolute().parents
         folder = next(parent for parent in parents if os.path.exists(parent))  # noqa: PTH110
