@@ -27,7 +27,7 @@ PROPAGATE = $(BIN)/polywigner propagate
 PYTEST = $(BIN)/python -m pytest -n auto --maxprocesses 4 --max-worker-restart 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures paper-figures test test-all lint format typecheck hooks bench docs dist constraints ci clean
+.PHONY: help demo pictures paper-figures test test-all lint format typecheck hooks bench docs dist release constraints ci clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\): ## \(.*\)/  make \1	\2/p' Makefile | expand -t 20
@@ -94,6 +94,9 @@ docs: ## check the documents, and build the site from them: docs/_build/html/ind
 dist: ## build wheel and sdist into dist/
 	@$(SETUP) --group dev
 	$(BIN)/python -m build
+
+release: ## rehearse a release: build, check and install the packages, and list what is left to do
+	$(or $(PYTHON),python3) tools/release.py
 
 constraints: ## write the versions in .venv, which must have passed the tests, into constraints.txt
 	@$(SETUP) --group docs

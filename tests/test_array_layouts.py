@@ -140,7 +140,7 @@ def test_the_taper_of_a_grid_is_separable_and_in_the_order_of_its_positions():
 
 def test_without_scipy_windows_name_the_extra_that_brings_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.signal.windows", None)
-    with pytest.raises(MissingExtraError, match=r'pip install "\.\[arrays\]"'):
+    with pytest.raises(MissingExtraError, match=r'pip install "polywigner\[arrays\]"'):
         arrays.window_weights(8, "taylor")
     assert len(arrays.window_weights(8, "hamming")) == 8
 

@@ -319,4 +319,4 @@ def test_a_library_that_is_missing_is_named_with_its_extra_before_the_work(
 ) -> None:  # fmt: skip
     monkeypatch.setitem(sys.modules, library, None)
     line = refusal([*command, "--out", "out/new/"], folder, capfd)
-    assert library in line and f'pip install ".[{extra}]"' in line
+    assert library in line and f'pip install "polywigner[{extra}]"' in line

@@ -27,8 +27,10 @@ LABEL = re.compile(r"\(([A-Z]{1,2}\d{1,2})\)")
         "public_names.py --check",
     ],
 )
-def test_documents_agree_with_files_benchmarks_and_the_package(tool):
+def test_documents_agree_with_files_benchmarks_and_the_package(tool, leave_out):
     name, *options = tool.split()
+    if name == "check_documents.py" and not (ROOT / "docs" / "images").exists():
+        leave_out("docs/images, which only a clone has")
     command = [sys.executable, ROOT / "tools" / name, *options]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -167,7 +169,7 @@ def test_the_citation_file_has_the_paper_of_the_bibliography():
     yaml = pytest.importorskip("yaml")
     file = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     paper, software = pw.cite().split("\n\n")
-    preferred = file["preferred-citation"]
+    (preferred,) = file["references"]
     assert preferred["title"] == field_of(paper, "title")
     names = [f"{a['family-names']}, {a['given-names']}" for a in preferred["authors"]]
     assert " and ".join(names) == field_of(paper, "author")

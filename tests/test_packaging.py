@@ -14,11 +14,12 @@ import polywigner
 
 ROOT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+IN_CLONE = (ROOT / ".github").exists()  # the sdist leaves out the workflows
 
 
 def test_the_installed_version_is_that_of_the_sources():
     """It stands in the package alone: an archive without git installs, and says the same."""
-    assert PYPROJECT["project"]["dynamic"] == ["version"]
+    assert "version" in PYPROJECT["project"]["dynamic"]
     assert polywigner.__version__ == importlib.metadata.version("polywigner")
 
 
@@ -66,9 +67,22 @@ def test_the_conda_recipe_asks_for_what_the_package_asks_for():
     assert f'version = "{polywigner.__version__}"' in recipe
 
 
+def test_the_copies_of_the_version_are_those_of_the_package():
+    """The tool of releases finds each copy once, and would write what stands there."""
+    for path, changes in release.copies(polywigner.__version__, "2026-01-31").items():
+        text = path.read_text(encoding="utf-8")
+        for pattern, line in changes:
+            after, count = re.subn(pattern, line, text, flags=re.MULTILINE)
+            assert count == 1, (path, pattern)
+            assert "date" in line or "2026-01-31" in line or after == text, (path, line)
+
+
 def test_the_address_is_the_same_everywhere():
     home = PYPROJECT["project"]["urls"]["Homepage"]
-    for name in ("README.md", "packaging/conda/meta.yaml", ".github/ISSUE_TEMPLATE/config.yml"):
+    names = ["README.md", "CITATION.cff", "packaging/conda/meta.yaml"]
+    if IN_CLONE:
+        names.append(".github/ISSUE_TEMPLATE/config.yml")
+    for name in names:
         assert home in (ROOT / name).read_text(encoding="utf-8"), name
 
 
@@ -76,6 +90,7 @@ def test_the_address_is_the_same_everywhere():
 
 sys.path.insert(0, str(ROOT / "tools"))
 
+import release  # noqa: E402
 from pin_versions import CONSTRAINTS, declared  # noqa: E402
 
 # In no environment that the tests are run in: peers of benchmarks.

@@ -212,7 +212,7 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name, 
     for module in [m for m in sys.modules if m.partition(".")[0] == library]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, library, None)
-    named = rf'{library.partition(".")[0]}.*pip install "\.\[formats\]"'
+    named = rf'{library.partition(".")[0]}.*pip install "polywigner\[formats\]"'
     with pytest.raises(MissingExtraError, match=named):
         read_aperture(path)
 

@@ -196,4 +196,4 @@ def test_without_the_extra_the_command_names_it(camera_scene, capfd, monkeypatch
     monkeypatch.setitem(sys.modules, "zarr", None)
     assert main(["render", str(camera_scene), "--scheduler", "tcp://127.0.0.1:1"]) == 2
     stderr = capfd.readouterr().err
-    assert 'pip install ".[datasets]"' in stderr and stderr.count("\n") == 1
+    assert 'pip install "polywigner[datasets]"' in stderr and stderr.count("\n") == 1

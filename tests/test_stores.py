@@ -311,7 +311,7 @@ def test_a_path_that_cannot_be_written_to_is_one_error(tmp_path):
 def test_without_the_extra_the_error_names_it(tmp_path, monkeypatch, library):
     dataset = beam()
     monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(MissingExtraError, match=r'pip install "\.\[datasets\]"'):
+    with pytest.raises(MissingExtraError, match=r'pip install "polywigner\[datasets\]"'):
         written(tmp_path / "beam.zarr", dataset)
     assert not list(tmp_path.iterdir())
 

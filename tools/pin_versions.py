@@ -1,6 +1,7 @@
 """Write constraints.txt: versions, in this environment, of all that polywigner and its tests need.
 
     make constraints      # after `make test-all` has passed with these versions
+    python tools/pin_versions.py --lowest > lowest.txt    # the lowest permitted versions instead
 
 What is not installed here has no tested version, and is named in a comment.
 """
@@ -9,11 +10,13 @@ from __future__ import annotations
 
 import importlib.metadata
 import platform
+import sys
 import tomllib
 from pathlib import Path
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from packaging.version import Version
 
 ROOT = Path(__file__).resolve().parent.parent
 CONSTRAINTS = ROOT / "constraints.txt"
@@ -55,7 +58,21 @@ def installed() -> tuple[dict[str, str], list[str]]:
     return versions, sorted(set(absent))
 
 
+def lowest() -> dict[str, str]:
+    """The lowest version that pyproject.toml permits of each package."""
+    return {
+        name: max(
+            (s.version for r in requirements for s in r.specifier if s.operator == ">="),
+            key=Version,
+        )
+        for name, requirements in declared().items()
+    }
+
+
 def main() -> None:
+    if "--lowest" in sys.argv:
+        print("\n".join(f"{name}=={version}" for name, version in sorted(lowest().items())))
+        return
     versions, absent = installed()
     lines = [
         "# The versions that the tests were run with, for `pip install -c constraints.txt ...`.",

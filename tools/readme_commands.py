@@ -1,7 +1,7 @@
-"""The shell blocks of README as one script: what a reader types after cloning.
+"""The shell blocks of README as one script: what a reader types.
 
-The block that clones is left out, with its `make demo` and `make test`. Run by .ci/run in a clone
-and an environment that hold nothing but what the blocks themselves install.
+The block that clones is left out, and the clone is installed in place of the published package.
+Run by .ci/run in a clone and an environment that hold nothing but what the blocks install.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from pathlib import Path
 def commands(readme: str) -> str:
     """The lines of all shell blocks but the one that clones."""
     blocks = re.findall(r"^```sh\n(.*?)^```$", readme, re.DOTALL | re.MULTILINE)
-    return "".join(block for block in blocks if not block.startswith("git clone"))
+    script = "".join(block for block in blocks if not block.startswith("git clone"))
+    return script.replace('pip install "polywigner', 'pip install ".')
 
 
 if __name__ == "__main__":

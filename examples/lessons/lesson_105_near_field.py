@@ -4,8 +4,8 @@ r"""
 
 How near is near? This lesson looks at the same square with four methods at once: exactly, along
 its edges; with Wigner rays; with parabolic waves (Fresnel); and as a far field (Fraunhofer). It
-shows where each holds, and in which power of the distance each begins to. ``pip install
-".[volume]"`` in a clone brings what the grids here need.
+shows where each holds, and in which power of the distance each begins to. The grids require
+``pip install "polywigner[volume]"``.
 """
 
 import warnings

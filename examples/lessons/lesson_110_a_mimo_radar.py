@@ -467,8 +467,9 @@ corner[:3, :3] = triad(back / RANGE, [0, 0, 1]) @ triad(axis, [0, 0, 1]).T
 corner[:3, 3] = site
 reflector = {"reflector": ([triangle.placed(corner @ pose) for pose in poses], 3)}
 scene = yard(transmit, receiver)
-settings = {"bodies": reflector, "elements": True, "seed": 110}
-cube = polywigner.mitsuba.radar_cube(scene, waveform, points=60_000, rays=60_000, **settings)
+cube = polywigner.mitsuba.radar_cube(
+    scene, waveform, points=60_000, rays=60_000, bodies=reflector, elements=True, seed=110
+)
 print(dict(cube.sizes), f"{cube.attrs['scattered_points']} scatterers")
 
 # %%
@@ -523,7 +524,9 @@ def azimuths(beams):
 
 
 angle = azimuths(image.sel(range=RANGE, method="nearest"))[0]
-noisy = polywigner.mitsuba.radar_cube(scene, waveform, points=0, draws=100, **settings)
+noisy = polywigner.mitsuba.radar_cube(
+    scene, waveform, points=0, draws=100, bodies=reflector, elements=True, seed=110
+)
 beams = pw.radar.range_angle(noisy, window="boxcar", directions=401)
 spread = azimuths(beams.sel(range=RANGE, method="nearest")).std()
 bound = np.degrees(np.sqrt(6 / (budget * (12**2 - 1))) / np.pi / np.cos(AZIMUTH))

@@ -4,7 +4,7 @@ Sionna RT asks an antenna pattern for its field at the angles of every path. Her
 those angles, in closed form, inside Sionna's own kernel: no table, no interpolation, and gradients
 with respect to angles pass through.
 
-    pip install . sionna-rt matplotlib  # in a clone of polywigner
+    pip install polywigner sionna-rt
     python sionna_pattern.py [folder for the picture]
 
 Tried with Sionna RT 2.2.

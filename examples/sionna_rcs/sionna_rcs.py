@@ -4,7 +4,7 @@ Sionna RT asks each scattering point of a target for its cross section at the di
 path: there and back straight, or by way of walls. Here `pw.rcs` answers, shadows of the body on
 itself and all, at those directions: no table.
 
-    pip install . sionna-rt matplotlib  # in a clone of polywigner
+    pip install polywigner sionna-rt
     python sionna_rcs.py [folder for the picture]
 
 Tried with Sionna RT 2.2.

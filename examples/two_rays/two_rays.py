@@ -5,7 +5,7 @@ way and the way by the floor as amplitudes, and so does Sionna RT. Of antennas t
 against the wavelength both say the same, in phase as well. Of an array of 0.34 m Sionna's synthetic
 arrays take the far pattern; polywigner couples the array itself and its image, near or far.
 
-    pip install . sionna-rt matplotlib  # in a clone of polywigner
+    pip install polywigner sionna-rt
     python two_rays.py [folder for the picture]
 
 Tried with Sionna RT 2.2.

@@ -39,11 +39,8 @@ def value_text(value: object) -> str:
 
 
 def install_command(extra: str = "") -> str:
-    """Return the command that installs polywigner with one of its extras, for messages.
-
-    The package is on no package index, so the command installs a clone.
-    """
-    return f'`pip install ".{f"[{extra}]" if extra else ""}"` in a clone of polywigner'
+    """Return the command that installs polywigner with one of its extras, for messages."""
+    return f'`pip install "polywigner{f"[{extra}]" if extra else ""}"`'
 
 
 class PolywignerError(Exception):

@@ -17,7 +17,6 @@ from polywigner.llvm import LLVMStatus, prepare, run_in_child
 
 _GOOD, _BAD, _OPTIONAL = "yes", "no", "-"
 _COLOURS = {_GOOD: "green", _BAD: "red", _OPTIONAL: "yellow"}
-_CORE = ("numpy", "shapely", "drjit", "mitsuba", "matplotlib", "typer", "rich")
 _GPU_KERNEL = """
 import drjit as dr
 from drjit.cuda import Float
@@ -46,7 +45,7 @@ def doctor(
         llvm.install_llvm()
     transforms, status, gpu = _transforms(), prepare(), _gpu()
     python = Row("python", _GOOD, f"{platform.python_version()} at {sys.executable}")
-    rows = [transforms, _llvm(status), gpu, python, *map(_library, _CORE), _rendering(status, gpu)]
+    rows = [transforms, _llvm(status), gpu, python, *map(_library, _core()), _rendering(status, gpu)]
     _print(rows + _extras())
     raise typer.Exit(0 if transforms.works == _GOOD else 1)
 
@@ -104,6 +103,13 @@ def _rendering(llvm: LLVMStatus, gpu: Row) -> Row:
 
 def _last_line(text: str) -> str:
     return (text.strip().splitlines() or ["no message"])[-1].strip()
+
+
+def _core() -> list[str]:
+    """Return the libraries that the package requires, and Dr.Jit, which Mitsuba requires."""
+    lines = importlib.metadata.requires("polywigner") or []
+    names = [re.split(r"[^\w.-]", line)[0] for line in lines if ";" not in line]
+    return sorted({*names, "drjit"})
 
 
 def _library(name: str) -> Row:

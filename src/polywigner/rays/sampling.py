@@ -369,4 +369,4 @@ def _scale(source: Any, wavelength: float, obliquity: str, power: Any) -> float:
     watts = checked_number(power, "power", meaning)
     if not 0 < watts < _MOST_WATTS:
         raise ArgumentError(f"expected power as {meaning}, got {value_text(power)}")
-    return watts / radiated_power(source, wavelength, obliquity)  # type: ignore
+    return watts / radiated_power(source, wavelength, obliquity)  # type: ignore[call-overload]

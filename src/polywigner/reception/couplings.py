@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from typing import Any, Literal, get_args
+from typing import Any, Literal, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,6 +63,38 @@ _BLOCK = 64
 _ROUNDING = 1e-12
 # Nodes along a side of a cell for a tolerance of 1e-6, and additional nodes for each digit.
 _NODES, _NODES_PER_DIGIT = 4.0, 0.5
+
+
+@overload
+def coupling(
+    transmitter: Aperture | Array | Wavefront,
+    receiver: Aperture | Array | Wavefront,
+    to_transmitter: ArrayLike,
+    wavelength: float = ...,
+    method: LinkMethod | None = ...,
+    tolerance: float = ...,
+    *,
+    polarisation: str | Sequence[str | ArrayLike] | None = ...,
+    return_error: Literal[False] = ...,
+    normalise: Literal["radiated", "aperture"] = ...,
+    frequency: float = ...,
+) -> Complex: ...
+
+
+@overload
+def coupling(
+    transmitter: Aperture | Array | Wavefront,
+    receiver: Aperture | Array | Wavefront,
+    to_transmitter: ArrayLike,
+    wavelength: float = ...,
+    method: LinkMethod | None = ...,
+    tolerance: float = ...,
+    *,
+    polarisation: str | Sequence[str | ArrayLike] | None = ...,
+    return_error: Literal[True],
+    normalise: Literal["radiated", "aperture"] = ...,
+    frequency: float = ...,
+) -> tuple[Complex, Floats]: ...
 
 
 @takes_frequency

@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,6 +53,42 @@ Complex = NDArray[np.complex128]
 
 # Three mirrors at right angles return a wave; each further reflection multiplies the beams.
 MOST_BOUNCES = 3
+
+
+@overload
+def rcs(
+    body: Body,
+    to_radar: ArrayLike,
+    wavelength: ArrayLike = ...,
+    to_transmitter: ArrayLike | None = ...,
+    polarisation: Polarisation | None = ...,
+    *,
+    source: Source | None = ...,
+    receiver: Source | None = ...,
+    tolerance: float = ...,
+    return_power: Literal[False] = ...,
+    normalise: Literal["radiated", "aperture"] = ...,
+    bounces: int = ...,
+    frequency: float = ...,
+) -> Floats: ...
+
+
+@overload
+def rcs(
+    body: Body,
+    to_radar: ArrayLike,
+    wavelength: ArrayLike = ...,
+    to_transmitter: ArrayLike | None = ...,
+    polarisation: Polarisation | None = ...,
+    *,
+    source: Source | None = ...,
+    receiver: Source | None = ...,
+    tolerance: float = ...,
+    return_power: Literal[True],
+    normalise: Literal["radiated", "aperture"] = ...,
+    bounces: int = ...,
+    frequency: float = ...,
+) -> tuple[Floats, Floats]: ...
 
 
 @takes_frequency

@@ -72,7 +72,7 @@ def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
         for sent, wavelength, weight in emitter.mixture.parts(emitter.source, emitter.wavelength):
             for taken, _, other in receiver.mixture.parts(receiver.source, wavelength):
                 b = coupling(sent, taken, pose, wavelength, method, tolerance, normalise=normalise)
-                total += weight * other * abs(b) ** 2
+                total += weight * other * float(abs(b) ** 2)
     except PolywignerError as error:
         raise SceneError(f"{link}: {error}") from None
     for placed in (emitter, receiver):

@@ -1,0 +1,192 @@
+"""Rehearse a release: build and check the packages, install them, and list what is left to do.
+
+    make release                                  # the rehearsal
+    python tools/release.py --date 2026-12-01     # write version and date into the other files
+
+The version is named in src/polywigner/__init__.py alone. `--date` copies it, with the day of the
+release, into CITATION.cff, references.bib, the conda recipe and the changelog.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import hashlib
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+DIST = ROOT / "dist"
+RECIPE = ROOT / "packaging" / "conda" / "meta.yaml"
+PLACEHOLDER = "SHA256_OF_THE_SDIST"
+# In an environment of their own: cffconvert requires old versions of common libraries.
+TOOLS = [
+    "build>=1.2",
+    "twine>=6",
+    "check-wheel-contents>=0.6",
+    "validate-pyproject[all]>=0.24",
+    "cffconvert>=2",
+]
+PYTHONS = ["3.11", "3.12", "3.13", "3.14"]
+LARGEST_SDIST = 3_000_000  # bytes
+
+LEFT_TO_DO = """
+Left to do by a person:
+ 1. Name the authors in paper/paper.md, and answer its questions about the use of AI.
+ 2. Run `python tools/release.py --date YYYY-MM-DD`; review, commit and push the changes.
+ 3. Create {home}: issues, private vulnerability reports, Pages by Actions.
+ 4. On PyPI, add a trusted publisher: project polywigner, release.yml, environment pypi (no token).
+ 5. Wait until all jobs of tests.yml pass, also on macOS, on Windows and with the lowest versions.
+ 6. Run `git tag v{version} && git push origin v{version}`: release.yml builds and publishes.
+ 7. Connect Zenodo, make a GitHub release of the tag, and add the DOI to CITATION.cff.
+ 8. Build build/conda/meta.yaml with conda-build, and send it to conda-forge/staged-recipes.
+ 9. Submit paper/paper.md to JOSS.
+10. Set the next version in src/polywigner/__init__.py.
+"""
+
+
+def version() -> str:
+    text = (ROOT / "src" / "polywigner" / "__init__.py").read_text(encoding="utf-8")
+    return re.findall(r'^__version__ = "(.+)"$', text, flags=re.MULTILINE)[0]
+
+
+def copies(version: str, date: str) -> dict[Path, list[tuple[str, str]]]:
+    """The places that repeat the version or the date: patterns of lines, and the new lines."""
+    citation, bibliography = ROOT / "CITATION.cff", ROOT / "src" / "polywigner" / "references.bib"
+    year = date[:4]
+    software = r"(@misc\{polywigner,\n(?:  .*\n)*?  version = \{).*(\},\n  year    = \{)\d+"
+    return {
+        citation: [
+            (r"^version: .*$", f"version: {version}"),
+            (r"^(# )?date-released: .*$", f"date-released: {date}"),
+        ],
+        bibliography: [(software, rf"\g<1>{version}\g<2>{year}")],
+        RECIPE: [(r'set version = ".*"', f'set version = "{version}"')],
+        ROOT / "CHANGELOG.md": [
+            (rf"^## \[{re.escape(version)}\] - .*$", f"## [{version}] - {date}")
+        ],
+    }
+
+
+def write_date(date: str) -> None:
+    for path, changes in copies(version(), datetime.date.fromisoformat(date).isoformat()).items():
+        text = path.read_text(encoding="utf-8")
+        for pattern, line in changes:
+            text, count = re.subn(pattern, line, text, flags=re.MULTILINE)
+            if count != 1:
+                sys.exit(f"expected one line {pattern!r} in {path}, found {count}")
+        path.write_text(text, encoding="utf-8")
+        print(f"wrote {path.relative_to(ROOT)}")
+
+
+def run(*command: str | Path, **options: object) -> None:
+    print(
+        "  $",
+        " ".join(Path(part).name if Path(part).is_absolute() else str(part) for part in command),
+        flush=True,
+    )
+    subprocess.run(
+        [str(part) for part in command], check=True, cwd=options.pop("cwd", ROOT), **options
+    )
+
+
+def environment(folder: Path, python: str = sys.executable) -> Path:
+    """Create an empty environment; its folder of programs."""
+    run(python, "-m", "venv", folder)
+    return folder / ("Scripts" if sys.platform == "win32" else "bin")
+
+
+def build(tools: Path) -> tuple[Path, Path]:
+    """Build the wheel and the sdist into dist/."""
+    shutil.rmtree(DIST, ignore_errors=True)
+    run(tools / "python", "-m", "build", "--outdir", DIST)
+    (wheel,), (sdist,) = DIST.glob("*.whl"), DIST.glob("*.tar.gz")
+    for package in (wheel, sdist):
+        print(f"  {package.name}: {package.stat().st_size / 1e6:.2f} MB")
+    if sdist.stat().st_size > LARGEST_SDIST:
+        sys.exit(f"expected an sdist of at most {LARGEST_SDIST} bytes")
+    return wheel, sdist
+
+
+def check(tools: Path, wheel: Path, sdist: Path) -> None:
+    run(tools / "twine", "check", "--strict", wheel, sdist)
+    run(tools / "check-wheel-contents", wheel)
+    run(tools / "validate-pyproject", "pyproject.toml")
+    run(tools / "cffconvert", "--validate", "--infile", "CITATION.cff")
+
+
+def fill_recipe(sdist: Path) -> None:
+    """Write the conda recipe with the digest of the sdist."""
+    digest = hashlib.sha256(sdist.read_bytes()).hexdigest()
+    filled = ROOT / "build" / "conda" / "meta.yaml"
+    filled.parent.mkdir(parents=True, exist_ok=True)
+    filled.write_text(
+        RECIPE.read_text(encoding="utf-8").replace(PLACEHOLDER, digest), encoding="utf-8"
+    )
+    print(f"  wrote {filled.relative_to(ROOT)}, sha256 {digest}")
+
+
+def interpreters() -> Iterator[tuple[str, str]]:
+    """The Pythons of this machine, each with its version."""
+    for name in PYTHONS:
+        running = name == f"{sys.version_info.major}.{sys.version_info.minor}"
+        path = sys.executable if running else shutil.which(f"python{name}")
+        # The shim of a version manager exists for versions that it does not run.
+        if path is None or subprocess.run([path, "-c", ""], capture_output=True).returncode:
+            print(f"- Python {name}: not on this machine, left to the jobs of tests.yml")
+        else:
+            yield name, path
+
+
+def install(package: Path, python: str, folder: Path) -> None:
+    """Install a package into an empty environment, and run the README's five lines there."""
+    programs = environment(folder / "env", python)
+    options = ["--only-binary", ":all:"] if package.suffix == ".whl" else []
+    run(programs / "python", "-m", "pip", "install", "--quiet", *options, package)
+    run(programs / "python", "-m", "pip", "check")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    five_lines = re.findall(r"^```python\n(.*?)^```", readme, flags=re.MULTILINE | re.DOTALL)[0]
+    (folder / "five_lines.py").write_text(f"import matplotlib\nmatplotlib.use('agg')\n{five_lines}")
+    run(programs / "python", "five_lines.py", cwd=folder)
+    run(programs / "polywigner", "doctor", cwd=folder)
+    if not list(folder.glob("*.png")):
+        sys.exit("expected a figure of the README's five lines, found none")
+
+
+def rehearse() -> None:
+    with tempfile.TemporaryDirectory() as scratch:
+        print("- tools")
+        tools = environment(Path(scratch, "tools"))
+        run(tools / "python", "-m", "pip", "install", "--quiet", *TOOLS)
+        print("- packages")
+        wheel, sdist = build(tools)
+        check(tools, wheel, sdist)
+        fill_recipe(sdist)
+        for name, python in interpreters():
+            print(f"- Python {name}: the wheel, and the README's five lines")
+            install(wheel, python, Path(tempfile.mkdtemp(dir=scratch)))
+        print("- the sdist, and the README's five lines")
+        install(sdist, sys.executable, Path(tempfile.mkdtemp(dir=scratch)))
+    home = re.findall(r'^Homepage = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)[
+        0
+    ]
+    print(LEFT_TO_DO.format(version=version(), home=home))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--date", help="day of the release, YYYY-MM-DD: write it, and the version")
+    date = parser.parse_args().date
+    if date:
+        write_date(date)
+    else:
+        rehearse()
+
+
+if __name__ == "__main__":
+    main()
