@@ -45,7 +45,14 @@ def doctor(
         llvm.install_llvm()
     transforms, status, gpu = _transforms(), prepare(), _gpu()
     python = Row("python", _GOOD, f"{platform.python_version()} at {sys.executable}")
-    rows = [transforms, _llvm(status), gpu, python, *map(_library, _core()), _rendering(status, gpu)]
+    rows = [
+        transforms,
+        _llvm(status),
+        gpu,
+        python,
+        *map(_library, _core()),
+        _rendering(status, gpu),
+    ]
     _print(rows + _extras())
     raise typer.Exit(0 if transforms.works == _GOOD else 1)
 
