@@ -228,10 +228,9 @@ def _write_one(path: Path, content: Any) -> None:
     elif hasattr(content, "savefig"):
         content.savefig(path, format="png")
     elif hasattr(content, "data_vars"):
-        from polywigner.propagation import stores
+        from polywigner.propagation import write_netcdf
 
-        write = stores.write_netcdf if path.suffix == ".nc" else stores.write_zarr
-        write(content, path)
+        write_netcdf(content, path)
     else:
         text = json.dumps(content, indent=2, allow_nan=False) + "\n"
         path.write_text(text, encoding="utf-8")

@@ -29,7 +29,8 @@ from polywigner.mitsuba.radar.scatterers import scatterers  # noqa: E402
 from polywigner.mitsuba.receive.channels import channel  # noqa: E402
 from polywigner.mitsuba.receive.power_results import Contribution, DirectPath, ReceivedPower  # noqa: E402
 from polywigner.mitsuba.receive.received_power import received_power, received_powers  # noqa: E402
-from polywigner.mitsuba.scenes.scene_renders import receiving, render, render_file  # noqa: E402
+from polywigner.mitsuba.scenes.rendering import receiving, render  # noqa: E402
+from polywigner.mitsuba.scenes.scene_renders import render_file  # noqa: E402
 from polywigner.mitsuba.scenes.scenes import (  # noqa: E402
     choose_variant,
     has_wigner_emitter,

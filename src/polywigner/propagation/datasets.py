@@ -24,6 +24,7 @@ from polywigner.execution import Engine, checked_engine
 from polywigner.execution.choice import resolved
 from polywigner.geometry import Polyhedron, Wavefront
 from polywigner.geometry.arguments import (
+    check_options,
     checked_choice,
     checked_wavelength,
     takes_frequency,
@@ -44,7 +45,6 @@ from polywigner.propagation.point_grids import (
 from polywigner.propagation.stores import (
     Index,
     StoreOptions,
-    check_options,
     results_on_grid,
     source_attrs,
     source_coords,
@@ -104,22 +104,17 @@ def _field_values(
 
 def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the unit and the settings of a variable."""
-    from polywigner import __version__
-
-    defaults = {"engine": "auto"}
-    if method in _WITH_OBLIQUITY:
-        defaults["obliquity"] = DEFAULT
     units, long_name = _QUANTITIES[quantity]
     return {
         "units": units,
         "long_name": long_name,
         "method": method,
         "quantity": quantity,
-        **defaults,
+        "engine": "auto",
+        **({"obliquity": DEFAULT} if method in _WITH_OBLIQUITY else {}),
         **options,
         **({"obstacles": _described(options["obstacles"])} if "obstacles" in options else {}),
         "convention": "waves exp(+ikr)/r, time exp(-i omega t); |u|^2 on the source in W m-2",
-        "polywigner_version": __version__,
     }
 
 
@@ -141,7 +136,7 @@ def _dataset(
 ) -> xarray.Dataset:
     """Return fields on a grid, with one variable for each method; ``dtype``: the default."""
     out, shape = options.get("out"), shape_of_grid(grid)
-    check_options(options, FieldOptions, out)
+    check_options(options, FieldOptions)
     quantity = checked_choice(options.get("quantity", "irradiance"), "quantity", list(_QUANTITIES))
     number = checked_choice(options.get("dtype", dtype), "dtype", ("float32", "float64"))
     number_type = np.result_type(number, *([np.complex64] if quantity == "amplitude" else []))
@@ -216,11 +211,9 @@ def _warnings_once() -> Iterator[None]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
-    kinds = {(w.category, re.sub(r"[\d.]+", "", str(w.message))): w for w in reversed(caught)}
-    for warning in reversed(kinds.values()):
-        warnings.warn(
-            warning.message, warning.category, stacklevel=6
-        )  # the caller of `line`, `plane`, ..., which `takes_frequency` wraps
+    for warning in {re.sub(r"[\d.]+", "", str(w.message)): w for w in caught}.values():
+        # level of the caller of `line`, `plane`, ..., which `takes_frequency` wraps
+        warnings.warn(warning.message, warning.category, stacklevel=6)
 
 
 @takes_frequency

@@ -14,6 +14,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
+from itertools import product
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
@@ -60,6 +61,9 @@ _PATIENCE = 10.0
 # Largest number of samples in memory: 16 GiB of float32.
 _MOST_IN_MEMORY = 1 << 32
 
+LARGEST_CHUNK = 1 << 22
+"""Largest number of samples of a chunk: 16 MiB of float32. Kernels reach their full speed."""
+
 
 def required(name: str) -> ModuleType:
     """Return a module of the extra ``datasets``, or raise MissingExtraError."""
@@ -105,16 +109,6 @@ class StoreOptions(TypedDict, total=False):
     progress: bool | None
 
 
-def check_options(options: Mapping[str, Any], kinds: type, out: object) -> None:
-    """Raise ArgumentError for unknown options, and for options that require a store."""
-    names = kinds.__annotations__
-    for name in options:
-        if name not in names:
-            raise ArgumentError(f"expected options among {', '.join(names)}, got {name!r}")
-        if out is None and name in ("scheduler", "threads") and options[name] is not None:
-            raise ArgumentError(f"expected out with {name}, got none; name a store to write to")
-
-
 def results_on_grid(
     variables: Mapping[str, Variable],
     axes: Mapping[str, xarray.Variable],
@@ -122,67 +116,80 @@ def results_on_grid(
     attrs: Mapping[str, Any],
     options: Mapping[str, Any],
     *,
-    block_size: int,
-    chunk_size: int,
-    compiled: bool,
+    block_size: int = LARGEST_CHUNK,
+    chunk_size: int = LARGEST_CHUNK,
+    compiled: bool = True,
 ) -> xarray.Dataset:
     """Return variables over ``axes``: computed now, lazy with ``chunks``, or in the store ``out``.
 
-    Values in memory are computed in blocks of up to ``block_size`` samples, by default chunks of
-    stores have up to ``chunk_size`` samples. ``compiled``: see :func:`lazy_array`.
+    Values in memory are computed in blocks of up to ``block_size`` samples. Chunks of a store have
+    up to ``chunk_size`` samples, unless ``chunks`` is given.
+
+    ``options``: ``out`` and StoreOptions. ``compiled``: blocks use Dr.Jit's pool of threads, so one
+    chunk is computed at a time, and ``threads`` is the size of the pool. Otherwise ``threads``
+    chunks are computed at a time.
+
+    Raises
+    ------
+    ArgumentError
+        For options that require a store, and chunks that dask or zarr does not accept.
+    StoreError
+        If the path cannot be written to, or contains something else.
+    EngineError
+        If the scheduler does not respond.
+    MissingExtraError
+        For ``chunks`` and ``out`` without dask, ``out`` without zarr.
     """
+    from polywigner import __version__
+
     shape = tuple(axis.size for axis in axes.values())
-    out, chunks, progress = (options.get(name) for name in ("out", "chunks", "progress"))
+    out, chunks, scheduler, threads, progress = (
+        options.get(name) for name in ("out", "chunks", "scheduler", "threads", "progress")
+    )
+    if out is None and not (scheduler is None and threads is None):
+        raise ArgumentError(
+            "expected out with scheduler or threads, got none; name a store to write to"
+        )
+    if threads is not None:
+        threads = checked_count(threads, "threads", 1, MOST_THREADS)
     if out is not None and (chunks is None or chunks == "auto"):
         chunks = chunks_within(shape, chunk_size)
-    if chunks is None and math.prod(shape) > _MOST_IN_MEMORY:
-        raise ArgumentError(
-            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
-            "use chunks, or write them to disk with out"
-        )
-    how: Any = {"compiled": compiled, "threads": options.get("threads")}
     data = {}
     for name, (block, dtype, about) in variables.items():
         if chunks is None:
             values: Any = _in_memory(name, block, shape, dtype, block_size, progress)
         else:
-            values = lazy_array(block, shape, chunks, dtype, **how)
-        data[name] = tuple(axes), values, about
+            values = _lazy_array(block, shape, chunks, dtype, compiled, threads)
+        data[name] = tuple(axes), values, {**about, "polywigner_version": __version__}
     result = labelled_arrays(data, {**axes, **coords}, attrs)
     if out is None:
         return result
-    return write_store(out, result, scheduler=options.get("scheduler"), progress=progress, **how)
+    _complete(checked_path(out), result, "synchronous" if compiled else "threads", options)
+    return open_store(out)
 
 
 def _in_memory(
-    name: str, block: Block, shape: Index, dtype: Any, block_size: int, progress: bool | None
+    name: str, block: Block, shape: Index, dtype: DTypeLike, block_size: int, progress: bool | None
 ) -> NDArray[Any]:
+    if math.prod(shape) > _MOST_IN_MEMORY:
+        raise ArgumentError(
+            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
+            "use chunks, or write them to disk with out"
+        )
     values, size = np.empty(shape, dtype), chunks_within(shape, block_size)
-    counts = [-(-n // c) for n, c in zip(shape, size, strict=True)]
-    with progress_bar(name, math.prod(counts), show=progress) as advance:
-        for index in np.ndindex(*counts):
-            origin = tuple(i * c for i, c in zip(index, size, strict=True))
-            part = tuple(slice(o, o + c) for o, c in zip(origin, size, strict=True))
-            values[part] = block(origin, values[part].shape)
+    origins = list(product(*(range(0, n, c) for n, c in zip(shape, size, strict=True))))
+    with progress_bar(name, len(origins), show=progress) as advance:
+        for origin in origins:
+            part = values[tuple(slice(o, o + c) for o, c in zip(origin, size, strict=True))]
+            part[...] = block(origin, part.shape)
             advance()
     return values
 
 
-def lazy_array(
-    block: Block,
-    shape: Index,
-    chunks: Any,
-    dtype: DTypeLike,
-    *,
-    compiled: bool = True,
-    threads: int | None = None,
+def _lazy_array(
+    block: Block, shape: Index, chunks: Any, dtype: DTypeLike, compiled: bool, threads: int | None
 ) -> dask.array.Array:
-    """Return a dask array whose chunks are computed by a block that can be pickled.
-
-    dask defines the forms of ``chunks``. A ``compiled`` block uses Dr.Jit's thread pool, which
-    computes one chunk at a time; ``threads`` is the size of that pool. The default size is the
-    current one, or the number of threads of the dask worker.
-    """
+    """Return a dask array, whose chunks are computed by a block that can be pickled."""
     arrays, core = required("dask.array"), required("dask.array.core")
     try:
         sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
@@ -193,14 +200,10 @@ def lazy_array(
             f"expected chunks as dask takes them, a number, a tuple of {len(shape)}, or 'auto', "
             f"got {chunks!r}: {error}"
         ) from None
-    if threads is not None:
-        threads = checked_count(threads, "threads", 1, MOST_THREADS)
     # a node of the graph: each worker receives the block once, and reuses its caches
-    node, meta = required("dask").delayed(block, traverse=False), np.empty((0,) * len(shape), dtype)
-    options = {"block": node, "compiled": compiled, "threads": threads}
-    array: dask.array.Array = arrays.map_blocks(
-        _compute_chunk, chunks=sizes, dtype=dtype, meta=meta, **options
-    )
+    node = required("dask").delayed(block, traverse=False)
+    options = {"chunks": sizes, "dtype": dtype, "meta": np.empty((0,) * len(shape), dtype)}
+    array: dask.array.Array = arrays.map_blocks(_compute_chunk, node, compiled, threads, **options)
     return array
 
 
@@ -216,44 +219,31 @@ def _compute_chunk(
         return np.asarray(block(origin, shape))
 
 
-def write_store(
-    path: str | os.PathLike[str],
-    dataset: xarray.Dataset,
-    *,
-    compiled: bool = True,
-    scheduler: Scheduler = None,
-    threads: int | None = None,
-    progress: bool | None = None,
-) -> xarray.Dataset:
-    """Write a dataset of lazy arrays to a zarr store (format 3), and open the store lazily.
+def _complete(
+    folder: Path, dataset: xarray.Dataset, default: str, options: Mapping[str, Any]
+) -> None:
+    """Compute the chunks of lazy arrays that a store lacks, by dask's ``default`` or a scheduler.
 
-    An incomplete store with the same attributes, coordinates and chunks is completed: only missing
-    chunks are computed. ``compiled``: compute one chunk at a time, which uses all cores, otherwise
-    ``threads`` chunks.
-
-    Raises StoreError if the path cannot be written to, or contains something else; EngineError if
-    the scheduler does not respond; MissingExtraError without zarr or dask.
+    The store is created if it does not exist.
     """
+    scheduler, threads = options.get("scheduler"), options.get("threads")
     require_stores(scheduler)
-    folder, dataset = checked_path(path), dataset.assign_attrs(written="chunk by chunk")
     is_new = not os.path.lexists(folder)
     if not is_new:
         _check_same(folder, dataset)
     tasks = _missing(folder, dataset)
     if not tasks:
-        return open_store(folder)
-    total = sum(array.data.npartitions for array in dataset.data_vars.values())
-    local = nullcontext("synchronous" if compiled else "threads")
-    with local if scheduler is None else _connected(scheduler) as executor:
+        return
+    keys, total = {task.key for task in tasks}, sum(a.data.npartitions for a in dataset.values())
+    with nullcontext(default) if scheduler is None else _connected(scheduler) as executor:
         try:
             if is_new:  # after the scheduler has responded
                 _create(folder, dataset)
-            with progress_bar(folder.name, total, total - len(tasks), progress) as advance:
-                keys = {task.key for task in tasks}
-                with required("dask.callbacks").Callback(
-                    posttask=lambda key, *_: advance() if key in keys else None
-                ):
-                    required("dask").compute(*tasks, scheduler=executor, num_workers=threads)
+            bar = progress_bar(folder.name, total, total - len(tasks), options.get("progress"))
+            with bar as advance, required("dask.callbacks").Callback(
+                posttask=lambda key, *_: advance() if key in keys else None
+            ):
+                required("dask").compute(*tasks, scheduler=executor, num_workers=threads)
         except OSError as error:
             if isinstance(error, PolywignerError):
                 raise
@@ -261,7 +251,6 @@ def write_store(
                 f"cannot write to the store {folder}: {error}; correct that and start the same "
                 "run again, which keeps finished chunks"
             ) from error
-    return open_store(folder)
 
 
 def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
@@ -280,11 +269,10 @@ def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
 
 def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
     """Return the attributes, types and chunks of a dataset as JSON texts, by name."""
-    settings: dict[str, Any] = {str(name): value for name, value in dataset.attrs.items()}
+    settings: dict[str, Any] = dict(dataset.attrs)
     for name, array in dataset.data_vars.items():
         settings |= {f"{key} of {name}": value for key, value in array.attrs.items()}
-        chunks = [sizes[0] for sizes in array.chunks or ()]
-        settings[f"type and chunks of {name}"] = [array.dtype.name, array.shape, chunks]
+        settings[f"type and chunks of {name}"] = [array.dtype.name, array.chunks]
     return {
         name: json.dumps(value, sort_keys=True, default=lambda numbers: numbers.tolist())
         for name, value in settings.items()
@@ -404,17 +392,6 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
         parts.to_netcdf(scratch, engine="h5netcdf")
 
 
-def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
-    """Write a dataset, which may have complex variables, to a new zarr store (format 3)."""
-    required("zarr")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about consolidated metadata
-            _opened(dataset).to_zarr(checked_path(path), mode="w-", zarr_format=3)
-    except OSError as error:
-        raise _not_written(Path(path), error) from error
-
-
 @contextmanager
 def in_place(path: Path) -> Iterator[Path]:
     """Yield the path of a scratch file, which replaces the file at the end of the block.
@@ -428,13 +405,9 @@ def in_place(path: Path) -> Iterator[Path]:
     except PolywignerError:
         raise
     except OSError as error:
-        raise _not_written(path, error) from error
-
-
-def _not_written(path: Path, error: OSError) -> ArgumentError:
-    return ArgumentError(
-        f"expected to write {path}, got {error.strerror or error}; choose another location"
-    )
+        raise ArgumentError(
+            f"expected to write {path}, got {error.strerror or error}; choose another location"
+        ) from error
 
 
 def _opened(dataset: Stored) -> xarray.Dataset:

@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any
 
 import drjit as dr
@@ -18,16 +19,21 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError, StoreError
-from polywigner.geometry.arguments import checked_count
+from polywigner.execution.progress import slow_bar
+from polywigner.geometry.arguments import checked_callable, checked_count
 from polywigner.mitsuba.plugins import films
 from polywigner.mitsuba.plugins.diffraction import scene_known
+from polywigner.mitsuba.plugins.placement import placed_receiver
 from polywigner.mitsuba.plugins.polariser import Polariser
-from polywigner.mitsuba.plugins.registration import set_mesh
+from polywigner.mitsuba.plugins.registration import one_at_a_time, set_mesh
+from polywigner.mitsuba.receive.direct_light import delta_lights, delta_paths
 from polywigner.mitsuba.scenes import surfaces
+from polywigner.mitsuba.scenes.reflectors import chains_of, mirrors_in
 from polywigner.mitsuba.scenes.scenes import translate_error
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
+Image = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -55,7 +61,7 @@ class Exposure:
             done()
         return _finite(np.asarray(image))
 
-    def full_image(self, done: Callable[[], None]) -> npt.NDArray[np.float32]:
+    def full_image(self, done: Callable[[], None]) -> Image:
         """Render all strips: (height, width, channels)."""
         strips = [self.image(strip, done) for strip in range(self.cut.strips)]
         return np.concatenate(strips).astype(np.float32)
@@ -223,6 +229,117 @@ def _warn_of_shadows(scene: mi.Scene, integrator: mi.Integrator) -> None:
             RuntimeWarning,
             stacklevel=4,
         )
+
+
+@contextmanager
+def receiving(scene: Any) -> Iterator[None]:
+    """Give plugins access to the scene while ``mi.render`` or another renderer runs.
+
+    The receivers' estimator ``exact`` and light that diffracts require the scene.
+    :func:`polywigner.mitsuba.render` calls this function itself.
+
+    Warns
+    -----
+    RuntimeWarning
+        For point, spot, projector and directional lights: ``mi.render`` does not sample their
+        direct light to a receiver.
+    """
+    if any(map(surfaces.is_receiver, scene.sensors())):
+        for light in delta_lights(scene):
+            warnings.warn(
+                f"mi.render does not sample the direct light from {light.name!r} to a receiver; "
+                "use polywigner.mitsuba.render or received_power",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+    with scene_known(scene):
+        yield
+
+
+@one_at_a_time
+def render(
+    scene: Any,
+    integrator: Any = None,
+    spp: int | None = None,
+    seed: int = 0,
+    sensor: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Image:
+    """Render the signed radiance of a scene.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+        Scene with a sensor, its film and its sampler.
+    integrator : str or mitsuba.Integrator, optional
+        Plugin name or integrator. The default is the scene's integrator, otherwise ``path``, or
+        ``volpath`` if the surface of a source shadows another source. ``stokes``, or ``stokes
+        volpath`` and the like, adds Stokes parameters of polarised light as channels; see
+        :func:`polywigner.mitsuba.stokes_of`.
+    spp : int, default the sample count of the sampler
+        Samples per pixel, 1 to 2^30. Samplers may round it up.
+    seed : int, default 0
+        Seed of the random numbers, zero or more.
+    sensor : int, default 0
+        Index of the sensor in the scene.
+    progress : callable, default a progress bar
+        Function that is called after each part with the numbers of finished and of all parts.
+
+    Returns
+    -------
+    ndarray, shape (height, width, channels)
+        Radiance in W/(m^2 sr), float32. Noise can make pixels negative, and so can the Wigner
+        radiance if the aperture is directly visible.
+
+    Raises
+    ------
+    ArgumentError
+        For an spp, a sensor or a seed out of range.
+    SceneError
+        If ``scene`` is not a scene, has no sensor or no pixels, if the integrator is unknown or
+        cannot render this scene, and if the radiance is not finite.
+
+    Notes
+    -----
+    The film is rendered in strips of rows, each with all its samples, which preserves
+    stratification (four passes of 64 samples have 5 dB more noise than one pass of 256). Sensors
+    that cannot be cropped are rendered in passes, which are averaged.
+    """
+    exposure = exposed(scene, integrator, spp, seed, sensor)
+    checked_callable(progress, "progress")
+    done, steps = count(1), exposure.cut.steps
+    if progress is None:
+        with slow_bar("render", steps) as advance:
+            return with_delta_lights(exposure, exposure.full_image(advance))
+    return with_delta_lights(exposure, exposure.full_image(lambda: progress(next(done), steps)))
+
+
+# Classes of integrators that render radiance, and maximum number of reflections of delta lights.
+_OF_RADIANCE = ("Path", "Direct", "PRB", "Volumetric", "Volpath")
+_MOST_MIRRORS = 2
+
+
+def with_delta_lights(exposure: Exposure, image: Image) -> Image:
+    """Add the direct light of point and directional lights to the image of a receiver."""
+    scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
+    names = method.class_name() + type(method).__name__
+    if not surfaces.is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
+        return image
+    depth = 2 if method.class_name() == "DirectIntegrator" else films.depths_of(method)["max_depth"]
+    if depth == 0 or not any(name in names for name in _OF_RADIANCE):
+        return image
+    receiver = placed_receiver(camera, 0).touching(scene)
+    most = _MOST_MIRRORS if depth < 0 else min(_MOST_MIRRORS, depth - 1)
+    mirrors, _ = mirrors_in(scene, receiver.scene_unit, most)
+    result = image.astype(np.float64)
+    rows, columns, channels = image.shape
+    for path in delta_paths(scene, receiver, [(), *chains_of(mirrors, most)]):
+        column, row = (
+            min(int((cosine + 1) / 2 * count), count - 1)
+            for cosine, count in zip(path.arrives_from, (columns, rows), strict=True)
+        )
+        result[row, column, : 3 if channels >= 3 else 1] += path.power
+    return result.astype(np.float32)
 
 
 # ---- temporary changes of a scene ---------------------------------------------------------------
