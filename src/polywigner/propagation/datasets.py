@@ -110,7 +110,6 @@ def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict
         "long_name": long_name,
         "method": method,
         "quantity": quantity,
-        "engine": "auto",
         **({"obliquity": DEFAULT} if method in _WITH_OBLIQUITY else {}),
         **options,
         **({"obstacles": _described(options["obstacles"])} if "obstacles" in options else {}),
@@ -135,20 +134,21 @@ def _dataset(
     source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str = "float64"
 ) -> xarray.Dataset:
     """Return fields on a grid, with one variable for each method; ``dtype``: the default."""
-    out, shape = options.get("out"), shape_of_grid(grid)
     check_options(options, FieldOptions)
+    radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
+    methods = _checked_methods(options.get("method", "wigner"))
     quantity = checked_choice(options.get("quantity", "irradiance"), "quantity", list(_QUANTITIES))
     number = checked_choice(options.get("dtype", dtype), "dtype", ("float32", "float64"))
     number_type = np.result_type(number, *([np.complex64] if quantity == "amplitude" else []))
-    methods, how = _checked_methods(options.get("method", "wigner")), _settings(options, quantity)
-    radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
-    is_lazy, samples = options.get("chunks") is not None or out is not None, math.prod(shape)
+    common, shape = _settings(options, quantity), shape_of_grid(grid)
+    is_lazy = options.get("chunks") is not None or options.get("out") is not None
+    samples = math.prod(shape)
     if is_lazy:  # all chunks use the same engine, also on other machines
-        how["engine"] = resolved(how.get("engine", "auto"), samples // _CHUNKS)
+        common["engine"] = resolved(common["engine"], samples // _CHUNKS)
     variables = {}
     with _warnings_once():
         for method in methods:
-            settings = dict(how)
+            settings = dict(common)
             if method not in _WITH_OBLIQUITY:
                 settings.pop("obliquity", None)
             block = partial(_field_values, radiator, grid, length, method, quantity, number_type)
@@ -165,26 +165,26 @@ def _dataset(
             options,
             block_size=_BLOCK,
             chunk_size=min(max(samples // _CHUNKS, _SMALLEST_CHUNK), _LARGEST_CHUNK),
-            compiled=how.get("engine") != "numpy",
+            compiled=common["engine"] != "numpy",
         )
 
 
 def _settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
     """Return the keywords of :func:`irradiance` or :func:`amplitude`."""
-    how: dict[str, Any] = {
+    settings: dict[str, Any] = {
         name: value
         for name, value in options.items()
         if name not in _OF_RESULTS and value is not None
     }
-    checked_engine(how.get("engine", "auto"))
-    if "bandwidth" in how and quantity != "irradiance":
+    settings["engine"] = checked_engine(options.get("engine", "auto"))
+    if "bandwidth" in settings and quantity != "irradiance":
         raise ArgumentError(
             f"expected light of one wavelength for the {quantity}, got a bandwidth of "
-            f"{how['bandwidth']!r} Hz; a band has an irradiance only"
+            f"{settings['bandwidth']!r} Hz; a band has an irradiance only"
         )
-    if "obstacles" in how:
-        how["obstacles"] = listed_bodies(how["obstacles"])
-    return how
+    if "obstacles" in settings:
+        settings["obstacles"] = listed_bodies(settings["obstacles"])
+    return settings
 
 
 def _checked_methods(method: Any) -> tuple[str, ...]:

@@ -228,6 +228,9 @@ def _complete(
     """
     scheduler, threads = options.get("scheduler"), options.get("threads")
     require_stores(scheduler)
+    import dask
+    from dask.callbacks import Callback
+
     is_new = not os.path.lexists(folder)
     if not is_new:
         _check_same(folder, dataset)
@@ -235,15 +238,13 @@ def _complete(
     if not tasks:
         return
     keys, total = {task.key for task in tasks}, sum(a.data.npartitions for a in dataset.values())
+    bar = progress_bar(folder.name, total, total - len(tasks), options.get("progress"))
     with nullcontext(default) if scheduler is None else _connected(scheduler) as executor:
         try:
             if is_new:  # after the scheduler has responded
                 _create(folder, dataset)
-            bar = progress_bar(folder.name, total, total - len(tasks), options.get("progress"))
-            with bar as advance, required("dask.callbacks").Callback(
-                posttask=lambda key, *_: advance() if key in keys else None
-            ):
-                required("dask").compute(*tasks, scheduler=executor, num_workers=threads)
+            with bar as advance, Callback(posttask=lambda key, *_: key in keys and advance()):
+                dask.compute(*tasks, scheduler=executor, num_workers=threads)
         except OSError as error:
             if isinstance(error, PolywignerError):
                 raise
@@ -342,9 +343,7 @@ def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     folder = checked_path(path)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about other files in the folder
-            return xarray.open_zarr(folder, zarr_format=3, consolidated=False)
+        return xarray.open_zarr(folder, zarr_format=3, consolidated=False)
     except Exception as error:  # zarr and its codecs raise many types
         raise StoreError(
             f"expected a zarr store of format 3 at {folder}, got something else there "
