@@ -1,8 +1,8 @@
 """Coherent apertures as light sources in Mitsuba 3.
 
-Importing this module chooses the LLVM library for Dr.Jit (before Dr.Jit is loaded, because it can
-be chosen only then) and makes the shape ``wigner`` and the sensor ``wigner_receiver`` known
-to every Mitsuba variant. It never sets a variant.
+Importing this module chooses the LLVM library of Dr.Jit, which is only possible before Dr.Jit is
+loaded. It also registers the shape ``wigner`` and the sensor ``wigner_receiver`` in all variants of
+Mitsuba. It does not set a variant.
 
 - ``plugins``: the emitter shape and the receiver sensor, their parameters and estimators
 - ``scenes``: scene files, surfaces and flat mirrors of a scene, and images
@@ -42,7 +42,7 @@ from polywigner.source import obliquities  # noqa: E402
 register()
 
 OBLIQUITIES = tuple(obliquities.OBLIQUITIES)
-"""Names of the diffraction integrals that scenes know."""
+"""Names of the diffraction integrals for sources in scenes."""
 
 __all__ = [
     "OBLIQUITIES",

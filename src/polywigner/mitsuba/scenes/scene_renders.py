@@ -45,11 +45,14 @@ if TYPE_CHECKING:
 
 
 Compute = Callable[[Any, Index], npt.NDArray[np.float64]]
-"""(scene, index of the first sample of a part) -> values of the part."""
+"""Function of a scene and the index of the first sample of a part, which returns the part."""
 
 
 class SceneParts:
-    """Block that computes parts of a result of a scene; other processes load the scene again."""
+    """Function that computes parts of a result of a scene, also in other processes.
+
+    Other processes load the scene from its file.
+    """
 
     def __init__(self, file: SceneFile, scene: Any, compute: Compute) -> None:
         self.file = replace(file, path=file.path and file.path.absolute())
@@ -63,7 +66,7 @@ class SceneParts:
     def __call__(self, origin: Index, shape: Index) -> npt.NDArray[np.float64]:
         if self.scene is None:
             choose_variant(self.file.variant)
-            for source in self.sources:  # registered in the memory of the sending process
+            for source in self.sources:  # the keys refer to memory of the first process
                 register_source(source)
             self.scene = self.file.load()
         return self.compute(self.scene, origin)
@@ -77,9 +80,10 @@ class SceneParts:
         settings: Mapping[str, Any],
         **keeping: Any,
     ) -> npt.NDArray[np.float64]:
-        """Write all parts to a store, and return the values.
+        """Compute the parts that are missing in a store, and return the values of all parts.
 
-        ``variable``: name and unit; ``keeping``: scheduler, threads and progress.
+        ``variable``: name and unit. ``sizes``: names and lengths of the axes. ``keeping``:
+        scheduler, threads and progress.
         """
         name, units = variable
         attrs = {**vars(self.file), **settings}
@@ -192,7 +196,7 @@ def strip(
     cut: Tiling, options: Mapping[str, Any], scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
     """Render a strip of an image: (row, column, channel)."""
-    # warn=False: the calling process has issued the warnings
+    # warn=False: the first process has issued the warnings
     exposure = exposed(scene, **options, warn=False)
     image = replace(exposure, cut=cut).image(origin[0] // cut.rows)
     check_is_whole(exposure.integrator)
@@ -208,7 +212,7 @@ def receive_parts(
 ) -> tuple[list[ReceivedPower], xarray.Dataset | None]:
     """Compute :func:`received_powers` of a scene that was loaded from a file.
 
-    With ``edges`` the same samples are also sorted by range, as by :func:`range_profile`.
+    With ``edges``, the second return value is the :func:`range_profile` of the same samples.
     """
     numbers = list(range(len(receivers_of(scene))))
     sample = partial(_sampled, file, scene, **keeping)
