@@ -157,5 +157,5 @@ def _print(rows: list[Row]) -> None:
             text.append(f"\n{row.remedy}", style="bold")
         table.add_row(row.subject, Text(row.works, style=_COLOURS[row.works]), text)
     console = Console()
-    # Lines in a pipe or a file are long enough for unbroken paths and commands.
+    # In a pipe or a file, the lines are long enough for paths and commands.
     Console(width=None if console.is_terminal else 160).print(table)

@@ -111,7 +111,7 @@ def with_options(function: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-# Options whose parameters have other names.
+# Names of options that differ from the names of their parameters.
 _FLAGS = {"formats": "--format", "range_text": "--range", "defined": "--define"}
 
 

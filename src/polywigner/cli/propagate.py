@@ -126,7 +126,7 @@ def propagate(
     from polywigner.propagation.stores import required
 
     methods, reference = field.methods("wigner", options.EXACT)
-    required("h5netcdf")  # now rather than after the work
+    required("h5netcdf")  # raises before the work, not after it
     source, wavelength = field.read_with_wavelength()
     obstacles = field.read_obstacles()
     region = region._replace(shape=samples_of_region(source, region, wavelength, amplitude))

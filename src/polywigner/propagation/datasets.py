@@ -1,6 +1,6 @@
-"""Labelled arrays of fields on lines, planes, hemispheres and in volumes (docs/volumes.md).
+"""Datasets of fields on lines, planes and hemispheres, and in volumes (docs/volumes.md).
 
-Values are computed in memory, lazily, or into a store (docs/large_runs.md).
+Values are computed in memory, lazily, or in a store on disk (docs/large_runs.md).
 """
 
 from __future__ import annotations
@@ -60,16 +60,18 @@ if TYPE_CHECKING:
 Quantity = Literal["irradiance", "amplitude", "phase"]
 Values = NDArray[Any]
 
-# Methods with an option ``obliquity``; the boundary conditions of the others imply one.
+# Methods with an option ``obliquity``. The boundary conditions of other methods imply an obliquity.
 _WITH_OBLIQUITY = ("wigner", "fraunhofer")
-# Options of results and their storage, which are not passed to irradiance or amplitude.
+# Options of the result and its storage, which are not options of irradiance and amplitude.
 _OF_RESULTS = ("method", "quantity", "dtype", "chunks", "out", "scheduler", "threads", "progress")
-# Points computed at a time in memory: tens of megabytes, and enough points for compiled engines.
+# Number of points that are computed at once in memory: enough for the full speed of compiled
+# engines, with tens of megabytes.
 _BLOCK = 1 << 17
-# Samples of a stored chunk: at most 4 MB of float32. Smaller grids have some 64 chunks, so a run
-# stores its first chunk within a minute.
+# Largest and smallest number of samples of a stored chunk, and number of chunks. The largest chunk
+# is 4 MB of float32. Smaller grids have about 64 chunks, so that the first chunk of a run is stored
+# within a minute.
 _LARGEST_CHUNK, _SMALLEST_CHUNK, _CHUNKS = 1 << 20, 1 << 15, 64
-# Unit and long name.
+# Unit and long name of each quantity.
 _QUANTITIES = {
     "irradiance": ("W m-2", "irradiance |U|^2"),
     "amplitude": ("W0.5 m-1", "complex amplitude U"),
@@ -84,7 +86,7 @@ class FieldOptions(StoreOptions, total=False):
     quantity: Quantity
     obliquity: str | None
     bandwidth: float | None
-    """Bandwidth of the light in Hz; None: one wavelength. See :func:`irradiance`."""
+    """Bandwidth of the light in Hz; None: a single wavelength. See :func:`irradiance`."""
     obstacles: Obstacle | Sequence[Obstacle] | None
     tolerance: float | None
     dtype: str
@@ -96,7 +98,7 @@ def _field_values(
     source: PlaneSource | Wavefront, grid: Grid, wavelength: float, method: str, quantity: str,
     dtype: np.dtype[Any], options: Mapping[str, Any], origin: Index, shape: Index,
 ) -> Values:  # fmt: skip
-    """Compute the field at the points of a grid from the indices ``origin`` on."""
+    """Compute the field on a block of a grid, whose first point has the index ``origin``."""
     compute = irradiance if quantity == "irradiance" else amplitude
     field = compute(source, grid.points(origin, shape), wavelength, method, **options)
     return np.asarray(np.angle(field) if quantity == "phase" else field, dtype)
@@ -118,7 +120,7 @@ def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict
 
 
 def _described(obstacles: Sequence[Obstacle]) -> str:
-    """Return the names of bodies, and a digest of their positions and outlines."""
+    """Return a text with the names of bodies, and a digest of their positions and shapes."""
     tables = [
         [body.vertices.tolist(), body.faces]
         if isinstance(body, Polyhedron)
@@ -133,7 +135,7 @@ def _described(obstacles: Sequence[Obstacle]) -> str:
 def _dataset(
     source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str = "float64"
 ) -> xarray.Dataset:
-    """Return fields on a grid, with one variable for each method; ``dtype``: the default."""
+    """Return fields on a grid, with a variable for each method; ``dtype``: default type."""
     check_options(options, FieldOptions)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
     methods = _checked_methods(options.get("method", "wigner"))
@@ -153,7 +155,7 @@ def _dataset(
                 settings.pop("obliquity", None)
             block = partial(_field_values, radiator, grid, length, method, quantity, number_type)
             if is_lazy or len(methods) > 1:
-                # wrong arguments raise here, before hours of work
+                # unusable arguments raise errors here, before hours of work
                 block({**settings, "engine": "numpy"}, (0,) * len(shape), (1,) * len(shape))
             attrs = _field_attrs(method, quantity, settings)
             variables[method] = partial(block, settings), number_type, attrs
@@ -207,12 +209,12 @@ def _positions(grid: Grid) -> dict[str, Any]:
 
 @contextmanager
 def _warnings_once() -> Iterator[None]:
-    """Issue warnings that differ only by numbers once, at the end of the block."""
+    """Issue warnings at the end of the block; those that differ only in numbers once."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
     for warning in {re.sub(r"[\d.]+", "", str(w.message)): w for w in caught}.values():
-        # level of the caller of `line`, `plane`, ..., which `takes_frequency` wraps
+        # the caller of `line`, `plane`, ..., which are wrapped by `takes_frequency`
         warnings.warn(warning.message, warning.category, stacklevel=6)
 
 
@@ -242,8 +244,8 @@ def line(
     Returns
     -------
     xarray.Dataset
-        Variables as of :func:`plane`, over the ``distance`` from the first end in m. Coordinates x,
-        y and z lie along it.
+        Variables as of :func:`plane`, over the ``distance`` from the first end in m. The
+        coordinates x, y and z are the positions of the points.
 
     Raises
     ------

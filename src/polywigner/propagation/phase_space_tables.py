@@ -1,4 +1,4 @@
-"""Tables of W and A over a grid of their four coordinates: in memory, lazy, or in a store."""
+"""Tables of W and A on grids of their four coordinates: in memory, lazy, or in a store."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 Kind = Literal["wigner", "ambiguity"]
 
-# Variable, long name, sign convention, and type of values in single precision.
+# Name of the variable, long name, sign convention, and type of the values in single precision.
 _TABLES: dict[Kind, tuple[str, str, str, type]] = {
     "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)", np.float32),
     "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)", np.complex64),
@@ -146,12 +146,12 @@ def _values(
     kind: Kind, source: PhaseSpaceSource, axes: Sequence[NDArray[np.float64]], how: Any,
     origin: Index, shape: Index,
 ) -> NDArray[Any]:  # fmt: skip
-    """Compute W or A on a part of the grid, from the indices ``origin`` on."""
+    """Compute W or A on a block of a grid, whose first point has the index ``origin``."""
     parts = [a[o : o + n] for a, o, n in zip(axes, origin, shape, strict=True)]
     first, second = (
         np.stack(np.meshgrid(*pair, indexing="ij"), axis=-1) for pair in (parts[:2], parts[2:])
     )
-    # Slices depend on x, or on xi: kernels are fastest if these vary along leading axes.
+    # Kernels compute a slice for each x, or xi, and are fastest if it varies along leading axes.
     if kind == "wigner":
         return np.asarray(wigner(source, first[:, :, None, None, :], second, **how))
     values = ambiguity(source, first, second[:, :, None, None, :], **how)
@@ -173,7 +173,7 @@ def _table(
     coords = {name: _checked_axis(name, values) for name, values in axes.items()}
     precision = checked_precision(options.get("precision", "single")) or "double"
     samples = min(LARGEST_CHUNK, math.prod(axis.size for axis in coords.values()))
-    # all chunks use the same engine, also on other machines
+    # chosen once, so that all chunks use the same engine, also on other machines
     engine: Any = resolved(checked_engine(options.get("engine", "auto")), samples)
     symbol, label, convention, single = _TABLES[kind]
     number_type = np.result_type(single, np.float32 if precision == "single" else np.float64)

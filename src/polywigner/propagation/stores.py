@@ -1,8 +1,8 @@
-"""Datasets on disk: zarr stores written chunk by chunk, and NetCDF files.
+"""Datasets in memory, lazy or on disk: zarr stores written chunk by chunk, and NetCDF files.
 
-zarr's local store renames finished chunk files, so a chunk is complete or missing, and a second run
-computes the missing chunks only. The attributes and coordinates of a store are the settings of its
-run. (docs/large_runs.md)
+zarr writes a chunk to a temporary file and renames it, so a chunk is complete or missing, and a
+second run only computes missing chunks. The attributes and coordinates of a store are the settings
+of its run (docs/large_runs.md).
 """
 
 from __future__ import annotations
@@ -44,19 +44,19 @@ if TYPE_CHECKING:
     from distributed.deploy import Cluster
 
 Index = tuple[int, ...]
-"""One integer for each dimension: a position, or a number of samples."""
+"""An integer for each dimension: an index, or a number of samples."""
 Block = Callable[[Index, Index], NDArray[Any]]
-"""(index of the first sample, shape) -> values (shape)."""
+"""Function of the index of the first sample and of a shape, which returns the values of a block."""
 Variable: TypeAlias = tuple[Block, DTypeLike, dict[str, Any]]
-"""Block that computes the values of a variable, their type, and attributes."""
+"""Function that computes blocks of a variable, type of the values, and attributes."""
 Chunks: TypeAlias = int | str | Sequence[int | str | Sequence[int] | None] | Mapping[int, Any]
-"""Sizes of chunks as dask accepts them."""
+"""Sizes of chunks, in a form that dask accepts."""
 Scheduler: TypeAlias = "str | Cluster | None"
 """Address of a dask.distributed scheduler, or a cluster object such as ``LocalCluster``."""
 Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
 """A dataset in memory or lazy, one array, or the path of a store on disk."""
 
-# Seconds to wait for a scheduler, and for its first worker.
+# Time to wait for a scheduler, and for its first worker [s].
 _PATIENCE = 10.0
 # Largest number of samples in memory: 16 GiB of float32.
 _MOST_IN_MEMORY = 1 << 32
@@ -66,7 +66,7 @@ LARGEST_CHUNK = 1 << 22
 
 
 def required(name: str) -> ModuleType:
-    """Return a module of the extra ``datasets``, or raise MissingExtraError."""
+    """Import a module of the extra ``datasets``; raise MissingExtraError if it is missing."""
     return require(name, "datasets", "large results are stored and distributed with")
 
 
@@ -77,7 +77,7 @@ def require_stores(scheduler: Scheduler = None) -> None:
 
 
 def chunks_within(shape: Sequence[int], samples: int) -> Index:
-    """Halve the longest axis of a chunk until it has at most ``samples`` samples."""
+    """Return the shape of chunks of at most ``samples`` samples, by halving the longest axes."""
     chunks = list(shape)
     while math.prod(chunks) > samples:
         longest = chunks.index(max(chunks))
@@ -86,7 +86,7 @@ def chunks_within(shape: Sequence[int], samples: int) -> Index:
 
 
 def source_attrs(source: Any) -> dict[str, str]:
-    """Return the dataset attribute that describes a source in up to 200 characters."""
+    """Return the attribute of a dataset that describes a source in up to 200 characters."""
     return {"source": f"{source!r:.200}"}
 
 
@@ -189,7 +189,7 @@ def _in_memory(
 def _lazy_array(
     block: Block, shape: Index, chunks: Any, dtype: DTypeLike, compiled: bool, threads: int | None
 ) -> dask.array.Array:
-    """Return a dask array, whose chunks are computed by a block that can be pickled."""
+    """Return a dask array whose chunks are computed by ``block``, which workers must unpickle."""
     arrays, core = required("dask.array"), required("dask.array.core")
     try:
         sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
@@ -200,7 +200,7 @@ def _lazy_array(
             f"expected chunks as dask takes them, a number, a tuple of {len(shape)}, or 'auto', "
             f"got {chunks!r}: {error}"
         ) from None
-    # a node of the graph: each worker receives the block once, and reuses its caches
+    # as a node of the graph, each worker receives the block once and reuses its caches
     node = required("dask").delayed(block, traverse=False)
     options = {"chunks": sizes, "dtype": dtype, "meta": np.empty((0,) * len(shape), dtype)}
     array: dask.array.Array = arrays.map_blocks(_compute_chunk, node, compiled, threads, **options)
@@ -241,7 +241,7 @@ def _complete(
     bar = progress_bar(folder.name, total, total - len(tasks), options.get("progress"))
     with nullcontext(default) if scheduler is None else _connected(scheduler) as executor:
         try:
-            if is_new:  # after the scheduler has responded
+            if is_new:  # only now: the scheduler has responded
                 _create(folder, dataset)
             with bar as advance, Callback(posttask=lambda key, *_: key in keys and advance()):
                 dask.compute(*tasks, scheduler=executor, num_workers=threads)
@@ -282,17 +282,17 @@ def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
 
 def _create(folder: Path, dataset: xarray.Dataset) -> None:
     """Write metadata and coordinates of a store without chunks."""
-    # no compressors: they halve the speed, and cannot compress the last digits
+    # no compressors, which halve the speed and cannot compress the last digits
     encoding: dict[Any, Any] = {
         name: {"compressors": (), "fill_value": array.dtype.type(np.nan)}  # of missing chunks
         for name, array in dataset.data_vars.items()
     }
     folder.parent.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings(), atomic_path(folder) as scratch:
-        warnings.simplefilter("ignore")  # about strings and consolidated metadata
+        warnings.simplefilter("ignore")  # of strings in zarr, and of missing consolidated metadata
         try:
             dataset.to_zarr(scratch, mode="w-", compute=False, zarr_format=3, encoding=encoding)
-        except ValueError as error:  # chunks of unequal sizes
+        except ValueError as error:  # the sizes of the chunks are not equal
             raise ArgumentError(f"expected chunks that zarr can store: {error}") from None
 
 
@@ -312,7 +312,7 @@ def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
 def _write_region(values: NDArray[Any], path: Path, block_info: Any = None) -> NDArray[Any]:
     """Write one chunk to the array of a store, and return an empty array."""
     region = tuple(slice(*ends) for ends in block_info[0]["array-location"])
-    # write_empty_chunks: a chunk of NaN is complete as well
+    # write_empty_chunks: without a file, a chunk of NaN would count as missing
     array = required("zarr").open_array(path, mode="r+")
     array.with_config({"write_empty_chunks": True})[region] = values
     return values[(slice(0),) * values.ndim].copy()
@@ -324,7 +324,7 @@ def _connected(scheduler: Scheduler) -> Client:
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
         client.wait_for_workers(1, timeout=_PATIENCE)
-    except Exception as error:  # many types, if another server responds
+    except Exception as error:  # of many types if another server responds
         raise EngineError(
             f"no dask scheduler with workers responds at {scheduler!r} ({type(error).__name__}: "
             f"{error!s:.300}); start `dask scheduler` and `dask worker`, and pass an address such "
@@ -334,9 +334,9 @@ def _connected(scheduler: Scheduler) -> Client:
 
 
 def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Open a zarr store (format 3) lazily, or raise StoreError.
+    """Open a zarr store (format 3) lazily; raise StoreError for anything else.
 
-    zarr has no codec, such as pickle, that runs code from the store.
+    No codec of zarr runs code from the store, as pickle would.
     """
     required("zarr"), required("dask")
     import xarray
@@ -344,7 +344,7 @@ def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
     folder = checked_path(path)
     try:
         return xarray.open_zarr(folder, zarr_format=3, consolidated=False)
-    except Exception as error:  # zarr and its codecs raise many types
+    except Exception as error:  # zarr and its codecs raise errors of many types
         raise StoreError(
             f"expected a zarr store of format 3 at {folder}, got something else there "
             f"({type(error).__name__}: {error!s:.200}); choose another name"
@@ -393,7 +393,7 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def in_place(path: Path) -> Iterator[Path]:
-    """Yield the path of a scratch file, which replaces the file at the end of the block.
+    """Yield the path of a scratch file that replaces ``path`` at the end of the block.
 
     Raises ArgumentError if the file cannot be written.
     """
@@ -424,7 +424,7 @@ def _opened(dataset: Stored) -> xarray.Dataset:
 
 
 def _real_parts(dataset: xarray.Dataset) -> xarray.Dataset:
-    """Split complex variables, and convert attributes to texts and numbers."""
+    """Split complex variables into two real variables, and convert attributes to plain types."""
     for name, array in dataset.data_vars.items():
         if array.dtype.kind == "c":
             parts = {f"{name}_real": array.real, f"{name}_imag": array.imag}

@@ -123,7 +123,7 @@ def _batch(
             value = events.radiance * (solid_angle / count)[events.ray]
             power = value * watts[events.ray]
             if not np.isfinite(power).all():
-                raise SceneError("the radiance of the scene is not finite; check its materials")
+                raise SceneError("expected finite radiance, got NaN or inf; check the materials")
             parts.append((events, power, value * (unit * events.distance) ** 2))
     events, power, intensity = (np.concatenate(column) for column in zip(*parts, strict=True))
     return events.view(np.recarray), power, intensity

@@ -54,7 +54,7 @@ class Exposure:
         rows = min(cut.rows, cut.height - top)
         image: Floats | float = 0.0
         for index in range(cut.passes):
-            # passes have almost equal numbers of samples, because few samples are poorly stratified
+            # passes of almost equal size: a small last pass would be poorly stratified
             samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
             seed = films.seed_of(self.seed, strip * cut.passes + index)
             with films.cropped(self.camera, top, rows), _quietly():

@@ -230,7 +230,7 @@ def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) ->
     """
     p = dr.detach(it.p)
     short = end + normal * (ROUNDING * (largest(p) + reach))
-    start = it.spawn_ray_to(short).o if dr.width(it.n) else p  # a point without a surface
+    start = it.spawn_ray_to(short).o if dr.width(it.n) else p  # else not on a surface
     longer = 1.0 / (1.0 - float(mi.math.ShadowEpsilon))
     # detached: only the end point has derivatives
     return end + dr.detach(start + (short - start) * longer - end)
