@@ -265,7 +265,7 @@ def render(
     seed: int = 0,
     sensor: int = 0,
     progress: Callable[[int, int], None] | None = None,
-) -> Image:
+) -> npt.NDArray[np.float32]:
     """Render the signed radiance of a scene.
 
     Parameters
