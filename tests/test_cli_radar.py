@@ -26,6 +26,15 @@ def test_the_command_writes_the_cube_and_both_maps(tmp_path, capsys):
     assert names == ["street.nc", "street_angle.png", "street_rate.png"]
 
 
+def test_zarr_replaces_an_earlier_store(tmp_path):
+    for chirps in ("8 chirps", "4 chirps"):
+        out = ("--points", "50", "--zarr", "--out", str(tmp_path / "street"))
+        waveform = WAVEFORM.replace("8 chirps", chirps)
+        assert main(["radar", SCENE, "--waveform", waveform, *out]) == 0
+    with xarray.open_zarr(tmp_path / "street.zarr", consolidated=False) as cube:
+        assert cube["signal"].shape == (1, 1, 1, 4, 128) and cube["signal"].dtype == complex
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -358,11 +358,13 @@ def range_angle(
     weights = np.interp(across, np.linspace(0.0, 1.0, _WINDOW_POINTS), shape)
     weights /= weights.sum()
     waves = np.exp(2j * np.pi / waveform.wavelength * np.multiply.outer(cosines, positions))
-    beams = np.einsum("urt,drtvn->duvn", waves * weights, values, optimize=True)
+    image = np.zeros((len(values), len(cosines), len(ranges)))
+    for rate in range(values.shape[3]):  # one rate at a time needs little memory
+        beams = np.tensordot(values[..., rate, :], waves * weights, axes=([1, 2], [1, 2]))
+        image += np.square(np.abs(beams)).swapaxes(1, 2)
     # the sum over rates counts a target as often as the window's noise bandwidth in bins
     of_rates = _window(window, waveform.chirps)
-    bins = len(of_rates) * (of_rates**2).sum() / of_rates.sum() ** 2
-    image = (np.abs(beams) ** 2).sum(axis=2) / bins
+    image /= len(of_rates) * (of_rates**2).sum() / of_rates.sum() ** 2
     floor = float((np.mean(_noise_of(cube)) * of_range) * (weights**2).sum())
     axes = {"direction_cosine": cosines, "range": ranges}
     result = _labelled(image, ("draw", *axes), axes, cube, floor)

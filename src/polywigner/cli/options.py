@@ -171,7 +171,7 @@ def check_writable(paths: Sequence[Path]) -> None:
     """Raise ArgumentError before the long work if one of the files cannot be written."""
     for path in paths:
         # os.path returns False for names that are too long; pathlib raises OSError.
-        if os.path.isdir(path):  # noqa: PTH112
+        if os.path.isdir(path) and path.suffix != ".zarr":  # noqa: PTH112
             raise ArgumentError(f"expected --out to name a file, got the folder {path}; rename it")
         parents = path.absolute().parents
         folder = next(parent for parent in parents if os.path.exists(parent))  # noqa: PTH110
@@ -190,8 +190,8 @@ def check_writable(paths: Sequence[Path]) -> None:
 def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
     """Yield a scratch path for each target, and rename them to the targets at the end of the block.
 
-    Missing folders are created. If the block raises an exception, no target is created or changed.
-    The names of the targets are printed at the end.
+    Missing folders are created. A target may be a folder, such as a zarr store. If the block raises
+    an exception, no target is created or changed. The names of the targets are printed at the end.
     """
     try:
         for path in paths:
@@ -228,9 +228,10 @@ def _write_one(path: Path, content: Any) -> None:
     elif hasattr(content, "savefig"):
         content.savefig(path, format="png")
     elif hasattr(content, "data_vars"):
-        from polywigner.propagation import write_netcdf
+        from polywigner.propagation import stores
 
-        write_netcdf(content, path)
+        write = stores.write_zarr if path.suffix == ".zarr" else stores.write_netcdf
+        write(content, path)
     else:
         text = json.dumps(content, indent=2, allow_nan=False) + "\n"
         path.write_text(text, encoding="utf-8")

@@ -193,6 +193,7 @@ def radar(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0,
     variant: Annotated[Text, "Mitsuba variant (default: the fastest that works)."] = None,
     floor_db: options.DbFloor = -60.0,
+    zarr: Annotated[bool, "Write the data cube as a zarr store, NAME.zarr, not NAME.nc."] = False,
     out: options.Out = None,
 ) -> None:
     """Compute the samples that the receivers of a radar record in a scene.
@@ -204,7 +205,7 @@ def radar(
     velocities = dict(parse_velocity(text) for text in velocity or [])
     if not Path(scene).is_file():
         raise SceneError(f"expected a Mitsuba scene file, got {scene!r}, which is not a file")
-    suffixes = (".nc", "_rate.png", "_angle.png")
+    suffixes = (".zarr" if zarr else ".nc", "_rate.png", "_angle.png")
     files = options.files_to_write(out, f"{Path(scene).stem}_radar", suffixes)
 
     from polywigner.figures import draw_radar_map
@@ -214,7 +215,7 @@ def radar(
     from polywigner.radar import parse_waveform, range_angle, range_doppler
 
     wave = parse_waveform(waveform)
-    for module in ("h5netcdf", "dask"):
+    for module in ("zarr" if zarr else "h5netcdf", "dask"):
         required(module)
     with to_list() as messages:
         loaded = load_scene(scene, choose_variant(variant))

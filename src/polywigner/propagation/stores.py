@@ -387,11 +387,19 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
         parts.to_netcdf(scratch, engine="h5netcdf")
 
 
+def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
+    """Write a dataset, which may have complex variables, to a new zarr store (format 3)."""
+    required("zarr")
+    with in_place(checked_path(path)) as scratch, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of missing consolidated metadata
+        _opened(dataset).to_zarr(scratch, mode="w-", zarr_format=3)
+
+
 @contextmanager
 def in_place(path: Path) -> Iterator[Path]:
-    """Yield the path of a scratch file that replaces ``path`` at the end of the block.
+    """Yield a scratch path for a file or a folder, which replaces ``path`` after the block.
 
-    Raises ArgumentError if the file cannot be written.
+    Raises ArgumentError if the path cannot be written to.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ of a scatterer is the square root of its power times a random complex factor of 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -44,6 +44,9 @@ Velocities = dict[str, Floats]
 
 # Relative error of the sums over scatterers.
 _OF_SUMS = 1e-7
+# Largest growth of a delay during the repetitions of a block, times the bandwidth. The phase that
+# the series of the motion expands is then at most 2 rad.
+_MOST_CYCLES = 1.25
 _MOST_POINTS = 1_000_000
 # Size in bytes of the largest signal that is not lazy.
 _MOST_BYTES = 1 << 30
@@ -457,71 +460,90 @@ def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats
 def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complexes, emitter: int) -> Complexes:
     """Return the sum (RC1) over scatterers with the axes (element, chirp, sample).
 
-    With n counted from the central sample, the phase of a scatterer in a repetition is a constant,
-    plus a term linear in n, plus small terms. A non-uniform FFT sums waves with linear phases, and
-    `_series` expands the small terms.
+    If no scatterer moves, all chirps are equal, and the axis ``chirp`` has the length 1.
+    """
+    signals = cloud.responses * (speckle * cloud.emitted[emitter])
+    starts = radar.chirp_times[emitter, :-1]
+    is_moving = cloud.rates != 0
+    still = _frame(radar, cloud, signals, emitter, ~is_moving, starts[:1])
+    if not is_moving.any():
+        return still
+    migration = np.abs(cloud.rates).max() * radar.waveform.bandwidth * np.ptp(starts)
+    blocks = min(len(starts), math.ceil(migration / _MOST_CYCLES))
+    moving = [
+        _frame(radar, cloud, signals, emitter, is_moving, block)
+        for block in np.array_split(starts, max(blocks, 1))
+    ]
+    return still + np.concatenate(moving, axis=1)
+
+
+def _frame(
+    radar: _Radar,
+    cloud: _Cloud,
+    signals: Complexes,
+    emitter: int,
+    chosen: NDArray[np.bool_],
+    starts: Floats,
+) -> Complexes:
+    """Return the sum (RC1) over the ``chosen`` scatterers in successive repetitions.
+
+    The numbers m and n of repetition and sample are counted from the centre of the frame. The phase
+    of a scatterer is a constant, plus terms that are linear in m and n, plus two small terms. A
+    non-uniform FFT sums waves with linear phases, and :func:`_series` expands the small terms:
+
+    - r n df (m T + n dt) for a delay that grows at the rate r, the motion through range bins
+    - (f_n - f_0) d for an element with the excess delay d, because the phase of the element's
+      response is for the frequency f_0 of the scene
     """
     wave = radar.waveform
-    signals = cloud.responses * (speckle * cloud.emitted[emitter])
-    result = np.zeros((len(signals), wave.chirps, wave.samples), np.complex128)
-    for is_moving in (False, True):
-        indices = np.flatnonzero((cloud.rates != 0) == is_moving)
-        if not len(indices):
-            continue
-        rates, delays = cloud.rates[indices], cloud.delays[emitter, indices]
-        terms, factors = _series(radar, signals[:, indices], cloud.excess[:, indices], rates)
-        half = wave.samples // 2
-        step, wait = wave.bandwidth / wave.samples, wave.time_step
-        centre, time = wave.start + half * step, half * wait
-        for m, chirp in enumerate(radar.chirp_times[emitter, :-1] if is_moving else [0.0]):
-            now = delays + rates * (chirp + time)
-            cycles = (centre - radar.frequency) * delays + centre * (now - delays)
-            slopes = step * now + centre * wait * rates
-            parts = _summed_waves(slopes, terms * np.exp(2j * np.pi * cycles), wave.samples)
-            sums = np.einsum("pks,ps->ks", parts, factors)
-            result[:, m : m + 1 if is_moving else None] += sums[:, None]
+    rates, delays = cloud.rates[chosen], cloud.delays[emitter, chosen]
+    m = np.arange(len(starts)) - len(starts) // 2
+    n = np.arange(wave.samples) - wave.samples // 2
+    step, wait = wave.bandwidth / wave.samples, wave.time_step
+    centre = wave.start - n[0] * step
+    time = starts[len(starts) // 2] - n[0] * wait
+    constant = (centre - radar.frequency) * delays + centre * rates * time
+    slopes = [step * (delays + rates * time) + centre * wait * rates]
+    shape = [wave.samples]
+    if len(starts) > 1:
+        slopes.insert(0, centre * radar.period * rates)
+        shape.insert(0, len(starts))
+    waves = signals[:, chosen] * np.exp(2j * np.pi * constant)
+    motion = np.asarray(step * n * (radar.period * m[:, None] + wait * n), np.float64)
+    offsets = wave.frequencies - radar.frequency
+    result = np.zeros((len(waves), *motion.shape), np.complex128)
+    for terms, factor in _series(cloud.excess[:, chosen], offsets, _OF_SUMS):
+        tolerance = _OF_SUMS / np.abs(terms).max(initial=1e-300) / np.abs(factor).max()
+        for growths, by_sample in _series(rates, motion, tolerance):
+            sums = _summed_waves(slopes, waves * terms * growths, shape)
+            result += sums.reshape(result.shape) * (factor * by_sample)
     return result
 
 
-def _summed_waves(slopes: Floats, terms: Complexes, samples: int) -> Complexes:
-    """Return the sum over points of terms (..., point) times exp(2 pi i slope n).
+def _summed_waves(slopes: list[Floats], terms: Complexes, shape: list[int]) -> Complexes:
+    """Return the sums (element, ...) over points of terms times exp(2 pi i (slopes . numbers)).
 
-    n starts at -(samples // 2).
+    Along each axis of ``shape``, the numbers start at ``-(size // 2)``.
     """
     finufft = require("finufft", "radar", "scattered fields are summed with")
-    rows = np.ascontiguousarray(terms.reshape(-1, terms.shape[-1]))
-    angles = 2 * np.pi * (slopes - np.round(slopes))
-    sums = finufft.nufft1d1(angles, rows, samples, isign=1, nthreads=1, eps=_OF_SUMS)
-    return np.asarray(sums).reshape(*terms.shape[:-1], samples)
+    transform = finufft.nufft1d1 if len(shape) == 1 else finufft.nufft2d1
+    angles = [2 * np.pi * (slope - np.round(slope)) for slope in slopes]
+    rows = np.ascontiguousarray(terms)
+    return np.asarray(transform(*angles, rows, tuple(shape), isign=1, nthreads=1, eps=_OF_SUMS))
 
 
-def _series(
-    radar: _Radar, signals: Complexes, excess: Floats, rates: Floats
-) -> tuple[Complexes, Floats]:
-    """Expand small phases: terms (term, element, point) and factors (term, sample) of a series.
-
-    The phase of an element's response is for the scene's frequency f_0. The excess delay d of an
-    element adds the factor exp(2 pi i (f - f_0) d), and a rate r adds the factor
-    exp(2 pi i r n^2 df dt). Both are expanded in power series, whose terms are products of a
-    function of the point and a function of the sample.
-    """
-    wave = radar.waveform
-    offsets = wave.frequencies - radar.frequency
-    numbers = np.arange(wave.samples) - wave.samples // 2
-    curves = numbers**2 * (wave.bandwidth / wave.samples * wave.time_step)
-    terms, factors = [signals], [np.ones(wave.samples)]
-    for amounts, along in ((excess, offsets), (rates, curves)):
-        reach = float(np.abs(along).max()) or 1.0
-        cycles = 2j * np.pi * amounts * reach
-        largest, power = float(np.abs(cycles).max()), 0
-        size, last, shape = largest, list(terms), list(factors)
-        while size > _OF_SUMS:
-            power += 1
-            last = [term * cycles for term in last]
-            shape = [factor * (along / reach / power) for factor in shape]
-            terms, factors = terms + last, factors + shape
-            size *= largest / (power + 1)
-    return np.array(terms), np.array(factors)
+def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complexes, Floats]]:
+    """Yield pairs of arrays, whose products add up to exp(2 pi i amounts along): a power series."""
+    reach = float(np.abs(along).max()) or 1.0
+    phases = 2j * np.pi * amounts * reach
+    largest = float(np.abs(phases).max(initial=0.0))
+    terms, factor = np.ones_like(phases), np.ones_like(along)
+    size, power = 1.0, 0
+    while size > tolerance:
+        yield terms, factor
+        power += 1
+        terms, factor = terms * phases, factor * (along / reach / power)
+        size *= largest / power
 
 
 def _normal(random: np.random.Generator, shape: tuple[int, ...]) -> Complexes:
