@@ -240,6 +240,28 @@ def _write_one(path: Path, content: Any) -> None:
 # ---- scenes --------------------------------------------------------------------------------------
 
 
+def check_scene(path: str) -> None:
+    """Raise SceneError unless a file may be a scene, before the slow import of Mitsuba."""
+    if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
+        raise SceneError(f"expected a Mitsuba scene file, got {path!r}, which is not a file")
+    if Path(path).suffix.lower() != ".xml":
+        raise SceneError(
+            f"expected the XML file of a scene, got {path!r}; apertures and source files are for "
+            "other commands, such as `polywigner transform`"
+        )
+
+
+@contextmanager
+def warnings_of_mitsuba() -> Iterator[None]:
+    """Issue Mitsuba's messages as warnings at the end of the block."""
+    from polywigner.mitsuba.plugins.films import to_list
+
+    with to_list() as messages:
+        yield
+    for message in messages:
+        warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=4)
+
+
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
     """Options of a command on a scene; None selects the setting of the scene."""
@@ -276,18 +298,6 @@ class SceneOptions:
             )
         return np.linspace(ends[0], ends[1], (self.bins or default) + 1)
 
-    def check_file(self) -> None:
-        """Raise SceneError unless the file may be a scene, before the slow import of Mitsuba."""
-        if not os.path.isfile(self.scene):  # noqa: PTH113 (pathlib raises for a name too long)
-            raise SceneError(
-                f"expected a Mitsuba scene file, got {self.scene!r}, which is not a file"
-            )
-        if Path(self.scene).suffix.lower() != ".xml":
-            raise SceneError(
-                f"expected the XML file of a scene, got {self.scene!r}; apertures and source files "
-                "are for other commands, such as `polywigner transform`"
-            )
-
     @contextmanager
     def running(self, variant: str, file: Path) -> Iterator[Path | None]:
         """Check the requirements of a run that writes ``file``, and yield the store of its parts.
@@ -295,7 +305,6 @@ class SceneOptions:
         Only resumable runs have a store, otherwise the function yields None. The store is removed
         at the end of the block, and Mitsuba's messages become warnings there.
         """
-        from polywigner.mitsuba.plugins.films import to_list
         from polywigner.mitsuba.radar.range_film import require_transients
         from polywigner.propagation.stores import require_stores, required
 
@@ -303,15 +312,12 @@ class SceneOptions:
         if self.resumable or self.scheduler is not None:
             require_stores(self.scheduler)
             store = file.with_suffix(".parts.zarr")
-        with to_list() as messages:
+        with warnings_of_mitsuba():
             if self.range_text is not None:
-                for module in ("h5netcdf", "dask"):
-                    required(module)
+                required("h5netcdf", "dask")
                 # registers integrators that the scene may name
                 require_transients(variant)
             yield store
-        for message in messages:
-            warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=3)
         if store is not None:
             shutil.rmtree(store, ignore_errors=True)
 

@@ -22,7 +22,7 @@ from polywigner.cli.sources import (
     required_wavelength,
     short_name,
 )
-from polywigner.errors import ArgumentError, SceneError
+from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_angle
 
 if TYPE_CHECKING:
@@ -203,28 +203,23 @@ def radar(
     NAME_angle.png.
     """
     velocities = dict(parse_velocity(text) for text in velocity or [])
-    if not Path(scene).is_file():
-        raise SceneError(f"expected a Mitsuba scene file, got {scene!r}, which is not a file")
+    options.check_scene(scene)
     suffixes = (".zarr" if zarr else ".nc", "_rate.png", "_angle.png")
     files = options.files_to_write(out, f"{Path(scene).stem}_radar", suffixes)
 
     from polywigner.figures import draw_radar_map
     from polywigner.mitsuba import choose_variant, load_scene, radar_cube
-    from polywigner.mitsuba.plugins.films import to_list
     from polywigner.propagation.stores import required
     from polywigner.radar import parse_waveform, range_angle, range_doppler
 
     wave = parse_waveform(waveform)
-    for module in ("zarr" if zarr else "h5netcdf", "dask"):
-        required(module)
-    with to_list() as messages:
+    required("zarr" if zarr else "h5netcdf", "dask")
+    with options.warnings_of_mitsuba():
         loaded = load_scene(scene, choose_variant(variant))
         cube = radar_cube(
             loaded, wave, velocities=velocities, elements=elements, points=points, rays=rays,
             draws=draws, reflections=reflections, seed=seed,
         )  # fmt: skip
-    for message in messages:
-        warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)
     title, by_rate = short_name(scene), range_doppler(cube, window)
     contents: list[Any] = [cube, draw_radar_map(by_rate, floor_db=floor_db, title=title)]
     if cube.sizes["receiver"] * cube.sizes["emitter"] > 1:

@@ -53,7 +53,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     angle of polarisation, NAME_polarisation.png. With --scheduler, the workers of a cluster share
     the parts of the image, and the run is resumable.
     """
-    settings.check_file()
+    options.check_scene(settings.scene)
     edges = settings.edges(64)
     suffixes = [".exr", ".png", ".json"]
     suffixes += _POLARISED if settings.polarised else ()
@@ -157,7 +157,7 @@ def _warn_of_darkness(radiance: NDArray[np.float64]) -> None:
     if negative + zero > 0.5:
         warnings.warn(
             f"{negative:.0%} of the pixels are negative (noise, which a larger --spp reduces, or "
-            f"negative radiance) and {zero:.0%} zero; they have the colour of the floor",
+            f"negative radiance) and {zero:.0%} zero; these pixels have the colour of the floor",
             RuntimeWarning,
             stacklevel=2,
         )
@@ -208,7 +208,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     the batches of samples, and the run is resumable.
     """
     defined = dict(parse_definition(text) for text in settings.defined or [])
-    settings.check_file()
+    options.check_scene(settings.scene)
     noise = parse_noise(settings.bandwidth, settings.temperature, settings.noise_figure)
     edges = settings.edges(256)
     band = parse_band(settings.frequencies)
@@ -226,8 +226,8 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     from polywigner.mitsuba.scenes.surfaces import receivers_of
     from polywigner.propagation.stores import required
 
-    for module in ("h5netcdf", "dask") if band else ():
-        required(module)
+    if band:
+        required("h5netcdf", "dask")
     start = time.perf_counter()
     jones = settings.polarisation
     variant = choose_variant(settings.variant, jones is not None and settings.variant is None)

@@ -63,15 +63,17 @@ LARGEST_CHUNK = 1 << 22
 """Largest number of samples of a chunk: 16 MiB of float32. Kernels reach their full speed."""
 
 
-def required(name: str) -> ModuleType:
-    """Import a module of the extra ``datasets``; raise MissingExtraError if it is missing."""
-    return require(name, "datasets", "large results are stored and distributed with")
+def required(*names: str) -> ModuleType:
+    """Import modules of the extra ``datasets``, and return the last; raise MissingExtraError."""
+    modules: list[ModuleType] = [
+        require(name, "datasets", "large results are stored and distributed with") for name in names
+    ]
+    return modules[-1]
 
 
 def require_stores(scheduler: Scheduler = None) -> None:
     """Raise MissingExtraError unless the libraries for stores and schedulers are installed."""
-    for module in ("zarr", "dask", *(() if scheduler is None else ("distributed",))):
-        required(module)
+    required("zarr", "dask", *(() if scheduler is None else ("distributed",)))
 
 
 def chunks_within(shape: Sequence[int], samples: int) -> Index:
@@ -334,7 +336,7 @@ def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     No codec of zarr runs code from the store, as pickle would.
     """
-    required("zarr"), required("dask")
+    required("zarr", "dask")
     import xarray
 
     folder = checked_path(path)
@@ -380,8 +382,7 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     >>> path.stat().st_size > 0
     True
     """
-    for module in ("h5netcdf", "h5py"):
-        required(module)
+    required("h5netcdf", "h5py")
     parts = _real_parts(_opened(dataset))
     with in_place(checked_path(path)) as scratch:
         parts.to_netcdf(scratch, engine="h5netcdf")

@@ -107,7 +107,7 @@ _CHANNELS = 12
 
 
 def stokes_of(image: npt.ArrayLike) -> Floats:
-    """Return the Stokes numbers of an image rendered with the integrator ``stokes``.
+    """Return the Stokes parameters of an image rendered with the integrator ``stokes``.
 
     Parameters
     ----------

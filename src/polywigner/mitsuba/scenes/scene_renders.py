@@ -225,15 +225,13 @@ def _sampled(
     file: SceneFile,
     scene: Any,
     plans: Sequence[Scattering],
-    *,
     store: str | Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
     **keeping: Any,
 ) -> npt.NDArray[np.float64]:
     """Return the powers (receivers, batches, lights, ...) of all batches in W."""
     if store is None:
         with kernel_threads(keeping.get("threads")):
-            return scattered_here(scene, progress, plans)
+            return scattered_here(scene, None, plans)
     first = plans[0]
     counts = (len(lights_of(scene)), *first.values)
     shape = (len(plans), BATCHES, *counts)

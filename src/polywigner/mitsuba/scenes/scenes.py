@@ -40,6 +40,7 @@ from polywigner.geometry.io.limits import (
 from polywigner.mitsuba.plugins.films import threads_for_openexr
 from polywigner.mitsuba.plugins.polariser import is_polarised
 from polywigner.mitsuba.plugins.registration import one_at_a_time, original_error, register
+from polywigner.mitsuba.plugins.source_parameters import values_of
 from polywigner.mitsuba.scenes.surfaces import is_source
 from polywigner.toolchain import llvm
 
@@ -308,11 +309,6 @@ def _instantiate(
     return mi.parser.instantiate(config, state)
 
 
-def _values_in(props: mi.Properties) -> dict[str, Any]:
-    copy = mi.Properties(props)  # Mitsuba reports unread properties
-    return {name: copy[name] for name in copy.keys()}  # noqa: SIM118 (not a dict)
-
-
 # ---- scene files --------------------------------------------------------------------------------
 
 _MITSUBA = Path(mi.__file__).parent
@@ -385,8 +381,10 @@ def _parsed(
         state = mi.parser.parse_file(config, str(file), **texts)
         for name in sorted({node.props.plugin_name() for node in state.nodes}):
             _check_type(name)
-        values = [value for node in state.nodes for value in _values_in(node.props).values()]
-        for text in sorted({value for value in values if isinstance(value, str)}):
+        # copies, because Mitsuba reports properties that plugins do not read
+        copies = [values_of(mi.Properties(node.props)) for node in state.nodes]
+        texts_in = {value for props in copies for value in props.values() if isinstance(value, str)}
+        for text in sorted(texts_in):
             checked.add(text)
     except FileFormatError as error:
         raise SceneError(f"{file}: {error}") from None

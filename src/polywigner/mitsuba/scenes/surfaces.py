@@ -37,11 +37,6 @@ def sorted_emitters(scene: mi.Scene) -> list[mi.Emitter]:
     return sorted(scene.emitters(), key=_emitter_key)
 
 
-def sorted_sensors(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
-    """Return the sensors of a scene with their indices in Mitsuba, sorted by id."""
-    return sorted(enumerate(scene.sensors()), key=lambda item: (item[1].id(), item[0]))
-
-
 def sorted_shapes(scene: mi.Scene) -> list[mi.Shape]:
     """Return the shapes of a scene, sorted by id."""
     return sorted(scene.shapes(), key=_shape_key)
@@ -95,14 +90,13 @@ def receivers_of(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
 
     Raises SceneError for a scene without a receiver.
     """
-    sensors_of(scene)
-    receivers = [(k, sensor) for k, sensor in sorted_sensors(scene) if is_receiver(sensor)]
+    receivers = [(k, sensor) for k, sensor in enumerate(sensors_of(scene)) if is_receiver(sensor)]
     if not receivers:
         raise SceneError(
             "expected a scene with a receiver, got one without; add a <sensor "
             'type="wigner_receiver">, or polywigner.mitsuba.receiver(...)'
         )
-    return receivers
+    return sorted(receivers, key=lambda item: (item[1].id(), item[0]))
 
 
 # ---- parts of objects ---------------------------------------------------------------------------
