@@ -6,7 +6,6 @@ Values are computed in memory, lazily, or in a store on disk (docs/large_runs.md
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import os
 import re
@@ -22,14 +21,14 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, checked_engine
 from polywigner.execution.choice import resolved
-from polywigner.geometry import Polyhedron, Wavefront
+from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import (
     check_options,
     checked_choice,
     checked_wavelength,
     takes_frequency,
 )
-from polywigner.geometry.silhouettes import listed_bodies
+from polywigner.geometry.silhouettes import listed_bodies, obstacle_of
 from polywigner.propagation.amplitudes import Obstacle, amplitude
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.point_grids import (
@@ -52,7 +51,6 @@ from polywigner.propagation.stores import (
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.source.obliquities import DEFAULT
-from polywigner.source.source_files import source_json
 
 if TYPE_CHECKING:
     import xarray
@@ -121,15 +119,10 @@ def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict
 
 def _described(obstacles: Sequence[Obstacle]) -> str:
     """Return a text with the names of bodies, and a digest of their positions and shapes."""
-    tables = [
-        [body.vertices.tolist(), body.faces]
-        if isinstance(body, Polyhedron)
-        else [source_json(body.aperture), body.pose.tolist()]
-        for body in obstacles
-    ]
-    digest = hashlib.sha256(json.dumps(tables).encode()).hexdigest()
+    meshes = [obstacle_of(body) for body in obstacles]
+    content = b"".join(mesh.vertices.tobytes() + mesh.triangles.tobytes() for mesh in meshes)
     names = f"{'; '.join(map(repr, obstacles)):.150}"
-    return f"{len(tables)} obstacles: {names} (SHA-256 {digest})"
+    return f"{len(meshes)} obstacles: {names} (SHA-256 {hashlib.sha256(content).hexdigest()})"
 
 
 def _dataset(
