@@ -59,6 +59,9 @@ Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
 # Time to wait for a scheduler, and for its first worker [s].
 _PATIENCE = 10.0
 
+# Largest number of samples in memory: 16 GiB of float32. Some systems would allocate any size.
+_MOST_IN_MEMORY = 1 << 32
+
 LARGEST_CHUNK = 1 << 22
 """Largest number of samples of a chunk: 16 MiB of float32. Kernels reach their full speed."""
 
@@ -171,10 +174,12 @@ def results_on_grid(
 def _in_memory(
     name: str, block: Block, shape: Index, dtype: DTypeLike, block_size: int, progress: bool | None
 ) -> NDArray[Any]:
-    try:
-        values, size = np.empty(shape, dtype), chunks_within(shape, block_size)
-    except MemoryError as error:
-        raise ArgumentError(f"{error}; use chunks, or write them to disk with out") from None
+    if math.prod(shape) > _MOST_IN_MEMORY:
+        raise ArgumentError(
+            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
+            "use chunks, or write them to disk with out"
+        )
+    values, size = np.empty(shape, dtype), chunks_within(shape, block_size)
     origins = list(product(*(range(0, n, c) for n, c in zip(shape, size, strict=True))))
     with progress_bar(name, len(origins), show=progress) as advance:
         for origin in origins:
