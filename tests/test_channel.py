@@ -366,7 +366,7 @@ def test_several_ends_have_a_row_and_a_column_each_in_metres_and_millimetres(pla
         ({"polarisation": [1.0, 0.0, 0.0]}, "expected"),
         ({"tolerance": 0.0}, "expected tolerance"),
         ({"bodies": [SQUARE]}, "expected bodies as a dict"),
-        ({"bodies": {"floor": SQUARE}}, "expected bodies with other names than mirrors, got 'fl"),
+        ({"bodies": {"floor": SQUARE}}, "expected different names of bodies and mirrors, got 'fl"),
         ({"bodies": {"a": 3}}, "the body 'a'"),
         ({"bodies": {"a": (SQUARE, 4)}}, "the body 'a'.*reflections"),
     ],
@@ -471,7 +471,7 @@ def test_a_corner_reflector_far_away_obeys_the_radar_equation(plain: None) -> No
     assert "corner" not in "".join(result.attrs["notes"])
     near = looking(0.3 * towards, -towards)
     notes = pm.channel(between(near, near), bodies={"corner": (body, 3)}).attrs["notes"]
-    assert any("'corner' is nearer than 2 D^2/lambda" in note for note in notes)
+    assert any("'corner' is closer than 2 D^2/lambda" in note for note in notes)
     notes = pm.channel(between(pose, pose), bodies={"corner": body}).attrs["notes"]
     assert any("later reflections are left out" in note for note in notes)
 

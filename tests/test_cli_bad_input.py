@@ -230,8 +230,8 @@ BAD: dict[str, str] = {
         link.xml --noise-figure "3 m" => noise figure
         link.xml --define distance => NAME=VALUE
         link.xml --frequencies fast => frequency
-        link.xml --frequencies "93 GHz to 92 GHz, 3" => a lower and a higher one
-        link.xml --frequencies "93 GHz to 95 GHz" => a lower and a higher one
+        link.xml --frequencies "93 GHz to 92 GHz, 3" => a lower and a higher frequency
+        link.xml --frequencies "93 GHz to 95 GHz" => a lower and a higher frequency
         link.xml --frequencies "93 GHz to 95 GHz, 1000000" => from 2 to 65536
         link.xml --polarisation x => --coherent
         link.xml --coherent --polarisation z => polarisation

@@ -14,7 +14,7 @@ import polywigner as pw
 from oracles.meshes import extruded
 from polywigner import figures
 from polywigner.cli import main
-from polywigner.cli.rcs import write_rows
+from polywigner.cli.radar_commands import write_rows
 from polywigner.errors import ArgumentError
 
 Captured = pytest.CaptureFixture[str]

@@ -178,7 +178,7 @@ def test_a_requested_default_holds_for_direct_and_scattered_power_and_ends_with_
 def test_unpolarised_ends_have_no_amplitude() -> None:
     use("scalar_spectral_polarized")
     scene = linked(poses(0.0, 0.0), "unpolarised")
-    with pytest.raises(SceneError, match="'tx' is unpolarised"):
+    with pytest.raises(SceneError, match="'tx', which is unpolarised"):
         pm.channel(scene)
     assert pm.received_power(scene, spp=16).direct > 0
 
@@ -190,6 +190,6 @@ def test_rolled_ends_over_a_floor_are_pointed_out() -> None:
     for roll, is_noted in ((0.0, False), (0.7, True)):
         scene = linked(poses(roll, 0.0), others=floor)
         notes = pm.channel(scene, reflections=1).attrs["notes"]
-        assert any("specify polarisation" in note for note in notes) == is_noted
+        assert any("specify a polarisation" in note for note in notes) == is_noted
     given = pm.channel(scene, reflections=1, polarisation="y").attrs["notes"]
-    assert not any("specify polarisation" in note for note in given)
+    assert not any("specify a polarisation" in note for note in given)

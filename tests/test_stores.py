@@ -20,7 +20,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.errors import ArgumentError, EngineError, MissingExtraError, StoreError
-from polywigner.propagation.stores import lazy_array, open_store, write_store
+from polywigner.propagation.stores import open_store, results_on_grid
 from polywigner.transforms.xarray_arguments import labelled_array
 
 _EXTRA = "the extra `datasets` is not installed"
@@ -48,22 +48,20 @@ class Beam:
         return np.exp(-(x[:, None] ** 2 + y**2) / 0.7**2)
 
 
-def beam(block=None, waist=0.7, chunks=CHUNKS, y=Y, dtype="float64"):
-    """The lazy dataset of a block."""
-    values = lazy_array(block or Beam(), (len(X), len(Y)), chunks, dtype, compiled=False)
-    return xarray.Dataset(
-        {"power": (("x", "y"), values, {"units": "W"})},
-        {"x": labelled_array(X, ("x",), {"units": "m"}), "y": labelled_array(y, ("y",))},
-        {"waist": waist},
-    )
+def beam(block=None, name="power", waist=0.7, chunks=CHUNKS, y=Y, dtype="float64"):
+    """The arguments that describe the values of a block on a grid, and their chunks."""
+    axes = {"x": labelled_array(X, ("x",), {"units": "m"}), "y": labelled_array(y, ("y",))}
+    variables = {name: (block or Beam(), dtype, {"units": "W"})}
+    return (variables, axes, {}, {"waist": waist}), {"chunks": chunks}
 
 
 DIRECT = Beam()((0, 0), (len(X), len(Y)))
 
 
-def written(path, dataset=None, threads=1, **how):
-    return write_store(path, beam() if dataset is None else dataset, threads=threads,
-                       compiled=False, **how)  # fmt: skip
+def written(path, described=None, threads=1, scheduler=None):
+    values, options = described or beam()
+    options |= {"out": path, "threads": threads, "scheduler": scheduler}
+    return results_on_grid(*values, options, compiled=False)
 
 
 def evaluations(log):
@@ -241,7 +239,7 @@ def test_compiled_tables_do_not_depend_on_chunks_or_threads(tmp_path, llvm):
         lambda: beam(chunks=(8, 6)),
         lambda: beam(dtype="float32"),
         lambda: beam(y=2 * Y),
-        lambda: beam().rename(power="energy"),
+        lambda: beam(name="energy"),
     ],
     ids=["attribute", "chunks", "type", "coordinate", "variable"],
 )

@@ -18,13 +18,10 @@ import typer
 from polywigner.cli import (
     doctor,
     lens_commands,
-    pattern,
     propagate,
-    radar_samples,
-    rcs,
-    receive,
-    render,
-    transform,
+    radar_commands,
+    scene_commands,
+    source_commands,
 )
 from polywigner.cli.options import Text, with_options
 from polywigner.cli.sources import Reading, WaveOptions
@@ -60,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if not _is_interruption(error):
                 return _from_exception(error)
             code = _INTERRUPTED
-    # Typer returns the code of an `Exit` raised inside a command, of --help, and of Ctrl-C.
+    # Typer returns exit codes of `typer.Exit`, of --help and of Ctrl-C.
     if code == _INTERRUPTED:
         return _say("interrupted", _INTERRUPTED)
     return code if isinstance(code, int) else 0
@@ -166,14 +163,8 @@ def explore(
 
 
 _COMMANDS = (
-    *(
-        render.render,
-        receive.receive,
-        radar_samples.radar,
-        transform.transform,
-        pattern.pattern,
-        rcs.rcs,
-    ),
+    *(scene_commands.render, scene_commands.receive, radar_commands.radar),
+    *(source_commands.transform, source_commands.pattern, radar_commands.rcs),
     *(propagate.propagate, propagate.volume, lens_commands.psf, lens_commands.mtf),
     *(explore, doctor.doctor),
 )

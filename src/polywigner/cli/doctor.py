@@ -1,4 +1,4 @@
-"""``polywigner doctor``: parts that work on this machine, and commands that install the others."""
+"""``polywigner doctor``: a report of working parts, and commands that install missing parts."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _transforms() -> Row:
             version = importlib.metadata.version("numpy")
             return Row("engine numpy", _GOOD, f"NumPy {version}; needs nothing else")
         problem = f"a square of area 4 transforms to {area}"
-    except Exception as error:  # the other rows are still worth printing
+    except Exception as error:  # the report has other rows
         problem = f"{type(error).__name__}: {' '.join(str(error).split())}"
     return Row("engine numpy", _BAD, problem, f"Run {install_command()}.")
 
@@ -170,5 +170,5 @@ def _print(rows: list[Row]) -> None:
             text.append(f"\n{row.remedy}", style="bold")
         table.add_row(row.subject, Text(row.works, style=_COLOURS[row.works]), text)
     console = Console()
-    # A pipe or a file has no width, and paths and commands should not be broken there.
+    # In a pipe or a file, the lines are long enough for paths and commands.
     Console(width=None if console.is_terminal else 160).print(table)

@@ -111,12 +111,12 @@ def with_options(function: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-# Options whose parameters have other names.
+# Names of options that differ from the names of their parameters.
 _FLAGS = {"formats": "--format", "range_text": "--range", "defined": "--define"}
 
 
 def _option(name: str, default: Any, kind: Any) -> Parameter:
-    """Return an option. An annotated text is its help; an option with default False is a flag."""
+    """Return an option, whose help is the text in its annotation; default False makes a flag."""
     match get_args(kind):
         case (plain, str(text)):
             flag = [f"--{name.replace('_', '-')}"] if default is False else []
@@ -151,7 +151,7 @@ def output_stem(out: str | None, name: str) -> Path:
 
 
 def targets(stem: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
-    """Return ``stem`` with each of the suffixes; dots in the name of the stem are kept."""
+    """Return the paths of a stem with each of the suffixes; dots in the stem are kept."""
     return tuple(stem.with_name(stem.name + suffix) for suffix in suffixes)
 
 
@@ -170,7 +170,7 @@ def files_to_write(out: str | None, name: str, suffixes: Sequence[str]) -> tuple
 def check_writable(paths: Sequence[Path]) -> None:
     """Raise ArgumentError before the long work if one of the files cannot be written."""
     for path in paths:
-        # os.path returns False for a name that is too long; pathlib raises OSError.
+        # os.path returns False for names that are too long; pathlib raises OSError.
         if os.path.isdir(path) and path.suffix != ".zarr":  # noqa: PTH112
             raise ArgumentError(f"expected --out to name a file, got the folder {path}; rename it")
         parents = path.absolute().parents
@@ -188,10 +188,10 @@ def check_writable(paths: Sequence[Path]) -> None:
 
 @contextmanager
 def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
-    """Yield a scratch path for each target; rename them to the targets at the end of the block.
+    """Yield a scratch path for each target, and rename them to the targets at the end of the block.
 
     Missing folders are created. A target may be a folder, such as a zarr store. If the block raises
-    an exception, no target is created or changed. At the end the targets are printed.
+    an exception, no target is created or changed. The names of the targets are printed at the end.
     """
     try:
         for path in paths:
@@ -212,8 +212,8 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
 def write(paths: Sequence[Path], contents: Sequence[Content], summary: str = "") -> None:
     """Write all files or none, then print ``summary`` and the names of the files.
 
-    A content is a figure, a dataset (in memory or on disk), a record for JSON, or a function of the
-    path.
+    Each of the ``contents`` is a figure, a dataset, a record for JSON, or a function that writes to
+    a path.
     """
     with writing(paths) as partials:
         for partial, content in zip(partials, contents, strict=True):
@@ -230,7 +230,7 @@ def _write_one(path: Path, content: Any) -> None:
     elif hasattr(content, "data_vars"):
         from polywigner.propagation import stores
 
-        write = stores.write_netcdf if path.suffix == ".nc" else stores.write_zarr
+        write = stores.write_zarr if path.suffix == ".zarr" else stores.write_netcdf
         write(content, path)
     else:
         text = json.dumps(content, indent=2, allow_nan=False) + "\n"
@@ -238,6 +238,28 @@ def _write_one(path: Path, content: Any) -> None:
 
 
 # ---- scenes --------------------------------------------------------------------------------------
+
+
+def check_scene(path: str) -> None:
+    """Raise SceneError unless a file may be a scene, before the slow import of Mitsuba."""
+    if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
+        raise SceneError(f"expected a Mitsuba scene file, got {path!r}, which is not a file")
+    if Path(path).suffix.lower() != ".xml":
+        raise SceneError(
+            f"expected the XML file of a scene, got {path!r}; apertures and source files are for "
+            "other commands, such as `polywigner transform`"
+        )
+
+
+@contextmanager
+def warnings_of_mitsuba() -> Iterator[None]:
+    """Issue Mitsuba's messages as warnings at the end of the block."""
+    from polywigner.mitsuba.plugins.films import to_list
+
+    with to_list() as messages:
+        yield
+    for message in messages:
+        warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=4)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -276,26 +298,13 @@ class SceneOptions:
             )
         return np.linspace(ends[0], ends[1], (self.bins or default) + 1)
 
-    def check_file(self) -> None:
-        """Raise SceneError unless the file may be a scene, before the slow import of Mitsuba."""
-        if not os.path.isfile(self.scene):  # noqa: PTH113 (pathlib raises for a name too long)
-            raise SceneError(
-                f"expected a Mitsuba scene file, got {self.scene!r}, which is not a file"
-            )
-        if Path(self.scene).suffix.lower() != ".xml":
-            raise SceneError(
-                f"expected the XML file of a scene, got {self.scene!r}; apertures and source files "
-                "are for other commands, such as `polywigner transform`"
-            )
-
     @contextmanager
     def running(self, variant: str, file: Path) -> Iterator[Path | None]:
-        """Prepare a run that writes ``file``: the variant, range films, and a store of parts.
+        """Check the requirements of a run that writes ``file``, and yield the store of its parts.
 
-        Yields the store of a resumable run, which is removed at the end of the block, or None.
-        Messages of Mitsuba become warnings at the end of the block.
+        Only resumable runs have a store, otherwise the function yields None. The store is removed
+        at the end of the block, and Mitsuba's messages become warnings there.
         """
-        from polywigner.mitsuba.plugins.films import to_list
         from polywigner.mitsuba.radar.range_film import require_transients
         from polywigner.propagation.stores import require_stores, required
 
@@ -303,19 +312,17 @@ class SceneOptions:
         if self.resumable or self.scheduler is not None:
             require_stores(self.scheduler)
             store = file.with_suffix(".parts.zarr")
-        with to_list() as messages:
+        with warnings_of_mitsuba():
             if self.range_text is not None:
-                for module in ("h5netcdf", "dask"):
-                    required(module)
-                require_transients(variant)  # before scenes that name its integrators
+                required("h5netcdf", "dask")
+                # registers integrators that the scene may name
+                require_transients(variant)
             yield store
-        for message in messages:
-            warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=3)
         if store is not None:
             shutil.rmtree(store, ignore_errors=True)
 
     def record(self, variant: str) -> dict[str, Any]:
-        """Return the settings, the variant and the versions of all programs of a run."""
+        """Return the settings of a run, its variant, and the versions of the libraries."""
         from importlib.metadata import version
 
         from polywigner.llvm import prepare

@@ -31,7 +31,8 @@ _Projection = Literal["maximum", "mean"]
 _WIDEST = math.radians(80.0)  # largest angle from the axis, default of an arc
 _GRAZING = math.radians(89.5)  # largest angle of a hemisphere, as of suggested samples
 _MOST_POINTS = 1 << 26  # half a gigabyte for each method
-# Fewest samples, for a smooth figure, and most, for a short wait: a factor of four in time.
+# Bounds of the default number of samples: the lower for smooth figures, the upper for at most four
+# times the run time.
 _FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
 _MOST = {"line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240)}
 _FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
@@ -81,7 +82,7 @@ class FieldOptions(FieldSourceOptions):
             against = self.against.replace(" ", "-")
             return methods, checked_choice(against, "--against", list(methods))
         rough = "wigner", "fresnel", "fraunhofer"
-        exact = [name for name, one in methods.items() if one["method"] not in rough]
+        exact = [name for name, arguments in methods.items() if arguments["method"] not in rough]
         return methods, (exact or list(methods))[-1]
 
     def arguments(self, obstacles: Sequence[Polyhedron | PlacedAperture]) -> dict[str, Any]:
@@ -126,7 +127,7 @@ def propagate(
     from polywigner.propagation.stores import required
 
     methods, reference = field.methods("wigner", options.EXACT)
-    required("h5netcdf")  # now rather than after the work
+    required("h5netcdf")  # raises before the work, not after it
     source, wavelength = field.read_with_wavelength()
     obstacles = field.read_obstacles()
     region = region._replace(shape=samples_of_region(source, region, wavelength, amplitude))
@@ -242,22 +243,22 @@ def volume(
 
 
 def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) -> None:
-    """Print the largest and the rms difference of each other method from the reference.
+    """Print the largest and the rms difference of each method from the reference method.
 
-    All fields are at the same points. Lazy arrays are read by chunks.
+    All fields have the same points. Lazy arrays are read by chunks.
     """
     from polywigner.figures.levels import COMPARED_DB, summary
 
     if len(fields) == 1:
         return
-    print(f"Differences from {reference}, where it is above {COMPARED_DB:g} dB of its peak, in dB:")
+    print(f"Differences from {reference} in dB, at points above {COMPARED_DB:g} dB of its peak:")
     width = max(len(name) for name in fields)
     print(f"  {'method':{width}}  largest      rms  points")
     for name in (name for name in fields if name != reference):
-        apart = summary(fields[name], fields[reference])
-        left = f", {apart.negative} not above zero left out" if apart.negative else ""
-        numbers = f"{apart.largest:+7.3f}  {apart.rms:7.4f}  {apart.points} of {fields[name].size}"
-        print(f"  {name:{width}}  {numbers}{left}")
+        error = summary(fields[name], fields[reference])
+        omitted = f", without {error.negative} values of zero or below" if error.negative else ""
+        numbers = f"{error.largest:+7.3f}  {error.rms:7.4f}  {error.points} of {fields[name].size}"
+        print(f"  {name:{width}}  {numbers}{omitted}")
 
 
 # ---- samples -------------------------------------------------------------------------------------
@@ -266,9 +267,9 @@ def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) ->
 def samples_of_region(
     source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool
 ) -> tuple[int, ...]:
-    """Return the requested samples along each axis, or by default the number the field needs.
+    """Return the requested samples along each axis, or by default as many as the field needs.
 
-    The default number is bounded; a warning is issued if the field needs more.
+    The default numbers are bounded. If the field needs more samples, a warning is issued.
     """
     import polywigner as pw
 
@@ -291,7 +292,7 @@ def samples_of_region(
 def samples_of_box(
     source: Aperture | ApertureArray, corners: tuple[Point, Point], wavelength: float
 ) -> tuple[int, ...]:
-    """Return the samples along x, y and z of a box that the irradiance needs, within bounds."""
+    """Return the number of samples along x, y and z that the irradiance needs, within bounds."""
     import polywigner as pw
 
     axes = pw.suggest_sampling(source, wavelength, "irradiance", box=corners).axes
@@ -306,7 +307,7 @@ def _within(
         text = " x ".join(map(str, map(max, needed, chosen)))
         warnings.warn(
             f"{' x '.join(map(str, chosen))} samples miss fringes of this field: "
-            f'{option} "{text}" would show all, or look at a smaller region',
+            f'use {option} "{text}", or a smaller region',
             RuntimeWarning,
             stacklevel=3,
         )
@@ -317,7 +318,7 @@ def _within(
 
 
 class Region(NamedTuple):
-    """Region where a field is computed; angles in rad and lengths in m.
+    """Region in which a field is computed; angles in rad, lengths in m.
 
     ``kind`` is "line", "arc", "plane" or "hemisphere"; ``shape`` is empty without --samples.
     """
@@ -332,14 +333,14 @@ class Region(NamedTuple):
 
 def parse_region(texts: Mapping[str, str | None], samples: str | None) -> Region:
     """Parse the requested region: a line, an arc, a plane or a hemisphere."""
-    given = {name: text for name, text in texts.items() if text is not None}
-    if len(given) != 1:
-        got = " and ".join(f"--{name}" for name in given) or "none"
+    regions = {name: text for name, text in texts.items() if text is not None}
+    if len(regions) != 1:
+        got = " and ".join(f"--{name}" for name in regions) or "none"
         raise ArgumentError(
             f"expected one of {', '.join(f'--{name}' for name in texts)}, got {got}; specify where "
             "the field is computed"
         )
-    ((kind, text),) = given.items()
+    ((kind, text),) = regions.items()
     dimensions = 1 if kind in ("line", "arc") else 2
     shape = () if samples is None else parse_shape("--samples", samples, dimensions)
     if shape and min(shape) < 2:
@@ -396,7 +397,7 @@ _EXPECTED_RANGES = (
 
 
 def _ranges(text: str, count: int) -> tuple[Point, Point]:
-    """Return the lowest and the highest point of ``count`` ranges and 3 - ``count`` coordinates."""
+    """Parse ``count`` ranges and 3 - ``count`` coordinates; return the lowest and highest point."""
     parts = _split(text, ",")
     if len(parts) != 3 and count:
         raise QuantityError(f"expected x, y and z, separated by commas, got {value_text(text)}")

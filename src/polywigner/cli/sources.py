@@ -38,7 +38,8 @@ _LONGEST_NAME = 32
 _MESHES = (".stl", ".ply", ".obj")
 # Relative difference of wavelengths that are equal up to the digits that users type.
 _SAME_WAVELENGTH = 1e-3
-# Largest ratio of wavelength and diameter; larger ratios are typing errors and break figures.
+# Largest ratio of wavelength and diameter, or of diameter and wavelength. Larger ratios are typing
+# errors, and figures with them fail.
 _LARGEST_RATIO = 1e12
 
 
@@ -59,7 +60,7 @@ class WaveOptions:
 
 
 def required_wavelength(wavelength: float | None) -> float:
-    """Return a wavelength; raise ArgumentError if neither options nor a source file have one."""
+    """Return a wavelength; raise ArgumentError if neither options nor source file specify it."""
     if wavelength is None:
         raise ArgumentError(
             'expected --frequency or --wavelength, got neither; give for example --frequency "94 '
@@ -86,7 +87,7 @@ class Reading:
             )
 
     def check_unused(self, names: tuple[str, ...], kind: str) -> None:
-        """Raise ArgumentError for options that a kind of file does not take."""
+        """Raise ArgumentError for options that do not apply to a kind of file."""
         for name in names:
             if getattr(self, name):
                 raise ArgumentError(f"expected no --{name} with {kind}")
@@ -134,7 +135,7 @@ class SourceOptions(Reading, WaveOptions):
     curved: Annotated[Text, "Radii of a curved wave: '60 mm', or '60 mm, inf' (x, y)."] = None
 
     def check(self) -> None:
-        """Raise the errors that need no heavy imports."""
+        """Raise the errors that can be detected without heavy imports."""
         self.check_file(self.source)
         self.length()
 
@@ -155,8 +156,8 @@ class SourceOptions(Reading, WaveOptions):
         else:
             source = self.read_file(self.source)
         texts = {name: getattr(self, name, None) for name in SOURCE_TEXTS}
-        given = {name: text for name, text in texts.items() if text is not None}
-        source = apply_texts(source, given, wavelength)
+        options = {name: text for name, text in texts.items() if text is not None}
+        source = apply_texts(source, options, wavelength)
         if wavelength is not None:
             check_wavelength(wavelength, outline_of(source).diameter)
         return source, wavelength
@@ -205,10 +206,7 @@ def field_title(path: str, wavelength: float) -> str:
 
 
 def short_name(path: str) -> str:
-    """Return the name of a file for a title, shortened if long.
-
-    A file named ``scene.xml`` is named after its folder.
-    """
+    """Return a short name of a file for a title; for ``scene.xml`` the name of its folder."""
     file = Path(path)
     name = file.resolve().parent.name if file.stem == "scene" else file.name
     if len(name) > _LONGEST_NAME:
@@ -230,7 +228,9 @@ def _is_source_file(path: str) -> bool:
 
     suffix = Path(path).suffix.lower()
     if suffix == ".json":
-        with suppress(ValueError, RecursionError, OSError):  # the reader of apertures reports it
+        with suppress(
+            ValueError, RecursionError, OSError
+        ):  # the reader of apertures reports these errors
             content = json.loads(bytes_of(Path(path)))
             return isinstance(content, dict) and "kind" in content and "type" not in content
     return suffix == ".toml"
@@ -249,7 +249,7 @@ class FieldSourceOptions(SourceOptions):
     obstacle_unit: Annotated[Text, "Unit of obstacle files that state none (default: mm)."] = None
 
     def check(self) -> None:
-        """Raise the errors that need no heavy imports."""
+        """Raise the errors that can be detected without heavy imports."""
         super().check()
         for text in self.obstacle or ():
             Reading().check_file(_placed_file(text)[0])
@@ -266,7 +266,7 @@ class FieldSourceOptions(SourceOptions):
     def _placed(
         self, path: str, origin: tuple[float, ...], angles: tuple[float, ...]
     ) -> Polyhedron | PlacedAperture:
-        """Return a body with its z axis rotated towards theta, phi and its origin moved."""
+        """Return a body whose z axis is rotated to theta, phi, and whose origin is moved."""
         import numpy as np
 
         from polywigner import Polyhedron

@@ -190,6 +190,14 @@ def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
     return value
 
 
+def check_options(options: Collection[str], known: type) -> None:
+    """Raise ArgumentError unless the names of options are keys of the TypedDict ``known``."""
+    names = known.__annotations__
+    for name in options:
+        if name not in names:
+            raise ArgumentError(f"expected options among {', '.join(names)}, got {name!r}")
+
+
 def checked_flag(value: Any, name: str) -> bool:
     """Return True or False; raise ArgumentError for other values."""
     if not isinstance(value, (bool, np.bool_)):

@@ -1,8 +1,8 @@
 """Coherent apertures as light sources in Mitsuba 3.
 
-Importing this module chooses the LLVM library for Dr.Jit (before Dr.Jit is loaded, because it can
-be chosen only then) and makes the shape ``wigner`` and the sensor ``wigner_receiver`` known
-to every Mitsuba variant. It never sets a variant.
+Importing this module chooses the LLVM library of Dr.Jit, which is only possible before Dr.Jit is
+loaded. It also registers the shape ``wigner`` and the sensor ``wigner_receiver`` in all variants of
+Mitsuba. It does not set a variant.
 
 - ``plugins``: the emitter shape and the receiver sensor, their parameters and estimators
 - ``scenes``: scene files, surfaces and flat mirrors of a scene, and images
@@ -29,7 +29,8 @@ from polywigner.mitsuba.radar.scatterers import scatterers  # noqa: E402
 from polywigner.mitsuba.receive.channels import channel  # noqa: E402
 from polywigner.mitsuba.receive.power_results import Contribution, DirectPath, ReceivedPower  # noqa: E402
 from polywigner.mitsuba.receive.received_power import received_power, received_powers  # noqa: E402
-from polywigner.mitsuba.scenes.scene_renders import receiving, render, render_file  # noqa: E402
+from polywigner.mitsuba.scenes.rendering import receiving, render  # noqa: E402
+from polywigner.mitsuba.scenes.scene_renders import render_file  # noqa: E402
 from polywigner.mitsuba.scenes.scenes import (  # noqa: E402
     choose_variant,
     has_wigner_emitter,
@@ -41,7 +42,7 @@ from polywigner.source import obliquities  # noqa: E402
 register()
 
 OBLIQUITIES = tuple(obliquities.OBLIQUITIES)
-"""Names of the diffraction integrals that scenes know."""
+"""Names of the diffraction integrals for sources in scenes."""
 
 __all__ = [
     "OBLIQUITIES",

@@ -1,12 +1,11 @@
-"""Labelled arrays of fields on lines, planes, hemispheres and in volumes (docs/volumes.md).
+"""Datasets of fields on lines, planes and hemispheres, and in volumes (docs/volumes.md).
 
-Values are computed in memory, lazily, or into a store (docs/large_runs.md).
+Values are computed in memory, lazily, or in a store on disk (docs/large_runs.md).
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import os
 import re
@@ -22,13 +21,14 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, checked_engine
 from polywigner.execution.choice import resolved
-from polywigner.geometry import Polyhedron, Wavefront
+from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import (
+    check_options,
     checked_choice,
     checked_wavelength,
     takes_frequency,
 )
-from polywigner.geometry.silhouettes import listed_bodies
+from polywigner.geometry.silhouettes import listed_bodies, obstacle_of
 from polywigner.propagation.amplitudes import Obstacle, amplitude
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.point_grids import (
@@ -44,7 +44,6 @@ from polywigner.propagation.point_grids import (
 from polywigner.propagation.stores import (
     Index,
     StoreOptions,
-    check_options,
     results_on_grid,
     source_attrs,
     source_coords,
@@ -52,7 +51,6 @@ from polywigner.propagation.stores import (
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.source.obliquities import DEFAULT
-from polywigner.source.source_files import source_json
 
 if TYPE_CHECKING:
     import xarray
@@ -60,16 +58,18 @@ if TYPE_CHECKING:
 Quantity = Literal["irradiance", "amplitude", "phase"]
 Values = NDArray[Any]
 
-# Methods with an option ``obliquity``; the boundary conditions of the others imply one.
+# Methods with an option ``obliquity``. The boundary conditions of other methods imply an obliquity.
 _WITH_OBLIQUITY = ("wigner", "fraunhofer")
-# Options of results and their storage, which are not passed to irradiance or amplitude.
+# Options of the result and its storage, which are not options of irradiance and amplitude.
 _OF_RESULTS = ("method", "quantity", "dtype", "chunks", "out", "scheduler", "threads", "progress")
-# Points computed at a time in memory: tens of megabytes, and enough points for compiled engines.
+# Number of points that are computed at once in memory: enough for the full speed of compiled
+# engines, with tens of megabytes.
 _BLOCK = 1 << 17
-# Samples of a stored chunk: at most 4 MB of float32. Smaller grids have some 64 chunks, so a run
-# stores its first chunk within a minute.
+# Largest and smallest number of samples of a stored chunk, and number of chunks. The largest chunk
+# is 4 MB of float32. Smaller grids have about 64 chunks, so that the first chunk of a run is stored
+# within a minute.
 _LARGEST_CHUNK, _SMALLEST_CHUNK, _CHUNKS = 1 << 20, 1 << 15, 64
-# Unit and long name.
+# Unit and long name of each quantity.
 _QUANTITIES = {
     "irradiance": ("W m-2", "irradiance |U|^2"),
     "amplitude": ("W0.5 m-1", "complex amplitude U"),
@@ -84,7 +84,7 @@ class FieldOptions(StoreOptions, total=False):
     quantity: Quantity
     obliquity: str | None
     bandwidth: float | None
-    """Bandwidth of the light in Hz; None: one wavelength. See :func:`irradiance`."""
+    """Bandwidth of the light in Hz; None: a single wavelength. See :func:`irradiance`."""
     obstacles: Obstacle | Sequence[Obstacle] | None
     tolerance: float | None
     dtype: str
@@ -96,7 +96,7 @@ def _field_values(
     source: PlaneSource | Wavefront, grid: Grid, wavelength: float, method: str, quantity: str,
     dtype: np.dtype[Any], options: Mapping[str, Any], origin: Index, shape: Index,
 ) -> Values:  # fmt: skip
-    """Compute the field at the points of a grid from the indices ``origin`` on."""
+    """Compute the field on a block of a grid, whose first point has the index ``origin``."""
     compute = irradiance if quantity == "irradiance" else amplitude
     field = compute(source, grid.points(origin, shape), wavelength, method, **options)
     return np.asarray(np.angle(field) if quantity == "phase" else field, dtype)
@@ -104,61 +104,51 @@ def _field_values(
 
 def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the unit and the settings of a variable."""
-    from polywigner import __version__
-
-    defaults = {"engine": "auto"}
-    if method in _WITH_OBLIQUITY:
-        defaults["obliquity"] = DEFAULT
     units, long_name = _QUANTITIES[quantity]
     return {
         "units": units,
         "long_name": long_name,
         "method": method,
         "quantity": quantity,
-        **defaults,
+        **({"obliquity": DEFAULT} if method in _WITH_OBLIQUITY else {}),
         **options,
         **({"obstacles": _described(options["obstacles"])} if "obstacles" in options else {}),
         "convention": "waves exp(+ikr)/r, time exp(-i omega t); |u|^2 on the source in W m-2",
-        "polywigner_version": __version__,
     }
 
 
 def _described(obstacles: Sequence[Obstacle]) -> str:
-    """Return the names of bodies, and a digest of their positions and outlines."""
-    tables = [
-        [body.vertices.tolist(), body.faces]
-        if isinstance(body, Polyhedron)
-        else [source_json(body.aperture), body.pose.tolist()]
-        for body in obstacles
-    ]
-    digest = hashlib.sha256(json.dumps(tables).encode()).hexdigest()
+    """Return a text with the names of bodies, and a digest of their positions and shapes."""
+    meshes = [obstacle_of(body) for body in obstacles]
+    content = b"".join(mesh.vertices.tobytes() + mesh.triangles.tobytes() for mesh in meshes)
     names = f"{'; '.join(map(repr, obstacles)):.150}"
-    return f"{len(tables)} obstacles: {names} (SHA-256 {digest})"
+    return f"{len(meshes)} obstacles: {names} (SHA-256 {hashlib.sha256(content).hexdigest()})"
 
 
 def _dataset(
     source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str = "float64"
 ) -> xarray.Dataset:
-    """Return fields on a grid, with one variable for each method; ``dtype``: the default."""
-    out, shape = options.get("out"), shape_of_grid(grid)
-    check_options(options, FieldOptions, out)
+    """Return fields on a grid, with a variable for each method; ``dtype``: default type."""
+    check_options(options, FieldOptions)
+    radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
+    methods = _checked_methods(options.get("method", "wigner"))
     quantity = checked_choice(options.get("quantity", "irradiance"), "quantity", list(_QUANTITIES))
     number = checked_choice(options.get("dtype", dtype), "dtype", ("float32", "float64"))
     number_type = np.result_type(number, *([np.complex64] if quantity == "amplitude" else []))
-    methods, how = _checked_methods(options.get("method", "wigner")), _settings(options, quantity)
-    radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
-    is_lazy, samples = options.get("chunks") is not None or out is not None, math.prod(shape)
+    common, shape = _settings(options, quantity), shape_of_grid(grid)
+    is_lazy = options.get("chunks") is not None or options.get("out") is not None
+    samples = math.prod(shape)
     if is_lazy:  # all chunks use the same engine, also on other machines
-        how["engine"] = resolved(how.get("engine", "auto"), samples // _CHUNKS)
+        common["engine"] = resolved(common["engine"], samples // _CHUNKS)
     variables = {}
     with _warnings_once():
         for method in methods:
-            settings = dict(how)
+            settings = dict(common)
             if method not in _WITH_OBLIQUITY:
                 settings.pop("obliquity", None)
             block = partial(_field_values, radiator, grid, length, method, quantity, number_type)
             if is_lazy or len(methods) > 1:
-                # wrong arguments raise here, before hours of work
+                # unusable arguments raise errors here, before hours of work
                 block({**settings, "engine": "numpy"}, (0,) * len(shape), (1,) * len(shape))
             attrs = _field_attrs(method, quantity, settings)
             variables[method] = partial(block, settings), number_type, attrs
@@ -170,26 +160,26 @@ def _dataset(
             options,
             block_size=_BLOCK,
             chunk_size=min(max(samples // _CHUNKS, _SMALLEST_CHUNK), _LARGEST_CHUNK),
-            compiled=how.get("engine") != "numpy",
+            compiled=common["engine"] != "numpy",
         )
 
 
 def _settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
     """Return the keywords of :func:`irradiance` or :func:`amplitude`."""
-    how: dict[str, Any] = {
+    settings: dict[str, Any] = {
         name: value
         for name, value in options.items()
         if name not in _OF_RESULTS and value is not None
     }
-    checked_engine(how.get("engine", "auto"))
-    if "bandwidth" in how and quantity != "irradiance":
+    settings["engine"] = checked_engine(options.get("engine", "auto"))
+    if "bandwidth" in settings and quantity != "irradiance":
         raise ArgumentError(
             f"expected light of one wavelength for the {quantity}, got a bandwidth of "
-            f"{how['bandwidth']!r} Hz; a band has an irradiance only"
+            f"{settings['bandwidth']!r} Hz; a band has an irradiance only"
         )
-    if "obstacles" in how:
-        how["obstacles"] = listed_bodies(how["obstacles"])
-    return how
+    if "obstacles" in settings:
+        settings["obstacles"] = listed_bodies(settings["obstacles"])
+    return settings
 
 
 def _checked_methods(method: Any) -> tuple[str, ...]:
@@ -212,15 +202,13 @@ def _positions(grid: Grid) -> dict[str, Any]:
 
 @contextmanager
 def _warnings_once() -> Iterator[None]:
-    """Issue warnings that differ only by numbers once, at the end of the block."""
+    """Issue warnings at the end of the block; those that differ only in numbers once."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
-    kinds = {(w.category, re.sub(r"[\d.]+", "", str(w.message))): w for w in reversed(caught)}
-    for warning in reversed(kinds.values()):
-        warnings.warn(
-            warning.message, warning.category, stacklevel=6
-        )  # the caller of `line`, `plane`, ..., which `takes_frequency` wraps
+    for warning in {re.sub(r"[\d.]+", "", str(w.message)): w for w in caught}.values():
+        # the caller of `line`, `plane`, ..., which are wrapped by `takes_frequency`
+        warnings.warn(warning.message, warning.category, stacklevel=6)
 
 
 @takes_frequency
@@ -249,8 +237,8 @@ def line(
     Returns
     -------
     xarray.Dataset
-        Variables as of :func:`plane`, over the ``distance`` from the first end in m. Coordinates x,
-        y and z lie along it.
+        Variables as of :func:`plane`, over the ``distance`` from the first end in m. The
+        coordinates x, y and z are the positions of the points.
 
     Raises
     ------

@@ -16,6 +16,7 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import (
+    check_options,
     checked_choice,
     checked_wavelength,
     takes_frequency,
@@ -290,10 +291,7 @@ class FarFieldOptions(TypedDict, total=False):
 
 def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) -> FarField:
     """Return the far field of arguments of :func:`radiation_pattern`, which raises their errors."""
-    known = FarFieldOptions.__annotations__
-    unknown = [name for name in options if name not in known]
-    if unknown:
-        raise ArgumentError(f"expected options among {', '.join(known)}, got {unknown[0]!r}")
+    check_options(options, FarFieldOptions)
     obliquity, polarisation, method, element = (
         options.get(name) for name in ("obliquity", "polarisation", "method", "element")
     )

@@ -1,4 +1,4 @@
-"""Tables of W and A over a grid of their four coordinates: in memory, lazy, or in a store."""
+"""Tables of W and A on grids of their four coordinates: in memory, lazy, or in a store."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.execution.choice import resolved
-from polywigner.geometry.arguments import checked_row
+from polywigner.geometry.arguments import check_options, checked_row
 from polywigner.kernels import kernel_for
 from polywigner.propagation.stores import (
+    LARGEST_CHUNK,
     Index,
     StoreOptions,
-    check_options,
     results_on_grid,
     source_attrs,
     source_coords,
@@ -33,13 +33,10 @@ if TYPE_CHECKING:
 
 Kind = Literal["wigner", "ambiguity"]
 
-# Largest number of samples of a chunk. The kernels reach their full speed, and the values take
-# 16 MiB (float32) to 64 MiB (complex double precision).
-_CHUNK = 1 << 22
-# Variable, long name and sign convention.
-_TABLES: dict[Kind, tuple[str, str, str]] = {
-    "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)"),
-    "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)"),
+# Name of the variable, long name, sign convention, and type of the values in single precision.
+_TABLES: dict[Kind, tuple[str, str, str, type]] = {
+    "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)", np.float32),
+    "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)", np.complex64),
 }
 
 
@@ -149,12 +146,12 @@ def _values(
     kind: Kind, source: PhaseSpaceSource, axes: Sequence[NDArray[np.float64]], how: Any,
     origin: Index, shape: Index,
 ) -> NDArray[Any]:  # fmt: skip
-    """Compute W or A on a part of the grid, from the indices ``origin`` on."""
+    """Compute W or A on a block of a grid, whose first point has the index ``origin``."""
     parts = [a[o : o + n] for a, o, n in zip(axes, origin, shape, strict=True)]
     first, second = (
         np.stack(np.meshgrid(*pair, indexing="ij"), axis=-1) for pair in (parts[:2], parts[2:])
     )
-    # Slices depend on x, or on xi: kernels are fastest if these vary along leading axes.
+    # Kernels compute a slice for each x, or xi, and are fastest if it varies along leading axes.
     if kind == "wigner":
         return np.asarray(wigner(source, first[:, :, None, None, :], second, **how))
     values = ambiguity(source, first, second[:, :, None, None, :], **how)
@@ -168,35 +165,27 @@ def _table(
     out: str | os.PathLike[str] | None,
     options: TableOptions,
 ) -> xarray.Dataset:
-    from polywigner import __version__
-
-    check_options(options, TableOptions, out)
+    check_options(options, TableOptions)
     if kernel_for(kind, flat_source(source)).dimension != 2:
         raise ArgumentError(
-            f"expected a source of the plane, got {type(source).__name__}; the table of slits has "
-            f"two coordinates only: use polywigner.{kind}"
+            f"expected a source of the plane, got {type(source).__name__}; use polywigner.{kind}"
         )
     coords = {name: _checked_axis(name, values) for name, values in axes.items()}
     precision = checked_precision(options.get("precision", "single")) or "double"
-    samples = min(_CHUNK, math.prod(axis.size for axis in coords.values()))
-    # all chunks use the same engine, also on other machines
+    samples = min(LARGEST_CHUNK, math.prod(axis.size for axis in coords.values()))
+    # chosen once, so that all chunks use the same engine, also on other machines
     engine: Any = resolved(checked_engine(options.get("engine", "auto")), samples)
-    symbol, label, convention = _TABLES[kind]
-    number_type = np.result_type(
-        {"single": np.float32, "double": np.float64}[precision],
-        *([np.complex64] if kind == "ambiguity" else []),
-    )
+    symbol, label, convention, single = _TABLES[kind]
+    number_type = np.result_type(single, np.float32 if precision == "single" else np.float64)
     settings = {"precision": precision, "engine": engine}
     block = partial(_values, kind, source, [axis.values for axis in coords.values()], settings)
-    about = {"kind": kind, "convention": convention, **settings, "polywigner_version": __version__}
+    about = {"kind": kind, "convention": convention, **settings}
     return results_on_grid(
         {symbol: (block, number_type, {"units": "m2", "long_name": label})},
         coords,
         source_coords(source),
         about | source_attrs(source),
         {**options, "out": out},
-        block_size=_CHUNK,
-        chunk_size=_CHUNK,
         compiled=engine != "numpy",
     )
 

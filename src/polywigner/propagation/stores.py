@@ -1,8 +1,8 @@
-"""Datasets on disk: zarr stores written chunk by chunk, and NetCDF files.
+"""Datasets in memory, lazy or on disk: zarr stores written chunk by chunk, and NetCDF files.
 
-zarr's local store renames finished chunk files, so a chunk is complete or missing, and a second run
-computes the missing chunks only. The attributes and coordinates of a store are the settings of its
-run. (docs/large_runs.md)
+zarr writes a chunk to a temporary file and renames it, so a chunk is complete or missing, and a
+second run only computes missing chunks. The attributes and coordinates of a store are the settings
+of its run (docs/large_runs.md).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
+from itertools import product
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
@@ -43,37 +44,43 @@ if TYPE_CHECKING:
     from distributed.deploy import Cluster
 
 Index = tuple[int, ...]
-"""One integer for each dimension: a position, or a number of samples."""
+"""An integer for each dimension: an index, or a number of samples."""
 Block = Callable[[Index, Index], NDArray[Any]]
-"""(index of the first sample, shape) -> values (shape)."""
+"""Function of the index of the first sample and of a shape, which returns the values of a block."""
 Variable: TypeAlias = tuple[Block, DTypeLike, dict[str, Any]]
-"""Block that computes the values of a variable, their type, and attributes."""
+"""Function that computes blocks of a variable, type of the values, and attributes."""
 Chunks: TypeAlias = int | str | Sequence[int | str | Sequence[int] | None] | Mapping[int, Any]
-"""Sizes of chunks as dask accepts them."""
+"""Sizes of chunks, in a form that dask accepts."""
 Scheduler: TypeAlias = "str | Cluster | None"
 """Address of a dask.distributed scheduler, or a cluster object such as ``LocalCluster``."""
 Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
 """A dataset in memory or lazy, one array, or the path of a store on disk."""
 
-# Seconds to wait for a scheduler, and for its first worker.
+# Time to wait for a scheduler, and for its first worker [s].
 _PATIENCE = 10.0
-# Largest number of samples in memory: 16 GiB of float32.
+
+# Largest number of samples in memory: 16 GiB of float32. Some systems would allocate any size.
 _MOST_IN_MEMORY = 1 << 32
 
+LARGEST_CHUNK = 1 << 22
+"""Largest number of samples of a chunk: 16 MiB of float32. Kernels reach their full speed."""
 
-def required(name: str) -> ModuleType:
-    """Return a module of the extra ``datasets``, or raise MissingExtraError."""
-    return require(name, "datasets", "large results are stored and distributed with")
+
+def required(*names: str) -> ModuleType:
+    """Import modules of the extra ``datasets``, and return the last; raise MissingExtraError."""
+    modules: list[ModuleType] = [
+        require(name, "datasets", "large results are stored and distributed with") for name in names
+    ]
+    return modules[-1]
 
 
 def require_stores(scheduler: Scheduler = None) -> None:
     """Raise MissingExtraError unless the libraries for stores and schedulers are installed."""
-    for module in ("zarr", "dask", *(() if scheduler is None else ("distributed",))):
-        required(module)
+    required("zarr", "dask", *(() if scheduler is None else ("distributed",)))
 
 
 def chunks_within(shape: Sequence[int], samples: int) -> Index:
-    """Halve the longest axis of a chunk until it has at most ``samples`` samples."""
+    """Return the shape of chunks of at most ``samples`` samples, by halving the longest axes."""
     chunks = list(shape)
     while math.prod(chunks) > samples:
         longest = chunks.index(max(chunks))
@@ -82,7 +89,7 @@ def chunks_within(shape: Sequence[int], samples: int) -> Index:
 
 
 def source_attrs(source: Any) -> dict[str, str]:
-    """Return the dataset attribute that describes a source in up to 200 characters."""
+    """Return the attribute of a dataset that describes a source in up to 200 characters."""
     return {"source": f"{source!r:.200}"}
 
 
@@ -105,16 +112,6 @@ class StoreOptions(TypedDict, total=False):
     progress: bool | None
 
 
-def check_options(options: Mapping[str, Any], kinds: type, out: object) -> None:
-    """Raise ArgumentError for unknown options, and for options that require a store."""
-    names = kinds.__annotations__
-    for name in options:
-        if name not in names:
-            raise ArgumentError(f"expected options among {', '.join(names)}, got {name!r}")
-        if out is None and name in ("scheduler", "threads") and options[name] is not None:
-            raise ArgumentError(f"expected out with {name}, got none; name a store to write to")
-
-
 def results_on_grid(
     variables: Mapping[str, Variable],
     axes: Mapping[str, xarray.Variable],
@@ -122,67 +119,80 @@ def results_on_grid(
     attrs: Mapping[str, Any],
     options: Mapping[str, Any],
     *,
-    block_size: int,
-    chunk_size: int,
-    compiled: bool,
+    block_size: int = LARGEST_CHUNK,
+    chunk_size: int = LARGEST_CHUNK,
+    compiled: bool = True,
 ) -> xarray.Dataset:
     """Return variables over ``axes``: computed now, lazy with ``chunks``, or in the store ``out``.
 
-    Values in memory are computed in blocks of up to ``block_size`` samples, by default chunks of
-    stores have up to ``chunk_size`` samples. ``compiled``: see :func:`lazy_array`.
+    Values in memory are computed in blocks of up to ``block_size`` samples. Chunks of a store have
+    up to ``chunk_size`` samples, unless ``chunks`` is given.
+
+    ``options``: ``out`` and StoreOptions. ``compiled``: blocks use Dr.Jit's pool of threads, so one
+    chunk is computed at a time, and ``threads`` is the size of the pool. Otherwise ``threads``
+    chunks are computed at a time.
+
+    Raises
+    ------
+    ArgumentError
+        For options that require a store, and chunks that dask or zarr does not accept.
+    StoreError
+        If the path cannot be written to, or contains something else.
+    EngineError
+        If the scheduler does not respond.
+    MissingExtraError
+        For ``chunks`` and ``out`` without dask, ``out`` without zarr.
     """
+    from polywigner import __version__
+
     shape = tuple(axis.size for axis in axes.values())
-    out, chunks, progress = (options.get(name) for name in ("out", "chunks", "progress"))
+    out, chunks, scheduler, threads, progress = (
+        options.get(name) for name in ("out", "chunks", "scheduler", "threads", "progress")
+    )
+    if out is None and not (scheduler is None and threads is None):
+        raise ArgumentError(
+            "expected out with scheduler or threads, got none; name a store to write to"
+        )
+    if threads is not None:
+        threads = checked_count(threads, "threads", 1, MOST_THREADS)
     if out is not None and (chunks is None or chunks == "auto"):
         chunks = chunks_within(shape, chunk_size)
-    if chunks is None and math.prod(shape) > _MOST_IN_MEMORY:
-        raise ArgumentError(
-            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
-            "use chunks, or write them to disk with out"
-        )
-    how: Any = {"compiled": compiled, "threads": options.get("threads")}
     data = {}
     for name, (block, dtype, about) in variables.items():
         if chunks is None:
             values: Any = _in_memory(name, block, shape, dtype, block_size, progress)
         else:
-            values = lazy_array(block, shape, chunks, dtype, **how)
-        data[name] = tuple(axes), values, about
+            values = _lazy_array(block, shape, chunks, dtype, compiled, threads)
+        data[name] = tuple(axes), values, {**about, "polywigner_version": __version__}
     result = labelled_arrays(data, {**axes, **coords}, attrs)
     if out is None:
         return result
-    return write_store(out, result, scheduler=options.get("scheduler"), progress=progress, **how)
+    _complete(checked_path(out), result, "synchronous" if compiled else "threads", options)
+    return open_store(out)
 
 
 def _in_memory(
-    name: str, block: Block, shape: Index, dtype: Any, block_size: int, progress: bool | None
+    name: str, block: Block, shape: Index, dtype: DTypeLike, block_size: int, progress: bool | None
 ) -> NDArray[Any]:
+    if math.prod(shape) > _MOST_IN_MEMORY:
+        raise ArgumentError(
+            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
+            "use chunks, or write them to disk with out"
+        )
     values, size = np.empty(shape, dtype), chunks_within(shape, block_size)
-    counts = [-(-n // c) for n, c in zip(shape, size, strict=True)]
-    with progress_bar(name, math.prod(counts), show=progress) as advance:
-        for index in np.ndindex(*counts):
-            origin = tuple(i * c for i, c in zip(index, size, strict=True))
-            part = tuple(slice(o, o + c) for o, c in zip(origin, size, strict=True))
-            values[part] = block(origin, values[part].shape)
+    origins = list(product(*(range(0, n, c) for n, c in zip(shape, size, strict=True))))
+    with progress_bar(name, len(origins), show=progress) as advance:
+        for origin in origins:
+            part = values[tuple(slice(o, o + c) for o, c in zip(origin, size, strict=True))]
+            part[...] = block(origin, part.shape)
             advance()
     return values
 
 
-def lazy_array(
-    block: Block,
-    shape: Index,
-    chunks: Any,
-    dtype: DTypeLike,
-    *,
-    compiled: bool = True,
-    threads: int | None = None,
+def _lazy_array(
+    block: Block, shape: Index, chunks: Any, dtype: DTypeLike, compiled: bool, threads: int | None
 ) -> dask.array.Array:
-    """Return a dask array whose chunks are computed by a block that can be pickled.
-
-    dask defines the forms of ``chunks``. A ``compiled`` block uses Dr.Jit's thread pool, which
-    computes one chunk at a time; ``threads`` is the size of that pool. The default size is the
-    current one, or the number of threads of the dask worker.
-    """
+    """Return a dask array whose chunks are computed by ``block``, which workers must unpickle."""
     arrays, core = required("dask.array"), required("dask.array.core")
     try:
         sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
@@ -193,14 +203,10 @@ def lazy_array(
             f"expected chunks as dask takes them, a number, a tuple of {len(shape)}, or 'auto', "
             f"got {chunks!r}: {error}"
         ) from None
-    if threads is not None:
-        threads = checked_count(threads, "threads", 1, MOST_THREADS)
-    # a node of the graph: each worker receives the block once, and reuses its caches
-    node, meta = required("dask").delayed(block, traverse=False), np.empty((0,) * len(shape), dtype)
-    options = {"block": node, "compiled": compiled, "threads": threads}
-    array: dask.array.Array = arrays.map_blocks(
-        _compute_chunk, chunks=sizes, dtype=dtype, meta=meta, **options
-    )
+    # as a node of the graph, each worker receives the block once and reuses its caches
+    node = required("dask").delayed(block, traverse=False)
+    options = {"chunks": sizes, "dtype": dtype, "meta": np.empty((0,) * len(shape), dtype)}
+    array: dask.array.Array = arrays.map_blocks(_compute_chunk, node, compiled, threads, **options)
     return array
 
 
@@ -216,44 +222,32 @@ def _compute_chunk(
         return np.asarray(block(origin, shape))
 
 
-def write_store(
-    path: str | os.PathLike[str],
-    dataset: xarray.Dataset,
-    *,
-    compiled: bool = True,
-    scheduler: Scheduler = None,
-    threads: int | None = None,
-    progress: bool | None = None,
-) -> xarray.Dataset:
-    """Write a dataset of lazy arrays to a zarr store (format 3), and open the store lazily.
+def _complete(
+    folder: Path, dataset: xarray.Dataset, default: str, options: Mapping[str, Any]
+) -> None:
+    """Compute the chunks of lazy arrays that a store lacks, by dask's ``default`` or a scheduler.
 
-    An incomplete store with the same attributes, coordinates and chunks is completed: only missing
-    chunks are computed. ``compiled``: compute one chunk at a time, which uses all cores, otherwise
-    ``threads`` chunks.
-
-    Raises StoreError if the path cannot be written to, or contains something else; EngineError if
-    the scheduler does not respond; MissingExtraError without zarr or dask.
+    The store is created if it does not exist.
     """
+    scheduler, threads = options.get("scheduler"), options.get("threads")
     require_stores(scheduler)
-    folder, dataset = checked_path(path), dataset.assign_attrs(written="chunk by chunk")
+    import dask
+    from dask.callbacks import Callback
+
     is_new = not os.path.lexists(folder)
     if not is_new:
         _check_same(folder, dataset)
     tasks = _missing(folder, dataset)
     if not tasks:
-        return open_store(folder)
-    total = sum(array.data.npartitions for array in dataset.data_vars.values())
-    local = nullcontext("synchronous" if compiled else "threads")
-    with local if scheduler is None else _connected(scheduler) as executor:
+        return
+    keys, total = {task.key for task in tasks}, sum(a.data.npartitions for a in dataset.values())
+    bar = progress_bar(folder.name, total, total - len(tasks), options.get("progress"))
+    with nullcontext(default) if scheduler is None else _connected(scheduler) as executor:
         try:
-            if is_new:  # after the scheduler has responded
+            if is_new:  # only now: the scheduler has responded
                 _create(folder, dataset)
-            with progress_bar(folder.name, total, total - len(tasks), progress) as advance:
-                keys = {task.key for task in tasks}
-                with required("dask.callbacks").Callback(
-                    posttask=lambda key, *_: advance() if key in keys else None
-                ):
-                    required("dask").compute(*tasks, scheduler=executor, num_workers=threads)
+            with bar as advance, Callback(posttask=lambda key, *_: key in keys and advance()):
+                dask.compute(*tasks, scheduler=executor, num_workers=threads)
         except OSError as error:
             if isinstance(error, PolywignerError):
                 raise
@@ -261,7 +255,6 @@ def write_store(
                 f"cannot write to the store {folder}: {error}; correct that and start the same "
                 "run again, which keeps finished chunks"
             ) from error
-    return open_store(folder)
 
 
 def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
@@ -280,11 +273,10 @@ def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
 
 def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
     """Return the attributes, types and chunks of a dataset as JSON texts, by name."""
-    settings: dict[str, Any] = {str(name): value for name, value in dataset.attrs.items()}
+    settings: dict[str, Any] = dict(dataset.attrs)
     for name, array in dataset.data_vars.items():
         settings |= {f"{key} of {name}": value for key, value in array.attrs.items()}
-        chunks = [sizes[0] for sizes in array.chunks or ()]
-        settings[f"type and chunks of {name}"] = [array.dtype.name, array.shape, chunks]
+        settings[f"type and chunks of {name}"] = [array.dtype.name, array.chunks]
     return {
         name: json.dumps(value, sort_keys=True, default=lambda numbers: numbers.tolist())
         for name, value in settings.items()
@@ -293,17 +285,17 @@ def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
 
 def _create(folder: Path, dataset: xarray.Dataset) -> None:
     """Write metadata and coordinates of a store without chunks."""
-    # no compressors: they halve the speed, and cannot compress the last digits
+    # no compressors, which halve the speed and cannot compress the last digits
     encoding: dict[Any, Any] = {
         name: {"compressors": (), "fill_value": array.dtype.type(np.nan)}  # of missing chunks
         for name, array in dataset.data_vars.items()
     }
     folder.parent.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings(), atomic_path(folder) as scratch:
-        warnings.simplefilter("ignore")  # about strings and consolidated metadata
+        warnings.simplefilter("ignore")  # of strings in zarr, and of missing consolidated metadata
         try:
             dataset.to_zarr(scratch, mode="w-", compute=False, zarr_format=3, encoding=encoding)
-        except ValueError as error:  # chunks of unequal sizes
+        except ValueError as error:  # the sizes of the chunks are not equal
             raise ArgumentError(f"expected chunks that zarr can store: {error}") from None
 
 
@@ -323,7 +315,7 @@ def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
 def _write_region(values: NDArray[Any], path: Path, block_info: Any = None) -> NDArray[Any]:
     """Write one chunk to the array of a store, and return an empty array."""
     region = tuple(slice(*ends) for ends in block_info[0]["array-location"])
-    # write_empty_chunks: a chunk of NaN is complete as well
+    # write_empty_chunks: without a file, a chunk of NaN would count as missing
     array = required("zarr").open_array(path, mode="r+")
     array.with_config({"write_empty_chunks": True})[region] = values
     return values[(slice(0),) * values.ndim].copy()
@@ -335,7 +327,7 @@ def _connected(scheduler: Scheduler) -> Client:
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
         client.wait_for_workers(1, timeout=_PATIENCE)
-    except Exception as error:  # many types, if another server responds
+    except Exception as error:  # of many types if another server responds
         raise EngineError(
             f"no dask scheduler with workers responds at {scheduler!r} ({type(error).__name__}: "
             f"{error!s:.300}); start `dask scheduler` and `dask worker`, and pass an address such "
@@ -345,19 +337,17 @@ def _connected(scheduler: Scheduler) -> Client:
 
 
 def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Open a zarr store (format 3) lazily, or raise StoreError.
+    """Open a zarr store (format 3) lazily; raise StoreError for anything else.
 
-    zarr has no codec, such as pickle, that runs code from the store.
+    No codec of zarr runs code from the store, as pickle would.
     """
-    required("zarr"), required("dask")
+    required("zarr", "dask")
     import xarray
 
     folder = checked_path(path)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about other files in the folder
-            return xarray.open_zarr(folder, zarr_format=3, consolidated=False)
-    except Exception as error:  # zarr and its codecs raise many types
+        return xarray.open_zarr(folder, zarr_format=3, consolidated=False)
+    except Exception as error:  # zarr and its codecs raise errors of many types
         raise StoreError(
             f"expected a zarr store of format 3 at {folder}, got something else there "
             f"({type(error).__name__}: {error!s:.200}); choose another name"
@@ -397,8 +387,7 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     >>> path.stat().st_size > 0
     True
     """
-    for module in ("h5netcdf", "h5py"):
-        required(module)
+    required("h5netcdf", "h5py")
     parts = _real_parts(_opened(dataset))
     with in_place(checked_path(path)) as scratch:
         parts.to_netcdf(scratch, engine="h5netcdf")
@@ -407,19 +396,16 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
 def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
     """Write a dataset, which may have complex variables, to a new zarr store (format 3)."""
     required("zarr")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about consolidated metadata
-            _opened(dataset).to_zarr(checked_path(path), mode="w-", zarr_format=3)
-    except OSError as error:
-        raise _not_written(Path(path), error) from error
+    with in_place(checked_path(path)) as scratch, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of missing consolidated metadata
+        _opened(dataset).to_zarr(scratch, mode="w-", zarr_format=3)
 
 
 @contextmanager
 def in_place(path: Path) -> Iterator[Path]:
-    """Yield the path of a scratch file, which replaces the file at the end of the block.
+    """Yield a scratch path for a file or a folder, which replaces ``path`` after the block.
 
-    Raises ArgumentError if the file cannot be written.
+    Raises ArgumentError if the path cannot be written to.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -428,13 +414,9 @@ def in_place(path: Path) -> Iterator[Path]:
     except PolywignerError:
         raise
     except OSError as error:
-        raise _not_written(path, error) from error
-
-
-def _not_written(path: Path, error: OSError) -> ArgumentError:
-    return ArgumentError(
-        f"expected to write {path}, got {error.strerror or error}; choose another location"
-    )
+        raise ArgumentError(
+            f"expected to write {path}, got {error.strerror or error}; choose another location"
+        ) from error
 
 
 def _opened(dataset: Stored) -> xarray.Dataset:
@@ -452,7 +434,7 @@ def _opened(dataset: Stored) -> xarray.Dataset:
 
 
 def _real_parts(dataset: xarray.Dataset) -> xarray.Dataset:
-    """Split complex variables, and convert attributes to texts and numbers."""
+    """Split complex variables into two real variables, and convert attributes to plain types."""
     for name, array in dataset.data_vars.items():
         if array.dtype.kind == "c":
             parts = {f"{name}_real": array.real, f"{name}_imag": array.imag}

@@ -3,16 +3,16 @@
     L(x, s) = (power/N) W(x, s_par/lambda)/lambda^2 h(theta),    N = int g |F|^2 dOmega/lambda^2
 
 in the source's frame, for directions s on its +z side; L is zero on the other side. N is the power
-that the unscaled field radiates, and h = g/cos(theta). NumPy computes N, or Dr.Jit as a sum over
-directions if derivatives are enabled. W comes from the same kernel as
-:func:`polywigner.wigner`, traced into Mitsuba's render kernel. If the waves of a source have
-different h, h W is a sum of terms: `emissions`.
+that the unscaled field radiates, and h = g/cos(theta). NumPy computes N. If derivatives are
+enabled, Dr.Jit computes N as a sum over directions. The kernel of :func:`polywigner.wigner` is
+traced into Mitsuba's render kernel. If the waves of a source have different factors h, h W is a sum
+of terms; see `emissions`.
 
 Positions are relative to the centre of the source. Directions are computed in the source's frame,
 after the illuminated point has been transformed to it. The pattern of an aperture of some
-millimetres is therefore right even a hundred metres from the origin of the scene, where single
-precision resolves only hundredths of a millimetre. For the same reason the texture coordinates of
-the mesh are these positions.
+millimetres is therefore correct even a hundred metres from the origin of the scene, where single
+precision resolves only hundredths of a millimetre. For the same reason, the texture coordinates of
+the mesh are positions relative to the centre.
 """
 
 from __future__ import annotations
@@ -62,13 +62,13 @@ ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
     "exact": ExactEstimator,
 }
 
-# Finite stand-in for an infinite density. Its square and its products with radiances are finite in
+# Finite stand-in for an infinite density; its square, and products with radiances, are finite in
 # float32.
 _OVERWHELMING = 1e12
 
 
 class WignerEmitter(VariantPlugin):
-    """Emitter of a ``wigner`` shape; the shape makes it, so it is not registered as a plugin."""
+    """Emitter of a ``wigner`` shape, which creates it: the emitter is not a registered plugin."""
 
     get_shape: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -83,7 +83,7 @@ class WignerEmitter(VariantPlugin):
         self.wavelength = self._adjustable(spec.wavelength)
         self.power = self._adjustable(spec.power)
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
-        # opaque: Dr.Jit folds a literal into loops and cannot record such loops for one sample
+        # opaque: Dr.Jit cannot record loops over one sample that contain literals
         self._dark = opaque(m, 0.0)
         self.polariser = Polariser(m, spec.polarisation)
         self._set_source(spec, spec.wavelength)
@@ -106,14 +106,14 @@ class WignerEmitter(VariantPlugin):
     # ---- parameters ----------------------------------------------------------------------
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
-        """``wavelength`` (m), ``power`` (W), ``to_world`` (rigid); vertices and weights."""
+        """Add ``wavelength`` (m), ``power`` (W), ``to_world`` (rigid), vertices and weights."""
         differentiable, constant = mi.ParamFlags.Differentiable, mi.ParamFlags.NonDifferentiable
         callback.put(
             "wavelength", self.wavelength, constant if self._is_constant else differentiable
         )
         callback.put("power", self.power, differentiable)
-        # Gradients are complete with `direct` only: other integrators do not move the samples
-        # with the aperture and omit the change of the receiver's cosine (docs/gradients.md).
+        # Only `direct` gives complete gradients: with other integrators, samples do not move with
+        # the aperture, and the change of the receiver's cosine is missing (docs/gradients.md).
         callback.put("to_world", self.to_world, differentiable)
         if self._traced.vertices is not None:
             callback.put("vertices", self._traced.vertices, differentiable)
@@ -121,7 +121,7 @@ class WignerEmitter(VariantPlugin):
             callback.put("weights", self._traced.weights, differentiable)
 
     def parameters_changed(self, keys: list[str]) -> None:
-        """Use new values; a new pose moves the mesh as well."""
+        """Use new values of the parameters; a new pose also moves the mesh."""
         if "wavelength" in keys or "power" in keys:
             self._check_numbers()
         shape = self.get_shape() if self.spec.visible else None
@@ -129,7 +129,7 @@ class WignerEmitter(VariantPlugin):
         source = traced.changed() if "vertices" in keys or "weights" in keys else None
         if source is not None:
             self._set_source(self.spec.with_source(source, wavelength), wavelength)
-            # keeps the user's arrays, which contain the derivatives
+            # keeps the arrays of the user, whose derivatives are enabled
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
             if shape is not None:  # the mesh covers the region that radiates
                 cover(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
@@ -170,7 +170,7 @@ class WignerEmitter(VariantPlugin):
         return self.jit and (self._traced.has_gradients() or dr.grad_enabled(self.wavelength))
 
     def _traced_norm(self) -> Drjit:
-        """Return the norm N with derivatives; its value is the one that NumPy computed."""
+        """Return the norm N with derivatives; the value itself is from NumPy."""
         wavelength = single(self.wavelength, "wavelength")
         source = self.spec.at_origin
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -199,13 +199,13 @@ class WignerEmitter(VariantPlugin):
         return number if self.jit else number[0]
 
     def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
-        """Return L at positions and unit vectors of the aperture's frame."""
+        """Return L at positions, in directions given as unit vectors, in the source's frame."""
         traced = self._traced.wigner if self._is_traced() else None
         scale = self._value(self.power) * (wave.inverse * wave.inverse / self._norm)
         return scale * self._radiance.at(x, direction, wave, traced)
 
     def watts_per_norm(self) -> Drjit:
-        """Return the radiated power over the power of the unscaled field."""
+        """Return the ratio of the radiated power and the power of the unscaled field."""
         return self._value(self.power) / self._norm
 
     def _is_traced(self) -> bool:
@@ -213,7 +213,7 @@ class WignerEmitter(VariantPlugin):
         return self.jit and self._traced.has_gradients() and len(self._radiance.terms) == 1
 
     def eval(self, si: mi.SurfaceInteraction3f, active: Drjit = True) -> Drjit:
-        if not self.spec.visible:  # `hide_emitters` clears the flag of sources with a surface
+        if not self.spec.visible:  # `hide_emitters` clears `visible` of sources with a surface
             return spectrum(self.m, self._dark, active)
         along = si.to_world(si.wi)
         direction = self.frame.to_own(along)
@@ -226,7 +226,7 @@ class WignerEmitter(VariantPlugin):
         self, it: mi.Interaction3f, sample: mi.Point2f, active: Drjit = True
     ) -> tuple[mi.DirectionSample3f, Drjit]:
         x = self.estimator.draw(sample)
-        direction, distance = self.seen_from(it, x)
+        direction, distance = self.direction_to(it, x)
         ds = self.m.DirectionSample3f()
         ds.p = self.frame.point(x)
         ds.n = self.m.Normal3f(self.frame.axes[2])
@@ -236,13 +236,13 @@ class WignerEmitter(VariantPlugin):
         ds.d = -self.frame.to_scene(direction)
         ds.dist = distance
         ds.pdf = self._density(direction.z, distance)
-        if self.spec.diffraction:  # the weight includes the obstacles: end the shadow ray early
+        if self.spec.diffraction:  # the field includes obstacles, so the shadow ray ends early
             away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * self.m.math.RayEpsilon)
             ds.p = it.p + ds.d * away
         else:
             ds.p = shadow_end(it, ds.p, self.frame.axes[2], self._reach)
         ds.emitter = self.m.EmitterPtr(self) if self.jit else self
-        value = self.estimator.lit(self, it, x)
+        value = self.estimator.irradiance(self, it, x)
         return ds, self.polariser.sent(value, direction, self.frame, active)
 
     def pdf_direction(
@@ -253,17 +253,18 @@ class WignerEmitter(VariantPlugin):
     def eval_direction(
         self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: Drjit = True
     ) -> Drjit:
-        direction, distance = self.seen_from(it, ds.uv)
-        value = self.estimator.lit(self, it, ds.uv) * self._density(direction.z, distance)
+        direction, distance = self.direction_to(it, ds.uv)
+        value = self.estimator.irradiance(self, it, ds.uv) * self._density(direction.z, distance)
         return self.polariser.sent(value, direction, self.frame, active)
 
     def _density(self, cosine: Drjit, distance: Drjit) -> Drjit:
-        """Return the density of samples per solid angle, which integrators use as a weight.
+        """Return the density of samples per solid angle.
 
-        Integrators compare this density with that of BSDF samples. It is overwhelming for sources
-        without a surface, which no ray meets, and for the estimator ``exact``, whose field must not
-        be counted twice. The flag `delta` would not do: ``direct`` makes such lights too bright if
-        it takes several samples of lights. Mirrors show the radiance in any case.
+        Integrators weight a sample by this density and the density of BSDF samples. The density is
+        practically infinite for sources without a surface, which no ray meets, and for the
+        estimator ``exact``, whose field must not be counted twice. The flag ``delta`` is not used,
+        because ``direct`` makes such lights too bright if it takes several samples of lights.
+        Mirrors show the radiance in any case.
         """
         front = cosine > 0.0
         density = self.m.Float(_OVERWHELMING)
@@ -272,8 +273,8 @@ class WignerEmitter(VariantPlugin):
             density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)
         return dr.select(front, density, 0.0)
 
-    def seen_from(self, it: mi.Interaction3f, x: mi.Point2f) -> tuple[mi.Vector3f, Drjit]:
-        """Return unit vector and distance from x to the point ``it``, in the source's frame."""
+    def direction_to(self, it: mi.Interaction3f, x: mi.Point2f) -> tuple[mi.Vector3f, Drjit]:
+        """Return the unit vector and the distance from x to the point ``it`` in this frame."""
         r = self.frame.to_own(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
         distance = dr.norm(r)
         return r / distance, distance
@@ -289,7 +290,7 @@ def move(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
 
 
 def cover(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
-    """Give the mesh the shape of the region that radiates."""
+    """Set the triangles of the mesh to the region that radiates."""
     points, triangles = triangulate(spec.outline)
     set_mesh(shape, vertex_texcoords=points, faces=triangles)
     move(shape, pose, spec)
@@ -307,7 +308,7 @@ def check_place(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
     if not np.abs(actual - expected).max() <= allowed:
         raise SceneError(
             "expected the mesh of a wigner shape at the position of its to_world, got other "
-            "vertex_positions; change emitter.to_world, which moves mesh and light"
+            "vertex_positions; change emitter.to_world, which moves the mesh and the emitter"
         )
 
 
@@ -322,7 +323,7 @@ def checked_parameters(
 ) -> SourceParameters:
     """Return the checked parameters of a shape or sensor, from Mitsuba or from Python.
 
-    ``variant`` sets the default polarisation; None for an entry that any variant may load.
+    ``variant`` determines the default polarisation; None for an entry that any variant may load.
     """
     spec = read_parameters(values, plugin)
     ESTIMATORS[spec.estimator].check(spec)
@@ -392,8 +393,8 @@ def aperture(
         Length of one unit of the scene, and of the translation of ``to_world``, in metres. Use 1e-3
         (millimetres) if receivers are within centimetres of the aperture.
     visible : bool, default True
-        Whether the source has a surface. Without it, the source illuminates the scene as before and
-        casts no shadow, but no camera, mirror or irradiance meter sees it.
+        Whether the source has a surface. Without a surface, the source illuminates the scene and
+        casts no shadow, but cameras, mirrors and irradiance meters do not see it.
     estimator : str, default "wigner"
         ``wigner``: points receive signed radiance from a random point of the source. ``exact``:
         points receive the exact irradiance |U|^2, to 1e-4 of its peak at any distance, without
@@ -404,7 +405,7 @@ def aperture(
         one wavelength.
     aperture_power : float or str, optional
         Integral of |u|^2 over the source in watts or as a text, instead of ``power``. Small sources
-        radiate little of it; the rest is evanescent.
+        radiate only a small fraction of this power, because most of their field is evanescent.
     diffraction : bool, default False
         With the estimator ``exact``: shadows of the scene's opaque surfaces diffract, one edge at
         a time, like shadows of black bodies; docs/shadows.md.

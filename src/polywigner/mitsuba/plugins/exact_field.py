@@ -1,8 +1,8 @@
-"""The exact field of a source, traced into a render kernel: the estimator ``exact``. Source: (B3).
+"""The estimator ``exact``: the exact field of a source, traced into a render kernel (B3).
 
-The boundary integrals of :func:`polywigner.amplitude` are evaluated in single precision. One loop
-visits pieces of edges, and the number of nodes depends on the piece and the point. At distances of
-three wavelengths or more, a sum over equivalent points (B8) replaces the integrals if it is faster.
+The boundary integrals of :func:`polywigner.amplitude` are evaluated in single precision, in a loop
+over pieces of edges. The number of nodes depends on the piece and the point. At distances of three
+wavelengths or more, a sum over equivalent points (B8) replaces the integrals if it is faster.
 
 Lengths are in wavelengths, relative to the centre of the source.
 """
@@ -28,7 +28,7 @@ from polywigner.geometry import Wavefront
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.integrals import distance_of
 from polywigner.mitsuba.plugins.mixtures import SceneSource
-from polywigner.mitsuba.plugins.samplers import cells_with_field, four, opaque
+from polywigner.mitsuba.plugins.samplers import cells_with_field, opaque, times_stokes
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
@@ -46,42 +46,44 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# The points of the shorter side of a grid are code of the kernel: a point takes 5 ms to compile and
-# half the run time of a loop. A panel takes as long as 33 points (benchmarks/render_exact.py).
+# Largest number of points on the shorter side of a grid, and number of points that take as long as
+# a panel (benchmarks/render_exact.py). The points of the shorter side are code of the kernel, which
+# runs twice as fast as a loop; each takes 5 ms to compile.
 _MOST_POINTS, _POINTS_PER_PANEL = 64, 33
 
 AWAY = 3.0
 """Distance from the source's bounds, in wavelengths, at which equivalent points may be used. For
 squares, an L, chevrons, tapers and arrays of up to 10 wavelengths, the measured error of |U|^2 is
 7e-5 of its peak beyond this distance, and 1e-3 at a third of it."""
-# Error of |F|^2 relative to its peak, a seventh of the specified error of |U|^2.
+# Error of |F|^2 relative to its peak, about a seventh of the specified error 1e-4 of |U|^2.
 _ERROR = 1.5e-5
-# Imaginary parts of weights below this fraction of the largest weight are rounding.
+# Imaginary parts below this fraction of the largest weight are rounding errors.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class EquivalentSources:
-    """Points of a grid in the plane of a source, with their amplitudes."""
+    """Grid of points in the plane of a source, with the amplitude of each point."""
 
     half: tuple[float, ...]
     """Half the width and height of the source's bounds in wavelengths."""
     along: tuple[float, ...]
-    """Positions of the points on a line, divided by half its length."""
+    """Positions of points on a line of the grid, divided by half the length of the line."""
     lines: tuple[tuple[float, ...], ...]
-    """Position of a line, then the weights of its points: for the field and for the slope, if the
-    condition has these, as real parts or as real and imaginary parts."""
+    """For each line of the grid: its position, then the weights of its points. A point has weights
+    for the field and for the normal derivative, as far as the boundary condition uses them; a
+    weight is a real number, or a real and an imaginary part."""
     is_real: bool
     has_field: bool
     is_swapped: bool
-    """Whether lines are along x instead of y."""
+    """Whether lines of the grid are along x instead of y."""
 
     def field(self, ops: Any, half: Any, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
         """Return the field at a point, without the phase of the distance from the centre."""
         distance = ops.sqrt(x * x + (y * y + z * z))
         length = half[0] if self.is_swapped else half[1]
         aside, along = (y, x) if self.is_swapped else (x, y)
-        nodes = [length * share for share in self.along]
+        nodes = [length * position for position in self.along]
         points = [(along - node, node * (node - 2.0 * along)) for node in nodes]
 
         def line(at: Drjit, *weights: Drjit) -> tuple[Drjit, Drjit]:
@@ -89,22 +91,22 @@ class EquivalentSources:
             across = aside - at
             foot2, shift = across * across + z * z, at * (at - 2.0 * aside)
             total = Pair(0.0, 0.0)
-            for k, (offset, own_shift) in enumerate(points):
+            for k, (offset, point_shift) in enumerate(points):
                 radius = ops.sqrt(offset * offset + foot2)
-                # one division for 1/radius, and for the cycles over radius + distance
+                # one division for 1/radius and for 1/(radius + distance)
                 sum_ = radius + distance
-                both = 1.0 / (radius * sum_)
-                inverse = sum_ * both
-                wave = Pair(*cos_sin_turns(ops, (shift + own_shift) * (radius * both)))
-                some = weights[k * step : (k + 1) * step]
-                total = total + self._sent(z * inverse, inverse, wave.scaled(inverse), some)
+                quotient = 1.0 / (radius * sum_)
+                inverse = sum_ * quotient
+                wave = Pair(*cos_sin_turns(ops, (shift + point_shift) * (radius * quotient)))
+                values = weights[k * step : (k + 1) * step]
+                total = total + self._sent(z * inverse, inverse, wave.scaled(inverse), values)
             return total.real, total.imag
 
         real, imag = ops.sum_over(self.lines, line, 2, like=x, unroll=False)
         return real, imag
 
     def _sent(self, cosine: Drjit, inverse: Drjit, wave: Pair, weights: tuple[Drjit, ...]) -> Pair:
-        """Return the wave of one point, including the term 1/(k r) of its near field."""
+        """Return the wave of a point, including the term 1/(k r) of its near field."""
         step = 1 if self.is_real else 2
         total = Pair(0.0, 0.0)
         for k in range(0, len(weights), step):
@@ -122,7 +124,7 @@ class EquivalentSources:
 def equivalent_sources(
     source: SceneSource, radiator: Radiator, wavelength: float, condition: Obliquity, panels: int
 ) -> EquivalentSources | None:
-    """Return equivalent points of a source; None if a sum over ``panels`` edges is faster."""
+    """Return equivalent points of a source; None if a sum over ``panels`` panels is faster."""
 
     def pays(counts: Sequence[int]) -> bool:
         return min(counts) <= _MOST_POINTS and math.prod(counts) <= _POINTS_PER_PANEL * panels
@@ -130,7 +132,7 @@ def equivalent_sources(
     grid = equivalent_grid(source, radiator, wavelength, condition, _ERROR, pays)
     if grid is None:
         return None
-    # in lines: the code is as long as the shorter side of the grid
+    # lines along the shorter side, because the length of the code is proportional to that side
     half, nodes, table = grid.half, grid.nodes, np.stack(grid.weights, axis=-1)
     is_swapped = len(nodes[0]) < len(nodes[1])
     across, along = (1, 0) if is_swapped else (0, 1)
@@ -154,11 +156,11 @@ FIXED = (
 )
 # Largest number of panels; each takes some 50 ns of one core per sample.
 _MOST_PANELS = 8192
-# Log of the inverse error of a panel's integral relative to its integrand, a third of the specified
+# Logarithm of the inverse relative error of a panel's integral, which is a third of the specified
 # error 1e-4 of |U|^2. The measured error of |U|^2 is 3e-5 of its peak.
 _DIGITS = math.log(3e4)
-# Longest panel in wavelengths. Panels twice as long as the distance are cheapest; closer points use
-# graded rules.
+# Longest panel in wavelengths. The cost is least for panels twice as long as the distance of the
+# point; closer points use graded rules.
 _LONGEST = 12.0
 
 
@@ -168,7 +170,7 @@ class ExactEstimator:
     needs_distance = True
     is_constant = True
     density: None = None
-    """None, because a point is illuminated by all of the source at once."""
+    """None, because each point is illuminated by the entire source."""
     scene_is_known: ClassVar[bool] = False
     """Whether a render has passed its scene. Kernels also contain the sources of other scenes."""
 
@@ -176,7 +178,7 @@ class ExactEstimator:
         self._m, self._unit = m, spec.scene_unit
         source = spec.at_origin
         self.draw = cells_with_field(m, source, self._unit).sample
-        """Return a position with density |u|^2, from which a ray tests for obstacles."""
+        """Return a position with density |u|^2, from which a shadow ray starts."""
         self._fields = [
             (ExactField(m, field, wavelength, spec.obliquity), stokes)
             for field, stokes in spec.fields_of(source)
@@ -185,7 +187,7 @@ class ExactEstimator:
         self._diffracts = spec.diffraction
         self._shadows: Shadows | None = None
         self.shadows_key = ""
-        """Digest of the scene whose shadows were set; empty before."""
+        """Digest of the scene of `set_shadows`; empty before its first call."""
 
     @staticmethod
     def check(spec: SourceParameters) -> None:
@@ -208,12 +210,12 @@ class ExactEstimator:
         count = panels_in(radiator_of(plane_waves_of(spec.source)), spec.wavelength, _LONGEST)
         if not count <= _MOST_PANELS:
             raise SceneError(
-                f"expected at most {_MOST_PANELS} pieces of edges, once for each wave, with the "
-                f'estimator "exact", got {count:.0f}; use the estimator "wigner"'
+                f'expected at most {_MOST_PANELS} pieces of edges with the estimator "exact", '
+                f'counted once for each wave, got {count:.0f}; use the estimator "wigner"'
             )
 
-    def lit(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return |U|^2 at the point ``it``; the surface there multiplies it by its cosine."""
+    def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
+        """Return |U|^2 at the point ``it``; the BSDF of the surface there includes the cosine."""
         if light.has_gradients():
             raise SceneError(FIXED)
         point = light.frame.to_own(it.p - light.frame.origin)
@@ -224,7 +226,7 @@ class ExactEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return lambda^2 r^2 |U|^2/N at the point where the ray ends."""
+        """Return lambda^2 r^2 |U|^2/N at the end of a ray."""
         return self._scale * (distance * distance) * self.intensity(point)
 
     def set_shadows(self, key: str, shadows: Shadows | None) -> None:
@@ -232,7 +234,7 @@ class ExactEstimator:
         self.shadows_key, self._shadows = key, shadows
 
     def intensity(self, point: mi.Point3f) -> Drjit:
-        """Return |U|^2 at a point in front in scene units, relative to |u|^2 = 1."""
+        """Return |U|^2 for |u|^2 = 1 at a point in front, in scene units."""
         if self._diffracts and not self.shadows_key and not self.scene_is_known:
             message = (
                 "expected the scene of a source or a receiver with diffraction, got none from "
@@ -241,23 +243,24 @@ class ExactEstimator:
             )
             if not dr.is_jit_v(self._m.Float):
                 raise SceneError(message)
-            # no error: Dr.Jit also traces the sources of scenes that are not rendered
+            # a warning, since Dr.Jit also traces the sources of scenes that are not rendered
             warnings.warn(f"{message}. Its light is NaN", RuntimeWarning, stacklevel=2)
             return self._m.Float(math.nan)
         if self._shadows is not None:
             free = partial(self._fields[0][0].intensity, unit=self._unit)
             return self._shadows.either(point, free)
-        values = [four(self._m, s, f.intensity(point, self._unit)) for f, s in self._fields]
+        values = [times_stokes(self._m, s, f.intensity(point, self._unit)) for f, s in self._fields]
         return reduce(operator.add, values)
 
 
 class ExactField:
-    """|U|^2 of a source in coherent light for one variant's arrays."""
+    """|U|^2 of a source in coherent light, for the arrays of one variant."""
 
     def __init__(self, m: Any, source: SceneSource, wavelength: float, obliquity: str) -> None:
         source, condition = plane_waves_of(source), CONDITIONS[obliquity]
         self._m, self._jit = m, dr.is_jit_v(m.Float)
-        # scalar variants have one sample: NumPy evaluates all panels and nodes at once
+        # scalar variants compute one sample at a time, so NumPy evaluates its panels and nodes at
+        # once
         self._ops = ops_for(m.Float) if self._jit else NumpyOperations()
         radiator = radiator_of(source)
         self._tables = boundary_tables(
@@ -271,8 +274,8 @@ class ExactField:
             self._half = [opaque(m, half) for half in self._points.half]
 
     def intensity(self, point: mi.Point3f, unit: float) -> Drjit:
-        """Return |U|^2 at a point in front in units of ``unit`` metres, relative to |u|^2 = 1."""
-        # Dr.Jit's derivatives of nested loops are zero without an error
+        """Return |U|^2 for |u|^2 = 1 at a point in front, in units of ``unit`` metres."""
+        # Dr.Jit returns zero derivatives of nested loops, without an error
         if self._jit and dr.grad_enabled(point):
             raise SceneError(FIXED)
         x, y, z = (c * (unit * self._inverse) for c in (point.x, point.y, point.z))
@@ -295,8 +298,8 @@ class ExactField:
 
     def _near(self, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
         """Return the integrals along the edges."""
-        # coordinates and distance from the centre as pairs of floats; the phase is not shifted
-        if self._jit:  # the distance as two float32 numbers, from float64
+        # coordinates, and the distance from the centre, are sums of two floats
+        if self._jit:  # the distance is computed in float64 and split into two float32 numbers
             m = self._m
             wide = ops_for(m.Float64)
             point = tuple((m.Float64(value), 0.0) for value in (x, y, z))
@@ -314,12 +317,12 @@ class ExactField:
 
 # ---- curved waves as sums of plane waves ---------------------------------------------------------
 
-# Error of the sum of plane waves relative to the modulus of the curved wave; largest sum of their
-# moduli, which rounding multiplies by 6e-8; and tested periods of the waves over the size of an
-# element. Shorter periods need more waves, longer periods have larger amplitudes.
+# Error of the sum of plane waves relative to the modulus of the curved wave. Largest sum of the
+# moduli of the plane waves: the rounding error is 6e-8 of this sum. Periods to try, relative to the
+# size of an element: shorter periods need more waves, longer periods result in larger amplitudes.
 _CURVED_ERROR, _LARGEST_SUM, _PERIODS = 1e-5, 30.0, (1.2, 1.5, 2.0, 3.0)
-# Singular values below this fraction of the largest are rounding errors; largest number of waves
-# along an axis.
+# Fraction of the largest singular value below which the others are rounding errors. Largest number
+# of waves along an axis.
 _SINGULAR, _MOST_WAVES = 1e-9, 64
 
 
@@ -356,7 +359,7 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
         count = 8 * math.ceil(min(cycles, _MOST_WAVES) + 20)
         y = -np.cos(np.linspace(0.0, math.pi, count)) * size / 2
         chirp = np.exp(1j * math.pi * q * y * y)
-        # the chirp's frequencies span one step of 1/size per cycle
+        # the frequencies of the chirp span 1/size times the number of cycles
         fits = (
             _fit(y, chirp, np.linspace(-0.5, 0.5, n) * ((n - 1) / (period * size)))
             for n in range(3 + 2 * int(min(cycles, _MOST_WAVES) / 2), _MOST_WAVES + 1, 2)
@@ -365,8 +368,8 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
         waves = next((fit for fit in fits if fit is not None), None)
     if waves is None:
         raise SceneError(
-            'expected a wave of less curvature with the estimator "exact", got one with '
-            f"{cycles / 8:.3g} cycles from the centre to the edge of its element; use the "
+            'expected a wave of less curvature with the estimator "exact", got '
+            f"{cycles / 8:.3g} cycles of phase from the centre to the edge of an element; use the "
             'estimator "wigner"'
         )
     amplitudes, frequencies = waves
@@ -377,7 +380,7 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
 
 
 def _fit(y: Floats, values: Complexes, frequencies: Floats) -> tuple[Complexes, Floats] | None:
-    """Return waves that add up to values at y; None if the error or amplitudes are too large."""
+    """Return waves whose sum is ``values`` at y; None if the error or amplitudes are too large."""
     waves = np.exp(2j * math.pi * np.outer(y, frequencies))
     fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_SINGULAR)[0], np.complex128)
     fits = np.abs(waves @ fit - values).max() <= _CURVED_ERROR

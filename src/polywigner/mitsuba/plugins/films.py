@@ -1,4 +1,4 @@
-"""Films: log messages of renders, images on disk, pixels and strips of films, and samples."""
+"""Films and their strips, samples and seeds of renders, images on disk, and Mitsuba's log."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from polywigner.execution import kernel_threads
 from polywigner.geometry.arguments import checked_count
 from polywigner.interruption import temporary_folder
 
-# Message about a colour film in a variant of one channel, which is intended.
+# Message about a colour film in a variant with one channel, a combination that is intended.
 _EXPECTED = ("Monochrome mode enabled",)
 _DATE = len("2000-01-01 00:00:00 ")
 
@@ -29,8 +29,8 @@ _DATE = len("2000-01-01 00:00:00 ")
 def to_list() -> Iterator[list[str]]:
     """Collect Mitsuba's messages of the block in a list."""
     messages: list[str] = []
-    # Mitsuba's threads write messages, which is safe with a file but not with Python code. An
-    # appender with a file also omits progress bars.
+    # Mitsuba's threads can write messages to a file, but must not call Python code. An appender to
+    # a file also omits progress bars.
     with temporary_folder() as folder:
         path = Path(folder) / "mitsuba.log"
         appender = mi.StreamAppender(str(path))
@@ -46,7 +46,7 @@ def to_list() -> Iterator[list[str]]:
 
 @contextmanager
 def silent(*appenders: mi.Appender) -> Iterator[None]:
-    """Log only to these appenders, without progress bars, while the block runs."""
+    """Log only to these appenders while the block runs; without appenders, log nothing."""
     logger = mi.logger()
     before = [logger.appender(index) for index in range(logger.appender_count())]
     logger.clear_appenders()
@@ -64,8 +64,8 @@ def silent(*appenders: mi.Appender) -> Iterator[None]:
 def threads_for_openexr() -> Iterator[None]:
     """Ensure that Dr.Jit's pool has a second thread while the block runs.
 
-    Mitsuba's OpenEXR, which also reads textures, leaves all work to the pool and would never
-    return without a thread in addition to the caller's.
+    Mitsuba's OpenEXR, which also reads textures, leaves all work to the pool, and would never
+    return if the calling thread were the only one.
     """
     before = dr.thread_count()
     if before < 2:
@@ -78,21 +78,21 @@ def threads_for_openexr() -> Iterator[None]:
 
 
 def mean_of_colours(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """Return (height, width): the only channel of a film, or the mean of its colours."""
+    """Return the only channel of an image, or the mean of its colours: (height, width)."""
     colours = 3 if image.shape[-1] >= 3 else 1
     return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
 
 
 def write_exr(path: Path, image: npt.ArrayLike) -> None:
     """Write an image as OpenEXR with 32-bit floats; negative values keep their sign."""
-    # Mitsuba leaves an array of floats linear by default, as radiance is
+    # Mitsuba does not change the values of float arrays by gamma correction
     bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
     with kernel_threads(), threads_for_openexr():
         bitmap.write(str(path), mi.Bitmap.FileFormat.OpenEXR)
 
 
-# Largest number of samples per film pixel. Mitsuba adds samples in float32: the mean of 2^20 equal
-# samples was 0.4 % off, the mean of 2^24 samples 6 %.
+# Largest number of samples per film pixel. Mitsuba adds samples in float32: the error of the mean
+# was 0.4 % for 2^20 equal samples, and 6 % for 2^24.
 _IN_PIXEL = 1 << 12
 
 
@@ -162,11 +162,12 @@ def _film_of_size(camera: mi.Sensor, *sizes: Any) -> Iterator[None]:
         mi.traverse(camera).update(dict(zip(names, before, strict=True)))
 
 
-# Samples that compiled variants process at once. Mitsuba stores some 100 bytes per sample.
+# Number of samples that compiled variants process at once. Mitsuba stores about 100 bytes per
+# sample.
 WAVEFRONT = 2**24
 
-# Scalar variants store no samples, so their strips only serve to report progress. Their threads
-# render squares of 32 x 32 pixels.
+# Largest number of strips, and fewest rows of a strip, in scalar variants. These store no samples,
+# so strips only serve to report progress. Their threads render squares of 32 x 32 pixels.
 _SCALAR_STRIPS = 20
 _SCALAR_ROWS = 32
 
@@ -178,8 +179,8 @@ CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
 class Tiling:
     """Tiling of a film into strips of whole rows, and of their samples into passes.
 
-    The tiling depends only on the scene, the variant and the samples, so an image does not depend
-    on the processes that render its parts.
+    The tiling depends only on the scene, the variant and the number of samples. Therefore the image
+    does not depend on which processes render its parts.
     """
 
     width: int
@@ -187,9 +188,9 @@ class Tiling:
     rows: int
     """Rows of a strip; the last one may have fewer."""
     samples: int
-    """Samples of a pixel."""
+    """Number of samples of a pixel."""
     passes: int
-    """Passes of each strip."""
+    """Number of passes of each strip."""
 
     @property
     def strips(self) -> int:
@@ -233,7 +234,7 @@ def check_seed(seed: int) -> int:
 
 
 def seed_of(seed: int, *part: int) -> int:
-    """Return a seed of 32 bits for a part of a render with a seed of any size."""
+    """Return a seed of 32 bits for a part of a render, whose own seed may have any size."""
     return int(np.random.SeedSequence(seed, spawn_key=part).generate_state(1)[0])
 
 
@@ -250,7 +251,7 @@ def accepted_samples(sampler: mi.Sampler, count: int) -> int:
 
 @contextmanager
 def rendering_errors(integrator: str) -> Iterator[None]:
-    """Turn errors of a render into a SceneError; Dr.Jit reports the reason in the cause."""
+    """Convert errors of a render to a SceneError with the cause that Dr.Jit reports."""
     try:
         yield
     except (RuntimeError, AssertionError) as error:
@@ -258,14 +259,14 @@ def rendering_errors(integrator: str) -> Iterator[None]:
         raise SceneError(f"expected a scene that {integrator} can render: {cause}") from error
 
 
-# Value of -1, paths without end, in Mitsuba.
+# Mitsuba's value of a ``max_depth`` of -1, which does not limit paths.
 _ENDLESS = 2**32 - 1
 
 
 def depths_of(integrator: mi.Integrator) -> dict[str, int]:
-    """Return ``max_depth``, -1 for paths without end, and ``rr_depth`` of an integrator."""
+    """Return ``max_depth``, -1 if unlimited, and ``rr_depth`` of an integrator."""
     depths: dict[str, int] = {"max_depth": -1, "rr_depth": 0}
-    # integrators in C++ report them only in their text
+    # integrators in C++ report these values only as text
     values = re.findall(r"(max_depth|rr_depth) = (-?\d+)", str(integrator))
     depths.update((name, int(value)) for name, value in values)
     depths.update((name, int(getattr(integrator, name, value))) for name, value in depths.items())

@@ -1,4 +1,4 @@
-"""Coherence and bandwidth of sources in scenes: their radiance terms, waves and powers."""
+"""Coherence and bandwidth of sources in scenes: terms of the radiance, waves and powers."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SceneSource = Aperture | Array | Wavefront
 
 
 def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
-    """Return whether the terms of `emissions` change with the wavelength."""
+    """Return whether the terms that `emissions` returns change with the wavelength."""
     waves = normal_form(flat_source(source)).frequencies
     return OBLIQUITIES[obliquity].needs_normal_derivative and bool(waves.any())
 
@@ -47,7 +47,7 @@ def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
 def emissions(
     source: SceneSource, wavelength: float, obliquity: str
 ) -> list[tuple[SceneSource, Forms]]:
-    """Return terms (source, h) such that the sum of h W is the radiance times wavelength^2."""
+    """Return terms (source, h) whose sum of h W is the radiance times wavelength^2."""
     check_slopes(source, obliquity)
     terms = OBLIQUITIES[obliquity].terms(flat_source(source), wavelength)
     if not any(any(forms) for _, forms in terms):
@@ -58,8 +58,8 @@ def emissions(
 
 
 # Relative error of the mean power, and largest lag in wavelengths. The power is an integral over
-# lags of the correlation times an oscillating, decaying function. Measured errors for two slits and
-# squares of 0.5 to 100 wavelengths with coherence widths of 0.3 to 30 wavelengths: at most 2e-5.
+# lags: the correlation times a function that oscillates and decays. The measured error is at most
+# 2e-5, for two slits and squares of 0.5 to 100 wavelengths and coherence widths of 0.3 to 30.
 _POWER_ERROR, _LONGEST_LAG = 1e-5, 4.0
 
 
@@ -88,17 +88,18 @@ class Mixture:
     def parts(
         self, source: SceneSource, wavelength: float, error: float = 1e-7
     ) -> Iterator[tuple[SceneSource, float, float]]:
-        """Yield coherent sources, wavelengths in m and weights that represent the mixture.
+        """Yield coherent sources, their wavelengths in m and their weights.
 
-        The weighted mean of their irradiances has ``error`` relative to the largest irradiance.
+        The weighted mean of their irradiances is the irradiance of the mixture, with an ``error``
+        relative to the largest irradiance.
         """
         return mixture_parts(self._applied_to(source), wavelength, self.bandwidth, error)
 
     def nodes(self, source: SceneSource, wavelength: float) -> Floats:
-        """Return waves whose weighted mean power is the power of the mixture, shape (n, 4).
+        """Return waves whose weighted mean power is the power of the mixture.
 
-        The columns are the shift of the inverse wavelength, the tilts along x and y, all in 1/m,
-        and the weight.
+        The columns of the array (n, 4) are the shift of the inverse wavelength in 1/m, the spatial
+        frequencies of the tilts along x and y in 1/m, and the weight.
         """
         tilts, weights = np.zeros((1, 2)), np.ones(1)
         wave = self._applied_to(source)
@@ -154,7 +155,8 @@ def mixture_of(
     return source.coherent, Mixture(source.coherence_width, bandwidth)
 
 
-# Cached: needed when an entry is made, when its scene is loaded and when a parameter changes.
+# Cached: an entry needs the norm when it is made, when its scene is loaded and after each change of
+# a parameter.
 @lru_cache(maxsize=64)
 def norm_of(
     source: SceneSource,
@@ -165,9 +167,9 @@ def norm_of(
 ) -> float:
     """Return the power in W of a source's unscaled field, with |u|^2 in W/m^2.
 
-    The normalisation "radiated" is the power through the hemisphere in front, with the obliquity
-    and the mean over the waves of the mixture; "aperture" is int |u|^2. Raises SceneError for a
-    source that radiates nothing.
+    With the normalisation "radiated", this is the power through the hemisphere in front, which
+    depends on the obliquity; it is the mean over the waves of the mixture. With "aperture" it is
+    int |u|^2. Raises SceneError for a source that radiates nothing.
     """
     if normalise == "aperture":
         return _energy(flat_source(source))
@@ -201,7 +203,7 @@ def support_of(source: Any, obliquity: str) -> Aperture:
         raise SceneError(str(error)) from None
 
 
-# Cached: needed when a scene entry is made and when the scene is loaded.
+# Cached: an entry needs the support when it is made and when its scene is loaded.
 @lru_cache(maxsize=16)
 def _support(source: Aperture | Array) -> Aperture:
     _energy(source)  # raises if it is zero

@@ -41,7 +41,7 @@ class PlacedSource(SourceParameters):
     medium: Any = None
     """Mitsuba medium (fog) around the receiver; None without fog."""
     reach: float = 0.0
-    """Largest coordinate, in m, of itself and of touching flat surfaces; see module `surfaces`."""
+    """Largest coordinate of the source and of flat surfaces that touch it, in m: see `surfaces`."""
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
@@ -100,7 +100,7 @@ class PlacedSource(SourceParameters):
 
 
 def _mirrored(source: SceneSource) -> SceneSource:
-    """Return the mirror image of a source, with the field u(-x, y)."""
+    """Return the source with the field u(-x, y)."""
 
     def image(element: SourceElement) -> SourceElement:
         outline: Any = element.outline
@@ -137,14 +137,15 @@ def check_match(
     emitter: PlacedSource, receiver: PlacedSource, bandwidth: float | None = None
 ) -> None:
     """Raise SceneError if the receiver's band or unit does not match the emitter's."""
-    both = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
+    ends = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
     frequencies = [SPEED_OF_LIGHT / end.wavelength for end in (emitter, receiver)]
-    apart = abs(frequencies[0] - frequencies[1])
-    if apart > max((bandwidth or 0.0) / 2, _ROUNDING * frequencies[1]):
+    difference = abs(frequencies[0] - frequencies[1])
+    if difference > max((bandwidth or 0.0) / 2, _ROUNDING * frequencies[1]):
         band = "" if bandwidth is None else f", {bandwidth:.6g} Hz wide"
         raise SceneError(
-            f"expected one wavelength {both}{band}, got {emitter.wavelength:.6g} m, {apart:.6g} Hz "
-            "off the receiver's; give both one frequency, or the receiver twice that bandwidth"
+            f"expected one wavelength {ends}{band}, got {emitter.wavelength:.6g} m, "
+            f"{difference:.6g} Hz off the receiver's; give both one frequency, or the receiver a "
+            "bandwidth of twice the difference"
         )
     check_unit(emitter, receiver)
 
@@ -152,9 +153,9 @@ def check_match(
 def check_unit(emitter: PlacedSource, receiver: PlacedSource) -> None:
     """Raise SceneError for an emitter and a receiver with different units."""
     if emitter.scene_unit != receiver.scene_unit:
-        both = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
+        ends = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
         raise SceneError(
-            f"expected one scene_unit {both}, got {emitter.scene_unit:g} m and "
+            f"expected one scene_unit {ends}, got {emitter.scene_unit:g} m and "
             f"{receiver.scene_unit:g} m; a scene has one unit"
         )
 
@@ -189,21 +190,21 @@ def check_obliquity(link: str, first: str, second: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FacingParts:
-    """Parts of an emitter and a receiver that lie in front of each other's plane."""
+    """The parts of an emitter and a receiver that lie in front of the other's plane."""
 
     emitter: PlacedSource
     receiver: PlacedSource
-    share: float
-    """Product of the fractions of int |u|^2 that face each other; 1 if nothing is cut off."""
+    fraction: float
+    """Product of the fractions of int |u|^2 of both parts; 1 if nothing is cut off."""
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
-    """Return the parts of two sources that face each other; None for a common plane."""
+    """Return the parts of two sources that face each other; None if there are none."""
     sizes = [
         max(float(np.abs(values).max()) for values in (end.pose[:3, 3], end.source.bounds))
         for end in (emitter, receiver)
     ]
-    parts, share = [], 1.0
+    parts, fraction = [], 1.0
     for end, other in ((emitter, receiver), (receiver, emitter)):
         pose = end.pose_of(other)
         normal = pose[:3, 2]
@@ -212,9 +213,9 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
         if part is None:
             return None
         if part is not end.source:
-            share *= energy_of(part) / energy_of(end.source)
+            fraction *= energy_of(part) / energy_of(end.source)
         parts.append(replace(end, source=part))
-    return FacingParts(parts[0], parts[1], share)
+    return FacingParts(parts[0], parts[1], fraction)
 
 
 def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSource | None:
@@ -224,12 +225,12 @@ def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSo
     pairs = list(zip(form.elements, parts, strict=True))
     if all(part is element.outline for element, part in pairs):
         return source
-    lit = [replace(element, outline=part) for element, part in pairs if part is not None]
-    return form.with_elements(lit, paths=None).public if lit else None
+    in_front = [replace(element, outline=part) for element, part in pairs if part is not None]
+    return form.with_elements(in_front, paths=None).public if in_front else None
 
 
 def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
-    """Return the part with ``normal`` . x > ``least``, or the same object if it is complete."""
+    """Return the part with ``normal`` . x > ``least``; the same object if nothing is cut off."""
     heights = np.concatenate(outline.rings) @ normal[:2] - least
     if (heights > 0).all():
         return outline

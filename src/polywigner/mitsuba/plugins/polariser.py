@@ -2,11 +2,11 @@
 
 Mitsuba describes light that travels along d by four Stokes parameters, which refer to the axes
 b = stokes_basis(d) and d x b. A source emits a column of Stokes parameters, and a receiver weights
-them by a row. Polarisations of this package refer to the axes of Ludwig's third definition; this
-module converts them.
+the parameters by a row. Polarisations of this package refer to the axes of Ludwig's third
+definition; this module converts between the two.
 
 The default polarisation of a source or receiver is along its y axis. Unpolarised sources and
-receivers treat all polarisations alike: :func:`spectrum` of `samplers`.
+receivers treat all polarisations alike; see :func:`spectrum` of `samplers`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ DEFAULT_POLARISATION = "y"
 
 
 def is_polarised(variant: str | None = None) -> bool:
-    """Return whether a variant, by default the current variant, has polarised light."""
+    """Return whether a variant, by default the current one, supports polarised light."""
     return (variant or mi.variant() or "").endswith(_FULL)
 
 
@@ -107,7 +107,7 @@ _CHANNELS = 12
 
 
 def stokes_of(image: npt.ArrayLike) -> Floats:
-    """Return the Stokes numbers of an image rendered with the integrator ``stokes``.
+    """Return the Stokes parameters of an image rendered with the integrator ``stokes``.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def stokes_of(image: npt.ArrayLike) -> Floats:
     count = values.shape[-1] - _CHANNELS
     if not 1 <= count <= 4:
         raise ArgumentError(
-            'expected an image rendered with the integrator "stokes", got one of '
+            'expected an image rendered with the integrator "stokes", got an image of '
             f"{values.shape[-1]} channels"
         )
     colours = values[..., count:].reshape(*values.shape[:2], 4, 3)
@@ -139,7 +139,7 @@ def stokes_of(image: npt.ArrayLike) -> Floats:
 
 
 class Polariser:
-    """Converts weights of one source, or of one receiver, to spectra of one variant."""
+    """Converter from weights of a source or a receiver to spectra of one variant."""
 
     def __init__(self, m: Any, polarisation: Complexes | None) -> None:
         self._m, self._is_plain = m, polarisation is None
@@ -150,21 +150,21 @@ class Polariser:
     def sent(
         self, value: Drjit, direction: Drjit, frame: Frame, active: Drjit, along: Drjit = None
     ) -> Drjit:
-        """Return the Stokes column of a radiance that leaves a source in a direction."""
+        """Return the Stokes column of radiance that leaves a source in a direction."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = self._stokes(value, active)
         along = frame.to_scene(direction) if along is None else along
-        c, s = turn(self._m, direction, frame, along)
+        c, s = axis_rotation(self._m, direction, frame, along)
         column = (s0, c * s1 + s * s2, c * s2 - s * s1, s3)
         return mueller_matrix(self._m, {(k, 0): value for k, value in enumerate(column)})
 
-    def taken(self, value: Drjit, direction: mi.Vector3f, frame: Frame, active: Drjit) -> Drjit:
-        """Return half the Stokes row of a receiver's weight for radiance from a direction."""
+    def received(self, value: Drjit, direction: mi.Vector3f, frame: Frame, active: Drjit) -> Drjit:
+        """Return half the Stokes row by which a receiver weights radiance from a direction."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = (0.5 * number for number in self._stokes(value, active))
-        c, s = turn(self._m, direction, frame, -frame.to_scene(direction))
+        c, s = axis_rotation(self._m, direction, frame, -frame.to_scene(direction))
         row = (s0, c * s1 + s * s2, s * s1 - c * s2, s3)
         return mueller_matrix(self._m, {(0, k): value for k, value in enumerate(row)})
 
@@ -187,10 +187,11 @@ _End = tuple[Frame, Drjit]
 """Frame of an antenna, and the direction of a path in the scene."""
 
 
-def turned(m: Any, share: Drjit, arrives: _End, leaves: _End | None) -> Drjit:
-    """Convert the Mueller matrix of a path from Mitsuba's axes to Ludwig's axes of two antennas.
+def to_ludwig_axes(m: Any, fraction: Drjit, arrives: _End, leaves: _End | None) -> Drjit:
+    """Convert a path's Mueller matrix from Mitsuba's axes to Ludwig's axes of both antennas.
 
-    ``leaves`` is None for unpolarised light, which does not depend on axes.
+    ``arrives`` and ``leaves`` are the ends of the path at the receiver and at the source;
+    ``leaves`` is None for unpolarised light, for which the axes do not matter.
     """
     ends = []
     for end, sign in ((arrives, -1.0), (leaves, 1.0)):
@@ -198,13 +199,15 @@ def turned(m: Any, share: Drjit, arrives: _End, leaves: _End | None) -> Drjit:
             ends.append(m.Spectrum(1.0))
             continue
         frame, direction = end
-        c, s = turn(m, frame.to_own(direction), frame, sign * direction)
+        c, s = axis_rotation(m, frame.to_own(direction), frame, sign * direction)
         entries = {(0, 0): 1, (1, 1): c, (1, 2): s, (2, 1): -sign * s, (2, 2): sign * c, (3, 3): 1}
         ends.append(mueller_matrix(m, entries))
-    return ends[0] * share * ends[1]
+    return ends[0] * fraction * ends[1]
 
 
-def turn(m: Any, direction: mi.Vector3f, frame: Frame, along: mi.Vector3f) -> tuple[Drjit, Drjit]:
+def axis_rotation(
+    m: Any, direction: mi.Vector3f, frame: Frame, along: mi.Vector3f
+) -> tuple[Drjit, Drjit]:
     """Return cosine and sine of twice the angle from Ludwig's x axis to Mitsuba's axis."""
     axes = ludwig_axes(direction.x, direction.y, dr.abs(direction.z))
     basis = m.mueller.stokes_basis(along)

@@ -1,18 +1,18 @@
 """The ``wigner_receiver`` sensor: the power that a coherent aperture receives in a scene.
 
-A radiance L that arrives at the receiver's plane adds, in the receiver's frame,
+A radiance L at the receiver's plane contributes, in the receiver's frame, the power
 
     P = (1/N) int int g W(x, s_par / lambda) L(x, s) dx ds                   (estimator ``wigner``)
 
-with N the power that the field u of the receiver would radiate, or int |u|^2. By reciprocity the
-same power is an integral over points y of surfaces at the distance r from x,
+with N the power that the field u of the receiver would radiate, or int |u|^2. By reciprocity, this
+power is also an integral over points y of surfaces at the distance r from x,
 
     P = (lambda^2/N) int r^2 |U(y)|^2 L ds, the mean over x by |u|^2           (estimator ``exact``)
 
-with U the field that the receiver would send to y. Rays that meet no surface have the weight of a
-distant point, the far pattern. The limits are in docs/received_power.md.
+with U the field that the receiver would transmit to y. Rays that meet no surface have the weight of
+a distant point, the far pattern. docs/received_power.md describes the limits.
 
-Rays start at positions relative to the centre of the source: see module `emitter`.
+Positions are relative to the centre of the source; see module `emitter`.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
         length, is_null = dr.select(is_hit, surface.t, far), False
         bsdf = surface.shape.bsdf() if dr.is_jit_v(m.Float) or is_hit else None
         if bsdf is not None:
-            kind = bsdf.flags() & int(mi.BSDFFlags.All)  # a mask has further flags
+            kind = bsdf.flags() & int(mi.BSDFFlags.All)  # masks have additional flags
             is_null = is_hit & (kind == int(mi.BSDFFlags.Null))
         step = length + _step(m, start + direction * length)
         length = dr.select(is_null, step, length)
@@ -80,7 +80,7 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
 
 
 def _step(m: Any, point: mi.Point3f) -> Drjit:
-    """Return the distance behind a surface at which Mitsuba starts rays again."""
+    """Return the distance behind a surface at which Mitsuba starts the next ray."""
     return (1.0 + largest(point)) * float(m.math.RayEpsilon)
 
 
@@ -92,7 +92,7 @@ def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
 
 
 def in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point2f, Drjit]:
-    """Return (alpha, psi) uniform in the directions of a pixel, and their solid angle."""
+    """Return angles (alpha, psi) uniform in a pixel's solid angle, and that solid angle."""
     width, height = size
     alpha = point.x * (2.0 / width) - 1.0
     row = dr.floor(point.y)
@@ -111,11 +111,11 @@ def _root(value: Drjit) -> Drjit:
 
 # Cosine at the horizon, whose square is still a normal number of float32.
 _GRAZING = 1e-9
-# Distance of the point that represents a direction, in units of reach^2/wavelength or of the reach,
-# the largest coordinate of the receiver.
+# Distance of the point that represents a direction, relative to the larger of R^2/wavelength and R,
+# with R the largest coordinate of the receiver.
 _FAR = 1e4
-# Largest number of surfaces behind which rays of a receiver with diffraction start. Each surface
-# halves the number of rays.
+# Largest number of surfaces that rays of a receiver with diffraction pass before they start. Half
+# of the rays pass each surface.
 _MOST_PASSED = 4
 
 
@@ -154,14 +154,14 @@ class WignerReceiver(VariantPlugin):
     def stand_at(self, reach: float) -> None:
         """Set the ``reach`` of the receiver in its scene; see module `surfaces`.
 
-        Rays start slightly in front: the receiver may stand on a surface.
+        Rays start slightly in front of the receiver, which may lie on a surface.
         """
         self._lift = opaque(self.m, ROUNDING * reach)
 
     # ---- parameters ----------------------------------------------------------------------
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
-        """Film and sampler, as for all sensors, and ``to_world`` (rigid)."""
+        """Add film and sampler, as for all sensors, and ``to_world`` (rigid)."""
         self.base.traverse(self, callback)
         callback.put("to_world", self.to_world, mi.ParamFlags.NonDifferentiable)
 
@@ -177,9 +177,9 @@ class WignerReceiver(VariantPlugin):
     def sample_ray_differential(
         self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit]:
-        angles, solid_angle = self._looks(sample2)
-        ray, weight, colours = self.look_along(angles, time, sample1, sample3, active)
-        return ray, self.weigh(colours, weight * solid_angle, angles, active)
+        angles, solid_angle = self._film_angles(sample2)
+        ray, weight, colours = self.ray_along(angles, time, sample1, sample3, active)
+        return ray, self.spectral_weight(colours, weight * solid_angle, angles, active)
 
     def sample_ray(
         self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
@@ -187,17 +187,17 @@ class WignerReceiver(VariantPlugin):
         ray, weight = self.sample_ray_differential(time, sample1, sample2, sample3, active)
         return self.m.Ray3f(ray), weight
 
-    def weigh(
+    def spectral_weight(
         self, colours: Drjit, weight: Drjit, angles: mi.Point2f, active: Drjit = True
     ) -> Drjit:
-        """Return the weight of a ray as a spectrum, with the polarisation of the receiver."""
+        """Return the weight of a ray as a spectrum that includes the receiver's polarisation."""
         direction = direction_of(self.m, angles)
-        return colours * self.polariser.taken(weight, direction, self._frame, active)
+        return colours * self.polariser.received(weight, direction, self._frame, active)
 
-    def look_along(
+    def ray_along(
         self, angles: Drjit, time: Drjit, sample1: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit, Drjit]:
-        """Return a ray, its weight (W per radiance and solid angle), and its spectral weight."""
+        """Return a ray, its weight in W per radiance and solid angle, and its spectral weight."""
         direction = direction_of(self.m, angles)
         ray = self.m.RayDifferential3f()
         ray.time = time
@@ -218,8 +218,8 @@ class WignerReceiver(VariantPlugin):
         ray.wavelengths, colours = self.sample_wavelengths(zero, sample1, active)
         return ray, weight, colours
 
-    def _looks(self, sample: mi.Point2f) -> tuple[mi.Point2f, Drjit]:
-        """Return the angles (alpha, psi) of a sample of the film, and its solid angle."""
+    def _film_angles(self, sample: mi.Point2f) -> tuple[mi.Point2f, Drjit]:
+        """Return the angles (alpha, psi) of a film sample, and the solid angle of its pixel."""
         film, fine = self.film(), self.fineness
         width, height = (int(n) // fine for n in film.size())
         if width * height == 1:
@@ -238,15 +238,16 @@ class WignerReceiver(VariantPlugin):
         return self._frame.axes[2] * self._lift
 
     def _pass_surfaces(self, ray: mi.RayDifferential3f, coins: Drjit, active: Drjit) -> Drjit:
-        """Start a ray behind random surfaces on its path, whose radiation diffracts at edges.
+        """Move the start of a ray behind a random number of surfaces on its path.
 
-        Returns the change of the ray's weight.
+        Radiation from behind these surfaces diffracts at their edges. Returns the factor of the
+        ray's weight.
         """
         scene, going, weight = self._known_scene(), self.m.Bool(active), self.m.Float(1.0)
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
             is_met = going & (distance < self._far)
-            if number:  # rays that start in front of all surfaces account for the sky
+            if number:  # only rays that have passed no surface receive radiation of the sky
                 weight = dr.select(going & (is_met ^ self.m.Bool(True)), 0.0, weight)
             if number == _MOST_PASSED:
                 break
@@ -270,7 +271,7 @@ class WignerReceiver(VariantPlugin):
     def _end(
         self, ray: mi.RayDifferential3f, x: mi.Point2f, direction: mi.Vector3f, active: Drjit
     ) -> tuple[mi.Point3f, Drjit]:
-        """Return the point of the surface that a ray meets, or a far point, and its distance."""
+        """Return the point at which a ray meets a surface, or a far point, and its distance."""
         distance = distance_to_surface(self.m, self._known_scene(), ray, self._far, active)
         if self.spec.diffraction:  # rays may start behind surfaces
             end = self._frame.to_own(ray.o + ray.d * distance - self._frame.origin)
@@ -295,7 +296,7 @@ def _check_film(values: dict[str, Any]) -> None:
     if name != "BoxFilter":
         raise SceneError(
             f"expected a film with a box filter in the wigner_receiver sensor, got {name}; give "
-            'the film <rfilter type="box"/>: other filters share samples among pixels'
+            'the film <rfilter type="box"/>: other filters distribute a sample to several pixels'
         )
 
 
@@ -308,7 +309,7 @@ def _build(variant: str, props: mi.Properties) -> mi.Sensor:
 
 
 def receiver_class(variant: str) -> type[WignerReceiver]:
-    """Return the sensor's class for one Mitsuba variant; the same class on every call."""
+    """Return the class of the sensor for a variant of Mitsuba; the same class on every call."""
     return variant_class(WignerReceiver, "Sensor", variant)
 
 
@@ -336,38 +337,38 @@ def receiver(
     Parameters
     ----------
     source : Aperture, Array or array_like
-        Source whose field the receiver would send, as for :func:`polywigner.mitsuba.aperture`.
+        Source whose field the receiver would transmit, as in :func:`polywigner.mitsuba.aperture`.
     wavelength : float
         Wavelength in metres.
     to_world : array_like, shape (4, 4), or Mitsuba transform, optional
-        Rigid pose. The receiver lies in the plane z = 0 of its frame and looks to +z. Default: the
+        Rigid pose. The receiver lies in the plane z = 0 of its frame and faces +z. Default: the
         identity.
     obliquity : str, default "rayleigh-sommerfeld-1"
-        Diffraction integral of the field that the receiver would send.
+        Diffraction integral of the field that the receiver would transmit.
     estimator : str, default "exact"
         ``exact``: the weight of a ray is the exact irradiance, never negative, that the receiver
-        would give to the surface that the ray meets. ``wigner``: the weight is the signed radiance
-        of the receiver; docs/received_power.md.
+        would cause on the surface that the ray meets. ``wigner``: the weight is the signed radiance
+        that the receiver would transmit; docs/received_power.md.
     film : (int, int) or mapping, optional
         (n, m): a map of n x m pixels over the direction cosines along the receiver's x and y, from
-        -1 to 1, whose sum is the received power. A mapping is the entry of a film with a box
-        filter. Default: one pixel, which contains the received power in W.
+        -1 to 1. The sum of the pixels is the received power in W. A mapping is the entry of a film
+        with a box filter. Default: one pixel, which contains the received power.
     bandwidth, temperature, noise_figure : float or str, optional
-        Noise of the receiver in Hz, K and dB, or texts such as "1 GHz", "290 K" and "3 dB". They do
-        not change the received power.
+        Parameters of the receiver's noise in Hz, K and dB, or texts such as "1 GHz", "290 K" and
+        "3 dB". They do not change the received power.
     scene_unit : float, default 1.0
         Length of one unit of the scene, and of the translation of ``to_world``, in metres.
     normalise : str, default "radiated"
-        ``radiated``: the gain is the directivity, so a sky of the radiance L gives lambda^2 L to
-        any receiver. ``aperture``: the power is relative to int |u|^2 and lower by the evanescent
+        ``radiated``: the gain is the directivity, so any receiver receives lambda^2 L from a sky of
+        radiance L. ``aperture``: the power is relative to int |u|^2, and lower by the evanescent
         fraction; docs/received_power.md.
     diffraction : bool, default False
         With the estimator ``exact``: incoming radiation diffracts at the edges of the scene's
         opaque surfaces; docs/shadows.md.
     polarisation : str or array_like, optional
-        Polarisation of the wave that the receiver would send, as for
-        :func:`polywigner.mitsuba.aperture`. It receives all of a matched wave, nothing of the
-        crossed wave, and half of unpolarised radiation. "unpolarised": it receives all
+        Polarisation of the wave that the receiver would transmit, as in
+        :func:`polywigner.mitsuba.aperture`. The receiver takes up all power of a matched wave, none
+        of the crossed wave, and half of unpolarised radiation. "unpolarised": it takes up all
         polarisations. Default: "y"; docs/polarisation.md.
 
     Returns

@@ -1,7 +1,7 @@
-"""Registration of plugins for every variant of Mitsuba, of their errors, and of sources in memory.
+"""Registration of plugins for each variant of Mitsuba, of their errors, and of sources in memory.
 
-A plugin is a class with its methods at module level, such as ``WignerEmitter``. Mitsuba's base
-class exists once per variant: `variant_class` makes the subclass that binds both.
+The methods of a plugin are in a class at module level, such as ``WignerEmitter``. Mitsuba has a
+base class for each variant, and `variant_class` combines a base class with the methods.
 """
 
 from __future__ import annotations
@@ -28,22 +28,23 @@ from polywigner.source.source_files import source_json
 Logic = TypeVar("Logic")
 _Build = Callable[[str, mi.Properties], mi.Object]
 
-# Mitsuba wraps an exception of a plugin into a RuntimeError with a traceback in its text. This list
-# lets the loader of a scene return the original exception. Several loaders may run in parallel.
+# Mitsuba turns an exception of a plugin into a RuntimeError whose text contains a traceback. The
+# loader of a scene finds the original exception in this list. It has several entries because
+# loaders may run in parallel.
 _recent_errors: deque[PolywignerError] = deque(maxlen=8)
-# Mitsuba traces each kernel through all emitters and shapes in memory, including unfinished ones of
-# another thread, which would give wrong values without an error.
-_alone = threading.RLock()
+# Mitsuba traces each kernel through all emitters and shapes in memory. Unfinished objects of
+# another thread would result in wrong values without an error.
+_scene_lock = threading.RLock()
 _plugins: dict[tuple[str, str], _Build] = {}
 
 
 class VariantPlugin:
-    """Base of classes with the methods of a plugin; `variant_class` sets its attributes."""
+    """Base of classes with the methods of a plugin; `variant_class` sets the attributes."""
 
     m: Any
     """Variant of Mitsuba."""
     jit: bool
-    """Whether the variant compiles."""
+    """Whether the variant compiles kernels."""
     base: Any
     """Class of the variant that the plugin extends."""
 
@@ -85,9 +86,9 @@ def variant_class(logic: type[Logic], base: str | type, variant: str) -> type[Lo
 def exclusive() -> Iterator[None]:
     """Block other threads from loading or rendering scenes with this package.
 
-    Mitsuba cannot load a scene in one thread while another thread renders. The functions of this
-    package block each other. In programs with several threads, use this context around direct calls
-    of Mitsuba such as ``mi.load_dict`` and ``mi.render``.
+    Mitsuba cannot load a scene in one thread while another thread renders. Functions of this
+    package that use scenes wait for each other. In programs with several threads, use this context
+    around direct calls of Mitsuba, such as ``mi.load_dict`` and ``mi.render``.
 
     Examples
     --------
@@ -95,7 +96,7 @@ def exclusive() -> Iterator[None]:
     >>> with pm.exclusive():
     ...     pass  # scene = mi.load_dict(...)
     """
-    with _alone:
+    with _scene_lock:
         yield
 
 
@@ -104,7 +105,7 @@ one_at_a_time = exclusive()
 
 
 def add_plugin(kind: str, name: str, build: _Build) -> None:
-    """Add a plugin for :func:`register`, which ``build(variant, properties)`` makes."""
+    """Add a plugin, made by ``build(variant, properties)``, to those of :func:`register`."""
     _plugins[kind, name] = build
 
 
@@ -122,8 +123,8 @@ def original_error(error: BaseException) -> PolywignerError | None:
 
 
 def _on_variant_change(_old: str | None, new: str) -> None:
-    # Mitsuba looks up the kind of a plugin under scalar_rgb in every variant. Without this entry
-    # two equal shapes would count as one shared object and fail to load.
+    # In every variant, Mitsuba looks up the kind of a plugin under scalar_rgb. Without that entry,
+    # it would treat two equal shapes as one shared object, and fail to load them.
     for variant in ("scalar_rgb", new):
         for (kind, name), build in _plugins.items():
             register_one = getattr(getattr(mi, variant), f"register_{kind}")
@@ -136,7 +137,8 @@ def _built(build: _Build, variant: str, props: mi.Properties) -> mi.Object:
             return build(variant, props)
     except PolywignerError as error:
         _recent_errors.append(error)
-        # Mitsuba prints the traceback before the message; frames of this package do not help users.
+        # Mitsuba prints the traceback before the message, and this package's frames do not help
+        # users
         raise error.with_traceback(None) from None
 
 
@@ -153,8 +155,8 @@ def set_mesh(mesh: mi.Mesh, **values: Any) -> None:
     """Set parameters of a mesh, such as ``faces`` and ``vertex_positions``, from NumPy arrays."""
     params = mi.traverse(mesh)
     for name, value in values.items():
-        # Lists in all variants: Dr.Jit does not copy the memory of NumPy arrays, whose alignment
-        # enters the kernels, and it ends the process if a scene is freed during a recording.
+        # Lists in all variants: Dr.Jit does not copy NumPy arrays. Their alignment would become
+        # part of kernels, and the process would end if a scene is freed during a recording.
         params[name] = value.ravel().tolist()
     params.update()
 
@@ -187,8 +189,8 @@ add_plugin("shape", STL, _build_stl)
 
 KEY_PREFIX = "memory:"
 
-# Number of registered sources. An optimiser may make thousands of apertures, and a scene needs its
-# key only while Mitsuba loads it.
+# Largest number of registered sources. An optimiser may make thousands of apertures, but a scene
+# needs its key only while Mitsuba loads it.
 _CAPACITY = 1024
 
 _sources: OrderedDict[str, Aperture | Array | Wavefront] = OrderedDict()

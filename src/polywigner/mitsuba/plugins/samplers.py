@@ -1,4 +1,4 @@
-"""Samplers of positions and directions for one variant's arrays, and the frame of a source.
+"""Samplers of positions and directions for the arrays of one variant, and the frame of a source.
 
 Directions have the coordinates (alpha, psi): alpha is the direction cosine along x, and psi is the
 angle in rad about the x axis, zero along the normal.
@@ -28,20 +28,22 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-# Fields that are not uniform: largest number of strips across an element, and of pieces in all.
+# For fields that are not uniform: largest number of strips across an element, and largest number of
+# pieces of all elements.
 _STRIPS, _PIECES = 32, 1 << 16
-# Points of the table of directions per lobe, which is wavelength/size wide in direction cosines.
+# Points of the table of directions per lobe; a lobe is wavelength/size wide in direction cosines.
 _IN_LOBE = 4
 _FEWEST, _MOST = 32, 1024
-# Samples averaged along each side of a cell of the table, so that it contains narrow beams.
+# Largest number of samples along each side of a cell of the table. Their mean contains beams that
+# are narrower than a cell.
 _MOST_WITHIN = 4
-# Fractions of the samples with three densities: the far pattern, for far surfaces; its root, for W
-# and near surfaces; and a uniform density.
-_SHARES = (0.4, 0.4, 0.2)
+# Fractions of the samples that are drawn from three densities: the far pattern, for distant
+# surfaces; its square root, for W and near surfaces; and a uniform density.
+_FRACTIONS = (0.4, 0.4, 0.2)
 
 
 def opaque(m: Any, value: float) -> Drjit:
-    """Return a number of the variant ``m`` that is no literal, so kernels are not recompiled."""
+    """Return a number of the variant ``m`` that is no literal: new values need no compilation."""
     return dr.opaque(m.Float, value) if dr.is_jit_v(m.Float) else value
 
 
@@ -87,7 +89,7 @@ class Positions:
         m, u, index = self._m, sample.x, 0
         if self._count > 1:
             index, u = self._choice.sample_reuse(sample.x)
-            # rounding may move the remainder of a sample in a narrow cell outside of [0, 1]
+            # in narrow cells, rounding can move the remaining sample outside of [0, 1]
             u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
         if dr.is_jit_v(m.Float):
             row = [dr.gather(m.Float, column, index) for column in self._columns]
@@ -145,13 +147,15 @@ def directions_of(
     low, high = np.reshape(bounds, (2, 2))
     lobes = _IN_LOBE * (high - low) / wavelength
     sides = np.array([2.0, math.pi])
-    # powers of two, because each new size is a literal and compiles the render kernel again
+    # powers of two: each new size is a literal, for which the render kernel is compiled again
     needed = 2.0 ** np.ceil(np.log2(lobes * sides))
     counts = np.clip(needed, _FEWEST, _MOST).astype(int)
     within = int(np.clip(np.ceil((needed / counts).max()), 1, _MOST_WITHIN))
     pattern = _mean_pattern(terms, wavelength, counts, within)
     kinds = (pattern, np.sqrt(pattern), np.ones_like(pattern))
-    density = sum(share * kind / kind.mean() for share, kind in zip(_SHARES, kinds, strict=True))
+    density = sum(
+        fraction * kind / kind.mean() for fraction, kind in zip(_FRACTIONS, kinds, strict=True)
+    )
     return Directions(m, density, sides)
 
 
@@ -180,7 +184,7 @@ def _mean_pattern(
 
 
 class Frame:
-    """Rigid frame of one variant's arrays, with its origin at the centre of a source."""
+    """Frame of a source, with its origin at the centre, for the arrays of one variant."""
 
     def __init__(self, m: Any, to_world: mi.Transform4f, centre: Floats) -> None:
         matrix = to_world.matrix
@@ -194,16 +198,16 @@ class Frame:
             dr.make_opaque(self.axes, self.origin)
 
     def to_own(self, v: mi.Vector3f) -> mi.Vector3f:
-        """Return a vector of the scene in this frame."""
+        """Convert a vector from the scene to this frame."""
         return self._m.Vector3f(*(dr.dot(axis, v) for axis in self.axes))
 
     def to_scene(self, v: mi.Vector3f) -> mi.Vector3f:
-        """Return a vector of this frame in the scene."""
+        """Convert a vector from this frame to the scene."""
         ex, ey, ez = self.axes
         return ex * v.x + ey * v.y + ez * v.z
 
     def point(self, x: mi.Point2f) -> mi.Point3f:
-        """Return the point of the scene at a position in the plane."""
+        """Convert a position in the source's plane to a point of the scene."""
         ex, ey, _ = self.axes
         return self.origin + ex * x.x + ey * x.y
 
@@ -213,6 +217,6 @@ def spectrum(m: Any, value: Drjit, active: Drjit) -> Drjit:
     return m.depolarizer(m.UnpolarizedSpectrum(dr.select(active, value, 0.0)))
 
 
-def four(m: Any, stokes: Stokes | None, value: Drjit) -> Drjit:
+def times_stokes(m: Any, stokes: Stokes | None, value: Drjit) -> Drjit:
     """Return a value times a Stokes vector; the scalar value if ``stokes`` is None."""
     return value if stokes is None else m.Vector4f(*stokes) * value

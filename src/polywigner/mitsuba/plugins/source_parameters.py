@@ -1,8 +1,8 @@
-"""Parameters of a source or a receiver in a scene, read from XML and from Python by one reader.
+"""Parameters of a source or a receiver in a scene, from XML or from Python.
 
-A `SourceParameters` contains the checked parameters of a ``wigner`` shape or of a
-``wigner_receiver`` sensor, in SI units. `read_parameters` makes one from Mitsuba's properties or
-from a dictionary entry; `scene_entry` makes the entry from the arguments of a Python call.
+`SourceParameters` contains the checked parameters of a ``wigner`` shape or of a ``wigner_receiver``
+sensor, in SI units. `read_parameters` reads them from Mitsuba's properties or from a dictionary
+entry. `scene_entry` makes such an entry from the arguments of a Python call.
 """
 
 from __future__ import annotations
@@ -79,10 +79,10 @@ class SourceParameters:
     """Checked parameters of a ``wigner`` shape or a ``wigner_receiver`` sensor, in SI units."""
 
     source: Any
-    """Coherent Aperture or Array, perhaps with a curved wave."""
+    """Aperture or Array in coherent light, or a Wavefront with a curved wave."""
     wavelength: float
     norm: float
-    """Power in W of the unscaled field (|u|^2 in W/m^2): radiated, or int |u|^2."""
+    """Power in W of the unscaled field (|u|^2 in W/m^2), as ``normalise`` defines it."""
     pose: Floats
     """Pose (4, 4), read-only; the translation is in scene units."""
     obliquity: str
@@ -92,9 +92,9 @@ class SourceParameters:
     support: Aperture
     """Region of the plane where W of the source is not zero, in m."""
     mixture: Mixture
-    """Coherence width and bandwidth of the field that the source sends, or a receiver would."""
+    """Coherence width and bandwidth of the transmitted field."""
     normalise: str = NORMALISATIONS[0]
-    """Definition of ``norm``: one of `NORMALISATIONS`."""
+    """Definition of ``norm``: "radiated" power, or int |u|^2 over the "aperture"."""
     power: float = 1.0
     """Radiated power in W; 1 for a receiver, whose power comes from the scene."""
     diffraction: bool = False
@@ -102,16 +102,16 @@ class SourceParameters:
     visible: bool = True
     """Whether rays meet the surface of the source."""
     noise: Mapping[str, float | None] = field(default_factory=dict)
-    """Bandwidth, temperature and noise figure of a receiver, by the names of ``NOISE_PARSERS``."""
+    """Bandwidth in Hz, temperature in K and noise figure in dB of a receiver, by name."""
     polarisation: Complexes | None = None
-    """Unit Jones vector along the source's x and y, shape (2,), or (n, 2) with one for each
-    element; None: unpolarised."""
+    """Unit Jones vector along the source's x and y, shape (2,), or one for each element, shape
+    (n, 2); None: unpolarised."""
     states_polarisation: bool = False
     """Whether the scene specifies ``polarisation``, "unpolarised" included."""
 
     @property
     def at_origin(self) -> SceneSource:
-        """The source relative to its centre, where single precision resolves positions best."""
+        """Source moved to its centre, where single precision resolves positions best."""
         moved: SceneSource = normal_form(self.source).moved(-self.support.centre).public
         return moved
 
@@ -131,7 +131,7 @@ class SourceParameters:
         return self.polarisation is not None and self.polarisation.ndim == 2
 
     def fields_of(self, source: SceneSource) -> list[tuple[SceneSource, Stokes | None]]:
-        """Return scalar sources with Stokes vectors, which add up weighted by |U|^2."""
+        """Return scalar sources with Stokes vectors, which add up with the weights |U|^2."""
         if self.polarisation is None or not self.has_several:
             return [(source, None)]
         return list(stokes_fields(source, self.polarisation))
@@ -199,52 +199,52 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
     PolywignerError
         If a source file cannot be read.
     """
-    sends = plugin == EMITTER
-    given = _SceneValues(values, f"{plugin} {'shape' if sends else 'sensor'}")
-    given.check_names(PARAMETERS if sends else RECEIVER_PARAMETERS)
-    estimator = given.choice("an estimator", ESTIMATORS, None if sends else RECEIVER_ESTIMATOR)
-    diffraction = given.flag("diffraction", False)
+    is_emitter = plugin == EMITTER
+    element = _SceneValues(values, f"{plugin} {'shape' if is_emitter else 'sensor'}")
+    element.check_names(PARAMETERS if is_emitter else RECEIVER_PARAMETERS)
+    default = None if is_emitter else RECEIVER_ESTIMATOR
+    estimator = element.choice("an estimator", ESTIMATORS, default)
+    diffraction = element.flag("diffraction", False)
     if diffraction and estimator != "exact":
         raise SceneError(
-            f'expected the estimator "exact" with diffraction, got {estimator!r}; the Wigner '
-            "function of the source contains no edges of obstacles"
+            f'expected the estimator "exact" with diffraction, got {estimator!r}; obstacles do not '
+            "change the Wigner function of the source"
         )
-    obliquity = given.choice("an obliquity", OBLIQUITIES, DEFAULT)
-    wavelength = given.wavelength()
+    obliquity = element.choice("an obliquity", OBLIQUITIES, DEFAULT)
+    wavelength = element.wavelength()
     try:
-        source, mixture = mixture_of(
-            given.source(wavelength), wavelength, given.number("bandwidth") if sends else None
-        )
+        bandwidth = element.number("bandwidth") if is_emitter else None
+        source, mixture = mixture_of(element.source(wavelength), wavelength, bandwidth)
     except ArgumentError as error:
         raise SceneError(str(error)) from None
     spec = SourceParameters(
         source=source,
         wavelength=wavelength,
         norm=math.nan,
-        pose=given.pose(),
+        pose=element.pose(),
         obliquity=obliquity,
         estimator=estimator,
-        scene_unit=given.number("scene_unit") or 1.0,
+        scene_unit=element.number("scene_unit") or 1.0,
         support=support_of(source, obliquity),
         mixture=mixture,
-        normalise=checked_normalise(given.text("normalise", NORMALISATIONS[0]), SceneError),
+        normalise=checked_normalise(element.text("normalise", NORMALISATIONS[0]), SceneError),
         diffraction=diffraction,
-        visible=given.flag("visible", True),
-        noise={} if sends else {name: given.number(name) for name in NOISE_PARSERS},
-        polarisation=given.polarisation(source),
-        states_polarisation="polarisation" in given.values,
+        visible=element.flag("visible", True),
+        noise={} if is_emitter else {name: element.number(name) for name in NOISE_PARSERS},
+        polarisation=element.polarisation(source),
+        states_polarisation="polarisation" in element.values,
     )
     spec = replace(spec, norm=spec.norm_at(wavelength))
-    return replace(spec, power=_power(given, spec)) if sends else spec
+    return replace(spec, power=_power(element, spec)) if is_emitter else spec
 
 
-def _power(given: _SceneValues, spec: SourceParameters) -> float:
-    """Return the radiated power in W of a shape."""
-    power, inside = given.number("power"), given.number("aperture_power")
+def _power(element: _SceneValues, spec: SourceParameters) -> float:
+    """Return the radiated power in W from the parameters ``power`` and ``aperture_power``."""
+    power, inside = element.number("power"), element.number("aperture_power")
     if power is not None and inside is not None:
         raise SceneError(
-            "expected power or aperture_power, got both; power leaves through the hemisphere in "
-            "front, aperture_power is the integral of |u|^2 over the aperture: give one"
+            "expected power or aperture_power, got both; power is radiated to the hemisphere in "
+            "front, aperture_power is the integral of |u|^2 over the aperture: leave one out"
         )
     if inside is not None:
         return spec.norm * (inside / spec.norm_at(spec.wavelength, "aperture"))
@@ -284,7 +284,7 @@ def scene_entry(
 ) -> dict[str, Any]:
     """Return the arguments of a Python call as an entry of a dictionary for ``mi.load_dict``.
 
-    Values that are None are left out.
+    The entry does not contain values that are None.
     """
     kinds = Aperture | Array | Wavefront | PlacedAperture | Slits | Polyhedron
     source = source if isinstance(source, kinds) else Aperture(source)
@@ -304,7 +304,7 @@ def scene_entry(
     return entry
 
 
-# ---- values of one element ----------------------------------------------------------------------
+# ---- values of an element -----------------------------------------------------------------------
 
 
 def values_of(props: mi.Properties) -> dict[str, Any]:
@@ -314,7 +314,7 @@ def values_of(props: mi.Properties) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _SceneValues:
-    """The parameters of one element of a scene."""
+    """Parameters of an element of a scene."""
 
     values: Mapping[str, Any]
     element: str
@@ -330,7 +330,7 @@ class _SceneValues:
                 )
 
     def choice(self, kind: str, known: Iterable[str], default: str | None = None) -> str:
-        """Return one of the known names, by default the first; ``kind`` is "an estimator" etc."""
+        """Return one of the known names, by default the first; ``kind``: such as "an estimator"."""
         known = tuple(known)
         name = self.text(kind.split()[1], default or known[0])
         if name not in known:
@@ -338,20 +338,20 @@ class _SceneValues:
         return name
 
     def source(self, wavelength: float) -> PublicSource | Polyhedron:
-        """Return the steered source with its taper and copies."""
+        """Return the source with its taper, copies and steering."""
         texts = {name: self.text(name, None) for name in SOURCE_TEXTS if name in self.values}
         return apply_texts(self._outline(), texts, wavelength)
 
     def _outline(self) -> PublicSource | Polyhedron:
-        """Return the source from its file, or from memory, without its taper and copies."""
-        given = [name for name in ("aperture", "source") if name in self.values]
-        if len(given) == 2:
+        """Return the source from a file or from memory, without taper, copies and steering."""
+        names = [name for name in ("aperture", "source") if name in self.values]
+        if len(names) == 2:
             raise SceneError(
                 f"expected an aperture or a source of the {self.element}, got both; a source file "
                 "can take its outline from an aperture file"
             )
-        name = self.text((given or ["aperture"])[0], None)
-        in_file = given == ["aperture"] and not is_key(name)
+        name = self.text((names or ["aperture"])[0], None)
+        in_file = names == ["aperture"] and not is_key(name)
         for key in ("unit", "tolerance", "layer", "union"):
             if key in self.values and not in_file:
                 kind = "an aperture from memory" if is_key(name) else "a source file"
@@ -393,8 +393,8 @@ class _SceneValues:
 
     def pose(self) -> Floats:
         """Return the pose as a read-only (4, 4) matrix."""
-        given = self.values.get("to_world")
-        return rigid_pose(np.eye(4) if given is None else given.matrix)
+        transform = self.values.get("to_world")
+        return rigid_pose(np.eye(4) if transform is None else transform.matrix)
 
     def number(self, name: str) -> float | None:
         """Return a numeric parameter in SI units; None if it is missing."""
@@ -431,9 +431,9 @@ class _SceneValues:
 def rigid_pose(matrix: Any) -> Floats:
     """Return a read-only (4, 4) pose from a matrix of NumPy or of any variant of Mitsuba."""
     try:
-        given = np.array(matrix)
-        # compiled variants have a last axis of 1
-        return geometry.rigid_pose(given[..., 0] if given.shape == (4, 4, 1) else given)
+        values = np.array(matrix)
+        # in compiled variants, the matrix has a last axis of length 1
+        return geometry.rigid_pose(values[..., 0] if values.shape == (4, 4, 1) else values)
     except (GeometryError, RuntimeError, ValueError) as error:
         raise SceneError(str(error)) from None
 
@@ -442,7 +442,7 @@ def pose_of(plugin: Any) -> Floats:
     """Return the pose (4, 4) of a source or receiver in its scene; the translation is in metres."""
     spec = plugin.spec
     matrix = np.array(matrix_of(plugin.to_world))
-    # in double precision, unless a user has changed it
+    # the pose in double precision, unless a user has changed the transform
     same = np.array_equal(matrix.astype(np.float32), spec.pose.astype(np.float32))
     pose = np.array(spec.pose if same else rigid_pose(matrix))
     pose[:3, 3] *= spec.scene_unit

@@ -1,6 +1,6 @@
 """The estimator ``wigner``: the Wigner function of a source, traced into render kernels.
 
-`TracedSource` has the same function with derivatives in vertices and weights.
+`TracedSource` computes the same function with derivatives with respect to vertices and weights.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from polywigner.mitsuba.plugins.mixtures import (
     depends_on_wavelength,
     emissions,
 )
-from polywigner.mitsuba.plugins.samplers import Positions, four, opaque
+from polywigner.mitsuba.plugins.samplers import Positions, opaque, times_stokes
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -42,7 +42,7 @@ from polywigner.transforms.wavefronts import flat_source
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.emitter import WignerEmitter
 
-# Odd constants for hashing, whose multiples differ in all bits; the first is 2^32/golden ratio.
+# Odd constants for hashing, whose multiples differ in all bits; the first is 2^32/(golden ratio).
 _FACTORS = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)
 _WORD = 0xFFFFFFFF
 
@@ -59,7 +59,7 @@ class Wave(NamedTuple):
 
 
 class DrawnWaves:
-    """Sampler of waves of a partially coherent or broadband source, for one variant's arrays."""
+    """Sampler of waves of partially coherent or broadband sources, for the arrays of a variant."""
 
     def __init__(self, m: Any, mixture: Mixture) -> None:
         self._m, self._jit, self._mixture = m, dr.is_jit_v(m.Float), mixture
@@ -81,7 +81,7 @@ class DrawnWaves:
         return Wave(inverse, tilt)
 
     def _hash(self, *values: Drjit) -> Drjit:
-        """Return 32 bits for some floats."""
+        """Return a hash of 32 bits of floats."""
         key: Drjit = 0
         for value, factor in zip(values, _FACTORS, strict=False):
             if self._jit:
@@ -93,7 +93,7 @@ class DrawnWaves:
 
 
 def _uniform(word: Drjit) -> Drjit:
-    """Return a number in (0, 1) for 32 bits."""
+    """Convert 32 random bits to a number in (0, 1)."""
     return ((word >> 9) + 0.5) * 2.0**-23
 
 
@@ -110,7 +110,7 @@ class _Term(NamedTuple):
 
 
 class WignerRadiance:
-    """Sum of h W over the terms of a source (:func:`emissions`), for one variant's arrays."""
+    """Sum of h W over the terms of a source (:func:`emissions`), for the arrays of a variant."""
 
     def __init__(self, m: Any, spec: SourceParameters, wavelength: float) -> None:
         self._m, self._jit, self._unit = m, dr.is_jit_v(m.Float), spec.scene_unit
@@ -129,10 +129,10 @@ class WignerRadiance:
     def at(
         self, x: Drjit, direction: Drjit, wave: Wave, wigner: Callable[..., Drjit] | None = None
     ) -> Drjit:
-        """Return the sum in m^2 at positions and directions of the source's frame, zero behind.
+        """Return the sum of h W in m^2 in the source's frame; zero for directions to the back.
 
-        The result has four components if elements have different polarisations. ``wigner``
-        replaces the W of every term; it takes operations and four coordinates.
+        The result has four components if elements have different polarisations. ``wigner`` is a
+        function of operations and four coordinates that replaces the W of each term.
         """
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
@@ -148,11 +148,13 @@ class WignerRadiance:
                 )[0]
             else:
                 value = term.kernel(self._ops, term.tables, *position, *frequency)[0]
-            density = density + four(self._m, term.stokes, value * term.forms.radiance(cosine))
+            density = density + times_stokes(
+                self._m, term.stokes, value * term.forms.radiance(cosine)
+            )
         return dr.select(front, density, 0.0)
 
     def _sheared(self, frequency: Point, position: Point, inverse: Drjit) -> Point:
-        """Return the frequency relative to the local frequency of a curved wave."""
+        """Return a spatial frequency relative to the local frequency of a curved wave."""
         if self._wave is None:
             return frequency
         (xx, xy), (_, yy) = self._wave.curvature.tolist()
@@ -165,9 +167,10 @@ class WignerRadiance:
     def integral(
         self, direction: Drjit, wave: Wave, intensity: Callable[..., Drjit] | None = None
     ) -> Drjit:
-        """Return the integral over positions in m^4, the sum of h |F|^2.
+        """Return the integral of h W over positions in m^4, which is the sum of h |F|^2.
 
-        ``intensity`` replaces the |F|^2 of every term; it takes operations and two frequencies.
+        ``intensity`` is a function of operations and two frequencies that replaces the |F|^2 of
+        each term.
         """
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
@@ -179,12 +182,12 @@ class WignerRadiance:
             else:
                 value = fourier(term.source, self._m.Vector2f(x, y) if self._jit else [x, y])
                 square = value.real * value.real + value.imag * value.imag
-            total = total + four(self._m, term.stokes, square * term.forms.radiance(cosine))
+            total = total + times_stokes(self._m, term.stokes, square * term.forms.radiance(cosine))
         return dr.select(front, total, 0.0)
 
 
 def _frequency(direction: mi.Vector3f, wave: Wave) -> Point:
-    """Return the two spatial frequencies at which a tilted wave leaves in a direction."""
+    """Return the spatial frequencies along x and y of a tilted wave in a direction."""
     x, y = direction.x * wave.inverse, direction.y * wave.inverse
     return (x, y) if wave.tilt is None else (x - wave.tilt.x, y - wave.tilt.y)
 
@@ -208,7 +211,7 @@ class WignerEstimator:
 
     @staticmethod
     def check(spec: SourceParameters) -> None:
-        """Raise SceneError for a mixture whose waves have different obliquity factors."""
+        """Raise SceneError if the waves of a mixture have different obliquity factors."""
         mixture = spec.mixture
         oblique = (
             mixture.coherence_width < math.inf
@@ -221,32 +224,32 @@ class WignerEstimator:
                 f"{spec.obliquity!r}, whose factor differs between the waves of the mixture"
             )
 
-    def lit(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return L cos/r^2 at the point ``it``, divided by the density of samples."""
-        direction, distance = light.seen_from(it, x)
+    def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
+        """Return L cos/r^2 at the point ``it`` divided by the density of samples."""
+        direction, distance = light.direction_to(it, x)
         value = light.radiance(x, direction, light.wave(x, it.p)) * direction.z
         return value / (distance * distance * self.density)
 
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return h W cos/N divided by the density of samples, in units of the scene."""
+        """Return h W cos/N divided by the density of samples, both in units of the scene."""
         wave = self._radiance.waves.wave(self._inverse, x, direction)
         return self._scale * self._radiance.at(x, direction, wave) * direction.z / self.density
 
 
-# Overlaps below this fraction of an area are rounding errors.
+# Overlaps below this fraction of the total area are rounding errors.
 _OVERLAP = 1e-9
 # Largest number of pairs of edges of a source with derivatives. Each pair is code of the render
-# kernel and takes 7 ms to compile; 9000 pairs exhaust the compiler.
+# kernel and takes 7 ms to compile. With 9,000 pairs the compiler fails.
 _MOST_CUTS = 4096
 
 
 class TracedSource:
-    """Vertices and weights of one emitter's source as parameters of a scene.
+    """Vertices and weights of a source as differentiable parameters of a scene.
 
-    Both are None in scalar variants, and for sources that are not uniform, overlap, have several
-    polarisations or too many edges.
+    Both are None in scalar variants, and for sources with non-uniform fields, overlapping elements,
+    several polarisations or too many edges.
     """
 
     def __init__(self, m: Any, spec: SourceParameters) -> None:
@@ -268,7 +271,7 @@ class TracedSource:
         return any(v is not None and dr.grad_enabled(v) for v in (self.vertices, self.weights))
 
     def changed(self) -> Aperture | Array | None:
-        """Return the source with the present values, or None if nothing changed."""
+        """Return the source with the current values, or None if no value has changed."""
         if self.vertices is None:
             return None
         source: Any = self._spec.source
@@ -296,7 +299,7 @@ class TracedSource:
         return values.reshape(-1, 2)
 
     def wigner(self, ops: Any, *point: Drjit) -> Drjit:
-        """Return W of the centred source, with derivatives in all numbers."""
+        """Return W of the source moved to its centre, with derivatives."""
         frame = self._tables.frame
         x, y = zip(*(frame.position(ops, *corner) for corner in self._centred()), strict=True)
         fields = None
@@ -309,7 +312,7 @@ class TracedSource:
         return value
 
     def intensity(self, ops: Any, *nu: Drjit) -> Drjit:
-        """Return |F|^2 of the source, with derivatives in all numbers."""
+        """Return |F|^2 of the source moved to its centre, with derivatives."""
         code = DrjitOperations(ops.float_type, most_as_code=math.inf)
         corners = iter(self._centred())
         weights = None if self.weights is None else self._gathered(self.weights)
@@ -323,7 +326,7 @@ class TracedSource:
         return total.real * total.real + total.imag * total.imag
 
     def _gathered(self, flat: Drjit) -> list[Point]:
-        """Return the pairs of numbers of a flat array."""
+        """Return the numbers of a flat array in pairs."""
         m = self._m
         numbers = [dr.gather(m.Float, flat, m.UInt32(k)) for k in range(dr.width(flat))]
         return list(zip(numbers[::2], numbers[1::2], strict=True))

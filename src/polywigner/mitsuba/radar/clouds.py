@@ -23,7 +23,7 @@ from polywigner.source import Array
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# Scatterers of one step: the responses of all elements take some tens of megabytes.
+# Number of scatterers of a step, for which the responses of all elements take tens of megabytes.
 _CHUNK = 1 << 16
 # Relative tolerance of fields.
 _TOLERANCE = 1e-6
@@ -37,12 +37,13 @@ def element_responses(
 ) -> Complexes:
     """Return the complex response of each element of a receiving array to each scatterer.
 
-    e_kn = lambda U_k(y_n)/sqrt(N_k), with U_k the exact field (docs/received_power.md, (RX8)) that
-    element k would transmit to the position y_n, with the obliquity of the cloud's receiver, and
-    N_k the power that it would radiate, or int abs(u_k)^2 according to the receiver's
-    ``normalise``. By reciprocity the element receives the power intensity_n abs(e_kn)^2, and
-    sqrt(intensity_n) e_kn times a random number of variance 1 is a sample of its amplitude
-    (speckle). The phase exp(+ikR) is the phase of the path from the first surface.
+    The response is e_kn = lambda U_k(y_n)/sqrt(N_k). U_k is the exact field
+    (docs/received_power.md, (RX8)) that element k would transmit to the position y_n, with the
+    obliquity of the cloud's receiver. N_k is the power that the element would radiate, or int
+    abs(u_k)^2, according to the receiver's ``normalise``. By reciprocity, the element receives the
+    power intensity_n abs(e_kn)^2. The product of sqrt(intensity_n) e_kn and a complex random number
+    of variance 1 is a sample of its amplitude (speckle). The phase exp(+ikR) is for the path from
+    the first surface to the element.
 
     Parameters
     ----------
@@ -57,13 +58,13 @@ def element_responses(
     Returns
     -------
     ndarray of complex, shape (elements, scatterers)
-        Responses in m: the squared modulus times W/sr gives W. Scatterers behind the plane, or at
-        angles with zero obliquity, have responses of zero.
+        Responses in m: the squared modulus times W/sr is a power in W. The response is zero for
+        scatterers behind the plane, and in directions of zero obliquity.
 
     Raises
     ------
     ArgumentError
-        If ``cloud``, ``elements`` or ``to_world`` is of another kind.
+        If ``cloud``, ``elements`` or ``to_world`` is of another type.
     SceneError
         If an element cannot radiate.
     """
@@ -78,31 +79,32 @@ def covariance(
     to_world: ArrayLike | None = None,
     ranges: ArrayLike | None = None,
 ) -> Complexes:
-    """Return the covariance matrix of the signals of an array's elements, by range gates.
+    """Return the covariance matrix of the signals of an array's elements, for each range gate.
 
-    R_kl = sum_n intensity_n e_kn conj(e_ln) with the responses e of :func:`element_responses`: the
-    mean of a_k conj(a_l) over samples of speckle a. R_kk is the power in W received by element k.
-    An array of equal elements with weights w receives w^T R conj(w) / sum(abs(w)^2).
+    R_kl = sum_n intensity_n e_kn conj(e_ln), with the responses e of :func:`element_responses`.
+    This is the mean of a_k conj(a_l) over samples a of speckle. R_kk is the power in W that element
+    k receives. An array of equal elements with weights w receives w^T R conj(w) / sum(abs(w)^2).
 
-    Use a cloud of a receiver like one element, so that scatterers sample the element's beam.
+    Use the cloud of a receiver whose source is like one element, because the scatterers then sample
+    the beam of an element.
 
     Parameters
     ----------
     cloud, elements, to_world
-        As for :func:`element_responses`.
+        As in :func:`element_responses`.
     ranges : array_like, shape (gates + 1,), optional
-        Ascending edges of range gates in m of range, half of ``path_length``. Default: one gate
-        for the complete cloud.
+        Ascending edges of range gates in m; range is half of ``path_length``. Default: a single
+        gate for the entire cloud.
 
     Returns
     -------
     ndarray of complex, shape (elements, elements) or (gates, elements, elements)
-        Hermitian matrix in W, one for each gate if ``ranges`` is given.
+        Hermitian matrix in W; with ``ranges``, a matrix for each gate.
 
     Raises
     ------
     ArgumentError
-        As for :func:`element_responses`, or if ``ranges`` does not ascend.
+        As in :func:`element_responses`, or if ``ranges`` does not ascend.
     """
     positions, intensity, attrs = _checked(cloud)
     sources = _sources(elements)
@@ -111,7 +113,7 @@ def covariance(
     if ranges is not None:
         edges = _edges(ranges)
         count = len(edges) - 1
-        # the last gate has both of its edges
+        # the last gate includes both of its edges
         half = np.asarray(cloud["path_length"].values) / 2
         gates = np.searchsorted(edges, half, side="right") - 1
         gates[half == edges[-1]] = count - 1
@@ -124,8 +126,8 @@ def covariance(
         bounds = np.searchsorted(gates[part], np.arange(count + 1))
         for gate in np.flatnonzero(np.diff(bounds)):
             within = slice(bounds[gate], bounds[gate + 1])
-            some = responses[:, within]
-            result[gate] += (some * intensity[part][within]) @ some.conj().T
+            in_gate = responses[:, within]
+            result[gate] += (in_gate * intensity[part][within]) @ in_gate.conj().T
     return result[0] if ranges is None else result
 
 
@@ -149,7 +151,7 @@ def _responses(
 
 
 def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complexes:
-    """Return the responses (ends, scatterers) of placed sources or receivers, each as a whole."""
+    """Return the responses (ends, scatterers) of placed sources or receivers."""
     positions, _, attrs = _checked(cloud)
     rows = []
     for end in ends:

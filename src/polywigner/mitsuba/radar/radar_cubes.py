@@ -1,8 +1,9 @@
 """Data cubes of radars: samples of receivers by emitter, repetition and time in a scene.
 
-Coherent paths (line of sight, specular reflections, bodies) contribute (RC1) with their complex
-couplings over the band. Scattered fields contribute the same sum over a cloud of scatterers, with
-the root of each scatterer's power and a random complex factor of variance 1 (speckle).
+The signal is the sum (RC1) over coherent paths (line of sight, specular reflections, bodies), with
+their complex couplings over the band, plus the same sum over a cloud of scatterers. The amplitude
+of a scatterer is the square root of its power times a random complex factor of variance 1
+(speckle).
 """
 
 from __future__ import annotations
@@ -41,31 +42,32 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Velocities = dict[str, Floats]
 
-# Relative error of sums over scatterers.
+# Relative error of the sums over scatterers.
 _OF_SUMS = 1e-7
-# Growth of a delay during one series, times the bandwidth; the phase of the motion is then 2 rad.
+# Largest growth of a delay during the repetitions of a block, times the bandwidth. The phase that
+# the series of the motion expands is then at most 2 rad.
 _MOST_CYCLES = 1.25
 _MOST_POINTS = 1_000_000
-# Bytes of the largest signal that is computed at once.
+# Size in bytes of the largest signal that is not lazy.
 _MOST_BYTES = 1 << 30
 # Relative rounding error of frequencies.
 _ROUNDING = 1e-9
-# Distance from which rays leave a surface, relative to the distance of the emitter.
+# Distance from a surface at which rays start, relative to the distance of the emitter.
 _CLOSE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class _Radar:
-    """Ends of a radar, and the times of its repetitions."""
+    """Emitters and receivers of a radar, and the times of its repetitions."""
 
     waveform: FMCW
     emitters: list[PlacedSource]
     receivers: list[list[PlacedSource]]
-    """For each receiver of the scene the receiver itself, or its elements."""
+    """For each receiver of the scene: the receiver itself, or its elements."""
     noise_power: Floats
     """Noise power of a sample in W for each receiver of the scene; NaN without a temperature."""
     chirp_times: Floats
-    """Starts (emitter, chirp + 1) of the repetitions in s."""
+    """Times (emitter, chirp + 1) in s at which repetitions start."""
     frequency: float
     """Frequency of the scene in Hz."""
 
@@ -77,18 +79,18 @@ class _Radar:
 
 @dataclass(frozen=True, eq=False)
 class _Cloud:
-    """Scatterers of one receiver of the scene, which its elements share."""
+    """Scatterers of a receiver of the scene, common to the elements of the receiver."""
 
     responses: Complexes
-    """(element, scatterer), times the next in sqrt(W)."""
-    sent: Complexes
-    """(emitter, scatterer)."""
+    """Responses (element, scatterer); their product with ``emitted`` is in sqrt(W)."""
+    emitted: Complexes
+    """Square roots (emitter, scatterer) of intensities, with phases."""
     delays: Floats
-    """(emitter, scatterer) in s at the time 0."""
+    """Delays (emitter, scatterer) in s at the time 0."""
     rates: Floats
-    """Growth of the delays in s/s."""
+    """Rates (scatterer,) at which delays grow, in s/s."""
     excess: Floats
-    """Excess delays (element, scatterer) in s."""
+    """Delays (element, scatterer) in s relative to the mean over the elements."""
 
 
 @one_at_a_time
@@ -110,53 +112,55 @@ def radar_cube(
 ) -> xarray.Dataset:
     """Compute the samples that the receivers of a radar record in a scene.
 
-    The samples are the sum of the line-of-sight path (leakage), of specular paths by flat mirrors
-    and of echoes of conducting bodies, with their complex couplings over the band; of scattered
-    fields as speckle, with the exact response of each receiving element; and of thermal noise.
-    Each path has its own delay at each sample, so that objects migrate through range bins. See
-    (RC1) and docs/radar.md.
+    The samples are a sum of three parts. Coherent paths are the line of sight (leakage), specular
+    paths by flat mirrors, and echoes of conducting bodies, with their complex couplings over the
+    band. Scattered fields are speckle, with the exact response of each receiving element. The third
+    part is thermal noise. The delay of a path changes from sample to sample, so objects migrate
+    through range bins. See (RC1) and docs/radar.md.
 
     Parameters
     ----------
     scene : mi.Scene
-        Scene with ``wigner`` shapes and ``wigner_receiver`` sensors of one frequency within the
-        waveform's band. Load it with :func:`load_scene`, which keeps the ids of shapes.
+        Scene with ``wigner`` shapes and ``wigner_receiver`` sensors, all with the same frequency
+        within the waveform's band. Load it with :func:`load_scene`, which keeps the ids of shapes.
     waveform : polywigner.radar.FMCW or str
-        Waveform, or a text as for :func:`polywigner.radar.parse_waveform`.
+        Waveform, or a text as in :func:`polywigner.radar.parse_waveform`.
     velocities : mapping of str to array_like, shape (3,), optional
-        Velocities in m/s of shapes, bodies, emitters and receivers by their ids. Default: zero.
+        Velocities in m/s of shapes, bodies, emitters and receivers by id. Default: zero.
     bodies : mapping, optional
-        Conducting bodies by their names, as for :func:`channel`.
+        Conducting bodies by name, as in :func:`channel`.
     reflections : int, default 2
         Maximum number of specular reflections per path, 0 to 3.
     elements : bool, default False
-        Record each element of a receiver whose source is a :class:`polywigner.Array`, without the
-        weights of the array; elements of the receiver "rx" are "rx[0]", "rx[1]", ...
+        Whether to record each element of a receiver whose source is a :class:`polywigner.Array`,
+        without the weights of the array. The elements of the receiver "rx" are "rx[0]", "rx[1]",
+        ...
     points : int, default 20000
-        Largest number of scatterers of each receiver; 0 leaves out scattered fields.
+        Largest number of scatterers of each receiver; 0 omits scattered fields.
     rays : int, optional
-        Rays from each receiver, as for :func:`scatterers`; more show smaller objects.
+        Number of rays from each receiver, as in :func:`scatterers`. More rays show smaller objects.
     draws : int, default 1
         Number of draws of speckle and noise.
     seed : int, default 0
         Seed of the random numbers, zero or more.
     noise : bool, default True
-        Add thermal noise k T B F to receivers with a temperature. B is the sampling rate.
+        Whether to add thermal noise k T B F to the samples of receivers with a temperature. B is
+        the sampling rate.
     multiplexing : {"time", "none"}
-        ``time``: the emitters take turns, repetition by repetition. ``none``: all repetitions of
-        all emitters start together, and the receivers separate them perfectly.
+        ``time``: the emitters transmit one after the other, repetition by repetition. ``none``: all
+        emitters start their repetitions together, and receivers separate them perfectly.
     polarisation : str or array_like, optional
-        Polarisation of ends without one, as for :func:`channel`.
+        Polarisation of ends without a polarisation in the scene, as in :func:`channel`.
 
     Returns
     -------
     xarray.Dataset
-        ``signal`` (draw, receiver, emitter, chirp, sample), complex in sqrt(W): the mean of its
-        squared modulus is the received power. ``noise_power`` (receiver) in W per sample,
-        ``receiver_position`` and ``emitter_position`` in m in the frame of the first receiver,
-        ``start_time`` (emitter) in s of the first repetition. Coordinates: names of receivers and
-        emitters. Attributes: those of the waveform, ``period`` in s between repetitions of one
-        emitter, ``seed``, ``scattered_points``, and ``notes`` on effects that are left out.
+        ``signal`` (draw, receiver, emitter, chirp, sample), complex, in sqrt(W): the mean of its
+        squared modulus is the received power. ``noise_power`` (receiver) in W per sample.
+        ``receiver_position`` and ``emitter_position`` in m in the frame of the first receiver.
+        ``start_time`` (emitter) of the first repetition in s. Coordinates: names of receivers and
+        emitters. Attributes: those of the waveform, ``period`` in s between repetitions of an
+        emitter, ``seed``, ``scattered_points``, and ``notes`` on effects that are not included.
 
     Raises
     ------
@@ -243,9 +247,9 @@ def _radar(
         receivers.append(parts)
         power = noise_power_of(wave.sample_rate, noise["temperature"], noise["noise_figure"])
         powers.append(math.nan if power is None else power)
-    turns = len(parties.emitters) if is_in_turn else 1
+    cycles = len(parties.emitters) if is_in_turn else 1
     starts = np.arange(len(parties.emitters)) * (wave.interval if is_in_turn else 0.0)
-    times = np.add.outer(starts, turns * wave.interval * np.arange(wave.chirps + 1))
+    times = np.add.outer(starts, cycles * wave.interval * np.arange(wave.chirps + 1))
     frequency = SPEED_OF_LIGHT / parties.emitters[0].wavelength
     return _Radar(wave, parties.emitters, receivers, np.array(powers), times, frequency)
 
@@ -257,7 +261,7 @@ def _samples(
     with_noise: bool,
     seed: tuple[int, int, int],
 ) -> Complexes:
-    """Return samples (element, emitter, chirp, sample) of one receiver in one draw."""
+    """Return samples (element, emitter, chirp, sample) of a receiver in a draw."""
     wave, random = radar.waveform, np.random.default_rng(seed)
     spectra = np.zeros((len(links), len(radar.emitters), wave.chirps, wave.samples), np.complex128)
     for k, of_element in enumerate(links):
@@ -280,18 +284,18 @@ def _samples(
 
 
 class _Link(NamedTuple):
-    """Coherent paths between an emitter and a receiver or element."""
+    """Coherent paths between an emitter and a receiver, or an element of a receiver."""
 
     amplitudes: Complexes
-    """(path, sample) in sqrt(W)."""
+    """Amplitudes (path, sample) in sqrt(W)."""
     rates: Floats
-    """Growth (path,) of the delays in s/s."""
+    """Rates (path,) at which delays grow, in s/s."""
 
 
 def _coherent(
     scene: Any, radar: _Radar, options: ReceiveOptions, speeds: Velocities
 ) -> tuple[list[list[list[_Link]]], list[str]]:
-    """Return the links of each receiver of the scene, element and emitter, and notes."""
+    """Return links, nested by receiver of the scene, element and emitter, and notes."""
     wave = radar.waveform
     chains, echoes, notes = routes_in(
         scene, radar.emitters[0].scene_unit, options.reflections, options.bodies
@@ -303,7 +307,7 @@ def _coherent(
         paths, of_link = paths_between(
             scene, emitter, receiver, routes, options.polarisation, shortest
         )
-        if any(receiver is parts[0] for parts in radar.receivers):  # not of each element
+        if any(receiver is parts[0] for parts in radar.receivers):  # notes of the first element
             notes.extend(of_link)
         h = amplitudes_of(paths, wave.frequencies, options.tolerance)
         rates = [_rate_of(path.route, emitter, receiver, speeds) for path in paths]
@@ -317,17 +321,17 @@ def _coherent(
 def _rate_of(
     route: Route, emitter: PlacedSource, receiver: PlacedSource, speeds: Velocities
 ) -> float:
-    """Return the growth of a path's length in m/s."""
+    """Return the rate at which the length of a path grows, in m/s."""
     still = np.zeros(3)
-    sent, taken = (speeds.get(_owner(end.name), still) for end in (emitter, receiver))
+    emitted, received = (speeds.get(_owner(end.name), still) for end in (emitter, receiver))
     if not isinstance(route, Echo):
-        image, velocity = _moving_image(emitter, sent, route, speeds)
-        return _closing(image, velocity, receiver.centre, taken)
+        image, velocity = _moving_image(emitter, emitted, route, speeds)
+        return _distance_rate(image, velocity, receiver.centre, received)
     centre = route.body.facets.centre
     motion = speeds.get(route.body.name, still)
-    legs = ((emitter, sent, route.before), (receiver, taken, route.after[::-1]))
+    legs = ((emitter, emitted, route.before), (receiver, received, route.after[::-1]))
     return sum(
-        _closing(*_moving_image(end, speed, chain, speeds), centre, motion)
+        _distance_rate(*_moving_image(end, speed, chain, speeds), centre, motion)
         for end, speed, chain in legs
     )
 
@@ -340,17 +344,19 @@ def _owner(name: str) -> str:
 def _moving_image(
     end: PlacedSource, velocity: Floats, chain: Chain, speeds: Velocities
 ) -> tuple[Floats, Floats]:
-    """Return the centre of the image of an end in mirrors, and its velocity in m/s."""
+    """Return the centre of an end's image in mirrors, and the velocity of the image in m/s."""
     for mirror in chain:
         moved = speeds.get(mirror.name, np.zeros(3))
         velocity = velocity - 2 * ((velocity - moved) @ mirror.normal) * mirror.normal
     return end.image(chain).centre, velocity
 
 
-def _closing(one: Floats, its_velocity: Floats, other: Floats, velocity: Floats) -> float:
-    """Return the growth in m/s of the distance between two moving points."""
-    away = one - other
-    return float(away @ (its_velocity - velocity) / np.linalg.norm(away))
+def _distance_rate(
+    first: Floats, first_velocity: Floats, second: Floats, second_velocity: Floats
+) -> float:
+    """Return the rate in m/s at which the distance between two moving points grows."""
+    offset = first - second
+    return float(offset @ (first_velocity - second_velocity) / np.linalg.norm(offset))
 
 
 # ---- scattered fields ----------------------------------------------------------------------------
@@ -365,7 +371,7 @@ def _cloud(
     speeds: Velocities,
     options: ReceiveOptions,
 ) -> _Cloud | None:
-    """Return the scatterers that one receiver of the scene sees; None if there are none."""
+    """Return the scatterers of a receiver of the scene; None if there are none."""
     receivers = radar.receivers[number]
     others = {_owner(each[0].name) for each in radar.receivers if each is not receivers}
     outside = others | {body.name for body in options.bodies}
@@ -376,18 +382,19 @@ def _cloud(
     if not cloud.sizes["scatterer"]:
         return None
     responses, excess = _receiving(cloud, receivers)
-    sent, lengths = _sending(scene, cloud, radar.emitters)
+    emitted, lengths = _sending(scene, cloud, radar.emitters)
     near = np.isfinite(lengths).all(axis=0)
     return _Cloud(
-        responses[:, near], sent[:, near], lengths[:, near] / SPEED_OF_LIGHT,
+        responses[:, near], emitted[:, near], lengths[:, near] / SPEED_OF_LIGHT,
         cloud["path_rate"].values[near] / SPEED_OF_LIGHT, excess[:, near] / SPEED_OF_LIGHT,
     )  # fmt: skip
 
 
 def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complexes, Floats]:
-    """Return roots of power over intensity, and excess lengths in m, (receiver, scatterer).
+    """Return responses, and excess lengths in m, both with the axes (receiver, scatterer).
 
-    Without elements the first is the root of the cloud's power over intensity.
+    A response squared is received power over intensity. A receiver that is not divided into
+    elements has the ratio of the cloud's power and intensity.
     """
     power, intensity = cloud["power"].values, cloud["intensity"].values
     if min(power.min(), intensity.min()) < 0:
@@ -406,11 +413,12 @@ def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Co
 def _sending(
     scene: Any, cloud: xarray.Dataset, emitters: list[PlacedSource]
 ) -> tuple[Complexes, Floats]:
-    """Return roots of intensities and path lengths in m, (emitter, scatterer).
+    """Return square roots of intensities, and path lengths in m, with axes (emitter, scatterer).
 
-    Several emitters share the scatterers of single reflections, so that their signals are
-    coherent: with the irradiances E_j of the emitters at a scatterer that was sampled for any of
-    them, the intensity for emitter j is I E_j / sum_i E_i, whose sum over scatterers is unbiased.
+    Scatterers of single reflections are common to all emitters, so that the signals of emitters are
+    coherent. A scatterer with the intensity I may be sampled for any of the emitters, whose
+    irradiances there are E_j. Its intensity for emitter j is I E_j / sum_i E_i, and the sum of
+    these intensities over scatterers is unbiased.
     """
     intensity, paths = cloud["intensity"].values, cloud["path_length"].values
     names = cloud["emitter"].values
@@ -423,10 +431,10 @@ def _sending(
     position, normal = cloud["position"].values[shared], cloud["normal"].values[shared]
     legs, fields = [], []
     for emitter in emitters:
-        away = emitter.centre - position
-        distance = np.linalg.norm(away, axis=1)
-        incidence = np.maximum(np.sum(away * normal, axis=1) / distance, 0.0)
-        visible = _in_view(scene, emitter, position, away)
+        offset = emitter.centre - position
+        distance = np.linalg.norm(offset, axis=1)
+        incidence = np.maximum(np.sum(offset * normal, axis=1) / distance, 0.0)
+        visible = _in_view(scene, emitter, position, offset)
         field = end_responses(cloud.isel(scatterer=shared), [emitter])[0]
         fields.append(field * np.sqrt(emitter.power * incidence * visible))
         legs.append(distance)
@@ -439,19 +447,22 @@ def _sending(
     return amplitudes, lengths
 
 
-def _in_view(scene: Any, emitter: PlacedSource, position: Floats, away: Floats) -> NDArray[Any]:
-    """Return whether points (n, 3) in m see the centre of an emitter."""
+def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats) -> NDArray[Any]:
+    """Return whether points (n, 3) in m have a line of sight to the centre of an emitter."""
     unit = emitter.scene_unit
-    steps = (away * (1 - 2 * _CLOSE) / unit).astype(np.float32)
-    start = ((position + _CLOSE * away) / unit).astype(np.float32)
+    steps = (offset * (1 - 2 * _CLOSE) / unit).astype(np.float32)
+    start = ((position + _CLOSE * offset) / unit).astype(np.float32)
     ray = mi.Ray3f(mi.Point3f(start.T), mi.Vector3f(steps.T))
     ray.maxt = 1.0
     return ~np.atleast_1d(np.array(scene.ray_test(ray)))
 
 
 def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complexes, emitter: int) -> Complexes:
-    """Return the sum (RC1) over scatterers, (element, chirp, sample) or (element, 1, sample)."""
-    signals = cloud.responses * (speckle * cloud.sent[emitter])
+    """Return the sum (RC1) over scatterers with the axes (element, chirp, sample).
+
+    If no scatterer moves, all chirps are equal, and the axis ``chirp`` has the length 1.
+    """
+    signals = cloud.responses * (speckle * cloud.emitted[emitter])
     starts = radar.chirp_times[emitter, :-1]
     is_moving = cloud.rates != 0
     still = _frame(radar, cloud, signals, emitter, ~is_moving, starts[:1])
@@ -474,15 +485,15 @@ def _frame(
     chosen: NDArray[np.bool_],
     starts: Floats,
 ) -> Complexes:
-    """Return the sum (RC1) over some scatterers in successive repetitions.
+    """Return the sum (RC1) over the ``chosen`` scatterers in successive repetitions.
 
-    With the numbers m and n of repetition and sample counted from the middle of the frame, the
-    phase of a scatterer of the delay D in the middle is a constant plus linear terms, which a
-    non-uniform FFT sums, plus two small products, which :func:`_series` separates:
+    The numbers m and n of repetition and sample are counted from the centre of the frame. The phase
+    of a scatterer is a constant, plus terms that are linear in m and n, plus two small terms. A
+    non-uniform FFT sums waves with linear phases, and :func:`_series` expands the small terms:
 
-    - with its rate r, r n df (m T + n dt), the motion through range bins
-    - with the excess delay d of an element, (f_n - f_0) d, because the response of the element has
-      the phase at the frequency f_0 of the scene
+    - r n df (m T + n dt) for a delay that grows at the rate r, the motion through range bins
+    - (f_n - f_0) d for an element with the excess delay d, because the phase of the element's
+      response is for the frequency f_0 of the scene
     """
     wave = radar.waveform
     rates, delays = cloud.rates[chosen], cloud.delays[emitter, chosen]
@@ -510,9 +521,9 @@ def _frame(
 
 
 def _summed_waves(slopes: list[Floats], terms: Complexes, shape: list[int]) -> Complexes:
-    """Return sums (element, ...) over points of terms times exp(2 pi i (slopes . numbers)).
+    """Return the sums (element, ...) over points of terms times exp(2 pi i (slopes . numbers)).
 
-    The numbers count from ``-size // 2`` along each axis of ``shape``.
+    Along each axis of ``shape``, the numbers start at ``-(size // 2)``.
     """
     finufft = require("finufft", "radar", "scattered fields are summed with")
     transform = finufft.nufft1d1 if len(shape) == 1 else finufft.nufft2d1
@@ -522,7 +533,7 @@ def _summed_waves(slopes: list[Floats], terms: Complexes, shape: list[int]) -> C
 
 
 def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complexes, Floats]]:
-    """Yield arrays whose products sum to exp(2 pi i amounts along), a power series."""
+    """Yield pairs of arrays, whose products add up to exp(2 pi i amounts along): a power series."""
     reach = float(np.abs(along).max()) or 1.0
     phases = 2j * np.pi * amounts * reach
     largest = float(np.abs(phases).max(initial=0.0))

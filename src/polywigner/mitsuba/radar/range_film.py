@@ -1,4 +1,4 @@
-"""A film that sorts light by path length, and a sensor with the rays of another sensor."""
+"""A film that sorts light by the length of its path, and a sensor that uses this film."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
 
 TRANSIENT_INTEGRATORS = (_PATH, _VOLUME)
-"""Plugins that sample receivers and cameras. ``transient_nlos_path`` needs a special sensor."""
+"""Plugins that support receivers and cameras; ``transient_nlos_path`` needs a special sensor."""
 
 _PYTHON_CLASSES = ("TransientPath", "TransientPRBVolpathIntegrator")
 
-# Integrators of mitransient with the same paths as Mitsuba's integrators, by class names.
+# Integrators of mitransient with the same paths as Mitsuba's integrators, by their class names.
 _COUNTERPARTS = {
     "PathIntegrator": _PATH,
     "DirectIntegrator": _PATH,
@@ -49,7 +49,7 @@ _COUNTERPARTS = {
     "VolpathMisIntegratorImpl": _VOLUME,
     "PRBVolpathIntegrator": _VOLUME,
 }
-# Mitsuba's `direct` has no depth parameter: emitter, surface, receiver.
+# Depth of Mitsuba's `direct`, which has no such parameter: paths by one surface.
 _DEPTH_OF_DIRECT = 2
 
 
@@ -64,7 +64,7 @@ def require_transients(variant: str | None = None) -> ModuleType:
             return loaded
         for name in [name for name in sys.modules if name.split(".")[0] == _NAME]:
             del sys.modules[name]  # imported for another variant
-    # importing mitransient also sets the variant of child processes
+    # mitransient sets this variable on import, which would change the variant of child processes
     chosen = os.environ.get("MI_DEFAULT_VARIANT")
     try:
         return require(_NAME, "radar", "measures ranges")
@@ -89,13 +89,13 @@ def is_transient(integrator: Any) -> bool:
 
 
 def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integrator:
-    """Return an integrator with the same paths as this one that measures their lengths."""
+    """Return an integrator that measures lengths of the same paths as another integrator."""
     require_transients()
     checked_scene(scene)
-    for emitter in scene.emitters():  # Mitsuba moves infinite lights to a sphere
+    for emitter in scene.emitters():  # Mitsuba places infinite lights on a sphere
         if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite):
             raise SceneError(
-                "expected lights at finite distances for ranges, got one that is infinitely far "
+                "expected lights at finite distances for ranges, got a light at infinity "
                 f"({emitter.class_name()}); remove it"
             )
     counterpart = _counterpart(integrator)
@@ -104,14 +104,14 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integra
     # mitransient ignores fog around the sensor, and underestimates paths in heterogeneous fog
     if sensor.get_medium() is not None:
         raise SceneError(
-            "expected a sensor outside of fog for ranges, got one with a medium; take the medium "
-            "out of the sensor, and set the bounds of the fog in front of it"
+            "expected a sensor outside of fog for ranges, got a sensor with a medium; remove the "
+            "medium of the sensor, and let the fog begin in front of it"
         )
     media = [m for s in scene.shapes() for m in (s.interior_medium(), s.exterior_medium())]
     if not all(medium is None or medium.is_homogeneous() for medium in media):
         raise SceneError(
-            "expected even fog for ranges, got a heterogeneous medium, whose paths mitransient "
-            "underestimates; use homogeneous media"
+            "expected homogeneous fog for ranges, got a heterogeneous medium, in which mitransient "
+            "underestimates lengths; use homogeneous media"
         )
     return counterpart
 
@@ -126,8 +126,8 @@ def _counterpart(integrator: Any) -> mi.Integrator:
             )
         if integrator.camera_unwarp:
             raise SceneError(
-                "camera_unwarp removes the last leg from the length of paths; leave it out of the "
-                "integrator"
+                "expected an integrator without camera_unwarp, which omits the last leg of a path "
+                "from its length; leave it out"
             )
         return integrator
     class_name = integrator.class_name()  # the same for all integrators written in Python
@@ -148,17 +148,17 @@ def _counterpart(integrator: Any) -> mi.Integrator:
 
 Floats = npt.NDArray[np.float64]
 
-# Sums of pixels and bins, in float64: 2 GiB.
+# Largest number of bins of all pixels; in float64, these take 2 GiB.
 _MOST_SUMS = 2**28
 
 
 def sorted_by_range(
     scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
 ) -> Floats:
-    """Render a sensor by path lengths: (height, width, bins + 2), in the sensor's unit.
+    """Render a sensor by lengths of paths: (height, width, bins + 2), in the sensor's unit.
 
-    ``edges``: edges of bins in scene units. The first value is for shorter paths, the last for
-    longer paths. Films of receivers are summed to one pixel.
+    ``edges``: edges of bins in scene units. The first value of a pixel is for shorter paths, the
+    last for longer paths. All pixels of a receiver are added to one pixel.
     """
     width, height = sensor.film().crop_size()
     passes = math.ceil(spp / max(1, WAVEFRONT // (int(width) * int(height))))
@@ -195,7 +195,7 @@ def _rendered(
 
 
 def _ranged(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
-    """Return a sensor with the rays of another one and a film by range, with finer pixels."""
+    """Return a sensor with the rays of another sensor, and a film by range with finer pixels."""
     size, window, offset = film_sizes(sensor, factor)
     check_sums(window, edges)
     about = mi.Properties("range_film")
@@ -211,7 +211,7 @@ def _ranged(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
 
 
 def check_sums(size: Sequence[int], edges: Floats) -> None:
-    """Raise ArgumentError for more bins of all pixels than fit into memory."""
+    """Raise ArgumentError if the bins of all pixels do not fit into memory."""
     count = int(size[0]) * int(size[1]) * (len(edges) + 1)
     if count > _MOST_SUMS:
         raise ArgumentError(
@@ -221,7 +221,7 @@ def check_sums(size: Sequence[int], edges: Floats) -> None:
 
 
 class RangeFilm(VariantPlugin):
-    """Film with sums in double precision for each pixel: before all bins, in each, after all."""
+    """Film with sums in double precision: of each bin, of shorter paths and of longer paths."""
 
     crop_size: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -272,7 +272,7 @@ class RangeFilm(VariantPlugin):
 
 
 def _luminance(m: Any, value: Drjit, wavelengths: Drjit) -> Drjit:
-    """Return the luminance, the single channel of the film."""
+    """Return the luminance of a spectrum, which is the only channel of the film."""
     plain = m.unpolarized_spectrum(value)
     if mi.is_monochromatic:
         return plain.x
@@ -304,14 +304,14 @@ class RangeSensor(VariantPlugin):
         return ray, weight
 
     def _inverse_rotation(self, d: Drjit) -> Drjit:
-        """Return the inverse of mitransient's rotation into the sensor's axes."""
+        """Return the inverse of mitransient's rotation of Stokes vectors to the sensor's axes."""
         m = self.m
         upright = m.Vector3f(self.world_transform() @ m.Vector3f(0.0, 1.0, 0.0))
         axes = dr.cross(d, upright), m.mueller.stokes_basis(-d)
         return m.Spectrum(m.mueller.rotate_stokes_basis(-d, *axes))
 
     def _start_distance(self, ray: mi.Ray3f) -> Drjit:
-        """Return the distance from the sensor at which a ray starts: near clip, or lift."""
+        """Return the distance of a ray's start from the sensor: the near clip, or the lift."""
         if is_receiver(self._sensor):
             return dr.dot(self._sensor.lift, ray.d)
         if self._sensor.class_name() not in CAMERAS:

@@ -1,4 +1,4 @@
-"""Received power by range, half the length of the path from a source to the receiver."""
+"""Received power and radiance by range, half the length of the path from a source."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-# Bins of 16 batches take 0.1 GB for each light and receiver, and temporarily a few times as much.
+# Largest number of bins. In 16 batches, these take 0.1 GB for each light and receiver, and a few
+# times as much while they are computed.
 _MOST_BINS = 2**20
 
 
@@ -70,12 +71,12 @@ def range_profile(
     bodies: Mapping[str, Any] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> xarray.Dataset:
-    """Return the power that the receivers of a scene get by range, with its standard error.
+    """Return the received power of the receivers of a scene by range, with its standard error.
 
-    Range is half the length of the path from a source to a receiver, in m; in glass the length
-    counts times the index of refraction. The power is the sum of direct light, line of sight and
-    by flat mirrors as in :func:`polywigner.mitsuba.received_power`, and of scattered light by
-    samples. Needs mitransient (extra ``radar``). docs/range.md.
+    Range is half the length of the path from a source to a receiver, in m. In glass, lengths are
+    multiplied by the refractive index. The power is the sum of direct light and scattered light, as
+    in :func:`polywigner.mitsuba.received_power`. Needs mitransient (extra ``radar``). See
+    docs/range.md.
 
     Parameters
     ----------
@@ -84,41 +85,47 @@ def range_profile(
     ranges : array_like, shape (n + 1,)
         Ascending edges of n bins in m, zero or more; up to 2^20 bins.
     spp : int, optional
-        Samples for each emitter, in 16 batches; rounded up to a multiple of 16. Default: the value
-        of the sensor.
+        Number of samples for each emitter, in 16 batches; rounded up to a multiple of 16. Default:
+        the value of the sensor.
     seed : int, default 0
         Seed of the random numbers, zero or more.
     receiver : int or str, optional
         Id of the sensor, or its number among the sorted ids of receivers, from 0. Default: all.
     integrator : str or mi.Integrator, optional
-        ``transient_path`` (surfaces), ``transient_prbvolpath`` (also fog), or an integrator of
-        Mitsuba with the same paths, whose depths are used: path, direct, prb; volpath, volpathmis,
-        prbvolpath. Default: the scene's integrator, or else the default of
+        ``transient_path`` for surfaces, ``transient_prbvolpath`` for surfaces and fog, or an
+        integrator of Mitsuba with the same paths, whose depths are used: path, direct or prb;
+        volpath, volpathmis or prbvolpath. Default: the scene's integrator, or else the default of
         :func:`polywigner.mitsuba.render`.
     reflections, tolerance
-        As for :func:`polywigner.mitsuba.received_power`, for direct light.
+        Options of direct light, as in :func:`polywigner.mitsuba.received_power`.
     bandwidth, temperature, noise_figure
-        As for :func:`polywigner.mitsuba.received_power`.
+        As in :func:`polywigner.mitsuba.received_power`.
     coherent : bool, default False
-        Whether direct paths of one emitter add as amplitudes within each bin.
+        Whether the amplitudes of direct paths of an emitter add within each bin.
     polarisation, bodies
-        With ``coherent``, as for :func:`polywigner.mitsuba.received_power`.
+        With ``coherent``, as in :func:`polywigner.mitsuba.received_power`.
     progress : callable, optional
-        Function that is called after each render with the numbers of finished and of all renders.
+        Function that is called after each render with the number of finished renders and the number
+        of all renders.
 
     Returns
     -------
     xarray.Dataset
-        For each bin ``power``, the sum of ``direct_power`` and ``scattered_power``, and
-        ``standard_error`` (receiver, range) in W; ``emitter_power`` (receiver, emitter, range) in
-        W. ``before`` and ``after`` (receiver) in W are from nearer and from farther than all bins;
-        ``direct``, ``scattered`` and ``scattered_error`` from all ranges. For each ``path`` of
-        direct light ``path_power`` in W and ``path_range`` in m (receiver, emitter, path), zero
-        and NaN for an emitter without the path, and ``mirrors`` (path): the id of a light that is
-        not a coherent source, and the names of mirrors and bodies, joined by ", ". ``noise_power``
-        in W and ``resolution`` c/(2 bandwidth) in m if temperature and bandwidth are known, else
-        NaN. The dimension ``receiver`` is left out for a single receiver. Coordinates: ``range``,
-        the centres of bins, and ``range_edge``, in m.
+        Dataset with the following variables. A single receiver has no dimension ``receiver``.
+
+        - ``power`` (receiver, range) in W: power of each bin, the sum of ``direct_power`` and
+          ``scattered_power``; ``standard_error`` (receiver, range) in W
+        - ``emitter_power`` (receiver, emitter, range) in W
+        - ``before`` and ``after`` (receiver) in W: power from ranges below and above all bins
+        - ``direct``, ``scattered`` and ``scattered_error`` (receiver) in W: of all ranges
+        - ``path_power`` in W and ``path_range`` in m (receiver, emitter, path): of each path of
+          direct light; zero and NaN for an emitter without this path
+        - ``mirrors`` (path): the id of a light that is not a coherent source, and the names of
+          mirrors and bodies, joined by ", "
+        - ``noise_power`` in W, and ``resolution`` c/(2 bandwidth) in m (receiver); NaN if the
+          temperature or the bandwidth is unknown
+
+        Coordinates: ``range``, the centres of bins, and ``range_edge``, in m.
 
     Raises
     ------
@@ -129,9 +136,9 @@ def range_profile(
     ArgumentError
         If the edges do not ascend, or if another argument is out of range.
     SceneError
-        As for :func:`polywigner.mitsuba.received_power`; or if the integrator has no path lengths,
-        a light is infinitely far, the receiver is in fog, or fog is heterogeneous, in which
-        mitransient underestimates lengths.
+        As in :func:`polywigner.mitsuba.received_power`; if the integrator does not measure lengths
+        of paths, a light is at infinity, or the receiver is in fog; or if fog is heterogeneous,
+        where mitransient underestimates lengths.
     """
     edges = checked_ranges(ranges)
     require_transients()
@@ -147,13 +154,13 @@ def range_profile(
 def received_by_range(
     scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
-    """Return received powers of receivers by their numbers, and the same by range."""
+    """Return the received power of the receivers with these indices, and the power by range."""
     result = received(scene, numbers, options, sample, edges)
     return result.powers, _profile_of(scene, result, edges)
 
 
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
-    """Return edges of bins; ArgumentError unless they are finite, rising and not negative."""
+    """Return edges of bins in m; raise ArgumentError unless finite, ascending and not negative."""
     try:
         edges = real_numbers(ranges)
     except ValueError:
@@ -166,7 +173,7 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
             f"expected ranges (n + 1,) as edges of n bins, got shape {edges.shape}; give at least "
             f"two, and at most {_MOST_BINS + 1}"
         )
-    with np.errstate(over="ignore"):  # paths are measured in single precision
+    with np.errstate(over="ignore"):  # lengths of paths are in single precision
         single = edges.astype(np.float32)
     if not np.isfinite(single).all() or edges[0] < 0 or not np.all(np.diff(single) > 0):
         raise ArgumentError(
@@ -206,9 +213,9 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
 
 
 def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
-    """Return direct power in W before all bins, in each, and after all bins.
+    """Return direct power in W (bins + 2,): below all bins, in each bin, and above all bins.
 
-    Paths that interfere add as amplitudes in each bin.
+    In each bin, the amplitudes of paths that interfere add.
     """
     result, waves = np.zeros(len(edges) + 1), np.zeros(len(edges) + 1, np.complex128)
     for path in paths:
@@ -224,7 +231,10 @@ Values = dict[str, tuple[Any, tuple[str, ...], str, str]]
 
 
 def _bins_of(by_light: Floats, direct: Floats) -> Values:
-    """Return powers of bins from W (receivers, lights, batches, values) and direct power."""
+    """Return variables of bins from scattered power (receivers, lights, batches, values) in W.
+
+    ``direct``: direct power (receivers, lights, values) in W.
+    """
     each = by_light.sum(axis=1)
     scattered, error = each.mean(axis=1), standard_error(each, axis=1)
     of_direct, all_bins = direct.sum(axis=1), each.sum(axis=-1)
@@ -268,7 +278,7 @@ def _noise_of(powers: list[ReceivedPower]) -> Values:
 
 
 def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np.str_], Values]:
-    """Return labels of the paths, and their powers and ranges by receivers and lights."""
+    """Return labels of paths, and their powers and ranges (receivers, lights, paths)."""
     labels: dict[str, int] = {}
     entries = []
     for (i, lights), j in product(enumerate(links), range(len(links[0]))):
@@ -297,7 +307,7 @@ def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
 
 Progress = Callable[[int, int], None]
 
-# Number of renders in the mean, for progress reports.
+# Number of renders whose mean is an image; progress is reported after each.
 _PARTS = 4
 
 
@@ -315,8 +325,8 @@ def range_frames(
     """Render the radiance of a camera by range, one frame for each bin.
 
     Range is half the length of the path from a point on a source to the camera, as in
-    :func:`range_profile`, including the camera's near clip. Sources are visible, as in
-    :func:`polywigner.mitsuba.render`. Pixels have a box filter. docs/range.md.
+    :func:`range_profile`; the length includes the distance to the camera's near clip. Sources are
+    visible, as in :func:`polywigner.mitsuba.render`. The film has a box filter. See docs/range.md.
 
     Parameters
     ----------
@@ -331,23 +341,24 @@ def range_frames(
     sensor : int, default 0
         Index of the scene's camera.
     integrator : str or mi.Integrator, optional
-        As for :func:`range_profile`.
+        As in :func:`range_profile`.
     progress : callable, optional
-        Function that is called after each of 4 parts with the numbers of finished and of all parts.
+        Function that is called after each of 4 parts with the number of finished parts and the
+        number of all parts.
 
     Returns
     -------
     xarray.Dataset
-        ``radiance`` (range, row, column), ``before`` and ``after`` (row, column) in W m^-2 sr^-1;
-        the latter are from nearer and from farther than all bins. The sum of all is the luminance
-        of the image. Coordinates ``range`` and ``range_edge`` in m.
+        ``radiance`` (range, row, column) in W m^-2 sr^-1. ``before`` and ``after`` (row, column):
+        radiance from ranges below and above all bins. The sum of all three is the luminance of the
+        image. Coordinates ``range`` and ``range_edge`` in m.
 
     Raises
     ------
     ArgumentError
         If the sensor is a receiver, or if there are more than 2^28 values.
     MissingExtraError, EngineError, SceneError
-        As for :func:`range_profile`.
+        As in :func:`range_profile`.
     """
     how = {"spp": spp, "seed": seed, "sensor": sensor, "integrator": integrator}
     return prepared_frames(scene, ranges, **how)(progress)
@@ -356,7 +367,7 @@ def range_frames(
 def prepared_frames(
     scene: Any, ranges: npt.ArrayLike, *, spp: int | None, seed: int, sensor: int, integrator: Any
 ) -> Callable[[Progress | None], xarray.Dataset]:
-    """Return a function that renders the frames of :func:`range_frames`, with checked arguments."""
+    """Check the arguments of :func:`range_frames`, and return a function that renders frames."""
     edges = checked_ranges(ranges)
     require_transients()
     entropy = check_seed(seed)

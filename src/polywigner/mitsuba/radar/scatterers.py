@@ -1,4 +1,4 @@
-"""Clouds of scatterers from an illuminated scene, for programs that generate radar signals."""
+"""Clouds of scatterers of an illuminated scene, for programs that generate radar signals."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# Rays of one step, with some hundred bytes each.
+# Number of rays that are traced at once; each takes a few hundred bytes.
 _WAVEFRONT = 2**17
 
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Events with their powers."""
+    """Events of paths with their powers and intensities."""
 
     events: Events
     power: Floats
@@ -61,13 +61,14 @@ class Cloud:
     """Standard error of the sum of powers in W."""
 
     def thinned(self, count: int, rng: np.random.Generator, for_elements: bool) -> Cloud:
-        """Select at most ``count`` events, with values scaled to represent all events.
+        """Select at most ``count`` events at random, with values scaled to represent all events.
 
-        The probability of an event is proportional to its power, at most 1, and its values are
-        divided by the probability. ``for_elements``: proportional to the mean of its fractions of
-        total power and total intensity, so that signals of array elements do not depend on a few
-        events in the nulls of the array. Systematic sampling along the paths preserves their
-        distribution. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
+        The probability of an event is proportional to its power and at most 1. Its values are
+        divided by the probability. With ``for_elements``, the probability is proportional to the
+        mean of two fractions, of the total power and of the total intensity: then the signals of
+        array elements do not depend on a few events in the nulls of the array. Systematic sampling
+        of events sorted by path length preserves the distribution of lengths. Source: W. G. Madow,
+        Ann. Math. Stat. 20 (1949) 333.
         """
         if len(self.power) <= count:
             return self
@@ -92,7 +93,7 @@ def cloud_of(
     rng: np.random.Generator,
     motion: Motion | None,
 ) -> Cloud:
-    """Return the events of ``count`` rays or a few more, in a scene whose sources are hidden."""
+    """Return the events of ``count`` rays, or a few more, in a scene of hidden sources."""
     size = -(-count // BATCHES)
     parts = [_batch(scene, sensor, size, depth, rng, motion) for _ in range(BATCHES)]
     sums = [float(power.sum()) for _, power, _ in parts]
@@ -108,10 +109,10 @@ def cloud_of(
 def _batch(
     scene: Any, sensor: Any, count: int, depth: int, rng: np.random.Generator, motion: Motion | None
 ) -> tuple[Events, Floats, Floats]:
-    """Return events with powers and intensities, whose sums estimate the totals."""
+    """Return the events of a batch, with powers and intensities whose sums estimate the totals."""
     meets_lights = len(wigner_emitters(scene)) < len(scene.emitters())
     unit = sensor.spec.scene_unit
-    # the seventh dimension is not used; it keeps the clouds of earlier seeds the same
+    # the seventh dimension is not used, but without it the clouds of all seeds would change
     draws = even_points(count, 7, np.append(rng.random(6), 0.0))[:, :6]
     draws = np.minimum(draws, np.nextafter(np.float32(1.0), np.float32(0.0)))
     parts = []
@@ -122,19 +123,19 @@ def _batch(
             value = events.radiance * (solid_angle / count)[events.ray]
             power = value * watts[events.ray]
             if not np.isfinite(power).all():
-                raise SceneError("the radiance of the scene is not finite; check its materials")
+                raise SceneError("expected finite radiance, got NaN or inf; check the materials")
             parts.append((events, power, value * (unit * events.distance) ** 2))
     events, power, intensity = (np.concatenate(column) for column in zip(*parts, strict=True))
     return events.view(np.recarray), power, intensity
 
 
 def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
-    """Return paths that leave a receiver, W per radiance and solid angle, and solid angles."""
+    """Return paths from a receiver, weights in W per radiance and solid angle, and solid angles."""
     ((direction, position, others),) = point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:])
     angles, density = sensor.directions.sample(direction)
-    ray, watts, weight = sensor.look_along(angles, 0.0, others.x, position)
+    ray, watts, weight = sensor.ray_along(angles, 0.0, others.x, position)
     if sensor.spec.polarisation is not None:
-        weight = sensor.weigh(weight, 1.0, angles)
+        weight = sensor.spectral_weight(weight, 1.0, angles)
     paths = Paths.along(mi.Ray3f(ray), weight, 0.0 * density)
     dr.eval(paths, watts, density)
     return paths, joined([watts]), 1.0 / joined([density])
@@ -144,16 +145,16 @@ def _probabilities(measure: Floats, count: int) -> Floats:
     """Return probabilities, proportional to a measure but at most 1, that add up to ``count``."""
     ordered = np.sort(measure)
     sums = np.cumsum(ordered)
-    # with the k largest certain, the sum of the others is count - k
+    # if the probability of the k largest is 1, the sum of the others is count - k
     certain = np.arange(count)
-    left = sums[len(sums) - 1 - certain]
-    scale = (count - certain) / np.where(left > 0.0, left, 1.0)
+    remainder = sums[len(sums) - 1 - certain]
+    scale = (count - certain) / np.where(remainder > 0.0, remainder, 1.0)
     fits = scale * ordered[len(ordered) - 1 - certain] <= 1.0
     return np.asarray(np.clip(measure * scale[np.argmax(fits)], 0.0, 1.0))
 
 
 def _thinning_error(power: Floats, probabilities: Floats) -> float:
-    """Return the standard error in W of sums over selected events: Hajek's approximation."""
+    """Return the standard error in W of sums over selected events, by Hajek's approximation."""
     missing = 1.0 - probabilities
     if not missing.any():
         return 0.0
@@ -161,10 +162,10 @@ def _thinning_error(power: Floats, probabilities: Floats) -> float:
     return math.sqrt(float((missing * (power - mean) ** 2).sum()))
 
 
-# Default number of rays per scatterer: more rays give more events to select from.
+# Default number of rays per scatterer; the scatterers are selected from the events of all rays.
 _RAYS = 4
 _FEWEST_RAYS = 4096
-# One or two gigabytes of events.
+# Largest numbers of scatterers and of rays: one or two gigabytes of events.
 _MOST = 1_000_000
 _MOST_RAYS = 10_000_000
 _NO_LIMIT = 2**20
@@ -183,11 +184,11 @@ def scatterers(
 ) -> xarray.Dataset:
     """Return a cloud of scatterers: points with power, path length and velocity at a receiver.
 
-    Rays leave the receiver and are scattered from surface to surface; at each surface a light is
-    sampled. Each sampled light gives a scatterer at the first surface of the path. ``count`` of
-    them are selected at random, with probabilities proportional to power: the sum over the cloud
-    is an unbiased estimate of ``received_power(...).scattered``. Line-of-sight radiation from
-    coherent sources is excluded. docs/scatterers.md.
+    Rays leave the receiver and are scattered from surface to surface, and a light is sampled at
+    each surface. Each sampled light results in a scatterer at the first surface of the path.
+    ``count`` scatterers are selected at random, with probabilities proportional to power, so the
+    sum over the cloud is an unbiased estimate of ``received_power(...).scattered``. Line-of-sight
+    radiation of coherent sources is not included. See docs/scatterers.md.
 
     Parameters
     ----------
@@ -198,14 +199,14 @@ def scatterers(
     seed : int, default 0
         Seed of the random numbers, zero or more.
     velocities : mapping of str to array_like, shape (3,), optional
-        Velocities in m/s by the ids of shapes, emitters and the receiver; default: zero. Load the
-        scene with :func:`load_scene`, which keeps ids; ``mi.load_dict`` merges meshes of equal
-        BSDFs into a mesh without an id.
+        Velocities in m/s of shapes, emitters and the receiver, by id. Default: zero. Load the scene
+        with :func:`load_scene`, which keeps ids; ``mi.load_dict`` merges meshes of equal BSDFs into
+        a mesh without an id.
     max_depth : int, optional
-        Longest path as in Mitsuba's integrators: 2 is one reflection, -1 has no limit. Default:
-        the value of the scene's integrator.
+        Longest path as in Mitsuba's integrators: 2 for a single reflection, -1 for no limit.
+        Default: the value of the scene's integrator.
     receiver : int or str, optional
-        As for :func:`received_power`.
+        As in :func:`received_power`.
     rays : int, optional
         Number of rays from the receiver. Default: four times ``count``, at least 4096.
 
@@ -216,15 +217,15 @@ def scatterers(
 
         - ``position``, ``normal`` (scatterer, axis): position in m and normal of the first surface;
           the normal is on the receiver's side
-        - ``power``: received power in W; with the estimator ``wigner`` some are negative
+        - ``power``: received power in W; the estimator ``wigner`` can make it negative
         - ``intensity``: radiant intensity in W/sr towards the receiver, for
           :func:`element_responses`
-        - ``path_length`` in m, from the emitter through all bounces to the receiver; the range is
-          half of it. Infinite for the light of an environment
+        - ``path_length`` in m, from the emitter by all surfaces to the receiver; the range is half
+          of it. It is infinite for the light of an environment
         - ``bounces``: number of surfaces on the path; 0 for a light in view of the receiver
         - ``shape``, ``emitter``: ids of the first surface and of the light
-        - with ``velocities``: ``velocity`` (scatterer, axis) of the first surface, and
-          ``path_rate``, the growth rate of the path in m/s: minus the Doppler shift times the
+        - with ``velocities``: ``velocity`` (scatterer, axis) of the first surface in m/s, and
+          ``path_rate``, the rate in m/s at which the path grows: minus the Doppler shift times the
           wavelength
 
         Attributes: wavelength, frequency, receiver, to_world (16 numbers, the translation in m),
@@ -292,7 +293,7 @@ def scatterers(
 
 @dataclass(frozen=True)
 class _Names:
-    """Ids of shapes and lights by their numbers in rays."""
+    """Ids of shapes and lights by their numbers in events."""
 
     shapes: dict[int, str]
     lights: dict[int, str]
@@ -316,17 +317,17 @@ class _Names:
         return cls(shapes, lights, receiver)
 
     def motion(self, velocities: Mapping[str, ArrayLike], unit: float) -> Motion:
-        """Return velocities in scene units by numbers; ArgumentError for unknown ids."""
+        """Return velocities in scene units by number; raise ArgumentError for unknown ids."""
         if not isinstance(velocities, Mapping):
             raise ArgumentError(
                 f"expected velocities as a mapping of ids to (vx, vy, vz), got {velocities!r}"
             )
         speeds = {name: checked_velocity(name, value) / unit for name, value in velocities.items()}
-        known = {*self.shapes.values(), *self.lights.values(), self.receiver}
+        names = {*self.shapes.values(), *self.lights.values(), self.receiver}
         for name in speeds:
-            if name not in known:
+            if name not in names:
                 raise ArgumentError(
-                    f"expected velocities of {', '.join(map(repr, sorted(known)))}, got one of "
+                    f"expected velocities of {', '.join(map(repr, sorted(names)))}, got one of "
                     f"{name!r}; mi.load_dict merges meshes of equal BSDFs: load the scene with "
                     "polywigner.mitsuba.load_scene, which keeps ids"
                 )

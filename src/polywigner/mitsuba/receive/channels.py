@@ -1,10 +1,11 @@
 """Complex amplitudes and delays of the paths between two ends, by flat mirrors and bodies.
 
-`paths_between` returns the paths, `amplitudes_of` their amplitudes at frequencies. The amplitude of
-a path is the coupling b of the emitter's image with the receiver (docs/links.md, (RX1)), times
-e_r . E, the reflected field of a unit vector E at the emitter projected on the receiver's unit
-vector, along the central path; and times the mean over rays of the root of the transmission of
-obstacles, masks and fog. With diffraction, b/b_0 over the edges of obstacles replaces the mean.
+`paths_between` returns the paths, and `amplitudes_of` their amplitudes at frequencies. The
+amplitude of a path is a product of three factors: the coupling b of the emitter's image with the
+receiver (docs/links.md, (RX1)); the polarisation factor e_r . E, for a unit field of the emitter
+that mirrors reflect along the central path and that is projected on the receiver's unit vector; and
+the mean over rays of the square root of the transmission of obstacles, masks and fog. With
+diffraction, the ratio b/b_0 over the edges of obstacles replaces this mean.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 _MOST_FREQUENCIES = 1 << 16
-# A note reports default polarisations whose match, in power, is below this.
+# A note reports default polarisations of two ends whose match in power is below this fraction.
 _MATCHED = 0.99
 
 
@@ -84,18 +85,19 @@ def channel(
 ) -> xarray.Dataset:
     """Return complex amplitudes h and delays between all emitters and receivers of a scene.
 
-    h is the sum over the line of sight and specular paths by flat mirrors, with exact near fields
-    of images (docs/channel.md). \\|h\\|^2 is received over transmitted power, both defined by
-    ``normalise`` of the plugins: by default radiated powers, so that far away Friis' formula holds
-    with directivities. Waves are exp(i k r - i omega t). Scattered light is not included.
+    h is the sum over the line of sight and the specular paths by flat mirrors, with exact near
+    fields of images (docs/channel.md). \\|h\\|^2 is the ratio of received and transmitted power.
+    The parameter ``normalise`` of the plugins defines both powers. By default they are radiated
+    powers, so in the far field Friis' formula holds with directivities. Waves are
+    exp(i k r - i omega t). Scattered light is not included.
 
     Parameters
     ----------
     scene : mi.Scene
         Scene with ``wigner`` shapes and ``wigner_receiver`` sensors.
     frequencies : array_like, shape (n,), or float, optional
-        Frequencies in Hz, also as texts. Default: the frequencies of the emitters. Apertures,
-        fields, weights and refractive indices do not change with frequency.
+        Frequencies in Hz, or texts with a unit. Default: the frequencies of the emitters.
+        Apertures, fields, weights and refractive indices are independent of the frequency.
     reflections : int, default 2
         Maximum number of specular reflections per path, 0 to 3.
     polarisation : str or array_like, optional
@@ -103,25 +105,25 @@ def channel(
         or a Jones vector in the x and y axes of each end. Default: "y"; in unpolarised variants
         the line-of-sight path then counts as matched (docs/polarisation.md).
     bodies : mapping, optional
-        Perfect conductors, as in :func:`polywigner.rcs`, by their names, in the scene's frame, in
-        m. Each is a body or a pair (body, number of reflections on it, 1 to 3), such as
-        ``{"corner": (plates, 3)}``. Their echoes are additional paths (docs/channel.md). Do not
-        add the bodies to the scene.
+        Perfect conductors by name, as in :func:`polywigner.rcs`, in the frame of the scene and in
+        m. Each value is a body, or a pair of a body and the number of reflections on it, 1 to 3,
+        such as ``{"corner": (plates, 3)}``. Their echoes are additional paths (docs/channel.md). Do
+        not add the bodies to the scene.
     tolerance : float, default 1e-6
         Tolerance of couplings, as in :func:`polywigner.coupling`.
     progress : callable, optional
-        Function that is called after each pair of ends with the numbers of finished and of all
-        pairs.
+        Function that is called after each pair of ends with the number of finished pairs and the
+        number of all pairs.
 
     Returns
     -------
     xarray.Dataset
-        ``h`` (frequency, receiver, emitter), complex. For each path (dimension ``path``) its
-        ``amplitude`` (frequency, receiver, emitter, path), complex, its ``delay`` (receiver,
-        emitter, path) in s between the centres of both ends, and ``mirrors`` (path): the names of
-        shapes and bodies in the order of their reflections, joined by ", ". A pair of ends without
-        a path has the amplitude zero and the delay NaN. ``attrs["polarisation"]``: polarisations
-        of the ends; ``attrs["notes"]``: effects that are not included.
+        ``h`` (frequency, receiver, emitter), complex. ``amplitude`` (frequency, receiver, emitter,
+        path), complex, of each path. ``delay`` (receiver, emitter, path) in s between the centres
+        of both ends. ``mirrors`` (path): names of shapes and bodies in the order of their
+        reflections, joined by ", ". If a path does not exist for a pair of ends, its amplitude is
+        zero and its delay NaN. ``attrs["polarisation"]``: polarisations of the ends.
+        ``attrs["notes"]``: effects that are not included.
 
     Raises
     ------
@@ -163,7 +165,7 @@ def channel(
 
 
 def checked_frequencies(frequencies: Any) -> Floats:
-    """Return frequencies (n,) in Hz from numbers or texts; ArgumentError or QuantityError."""
+    """Return frequencies (n,) in Hz from numbers or texts; raise ArgumentError for others."""
     values = [frequencies] if isinstance(frequencies, str) else frequencies
     if isinstance(values, list | tuple):
         values = [parse_frequency(value) if isinstance(value, str) else value for value in values]
@@ -178,21 +180,21 @@ def checked_frequencies(frequencies: Any) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class CoherentPath:
-    """A path between two ends with all factors of its amplitude except the couplings."""
+    """Path between two ends, with all factors of its amplitude except the couplings."""
 
     route: Route
     """Mirrors and body of the path."""
     distance: float
     """Length in m between the centres of both ends along the path."""
     transmission: float
-    """Mean over rays of the root of the transmitted power."""
+    """Mean over rays of the square root of the transmitted fraction of the power."""
     links: tuple[tuple[complex, FacingParts], ...]
-    """The factor e_r . E, the emitter's image and the receiver, for each pair of polarisations."""
+    """For each pair of polarisations: e_r . E, and the emitter's image with the receiver."""
     ends: Ends
     edges: Callable[[float], complex] | None = None
-    """b/b_0 over the edges of obstacles at a wavelength in m; None: by rays alone."""
+    """Function of the wavelength in m: b/b_0 over the edges of obstacles; None: rays only."""
     echo: Callable[[float], complex] | None = None
-    """b of a body at a wavelength in m, instead of links."""
+    """Function of the wavelength in m: b of a body, which replaces the links; None: no body."""
 
     def transmission_at(self, wavelength: float) -> complex:
         """Return the amplitude transmission at a wavelength in m, with diffraction."""
@@ -205,16 +207,16 @@ class NormalisedSource:
 
     source: PlacedSource
     parts: tuple[tuple[PlacedSource, Complexes], ...]
-    """Parts with their Jones vectors (2,)."""
+    """Parts of the source with one polarisation each, and their Jones vectors (2,)."""
     is_polarised: bool = True
-    """False: neither scene nor caller specifies a polarisation, in an unpolarised variant."""
+    """False if neither the scene nor the caller specifies a polarisation."""
 
     def root(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
-        """Return the root of the power of a part, relative to the power that the source counts."""
+        """Return the square root of the power of a part relative to the power of the source."""
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
         norm = partial(norm_of, wavelength=wavelength, obliquity=self.source.obliquity)
-        norms = [norm(each.source, normalise=self.source.normalise) for each, _ in self.parts]
+        norms = [norm(p.source, normalise=self.source.normalise) for p, _ in self.parts]
         return math.sqrt(norm(part.source) / math.fsum(norms))
 
 
@@ -230,8 +232,8 @@ def _normalised(placed: PlacedSource, polarisation: Any) -> NormalisedSource:
     jones = placed.polarisation
     if jones is None and placed.states_polarisation:
         raise SceneError(
-            f"paths interfere in one polarisation, but {placed.name!r} is unpolarised; give it a "
-            "polarisation, or add powers with received_power(scene)"
+            f"expected polarised ends for paths that interfere, got {placed.name!r}, which is "
+            "unpolarised; give it a polarisation, or add powers with received_power(scene)"
         )
     jones = polarisation if jones is None else jones
     is_polarised = jones is not None
@@ -248,9 +250,9 @@ def paths_between(
     polarisation: Any,
     shortest: float,
 ) -> tuple[list[CoherentPath], list[str]]:
-    """Return paths that transmit power, in a scene whose sources are hidden, and notes.
+    """Return the paths that transmit power in a scene whose sources are hidden, and notes.
 
-    ``shortest``: wavelength in m that determines which obstacles diffract.
+    ``shortest``: the shortest wavelength in m, which determines the obstacles that diffract.
     """
     link = f"from {emitter.name!r} to {receiver.name!r}"
     check_unit(emitter, receiver)
@@ -267,11 +269,12 @@ def paths_between(
     paths, notes = paths_by(routes, link, find)
     if len(paths) > 1 and paths[0].route == () and not ends[0].is_polarised:
         line = CentralPath(np.array([emitter.centre, receiver.centre]), [np.eye(3)])
-        match = abs(_turned(ends[0].parts[0][1], ends[1].parts[0][1], ends, (), line)) ** 2
+        match = abs(_polarised(ends[0].parts[0][1], ends[1].parts[0][1], ends, (), line)) ** 2
         if match < _MATCHED:
             notes.append(
-                f"{link}: the y axes of both ends match by {match:.1%} in power; the line-of-sight "
-                "path counts as matched, other paths as polarised along y; specify polarisation"
+                f"{link}: the polarisations along both y axes match by {match:.1%} in power; the "
+                "line-of-sight path is computed as matched, other paths as polarised along y; "
+                "specify a polarisation"
             )
     return paths, notes
 
@@ -284,33 +287,33 @@ def _path(
         return result
     facing, taking, rays = result.facing, result.parts.receiver, result.rays
     leg = CentralPath.between(facing, taking, chain, rays)
-    # without polarisations the line-of-sight path is the scalar coupling
+    # unpolarised ends: the amplitude of the line-of-sight path is the scalar coupling
     is_scalar = not chain and not (ends[0].is_polarised or ends[1].is_polarised)
     links = []
-    for (sent, p), (taken, q) in product(*(end.parts for end in ends)):
-        both = facing_parts(sent.image(chain), taken)
-        if both is not None:
-            factor = leg.transmission if is_scalar else _turned(p, q, ends, chain, leg)
-            links.append((factor, both))
+    for (emitted, p), (received, q) in product(*(end.parts for end in ends)):
+        parts_facing = facing_parts(emitted.image(chain), received)
+        if parts_facing is not None:
+            factor = leg.transmission if is_scalar else _polarised(p, q, ends, chain, leg)
+            links.append((factor, parts_facing))
     edges = None if meshes is None else cache(partial(_edges, meshes, facing, taking, chain))
     path = CoherentPath(chain, leg.length, rays.amplitude, tuple(links), ends, edges)
     return path, result.notes
 
 
-def _turned(
-    sent: Complexes, taken: Complexes, ends: Ends, chain: Chain, legs: CentralPath
+def _polarised(
+    emitted: Complexes, received: Complexes, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
     """Return e_r . E from the Jones vectors of both ends, without a conjugate."""
     out, back = (end.source.pose[:3, :3] for end in ends)
     last = CentralPath(legs.points[:-3:-1], [np.eye(3)])
-    return complex(legs.arriving(sent, out, chain) @ last.arriving(taken, back))
+    return complex(legs.arriving(emitted, out, chain) @ last.arriving(received, back))
 
 
 def _edges(
     meshes: list[Mesh], facing: PlacedSource, taking: PlacedSource, chain: Chain, wavelength: float
 ) -> complex:
-    sent, taken = (replace(end, wavelength=wavelength) for end in (facing, taking))
-    return diffracted_ratio(meshes, sent, taken, chain)
+    emitted, received = (replace(end, wavelength=wavelength) for end in (facing, taking))
+    return diffracted_ratio(meshes, emitted, received, chain)
 
 
 # ---- bodies -------------------------------------------------------------------------------------
@@ -319,9 +322,9 @@ def _edges(
 def _leg_to(
     scene: Any, like: PlacedSource, body: Body, end: PlacedSource, chain: Chain
 ) -> tuple[CentralPath, float] | None:
-    """Return the path from an end to a body's centre by mirrors, and the mean root of the power.
+    """Return the path from an end to a body's centre by mirrors, and its amplitude transmission.
 
-    None: part of the body lies in the plane of the end or behind it.
+    The result is None if part of the body lies in the plane of the end or behind it.
     """
     image = end.image(chain)
     if not body.is_in_front(image):
@@ -336,7 +339,7 @@ def _leg_to(
 def _echo_path(
     ends: Ends, route: Echo, leg_to: Callable[..., tuple[CentralPath, float] | None]
 ) -> tuple[CoherentPath, list[str]] | str:
-    """Return the path by a body. Both ends transmit towards it, by reciprocity."""
+    """Return the path by a body; by reciprocity, both ends transmit towards the body."""
     chains = route.before, route.after[::-1]
     legs, transmission = [], 1.0
     for end, chain in zip(ends, chains, strict=True):
@@ -361,7 +364,7 @@ def _echo_path(
 def _echo(
     ends: Ends, body: Body, chains: tuple[Chain, Chain], legs: list[CentralPath], wavelength: float
 ) -> complex:
-    """Return b of a body, summed over polarised components of both ends."""
+    """Return b of a body, the sum over the polarised parts of both ends."""
     sides = []
     for end, chain, leg in zip(ends, chains, legs, strict=True):
         side = []
@@ -371,12 +374,12 @@ def _echo(
             side.append((body.antenna(part.image(chain), wavelength), field, strength))
         sides.append(side)
     total = 0j
-    for (sent, p, one), (taken, q, other) in product(*sides):
+    for (emitted, p, first), (received, q, second) in product(*sides):
         try:
-            b = echo(body.facets, sent, taken, (q, p), OF_ECHO, body.bounces)
+            b = echo(body.facets, emitted, received, (q, p), OF_ECHO, body.bounces)
         except PolywignerError as error:
             raise SceneError(f"the echo of {body.name!r}: {error}") from None
-        total += one * other * b
+        total += first * second * b
     return total
 
 
@@ -390,30 +393,30 @@ def amplitudes_of(
     if not paths:
         return np.zeros((len(frequencies), 0), np.complex128)
     delays = np.array([path.distance for path in paths]) / SPEED_OF_LIGHT
-    slow = np.empty((len(frequencies), len(paths)), np.complex128)
+    envelopes = np.empty((len(frequencies), len(paths)), np.complex128)
     for is_echo, allowed in ((False, tolerance), (True, max(tolerance, 3 * OF_ECHO))):
-        some = [k for k, path in enumerate(paths) if (path.echo is not None) == is_echo]
-        if some:
-            find = partial(_slow, [paths[k] for k in some], delays[some], allowed)
-            slow[:, some] = in_band(find, frequencies, allowed)
-    return np.asarray(slow * np.exp(2j * math.pi * frequencies[:, None] * delays))
+        indices = [k for k, path in enumerate(paths) if (path.echo is not None) == is_echo]
+        if indices:
+            find = partial(_without_delays, [paths[k] for k in indices], delays[indices], allowed)
+            envelopes[:, indices] = in_band(find, frequencies, allowed)
+    return np.asarray(envelopes * np.exp(2j * math.pi * frequencies[:, None] * delays))
 
 
-def _slow(
+def _without_delays(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
 ) -> Complexes:
-    """Return amplitudes (paths,) at a frequency without the phases of the delays."""
+    """Return amplitudes (paths,) at a frequency in Hz, without the phases of the delays."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
     couplings = iter(_couplings(links, wavelength, tolerance))
     values = np.zeros(len(paths), np.complex128)
     for k, path in enumerate(paths):
-        for turned, parts in path.links:
+        for factor, parts in path.links:
             roots = (
-                end.root(part, parts.share == 1, wavelength)
+                end.root(part, parts.fraction == 1, wavelength)
                 for end, part in zip(path.ends, (parts.emitter, parts.receiver), strict=True)
             )
-            values[k] += turned * next(couplings) * math.prod(roots)
+            values[k] += factor * next(couplings) * math.prod(roots)
         if path.echo is not None:
             values[k] = path.echo(wavelength)
         values[k] *= path.transmission_at(wavelength)
@@ -421,17 +424,17 @@ def _slow(
 
 
 def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complexes:
-    """Return b (links,), with one call for each pair of sources."""
+    """Return b (links,), computed by one call for each pair of sources."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for k, parts in enumerate(links):
         key = parts.emitter.source, parts.receiver.source, parts.emitter.obliquity
         groups.setdefault(key, []).append(k)
     values = np.zeros(len(links), np.complex128)
-    for (sent, taken, obliquity), numbers in groups.items():
+    for (emitted, received, obliquity), numbers in groups.items():
         ends = [(links[k].emitter, links[k].receiver) for k in numbers]
         poses = np.array([emitter.pose_of(receiver) for emitter, receiver in ends])
         try:
-            values[numbers] = coupling(sent, taken, poses, wavelength, obliquity, tolerance)
+            values[numbers] = coupling(emitted, received, poses, wavelength, obliquity, tolerance)
         except PolywignerError as error:
             emitter, receiver = ends[0]
             link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"

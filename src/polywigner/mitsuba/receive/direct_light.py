@@ -1,13 +1,14 @@
 """Direct light at a receiver: line-of-sight paths, and specular paths by flat mirrors.
 
-Rays from a receiver do not meet point, spot, projector and directional lights. A light of radiant
-intensity I at the point y, and a plane wave of irradiance E from the direction s, give
+Rays from a receiver do not meet point, spot, projector and directional lights. The power that is
+received from a light of radiant intensity I at the point y, and from a plane wave of irradiance E
+from the direction s, is
 
     P = (lambda^2/N) |U(y)|^2 I                   P = (g |F(s)|^2/N) E = D(s) lambda^2/(4 pi) E
 
 with U the field that the receiver would transmit to y, F its spectrum, N the power that it would
-radiate and D its directivity: (RX8) at a point. A mirror produces an image of the light. The
-transmission is the mean over rays from positions on the receiver, drawn in proportion to |u|^2.
+radiate and D its directivity. This is (RX8) at a point. A mirror produces an image of the light.
+The transmission is the mean over rays from positions on the receiver, drawn with the density |u|^2.
 """
 
 from __future__ import annotations
@@ -64,8 +65,8 @@ def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
     pose = emitter.pose_of(receiver)
     method: Any = emitter.obliquity
     total = 0.0
-    # for some obliquities coupling() and norm_of() scale u differently: radiated powers cancel the
-    # scale. The waves of a mixture need a common scale instead, int |u|^2
+    # For some obliquities coupling() and norm_of() scale u differently. The ratio of radiated
+    # powers does not depend on this scale. The waves of a mixture need a common scale, int |u|^2.
     is_plain = emitter.mixture.is_plain and receiver.mixture.is_plain
     normalise: Any = "radiated" if is_plain else "aperture"
     try:
@@ -83,16 +84,16 @@ def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
 
 @dataclass(frozen=True)
 class DirectLight:
-    """Direct paths of light, and notes on them."""
+    """Direct paths from an emitter to a receiver, and notes on effects that are not included."""
 
     paths: tuple[DirectPath, ...] = ()
     notes: tuple[str, ...] = ()
     interfering: float | None = None
-    """Power in W of all paths if they interfere; None: powers add."""
+    """Power in W of all paths if their amplitudes add; None if their powers add."""
 
     @property
     def power(self) -> float:
-        """Power in W."""
+        """Received power in W."""
         if self.interfering is not None:
             return self.interfering
         return math.fsum(path.power for path in self.paths)
@@ -109,7 +110,7 @@ def direct_light(
     chains: list[Chain],
     tolerance: float,
 ) -> DirectLight:
-    """Return paths that transmit power, in a scene whose sources are hidden."""
+    """Return the paths that transmit power in a scene whose sources are hidden."""
     meshes = obstacles_of(scene, emitter, receiver, receiver.wavelength)
 
     def find(chain: Chain) -> tuple[DirectPath, list[str]] | str:
@@ -143,7 +144,7 @@ def direct_light(
 
 
 def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
-    """Return |b|^2 in free space for each pair of polarised fields of both ends."""
+    """Return |b|^2 in free space for each pair of fields of both ends."""
     terms = []
     for (sent, stokes_sent), (taken, stokes_taken) in product(image.fields, receiver.fields):
         parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
@@ -155,7 +156,7 @@ def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> lis
 def _received(
     terms: list[Term], receiver: PlacedSource, transmission: Floats
 ) -> tuple[float, float]:
-    """Return |b|^2 of all polarisations, and the received fraction of the transmitted power."""
+    """Return the sum of |b|^2, and the fraction of the transmitted power that is received."""
     size = len(transmission)
     weight = 1.0 if receiver.polarisation is None else 0.5
     total = math.fsum(b_squared * sent[0] * taken[0] for b_squared, sent, taken in terms)
@@ -164,14 +165,14 @@ def _received(
         for b_squared, sent, taken in terms
     )
     passed = total * float(transmission[0, 0])
-    return total, max(
-        received / passed, 0.0
-    ) if passed > 0 else 0.0  # crossed ends: rounding errors may be negative
+    # rounding errors of crossed ends may be negative
+    return total, max(received / passed, 0.0) if passed > 0 else 0.0
 
 
 # ---- point, spot, projector and directional lights -----------------------------------------------
 
-# Distance of a point in place of a direction, in far-field distances or sizes of the receiver.
+# Distance of the point that represents a direction, relative to the far-field distance or the size
+# of the receiver.
 _FAR = 1e6
 _TOLERANCE = 1e-6
 
@@ -196,8 +197,8 @@ def delta_lights(scene: Any) -> list[DeltaLight]:
             continue
         if not (has_position or is_infinite):
             raise SceneError(
-                f"the light {name!r} ({emitter.class_name()}) shines in a single direction from a "
-                "surface, which receivers cannot take; use a spot or an area light"
+                f"expected lights that receivers support, got {name!r} ({emitter.class_name()}), "
+                "which radiates from a surface in a single direction; use a spot or an area light"
             )
         lights.append(DeltaLight(name, emitter, is_infinite))
     return lights
@@ -214,7 +215,7 @@ def light_of_points(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> 
 
 
 def delta_paths(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> list[DirectPath]:
-    """Return the paths by which delta lights reach a receiver, directly or by flat mirrors."""
+    """Return the paths of delta lights to a receiver, along the line of sight or by mirrors."""
     lights = delta_lights(scene)
     if lights and receiver.obliquity not in CONDITIONS:
         raise SceneError(
@@ -262,7 +263,7 @@ def _starts(
 ) -> tuple[Floats, Floats]:
     """Return points (n, 3) in m where rays to ``end`` start, and the image (3,) of the light.
 
-    The image of a direction is represented by a point at 1 m from the receiver's centre.
+    A point at 1 m from the receiver's centre represents the image of a directional light.
     """
     unit = receiver.scene_unit
     ((centre,),) = point_batches(receiver.centre[None] / unit)
@@ -273,13 +274,13 @@ def _starts(
     # outside the scene and all its images
     shapes = [np.abs(bounds_of(shape)).max() for shape in scene.shapes()]
     size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
-    turned = _image(_row(sample.d), chain) - _image(np.zeros(3), chain)
-    image = end + size * (2 * len(chain) + 1) * turned
-    return _image(image, chain[::-1]), receiver.centre + turned
+    direction = _image(_row(sample.d), chain) - _image(np.zeros(3), chain)
+    image = end + size * (2 * len(chain) + 1) * direction
+    return _image(image, chain[::-1]), receiver.centre + direction
 
 
 def _row(point: Drjit) -> Floats:
-    """Return the coordinates (3,) of a point, or of the first of an array."""
+    """Return the coordinates (3,) of a point, or of the first point of an array."""
     return np.array(point, np.float64).reshape(3, -1)[:, 0]
 
 
@@ -301,10 +302,10 @@ def _sampled(
 
 
 def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
-    """Return the radiant intensity (n,) in W/sr towards points in scene units.
+    """Return the radiant intensity (n,) in W/sr of a light towards points in scene units.
 
-    Directional lights: the irradiance in W/m^2. It is the luminance of all colours, as in films of
-    one channel.
+    For directional lights, the result is the irradiance in W/m^2. Both are the luminance of all
+    colours, as in films with one channel.
     """
     total: Any = 0.0
     white = 0.0
@@ -318,12 +319,12 @@ def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
     return np.broadcast_to(total / white, len(points))
 
 
-# Number of sets of wavelengths for the luminance of smooth spectra.
+# Number of sets of wavelengths that represent smooth spectra.
 _SETS = 24
 
 
 def _colours() -> list[Drjit]:
-    """Return sets of wavelengths in nm of spectral variants; other variants have one empty set."""
+    """Return sets of wavelengths in nm; one empty set in variants without wavelengths."""
     none = dr.zeros(mi.SurfaceInteraction3f).wavelengths
     kind, count = type(none), dr.size_v(type(none))
     if not count:
@@ -334,7 +335,10 @@ def _colours() -> list[Drjit]:
 
 
 def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
-    """Return, for each field, received power over 4 pi times the intensity or over irradiance."""
+    """Return the effective area in m^2 for each field, which takes the place of |b|^2.
+
+    The area is the received power over 4 pi times the intensity, or over the irradiance.
+    """
     axes = receiver.pose[:3, :3]
     point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)
     if is_infinite:

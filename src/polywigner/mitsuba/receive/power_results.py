@@ -28,7 +28,7 @@ OTHER_LIGHTS = "other lights"
 
 
 def dbm_of(watts: float) -> float | None:
-    """Return a power in dBm; None for zero or less, to which noise of samples may lead."""
+    """Return a power in dBm; None for zero, and for negative powers, which noise can cause."""
     return 10 * math.log10(watts / 1e-3) if watts > 0 else None
 
 
@@ -48,20 +48,20 @@ class DirectPath:
     power: float
     """Received power in W."""
     coupling: float
-    """|b|^2 in free space: received over emitted power."""
+    """|b|^2, the ratio of received and emitted power in free space."""
     transmission: float
-    """Fraction of the power that obstacles and mirrors transmit, a mean over rays."""
+    """Fraction of the power that obstacles and mirrors transmit; the mean over rays."""
     arrives_from: tuple[float, float]
     """Direction cosines to the centre of the emitter or its image, in the receiver's frame."""
     polarisation: float = 1.0
     """Fraction of the transmitted power in the receiver's polarisation."""
     amplitude: complex | None = None
-    """Amplitude of a path that interferes, else None; its power is coupling * transmission."""
+    """Amplitude of the path if paths interfere, otherwise None."""
     length: float = math.nan
     """Length in m between the centres of both ends; infinite for a directional light."""
     light: str = ""
-    """Id of the point, spot, projector or directional light. Its ``coupling`` is the received power
-    over 4 pi times its intensity, or over its irradiance, in m^2."""
+    """Id of the point, spot, projector or directional light. In this case ``coupling`` is the
+    received power over 4 pi times the intensity, or over the irradiance, in m^2."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Contribution:
 
     name: str
     direct: float
-    """Power in W of line-of-sight and specular paths, exact except for their transmission."""
+    """Power in W of line-of-sight and specular paths; only their transmission has noise."""
     scattered: float
     """Power in W scattered by surfaces and fog."""
     standard_error: float
@@ -97,7 +97,7 @@ class ReceivedPower:
     standard_error: float
     """Standard error in W of ``scattered``; direct light is computed without noise."""
     samples: int
-    """Samples of scattered light from each emitter."""
+    """Number of samples of scattered light from each emitter."""
     seed: int
     bandwidth: float | None = None
     """Bandwidth in Hz."""
@@ -106,9 +106,9 @@ class ReceivedPower:
     noise_figure: float | None = None
     """Noise figure in dB; None: 0."""
     notes: tuple[str, ...] = ()
-    """Sentences about effects in this scene that are not included."""
+    """Effects in this scene that are not included, as sentences."""
     polarisation: str = ""
-    """Polarisations used, with the names of their ends."""
+    """Polarisations in the result, with the names of the ends that have them."""
 
     @property
     def direct(self) -> float:
@@ -276,7 +276,7 @@ class ReceiveOptions:
             object.__setattr__(self, name, value)
 
     def noise_of(self, spec: Any) -> dict[str, Any]:
-        """Return the noise of a receiver: these options, or else its parameters."""
+        """Return the noise parameters of a receiver, which these options override."""
         noise = {name: getattr(self, name) for name in NOISE_PARSERS}
         noise = {n: spec.noise[n] if value is None else value for n, value in noise.items()}
         power = noise_power_of(**noise)
@@ -293,7 +293,7 @@ def described(
     coords: Mapping[str, Any],
     about: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """Return a dataset of variables, each of array, dimensions, unit ("" for texts) and meaning."""
+    """Return a dataset of variables: array, dimensions, unit ("" for texts) and meaning of each."""
     from polywigner import __version__
 
     return labelled_arrays(

@@ -3,8 +3,8 @@
 Rays run from the receiver to the emitter. Null surfaces, fog, masks and thin panes transmit them,
 and the flat mirrors of the path reflect them.
 
-Mitsuba's ``thindielectric`` uses the mean R of the reflectances of both polarisations. Here each
-polarisation has its own 2R/(1 + R), the sum of all internal reflections in power.
+Mitsuba's ``thindielectric`` computes 2R/(1 + R), the sum of all internal reflections in power, from
+the mean R of the reflectances of both polarisations. Here it is computed for each polarisation.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from polywigner.mitsuba.scenes.surfaces import Reaches, children_of
 
 Floats = NDArray[np.float64]
 
-# A path that passes more null surfaces than this counts as blocked.
+# Largest number of null surfaces on a path; a path through more surfaces counts as blocked.
 _MOST_PASSED = 64
-# Points between two surfaces at which the density of fog is sampled.
+# Number of points between two surfaces at which the density of fog is sampled.
 _IN_FOG = 32
-# Tolerance of directions in rad.
+# Tolerance of the direction of a reflection in rad.
 _SAME_DIRECTION = 1e-3
 # Wavelengths of colours in nm, for spectral variants.
 _COLOURS = (450.0, 520.0, 590.0, 660.0)
@@ -41,10 +41,9 @@ _FILTERS = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
 
 
 def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Drjit, ...]]:
-    """Yield rows (n, 2) or (n, 3) as Mitsuba's points: one array, or rows in scalar variants.
+    """Yield arrays (n, 2) or (n, 3) as Mitsuba's points: all at once, or one by one if scalar.
 
-    The coordinates are copied from lists, since Dr.Jit compiles the alignment of NumPy memory into
-    kernels.
+    The coordinates are copied from lists, because kernels depend on the alignment of NumPy memory.
     """
     kinds = [{2: mi.Point2f, 3: mi.Point3f}[array.shape[1]] for array in arrays]
     if dr.is_jit_v(mi.Float):
@@ -56,12 +55,12 @@ def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Drjit, ...]]:
 
 
 def joined(values: Iterable[Drjit]) -> Floats:
-    """Return numbers of several batches as one array (n,)."""
+    """Return the numbers of several batches as one array (n,)."""
     return np.concatenate([np.ravel(np.array(value, np.float64)) for value in values])
 
 
 class Plane(NamedTuple):
-    """Plane of a mirror in scene units."""
+    """Plane of a mirror, in units of the scene."""
 
     shape: Any
     normal: Drjit
@@ -69,51 +68,51 @@ class Plane(NamedTuple):
     rounding: float
     """Largest distance of a hit on the mirror from its plane."""
     surfaces: tuple[Surface, Surface] | None
-    """Surfaces on the side of the normal and behind it; None: use Mitsuba's reflectance."""
+    """Surfaces for waves from the side of the normal and from behind; None: Mitsuba's BSDF."""
 
 
 class Transmission(NamedTuple):
     """Transmission of rays along a path."""
 
     fraction: Drjit
-    """Transmitted fraction of power; for polarised rays a Mueller matrix between Mitsuba's axes."""
+    """Transmitted fraction of the power; a Mueller matrix in Mitsuba's axes for polarised rays."""
     first: Drjit
     """Direction of a ray at the first point."""
     last: Drjit
     """Direction of a ray towards the last point."""
     panes: list[list[Drjit]]
-    """Images of x, y and z under the transmission of the thin panes of each leg."""
+    """Fields after the thin panes of each leg, for incident fields along x, y and z."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Pane:
-    """A shape of thin glass, with optional masks."""
+    """Shape of thin glass, perhaps with masks."""
 
     shape: Any
     surface: Surface
     masks: list[Any]
 
     def transmittances(self, si: Any, total: Any, active: Any) -> tuple[Drjit, Drjit]:
-        """Return transmittances normal to and in the plane of incidence.
+        """Return the transmittances of fields normal to the plane of incidence and in it.
 
-        ``total``: Mitsuba's mean transmittance.
+        ``total``: transmittance of the BSDF in Mitsuba.
         """
         cosine = dr.abs(dr.dot(si.to_world(si.wi), si.n))
         covered = _opacity(self.masks, si, active)
         mean, across, along = _on_host(self._without_masks, cosine)
-        # factor of the texture and of the part of the surface that is glass
+        # factor for the texture, and for the fraction of the surface that the masks do not remove
         scale = dr.select(mean > 0.0, (total - 1.0 + covered) / dr.select(mean > 0.0, mean, 1.0), 0)
         return 1.0 - covered + scale * across, 1.0 - covered + scale * along
 
     def _without_masks(self, cosine: Floats) -> list[Floats]:
-        """Return the transmittance in Mitsuba, and normal to and in the plane of incidence."""
+        """Return three transmittances: Mitsuba's, for fields normal to the plane and in it."""
         fields = self.surface.coefficients(cosine)
         mean = 1.0 - self.surface.reflectance_in_mitsuba(cosine)
         return [mean, *(1.0 - np.abs(field) ** 2 for field in fields)]
 
 
 class RayTracer:
-    """Rays along given paths through one scene.
+    """Tracer of rays along paths through a scene.
 
     Parameters
     ----------
@@ -122,8 +121,8 @@ class RayTracer:
     polarised : bool
         Whether to return Mueller matrices.
     coherent : bool
-        Whether mirrors and thin panes act on field vectors. Their effect is then not part of the
-        transmitted fraction.
+        Whether callers apply mirrors and thin panes to field vectors. The transmitted fraction then
+        does not include them.
     """
 
     def __init__(self, scene: Any, polarised: bool, coherent: bool) -> None:
@@ -142,7 +141,8 @@ class RayTracer:
     def trace(self, medium: Any, planes: Sequence[Plane], points: list[Any]) -> Transmission:
         """Return the transmission from the last to the first of the points.
 
-        ``medium``: fog at the first point. ``planes``: planes of the mirrors at the points between.
+        ``medium``: fog at the first point. ``planes``: planes of the mirrors at all points except
+        the first and the last.
         """
         fraction, panes = self._all(), []
         first = direction = dr.normalize(points[1] - points[0])
@@ -168,13 +168,13 @@ class RayTracer:
         return Transmission(fraction, first, direction, panes)
 
     def unobstructed(self, si: Any, point: Any) -> Drjit:
-        """Return the transmission from a sampled point of a light to a surface, without fog."""
+        """Return the transmission between a point of a light and a surface, without fog."""
         medium = mi.MediumPtr(None) if dr.is_jit_v(mi.Float) else None
         it, passed, _, _ = self._first_surface(si.spawn_ray_to(point), medium)
         return dr.select(it.is_valid(), 0.0, passed)
 
     def _all(self) -> Drjit:
-        """Return unit transmission, as a Mueller matrix for polarised rays."""
+        """Return a transmission of 1; for polarised rays the Mueller matrix."""
         return mi.Spectrum(1.0) if self._polarised else mi.Float(1.0)
 
     def _first_surface(
@@ -182,8 +182,8 @@ class RayTracer:
     ) -> tuple[Drjit, Drjit, Drjit, list[Drjit]]:
         """Trace rays to the first surface that is not null or lies in the plane of a mirror.
 
-        Returns the interaction, the transmission up to it, the fog behind it, and the images of x,
-        y and z under the transmission of thin panes.
+        Returns the interaction, the transmission up to it, the fog behind it, and the fields after
+        thin panes for incident fields along x, y and z.
         """
         fraction, moves = self._all(), mi.Bool(True)
         columns = [mi.Vector3f(*axis) for axis in np.eye(3).tolist()]
@@ -209,7 +209,7 @@ class RayTracer:
     def _passed(
         self, si: Any, d: Any, columns: list[Any], active: Any
     ) -> tuple[Drjit, list[Drjit]]:
-        """Return the transmission of a null surface, and the columns behind it."""
+        """Return the transmission of a null surface, and the fields ``columns`` behind it."""
         passed = si.bsdf().eval_null_transmission(si, active)
         total = _mean(passed, False)
         if self._polarised:
@@ -229,11 +229,11 @@ class RayTracer:
             normal = _across(si.n, d)
             roots = [dr.sqrt(dr.select(part > 0.0, part, 0.0)) for part in (across, along)]
             if self._coherent:
-                turned = [
+                transmitted = [
                     roots[1] * column + (roots[0] - roots[1]) * dr.dot(normal, column) * normal
                     for column in columns
                 ]
-                columns = [dr.select(here, a, b) for a, b in zip(turned, columns, strict=True)]
+                columns = [dr.select(here, a, b) for a, b in zip(transmitted, columns, strict=True)]
                 of_pane: Any = 1.0
             elif self._polarised:
                 of_pane = _mueller(roots, normal, -d, -d)
@@ -243,7 +243,7 @@ class RayTracer:
         return fraction, columns
 
     def _reflectance(self, si: Any, active: Any, plane: Plane) -> Drjit:
-        """Return the reflectance of the smooth lobe; zero if a normal map changes its direction."""
+        """Return the specular reflectance; zero if a normal map changes the direction."""
         nodes = bsdfs_in(plane.shape.bsdf())
         masks = list(takewhile(lambda node: node.class_name() == MASK, nodes))
         bsdf = nodes[len(masks)]
@@ -258,7 +258,7 @@ class RayTracer:
             if self._polarised:
                 weight = si.to_world_mueller(weight, -sample.wo, si.wi)
             return covered * _mean(weight, self._polarised)
-        # the factor of Mitsuba's reflectance in addition to Fresnel's coefficients
+        # ratio of Mitsuba's reflectance and Fresnel's: textures and factors of the BSDF
         inverse, *roots = _on_host(partial(_both_sides, *plane.surfaces), dr.dot(arrived, si.n))
         scale = covered * _mean(weight, False) * inverse
         if self._coherent:
@@ -271,7 +271,7 @@ class RayTracer:
 def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats]:
     """Return the inverse reflectance in Mitsuba, and the real coefficients of both polarisations.
 
-    ``before``, ``behind``: surfaces for positive and for negative cosines.
+    The surface is ``before`` for positive cosines and ``behind`` for negative ones.
     """
 
     def values(surface: Surface) -> list[Floats]:
@@ -280,11 +280,11 @@ def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats
         return [1.0 / np.where(reflectance > 0.0, reflectance, 1.0), *(r.real for r in fields)]
 
     pairs = zip(values(before), values(behind), strict=True)
-    return [np.where(cosine > 0.0, one, other) for one, other in pairs]
+    return [np.where(cosine > 0.0, *pair) for pair in pairs]
 
 
 def _on_host(function: Callable[[Floats], list[Floats]], value: Any) -> list[Drjit]:
-    """Evaluate a function of NumPy arrays for numbers of Mitsuba."""
+    """Evaluate a function of NumPy arrays for arrays of Mitsuba."""
     results = function(np.array(value, np.float64))
     if dr.is_jit_v(mi.Float):
         return [mi.Float(result.tolist()) for result in results]
@@ -301,23 +301,23 @@ def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
 
 
 def _across(normal: Any, direction: Any) -> Drjit:
-    """Return the unit vector normal to the plane of incidence; arbitrary at normal incidence."""
+    """Return the unit normal of the plane of incidence, which is arbitrary at normal incidence."""
     across = dr.cross(mi.Vector3f(normal), direction)
     length = dr.norm(across)
-    known = length > _ALONG
+    is_oblique = length > _ALONG
     return dr.select(
-        known, across / dr.select(known, length, 1.0), mi.coordinate_system(direction)[0]
+        is_oblique, across / dr.select(is_oblique, length, 1.0), mi.coordinate_system(direction)[0]
     )
 
 
-# |n x k| in single precision at normal incidence.
+# |n x k| below which the incidence is normal, up to rounding errors of single precision.
 _ALONG = 1e-6
 
 
 def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Drjit:
-    """Return a Mueller matrix between Mitsuba's axes from real s and p amplitudes.
+    """Return the Mueller matrix in Mitsuba's axes for real s and p amplitudes ``roots``.
 
-    ``arrives`` and ``leaves`` : directions of travel. Axes are ``across`` and direction x across.
+    ``arrives`` and ``leaves`` are directions of travel. The s axis is ``across``.
     """
     s, p = roots
     mean, difference = (s * s + p * p) / 2, (s * s - p * p) / 2
@@ -329,7 +329,7 @@ def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Drjit:
 
 
 def _is(pointer: Any, shape: Any) -> Drjit:
-    """Return whether rays have met this shape."""
+    """Return which rays have met a shape."""
     return pointer == (mi.ShapePtr(shape) if dr.is_jit_v(mi.Float) else shape)
 
 
@@ -354,7 +354,7 @@ def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
         scale = dr.opaque(mi.Float, along) if is_jit else along
         interaction.p = ray.o + ray.d * (length * scale)
         depth = depth + medium.get_scattering_coefficients(interaction, is_foggy)[2]
-        dr.eval(depth)  # every step uses the same small kernel
+        dr.eval(depth)  # so that all steps share a small kernel
     return dr.select(is_foggy, dr.mean(dr.exp(-depth * (length / _IN_FOG))), 1.0)
 
 
@@ -367,7 +367,7 @@ def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Drjit:
 
 
 def _mean(spectrum: Any, polarised: bool) -> Drjit:
-    """Return the mean over colours, as in images and received powers."""
+    """Return the mean of a spectrum over colours, as in images and received powers."""
     if not polarised:
         return dr.mean(mi.unpolarized_spectrum(spectrum))
     return mueller_matrix(mi, {entry: dr.mean(spectrum[entry]) for entry in np.ndindex(4, 4)})

@@ -88,20 +88,21 @@ def received_power(
 ) -> ReceivedPower:
     """Return the power at a receiver of a scene in W, with its standard error.
 
-    Direct light of each emitter, line of sight and by flat mirrors, is exact by
-    :func:`polywigner.coupling` in the poses of both ends or of images, times the fraction of rays
-    that pass obstacles. Light scattered by surfaces and fog is sampled by the ``wigner_receiver``
-    sensor. Powers add without interference, unless ``coherent`` is true. docs/received_power.md.
+    Direct light of each emitter, along the line of sight and by flat mirrors, is computed exactly
+    by :func:`polywigner.coupling` of the receiver with the emitter or its images, times the
+    fraction of rays that pass obstacles. Light that surfaces and fog scatter is sampled by the
+    ``wigner_receiver`` sensor. Powers add without interference, unless ``coherent`` is true. See
+    docs/received_power.md.
 
     Parameters
     ----------
     scene : mi.Scene
         Scene with a ``wigner_receiver`` sensor and lights.
     spp : int, optional
-        Samples of scattered light for each emitter, in 16 batches; rounded up to a multiple of 16.
-        Default: the value of the sensor.
+        Number of samples of scattered light for each emitter, in 16 batches; rounded up to a
+        multiple of 16. Default: the value of the sensor.
     seed : int, default 0
-        Seed of the random numbers, zero or more. Direct light uses none.
+        Seed of the random numbers, zero or more. Direct light does not depend on it.
     receiver : int or str, optional
         Id of the sensor, or its number among the sorted ids of receivers, from 0. Default: the
         only receiver.
@@ -112,20 +113,23 @@ def received_power(
     tolerance : float, default 1e-6
         Tolerance of couplings, as in :func:`polywigner.coupling`.
     bandwidth, temperature, noise_figure : float or str, optional
-        Noise k T B F in Hz, K and dB, or texts such as "1 GHz", instead of the receiver's
-        parameters. Without a noise figure, F is 1. The bandwidth also determines which emitters
-        are received.
+        Parameters of the noise k T B F in Hz, K and dB, or texts such as "1 GHz", instead of the
+        receiver's parameters. Without a noise figure, F is 1. The bandwidth also determines which
+        emitters are received.
     coherent : bool, default False
-        Whether direct paths of one emitter add as amplitudes, with fringes, as in
-        :func:`polywigner.mitsuba.channel`. Scattered light and several emitters add as powers.
+        Whether the amplitudes of direct paths of an emitter add, with fringes, as in
+        :func:`polywigner.mitsuba.channel`. The powers of scattered light and of different emitters
+        add.
     polarisation : str or array_like, optional
-        With ``coherent``: polarisation of ends without a polarisation in the scene, default "y",
-        as in :func:`polywigner.mitsuba.channel`; in polarised variants for scattered power as well.
+        With ``coherent``: polarisation of ends without a polarisation in the scene, default "y", as
+        in :func:`polywigner.mitsuba.channel`. In polarised variants it also applies to scattered
+        power.
     bodies : mapping, optional
-        With ``coherent``: perfect conductors by their names, in addition to the scene, as in
+        With ``coherent``: perfect conductors by name, which are added to the scene, as in
         :func:`polywigner.mitsuba.channel`.
     progress : callable, optional
-        Function that is called after each render with the numbers of finished and of all renders.
+        Function that is called after each render with the number of finished renders and the number
+        of all renders.
 
     Returns
     -------
@@ -168,7 +172,7 @@ def received_powers(
     bodies: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> list[ReceivedPower]:
-    """Return the power of each receiver of a scene, sorted by id: :func:`received_power`."""
+    """Return the power of each receiver of a scene, sorted by id; see :func:`received_power`."""
     noise = bandwidth, temperature, noise_figure
     waves = coherent, polarisation, bodies
     options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, *noise, *waves)
@@ -177,7 +181,7 @@ def received_powers(
 
 
 def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
-    """Return the number of a receiver among receivers."""
+    """Return the index of the chosen receiver; raise ArgumentError if the choice is not clear."""
     names = [sensor.id() for _, sensor in receivers]
     if receiver is None and len(receivers) == 1:
         return 0
@@ -194,10 +198,10 @@ def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
 
 
 class Parties(NamedTuple):
-    """Receivers of a scene and the coherent sources that they receive."""
+    """Receivers of a scene, and the coherent sources of the scene."""
 
     sensors: list[int]
-    """Numbers of the receivers among the scene's sensors."""
+    """Indices of the receivers among the scene's sensors."""
     receivers: list[PlacedSource]
     noises: list[dict[str, Any]]
     """Bandwidth, temperature and noise figure of each receiver."""
@@ -205,12 +209,12 @@ class Parties(NamedTuple):
 
 
 class Received(NamedTuple):
-    """Powers at receivers, and the samples of scattered light."""
+    """Powers at receivers, and the batches of scattered light."""
 
     powers: list[ReceivedPower]
     receivers: list[PlacedSource]
     batches: Floats
-    """Power in W, shape (receivers, batches, lights, values)."""
+    """Power in W, shape (receivers, batches, lights, values); values: range bins, or one sum."""
 
 
 def received(
@@ -220,7 +224,7 @@ def received(
     sample: Sampled,
     edges: Floats | None = None,
 ) -> Received:
-    """Return the power at receivers by their numbers; see :func:`received_power`.
+    """Return the power at the receivers with these indices; see :func:`received_power`.
 
     ``edges``: edges in m of the range bins by which scattered light is sorted; None: one bin.
     """
@@ -228,7 +232,7 @@ def received(
         parties = matched(scene, numbers, options)
         ends = list(zip(parties.sensors, parties.receivers, strict=True))
         plans = [_scattering(scene, k, options, end.scene_unit, edges) for k, end in ends]
-        # direct light first: its errors should come before the slow renders
+        # direct light first, because its errors should be raised before the slow renders
         direct = [_direct(scene, *end, parties.emitters, options) for end in ends]
         batches = np.asarray(sample(plans), np.float64)
         batches = batches.reshape(*batches.shape[:3], -1)
@@ -240,7 +244,7 @@ def received(
 
 
 def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
-    """Return receivers by their numbers, and the sources; SceneError for mismatched pairs."""
+    """Return the receivers with these indices, and the sources; SceneError if they differ."""
     if not scene.emitters():
         raise SceneError("expected a scene with light, got no emitters; add one")
     sensors = [receivers_of(scene)[number] for number in numbers]
@@ -258,7 +262,7 @@ def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
 def _scattering(
     scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
-    """Return how light scattered to the sensor of this index is sampled."""
+    """Return the sampling of light that is scattered to the sensor with this index."""
     name = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator.class_name()
     if name in _NO_RADIANCE:
         raise SceneError(
@@ -273,7 +277,7 @@ def _scattering(
 def scattered_here(
     scene: Any, progress: Progress | None, plans: Sequence[Scattering]
 ) -> NDArray[np.float64]:
-    """Return powers in W (receivers, batches, lights, ...) of all batches, in turn."""
+    """Return powers in W (receivers, batches, lights, ...) of all batches, rendered one by one."""
     done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
     checked_callable(progress, "progress")
     with slow_bar("renders", total) as advance:
@@ -288,7 +292,7 @@ def _direct(
     emitters: list[PlacedSource],
     options: ReceiveOptions,
 ) -> list[DirectLight]:
-    """Return the direct light of each emitter, then of other lights. Sources are hidden."""
+    """Return the direct light of each emitter and of other lights, in a scene of hidden sources."""
     chains, echoes, notes = routes_in(
         scene, receiver.scene_unit, options.reflections, options.bodies
     )
@@ -310,7 +314,7 @@ def _interfering(
     routes: list[Route],
     options: ReceiveOptions,
 ) -> DirectLight:
-    """Return direct light of an emitter whose paths interfere. Sources are hidden."""
+    """Return the direct light of an emitter whose paths interfere; sources are hidden."""
     wavelength = emitter.wavelength
     paths, notes = paths_between(scene, emitter, receiver, routes, options.polarisation, wavelength)
     frequency = np.array([SPEED_OF_LIGHT / wavelength])
@@ -345,7 +349,7 @@ def _result(
     plan: Scattering,
     scattered: Floats,
 ) -> ReceivedPower:
-    """Return the power at one receiver from its direct light and its batches in W."""
+    """Return the power at a receiver from its direct light and its batches in W."""
     of_sources, others = by_source(scene, scattered)
     rows = [*zip([emitter.name for emitter in emitters], of_sources, direct[:-1], strict=True)]
     if len(lights_of(scene)) > len(emitters):
@@ -370,12 +374,13 @@ def _result(
     )
 
 
-# Pixels on a side, and samples of each: a few seconds, in scalar variants too.
+# Pixels along a side of the map, and samples per pixel, for compiled and for scalar variants. Both
+# renders take a few seconds.
 _FINE, _COARSE = (64, 64), (24, 4)
 
 
 def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]:
-    """Return the power in W (n, n) of scattered and incoherent light from each direction."""
+    """Return a map (n, n) over directions of the power in W of scattered and incoherent light."""
     _, original = receivers_of(scene)[receiver]
     size, spp = _FINE if dr.is_jit_v(mi.Float) else _COARSE
     props = mi.Properties(RECEIVER)
@@ -391,18 +396,18 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
             how = {"integrator": integrator, "spp": spp, "seed": seed_of(seed)}
             image = np.array(mi.render(scene, sensor=sensor, **how), dtype=np.float64)
     finally:
-        sensor.scene = None  # or it would keep the scene alive
+        sensor.scene = None  # so that the scene can be freed
     return mean_of_colours(image)
 
 
-# Number of shapes labelled in a map, and the least fraction of its power from each.
+# Largest number of shapes that are labelled in a map, and least fraction of the power of a label.
 _MOST_NAMED, _LEAST_NAMED = 5, 0.01
 
 
 def shapes_in(
     scene: Any, receiver: int, image: NDArray[np.float64]
 ) -> dict[str, tuple[float, float]]:
-    """Return mean direction cosines of the shapes that send most of :func:`arrival_map`."""
+    """Return mean direction cosines of the shapes that cause most power in :func:`arrival_map`."""
     placed = placed_receiver(receivers_of(scene)[receiver][1], receiver)
     axis = (np.arange(len(image)) + 0.5) * 2 / len(image) - 1
     x, y = (part.ravel() for part in np.meshgrid(axis, axis))
@@ -417,9 +422,9 @@ def shapes_in(
     labels = []
     for shape in sorted_shapes(scene):
         parts = np.where(numbers == np.ravel(number_of("Shape", shape))[0], power, 0.0)
-        sent = parts.sum()
-        if shape.id() and sent > _LEAST_NAMED * power.sum():
-            labels.append((sent, shape.id(), (parts @ x / sent, parts @ y / sent)))
+        arrived = parts.sum()
+        if shape.id() and arrived > _LEAST_NAMED * power.sum():
+            labels.append((arrived, shape.id(), (parts @ x / arrived, parts @ y / arrived)))
     return {name: at for _, name, at in sorted(labels, reverse=True)[:_MOST_NAMED]}
 
 

@@ -1,16 +1,17 @@
 """Power that surfaces and fog scatter to a receiver, with its standard error.
 
-Samples come in batches with different seeds, and the spread of the batches gives the error. Paths
-do not depend on the power of a source: for one seed, the render with one source and the other
-lights, minus the render with the other lights, is the contribution of the source, sample by sample.
+Samples are computed in batches with different seeds. The standard error follows from the spread of
+the batches. Paths do not depend on the power of a source. Therefore, for the same seed, the
+contribution of a source is the render with this source and incoherent lights, minus the render with
+incoherent lights only, sample by sample.
 
 Samples of the far pattern rarely meet shapes that are small or off the beam. A fraction S of the
-samples goes to boxes around such shapes, in the receiver's angles (alpha, psi), whose dalpha dpsi
-is a solid angle. All samples are weighted by the density of the mixture,
+samples is aimed at boxes around such shapes, in the receiver's angles (alpha, psi), whose area
+dalpha dpsi is a solid angle. All samples are weighted by the density of the mixture,
 
     S sum_k p_k [in box k]/Omega_k + (1 - S) p(alpha, psi),
 
-the balance heuristic, which leaves means unchanged. Source: E. Veach and L. J. Guibas,
+the balance heuristic, which does not change means. Source: E. Veach and L. J. Guibas,
 "Optimally combining sampling techniques for Monte Carlo rendering", SIGGRAPH 1995.
 """
 
@@ -47,25 +48,28 @@ Complexes = NDArray[np.complex128]
 
 # ---- rays towards small shapes ------------------------------------------------------------------
 
-# Fraction S of the samples. Errors outside of boxes grow by 1/(1 - S), 1.14, if stratified errors
-# fall with the number of samples, and by 1.07 if they fall with its root.
+# Fraction S of the samples that are aimed. Errors outside of boxes increase by a factor of 1.07 if
+# they fall with the square root of the number of samples, and by 1/(1 - S), 1.14, if they fall with
+# the number itself, as for stratified samples.
 _AIMED = 1 / 8
-# Fraction of these samples that is divided equally, since range profiles need samples of each box.
+# Fraction of the aimed samples that all boxes share equally: range profiles need samples of each
+# box.
 _EQUAL = 0.5
-# Boxes of one receiver: each sample is tested against all. Separate pieces and faces of a mesh.
+# Largest number of boxes of a receiver: each sample is tested against all boxes. Largest number of
+# separate pieces of a mesh, and of its faces, for which pieces are searched.
 _MOST_BOXES, _MOST_PIECES, _MOST_FACES = 64, 64, 1 << 17
-# A box that more than this fraction of the unaimed samples meet is not aimed at.
+# Largest fraction of unaimed samples in a box for which samples are aimed at the box.
 _COMMON = 1 / 16
-# Smallest angular width, below which single precision has too few directions; and margin around a
-# box relative to its width, since straight sides are curved lines in angles.
+# Smallest width of a box in rad, because single precision resolves no smaller angles well. Margin
+# around a box relative to its width, because straight sides are curved lines in angles.
 _NARROWEST, _MARGIN = 1e-5, 0.02
-# Points along each side of a box in space, and along each axis of a box of angles.
+# Number of points along each side of a box in space, and along each axis of a box of angles.
 _POINTS = 3
 _PROBES = 5
 
 
 def aimed(scene: Any) -> AbstractContextManager[None]:
-    """Aim rays of receivers with one pixel at small shapes within a ``with`` block."""
+    """Aim samples of receivers at small shapes while the block runs."""
     sources = [emitter.get_shape() for emitter in wigner_emitters(scene)]
     shapes = [shape for shape in sorted_shapes(scene) if shape not in sources]
     boxes = np.reshape([box for shape in shapes for box in _boxes(shape)], (-1, 2, 3))
@@ -79,7 +83,7 @@ def aimed(scene: Any) -> AbstractContextManager[None]:
 
 
 def _boxes(shape: Any) -> list[Floats]:
-    """Return smallest and largest coordinates (2, 3) of a shape, or of the pieces of a mesh."""
+    """Return the bounds (2, 3) of a shape, or of each of the pieces of a mesh."""
     shape_box = [bounds_of(shape)]
     if not shape.is_mesh() or not 1 < shape.face_count() <= _MOST_FACES:
         return shape_box
@@ -98,7 +102,7 @@ def _boxes(shape: Any) -> list[Floats]:
 
 
 def _vectors(sensor: Any, boxes: Floats) -> Floats:
-    """Return vectors (n, m, 3) in a receiver's frame to points in the boxes in front of it."""
+    """Return vectors (n, m, 3) from a receiver, in its frame, to m points of n boxes in front."""
     grid = np.linspace(0.0, 1.0, _POINTS)
     inner = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
     points = boxes[:, None, 0] + np.diff(boxes, axis=1) * inner
@@ -111,7 +115,7 @@ def _vectors(sensor: Any, boxes: Floats) -> Floats:
 
 
 def _targets(sensor: Any, boxes: Floats) -> Floats:
-    """Return rows (n, 5) of boxes: least and largest (alpha, psi), and fraction of the samples."""
+    """Return rows (n, 5) of boxes: least and largest (alpha, psi), fraction of aimed samples."""
     vectors = _vectors(sensor, boxes)
     if not len(vectors):
         return np.empty((0, 5))
@@ -146,7 +150,7 @@ def _unaimed_fraction(directions: Any, rows: Floats) -> Floats:
 
 
 class AimedDirections:
-    """Mixture of boxes of angles and other ``directions``, for the arrays of one variant."""
+    """Sampler of directions in boxes of angles and of other ``directions``, for one variant."""
 
     def __init__(self, m: Any, directions: Any, rows: Floats) -> None:
         """``rows`` (n, 5): least and largest (alpha, psi), and fraction of each box."""
@@ -159,7 +163,7 @@ class AimedDirections:
         density = fractions / (high - low).prod(axis=1)
         table = np.column_stack([low, high, starts, 1.0 / (ends - starts), ends, density])
         self._count: Any = len(table)
-        # constant length, so that kernels do not depend on the number of shapes
+        # a constant length: kernels do not depend on the number of shapes
         table = np.pad(table, ((0, _MOST_BOXES - len(table)), (0, 0)))
         self._columns: Any = [column.tolist() for column in table.T]
         if self._jit:
@@ -189,12 +193,12 @@ class AimedDirections:
         return _AIMED * self._sum(lambda k: self._inside(angles, k)) + (1 - _AIMED) * others
 
     def _between(self, number: Any, axis: int, u: Any) -> Drjit:
-        """Return an angle in a box, clipped to its bounds after rounding."""
+        """Return an angle in a box; rounding cannot move it outside."""
         low, high = self._at(axis, number), self._at(axis + 2, number)
         return dr.clip(low + (high - low) * u, low, high)
 
     def _inside(self, angles: Any, number: Any) -> Drjit:
-        """Return the density of a box at angles."""
+        """Return the density of samples in a box at angles; zero outside of the box."""
         in_alpha, in_psi = (
             (angle >= self._at(axis, number)) & (angle <= self._at(axis + 2, number))
             for axis, angle in enumerate((angles.x, angles.y))
@@ -207,42 +211,42 @@ class AimedDirections:
         return self._columns[column][number]
 
     def _sum(self, term: Callable[[Any], Any]) -> Drjit:
-        """Return the sum over all boxes, whose number is data of the kernel."""
+        """Return the sum of a term over all boxes, in a loop of the kernel."""
         return self._ops.fold(0, self._count, (0.0,), lambda k, total: (total + term(k),))[0]
 
 
 # ---- batches ------------------------------------------------------------------------------------
 
-# The spread of 16 batches gives the standard error within 18 %.
+# Number of batches; with 16, the standard error is accurate to 18 %.
 BATCHES = 16
 
 
 def batches_of(spp: int) -> int:
-    """Return the samples in each of 16 batches, for ``spp`` or a few more in total."""
+    """Return the number of samples in each of 16 batches, for ``spp`` or a few more in total."""
     return -(-check_spp(spp) // BATCHES)
 
 
 @dataclass(frozen=True)
 class Scattering:
-    """Sampling of the light scattered to one receiver, in a scene whose sources are hidden."""
+    """Sampling of the light that is scattered to a receiver, in a scene of hidden sources."""
 
     sensor: int
     integrator: Any
     spp: int
-    """Requested samples of all batches."""
+    """Requested number of samples of all batches."""
     seed: int
     edges: tuple[float, ...] | None = None
-    """Edges of range bins: lengths of paths in scene units; None: one sum."""
+    """Edges of range bins, as path lengths in scene units; None: no bins."""
 
     @property
     def values(self) -> tuple[int, ...]:
-        """Shape of a batch's power of each light: (), or nearer than all bins, in each, farther."""
+        """Shape of the power of a light in a batch: (), or (bins + 2,) with shorter and longer."""
         return () if self.edges is None else (len(self.edges) + 1,)
 
     def batch(
         self, scene: Any, number: int, done: Callable[[], None] = lambda: None
     ) -> NDArray[np.float64]:
-        """Return the power in W (lights, values) of one batch from each of :func:`lights_of`."""
+        """Return the power in W (lights, values) in a batch from each of :func:`lights_of`."""
         seed, samples = seed_of(self.seed, number), batches_of(self.spp)
         warn = self.edges is None or number == 0
         exposure = exposed(scene, self.integrator, samples, seed, self.sensor, warn)
@@ -265,7 +269,7 @@ class Scattering:
 
 
 def lights_of(scene: Any) -> list[mi.Emitter | None]:
-    """Return the lights of separate renders: None for incoherent lights, then each source."""
+    """Return the lights of separate renders: None for all incoherent lights, and each source."""
     sources = wigner_emitters(scene)
     return ([None] if len(sources) < len(scene.emitters()) else []) + sources
 
@@ -278,5 +282,5 @@ def by_source(scene: Any, powers: NDArray[np.float64]) -> tuple[Floats, Floats]:
 
 
 def standard_error(batches: Floats, axis: int = 0) -> Floats:
-    """Return the standard error of the mean of equal batches."""
+    """Return the standard error of the mean of batches of equal size."""
     return np.std(batches, ddof=1, axis=axis) / math.sqrt(batches.shape[axis])

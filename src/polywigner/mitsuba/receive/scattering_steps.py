@@ -1,4 +1,4 @@
-"""Paths that leave a receiver: steps to the next surface and to a light, and events along paths."""
+"""Paths from a receiver through a scene, step by step, and the events at which light is added."""
 
 from __future__ import annotations
 
@@ -17,19 +17,21 @@ from polywigner.mitsuba.scenes.surfaces import Reaches
 
 Floats = NDArray[np.float64]
 
-# Uniform numbers for a step: of a light (2), a direction (3), and the end of a path.
+# Number of uniform numbers for a step: two for a light, three for a direction, one for the random
+# end of a path.
 _SAMPLES = 6
-# From this bounce on, paths end by chance in proportion to their throughput, as in Mitsuba.
+# Number of bounces after which paths continue with a probability equal to their throughput, but at
+# most _SURVIVORS, as in Mitsuba.
 _ROULETTE = 5
 _SURVIVORS = 0.95
-# Integral of the eye's sensitivity over wavelengths, in nm, as in Mitsuba's films.
+# Integral over wavelengths, in nm, of the sensitivity of the eye, as in Mitsuba's films.
 _CIE_Y = 106.7502593994140625
-# A path that passes more null surfaces is lost, as in Mitsuba.
+# Largest number of steps of a path, null surfaces included; longer paths are lost, as in Mitsuba.
 _MOST_STEPS = 1024
 
 
 def number_of(kind: str, thing: Any) -> Drjit:
-    """Return the number of a shape ("Shape") or light ("Emitter") in rays; 0: none."""
+    """Return the number that Mitsuba's arrays have for a "Shape" or an "Emitter"; 0: none."""
     if not dr.is_jit_v(mi.Float):
         return 0 if thing is None else id(thing)
     return dr.reinterpret_array(mi.UInt32, getattr(mi, f"{kind}Ptr")(thing))
@@ -42,18 +44,18 @@ class Paths:
     ray: Drjit
     active: Drjit
     throughput: Drjit
-    """Radiance here per radiance at the next surface: a spectrum."""
+    """Spectrum: radiance at the receiver over radiance at the next surface."""
     bounces: Drjit
     last: Drjit
     """Surface interaction of the last bounce."""
     density: Drjit
-    """Probability density of the direction, per solid angle."""
+    """Probability density of the direction per solid angle."""
     is_smooth: Drjit
-    """Whether no sample of a light can have this direction."""
+    """Whether samples of lights cannot have this direction."""
 
     @classmethod
     def along(cls, ray: Drjit, weight: Drjit, zero: Drjit) -> Paths:
-        """Start paths with rays from a receiver, with weights of colours."""
+        """Return paths that start with rays of a receiver; ``weight``: a spectrum."""
         active = zero == 0.0
         none = dr.zeros(mi.SurfaceInteraction3f, dr.width(zero))
         throughput = mi.Spectrum(weight) + zero
@@ -61,7 +63,7 @@ class Paths:
 
 
 class Steps:
-    """Steps of all paths in a scene, whose coherent sources are hidden."""
+    """Function that moves all paths by one step, in a scene whose coherent sources are hidden."""
 
     def __init__(self, scene: Any, most_bounces: int, meets_lights: bool) -> None:
         self._scene, self._most = scene, most_bounces
@@ -71,7 +73,7 @@ class Steps:
         self._reaches = Reaches(scene)
 
     def __call__(self, paths: Paths, samples: list[Drjit]) -> tuple[Paths, dict[str, Drjit]]:
-        """Return paths beyond the next surface, and the surfaces met and lights sampled there."""
+        """Return paths behind the next surface, and values of the surfaces and lights there."""
         si = self._scene.ray_intersect(paths.ray, paths.active)
         is_met = paths.active & si.is_valid()
         values = {"is_met": is_met, "t": si.t, "p": si.p, "n": si.n, "d": paths.ray.d}
@@ -84,13 +86,13 @@ class Steps:
         return paths, values
 
     def _met(self, paths: Paths, si: Drjit) -> dict[str, Drjit]:
-        """Return the light that rays meet: radiance along the path, and the light's number."""
+        """Return values of the lights that rays meet: radiance at the receiver, and number."""
         light = si.emitter(self._scene, paths.active)
         direction = mi.DirectionSample3f(self._scene, si, paths.last)
         can_sample = paths.active & (paths.is_smooth ^ True)
-        other = self._scene.pdf_emitter_direction(paths.last, direction, can_sample)
-        both = paths.density + other
-        weight = dr.select(paths.is_smooth, 1.0, paths.density / dr.select(both > 0.0, both, 1.0))
+        second = self._scene.pdf_emitter_direction(paths.last, direction, can_sample)
+        total = paths.density + second
+        weight = dr.select(paths.is_smooth, 1.0, paths.density / dr.select(total > 0.0, total, 1.0))
         value = _brightness(paths.throughput * light.eval(si, paths.active), si)
         return {
             "met": dr.select(paths.active, value * weight, 0.0),
@@ -101,7 +103,7 @@ class Steps:
     def _sampled(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, sample: Drjit
     ) -> dict[str, Drjit]:
-        """Sample a light that the surface scatters: radiance along the path, number, distance."""
+        """Sample a light at the surface: radiance at the receiver, number, distance, direction."""
         scatters = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         active = is_met & scatters & (paths.bounces < self._most)
         direction, weight = self._scene.sample_emitter_direction(si, sample, False, active)
@@ -127,7 +129,7 @@ class Steps:
     def _onwards(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, samples: list[Drjit]
     ) -> tuple[Paths, Drjit]:
-        """Return paths in scattered directions, and whether they have bounced."""
+        """Return paths in scattered directions, and whether a surface has scattered them."""
         direction = mi.Point2f(*samples[1:3])
         sample, weight = bsdf.sample(self._context, si, samples[0], direction, is_met)
         weight = si.to_world_mueller(weight, -sample.wo, si.wi)
@@ -155,7 +157,7 @@ class Steps:
 
 
 def _brightness(spectrum: Drjit, si: Drjit) -> Drjit:
-    """Return the radiance of all colours, as in films of one channel."""
+    """Return the luminance of a spectrum, as in films with one channel."""
     value = mi.luminance(mi.unpolarized_spectrum(spectrum), si.wavelengths)
     return value / _CIE_Y if dr.size_v(type(si.wavelengths)) else value
 
@@ -165,7 +167,7 @@ def _brightness(spectrum: Drjit, si: Drjit) -> Drjit:
 
 @dataclass(frozen=True)
 class Motion:
-    """Velocities (3,) in scene units per second, by the numbers of moving shapes and lights."""
+    """Velocities (3,) in scene units per second of shapes and lights, by number."""
 
     shapes: dict[int, Floats]
     lights: dict[int, Floats]
@@ -186,12 +188,12 @@ EVENT = np.dtype(
         ("light", np.int64),  # number of the light
     ]
 )
-"""Light at the end of a path; lengths in scene units."""
+"""Contribution of a light at the end of a path; lengths are in scene units."""
 
 Events = Any
 """Record array (n,) of `EVENT`."""
 _Step = dict[str, NDArray[Any]]
-"""Values of one step of all rays."""
+"""Values of a step of all rays, by name."""
 
 
 def events_of(
@@ -226,7 +228,7 @@ def events_of(
             here.rate += _dot(velocity - speeds, step["d"])
         yield from _lights(here, step, velocity, motion)
         bounced = step["is_bounce"]
-        # null surfaces change neither path nor first surface
+        # null surfaces only add to the length
         state.length = here.length
         here.bounces += 1
         state[bounced] = here[bounced]
@@ -236,7 +238,7 @@ def events_of(
 
 
 def _arrived(here: Events, step: _Step) -> Events:
-    """Move events to the next surface, which is the first one of paths without a bounce."""
+    """Move events to the next surface, the first surface of paths that have not bounced."""
     here.length += np.where(step["is_met"], step["t"], 0.0)
     facing = -np.sign(_dot(step["n"], step["d"]))[:, None]
     is_first = here.bounces == 0
@@ -247,12 +249,12 @@ def _arrived(here: Events, step: _Step) -> Events:
 
 
 def _lights(here: Events, step: _Step, velocity: Floats, motion: Motion | None) -> Iterator[Events]:
-    """Yield events at the surfaces that paths have reached."""
-    lit = step["sampled"] != 0.0
-    if lit.any():
-        event, sampled = here[lit], {name: value[lit] for name, value in step.items()}
+    """Yield the events of lights that paths sample or meet in a step."""
+    is_sampled = step["sampled"] != 0.0
+    if is_sampled.any():
+        event, sampled = here[is_sampled], {name: value[is_sampled] for name, value in step.items()}
         if motion is not None:
-            relative = _looked_up(motion.lights, sampled["light"]) - velocity[lit]
+            relative = _looked_up(motion.lights, sampled["light"]) - velocity[is_sampled]
             event.rate += np.where(sampled["is_far"], 0.0, _dot(relative, sampled["light_d"]))
         event.radiance, event.light = sampled["sampled"], sampled["light"]
         event.length += np.where(sampled["is_far"], np.inf, sampled["to_light"])
@@ -269,7 +271,7 @@ def _lights(here: Events, step: _Step, velocity: Floats, motion: Motion | None) 
 
 
 def _column(value: Drjit, count: int) -> NDArray[Any]:
-    """Return an array of Mitsuba as (n,) or (n, 3)."""
+    """Convert an array of Mitsuba to an array (n,) or (n, 3)."""
     array = np.array(value)
     if array.dtype.kind in "fiu":
         array = array.astype(np.float64 if array.dtype.kind == "f" else np.int64)
@@ -284,5 +286,5 @@ def _looked_up(table: dict[int, Floats], numbers: NDArray[np.int64]) -> Floats:
     return result
 
 
-def _dot(one: Floats, other: Floats) -> Floats:
-    return np.einsum("ij,ij->i", one, other)
+def _dot(first: Floats, second: Floats) -> Floats:
+    return np.einsum("ij,ij->i", first, second)

@@ -16,7 +16,7 @@ from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry.silhouettes import Obstacles
 from polywigner.mitsuba.plugins.placement import FacingParts, PlacedSource, facing_parts
-from polywigner.mitsuba.plugins.polariser import turned
+from polywigner.mitsuba.plugins.polariser import to_ludwig_axes
 from polywigner.mitsuba.plugins.samplers import Frame, cells_with_field
 from polywigner.mitsuba.receive.ray_transmission import (
     Plane,
@@ -50,20 +50,20 @@ Mesh = tuple[Floats, NDArray[np.intp]]
 """Corners (n, 3) and triangles (t, 3)."""
 
 RAYS = 4096
-# Largest distance of a hit from the plane of its mirror, relative to the coordinates.
+# Rounding error of the distance of a hit from the plane of its mirror, relative to the coordinates.
 _IN_PLANE = 4 * ROUNDING
 
 
 class PassingRays(NamedTuple):
-    """Rays that leave a source, meet the planes of all mirrors and arrive."""
+    """Rays from a source by the planes of all mirrors to a receiver."""
 
     points: list[Floats]
-    """Points (n, 3) in m on the receiver, on mirrors from the last to the first, on the emitter."""
+    """Points (n, 3) in m on the receiver, on the mirrors in reverse order, and on the emitter."""
     fractions: Floats
-    """Transmission (n, k, k); with k = 4 in polarised variants Mueller matrices between the axes
-    x and y of both ends."""
+    """Transmission (n, 1, 1) of each ray; in polarised variants Mueller matrices (n, 4, 4) for the
+    axes x and y of both ends."""
     panes: list[Floats]
-    """Mean matrices (3, 3) of thin panes for the field on each leg, in the order of light."""
+    """Mean matrix (3, 3) that thin panes apply to the field, for each leg from the emitter."""
 
     @property
     def power(self) -> Floats:
@@ -72,10 +72,10 @@ class PassingRays(NamedTuple):
 
     @property
     def amplitude(self) -> float:
-        """Mean root of the transmission.
+        """Mean over all 4096 rays of the square root of the transmission.
 
-        Rays in a corner of mirrors belong to one of the orders of its mirrors; the means of all
-        orders add up.
+        In a corner of mirrors, each ray belongs to one order of the mirrors. Therefore the sum of
+        the means of all orders is the mean of all rays.
         """
         return float(np.sqrt(self.fractions[:, 0, 0]).sum() / RAYS)
 
@@ -87,10 +87,10 @@ def passing_rays(
     chain: Sequence[Mirror] = (),
     coherent: bool = False,
 ) -> PassingRays:
-    """Trace 4096 rays from one source to another by flat mirrors.
+    """Trace 4096 rays from a source by flat mirrors to a receiver.
 
-    ``emitter`` is the source, not its image. ``coherent``: without the polarisation and the
-    Fresnel reflectance of mirrors and thin panes.
+    ``emitter`` is the source itself, not its image. ``coherent``: without the effects of mirrors
+    and thin panes on the field, which callers apply to field vectors.
     """
     points = _rays_between(emitter, receiver, chain)
     leaves = (points[-2] - points[-1]) @ emitter.normal > 0
@@ -111,14 +111,14 @@ def _rays_between(
 
 
 def points_on(receiver: PlacedSource) -> Floats:
-    """Return points (4096, 3) in m on a receiver, drawn in proportion to |u|^2."""
+    """Return points (4096, 3) in m on a receiver, drawn with the density |u|^2."""
     return _points_on(receiver, even_points(RAYS, 4)[:, 2:])
 
 
 def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]:
     """Return the points of rays that the planes of all mirrors reflect.
 
-    Points (n, 3) at the end, on the mirrors from the last to the first, and at the start.
+    The result contains points (n, 3) at the end, on the mirrors in reverse order, and at the start.
     """
     images = [start]
     for mirror in chain:
@@ -134,18 +134,18 @@ def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Float
 
 
 class CentralPath(NamedTuple):
-    """The central path between two ends."""
+    """Path between the centres of two ends."""
 
     points: Floats
-    """Points (n, 3) in m, in the order of light."""
+    """Points (n, 3) in m, from the emitter to the receiver."""
     panes: list[Floats]
-    """Matrices (3, 3) of thin panes for the field on each leg."""
+    """Matrix (3, 3) that thin panes apply to the field, for each leg."""
 
     @classmethod
     def between(
         cls, facing: PlacedSource, taking: PlacedSource, chain: Sequence[Mirror], rays: PassingRays
     ) -> CentralPath:
-        """Return the path between the centres of both ends, or a ray if it does not exist."""
+        """Return the path between both centres; if mirrors do not reflect it, one of the rays."""
         points = points_by(facing.centre[None], taking.centre[None], chain)
         if not len(points[0]):
             points = rays.points
@@ -165,7 +165,7 @@ class CentralPath(NamedTuple):
         return float(np.linalg.norm(across) / math.sqrt(2.0))
 
     def arriving(self, jones: Complex, axes: Floats, chain: Sequence[Mirror] = ()) -> Complex:
-        """Return E (3,) at the end for a unit vector with a Jones vector at the start."""
+        """Return E (3,) at the end of the path for a Jones vector (2,) at the start."""
         steps = np.diff(self.points, axis=0)
         steps /= np.linalg.norm(steps, axis=1)[:, None]
         field = self.panes[0] @ (axes @ (jones @ np.array(ludwig_axes(*(steps[0] @ axes)))))
@@ -175,18 +175,18 @@ class CentralPath(NamedTuple):
         return np.asarray(field)
 
 
-# Error of |F|^2, relative to its peak, of the points that replace an end.
+# Error of |F|^2, relative to its peak, of the points that represent an end.
 _OF_POINTS = 1e-6
-# Distance from which rays meet a mirror, as a fraction of the leg.
+# Distance from a mirror at which rays to the mirror start, as a fraction of the leg.
 _CLOSE = 1e-3
-# Half the step of a central difference in wavelengths: errors of 7e-8.
+# Half the step of a central difference in wavelengths; the error is 7e-8.
 _STEP = 1e-4
 
 
 def diffracted_ratio(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> complex:
-    """Return b/b_0 of the links with and without obstacles, with points in place of both ends."""
+    """Return the ratio b/b_0 of couplings with and without obstacles; points represent the ends."""
     wavelength = receiver.wavelength
     image = emitter.image(chain)
     if chain:
@@ -202,10 +202,12 @@ def diffracted_ratio(
         ]
     except ArgumentError as error:
         raise SceneError(f"with diffraction: {error}") from None
-    sent, taken = ends
-    positions, weights = _receiving(taken, pose[:3, :3], pose[:3, 3] / wavelength)
-    silhouettes = [before_plane(part) for part in bodies.silhouettes([p.position for p in sent])]
-    change, free, _ = diffracted(bodies, sent, silhouettes, positions, "auto")
+    emitting, receiving = ends
+    positions, weights = _receiving(receiving, pose[:3, :3], pose[:3, 3] / wavelength)
+    silhouettes = [
+        before_plane(part) for part in bodies.silhouettes([p.position for p in emitting])
+    ]
+    change, free, _ = diffracted(bodies, emitting, silhouettes, positions, "auto")
     with_edges = np.where(bodies.inside(positions), 0.0, free + change)
     return complex((weights @ with_edges) / (weights @ free))
 
@@ -213,9 +215,10 @@ def diffracted_ratio(
 def _receiving(
     points: Sequence[RadiatingPoint], axes: Floats, origin: Floats
 ) -> tuple[Floats, Complex]:
-    """Return positions (n, 3) of receiving points, and the weights of field values there.
+    """Return positions (n, 3), and weights of the incident field there whose sum is received.
 
-    By reciprocity the weight of a point's field multiplies the normal derivative of the field.
+    By reciprocity, a point that radiates like a dipole receives the normal derivative of the field,
+    which is computed as a difference.
     """
     positions = np.array([p.position for p in points]) @ axes.T + origin
     field, slope = (np.array(w) for w in zip(*((p.field, p.slope) for p in points), strict=True))
@@ -234,7 +237,7 @@ def meeting_rays(
     chain: Sequence[Mirror],
     coherent: bool = False,
 ) -> PassingRays:
-    """Return `passing_rays` with the reflectance of all mirrors, but without obstacles."""
+    """Return the rays of `passing_rays` with the reflectance of mirrors, but without obstacles."""
     plain = replace(receiver, medium=None)
     if not chain:
         return passing_rays(mi.load_dict({"type": "scene"}), emitter, plain, coherent=coherent)
@@ -255,7 +258,7 @@ def meeting_rays(
 def _unfolded(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Mesh]:
-    """Return the meshes next to each leg, as images in all mirrors behind the leg."""
+    """Return the meshes along each leg of a path, as images in all following mirrors."""
     points = points_by(emitter.centre[None], receiver.centre[None], chain)
     if not len(points[0]):
         points = _rays_between(emitter, receiver, chain)
@@ -265,7 +268,7 @@ def _unfolded(
         parts = meshes
         for k in (leg - 1, leg):
             if 0 <= k < len(chain):
-                # the side of the mirror where this leg starts or ends
+                # side of the mirror on which this leg starts or ends
                 other = path[leg] if k == leg else path[leg + 1]
                 side = math.copysign(1.0, float(other @ chain[k].normal) - chain[k].offset)
                 plane = side * chain[k].normal, side * chain[k].offset
@@ -315,7 +318,7 @@ def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Flo
 
 
 def _points_on(source: PlacedSource, draws: Floats) -> Floats:
-    """Return points (n, 3) in m on a source for uniform numbers, in proportion to |u|^2."""
+    """Return points (n, 3) in m on a source for uniform numbers, with the density |u|^2."""
     cells = cells_with_field(mi, source.source, 1.0)
     batches = [np.array(cells.sample(draw), np.float64) for (draw,) in point_batches(draws)]
     return source.points(np.concatenate([batch.reshape(2, -1).T for batch in batches]))
@@ -329,14 +332,14 @@ def traced(
     chain: Sequence[Mirror],
     coherent: bool = False,
 ) -> tuple[Floats, list[Floats]]:
-    """Trace rays through given points.
+    """Trace rays along points, and return their transmission.
 
     Parameters
     ----------
     scene : mi.Scene
         Scene whose sources are hidden.
     points : list of ndarray, shape (n, 3)
-        Points in m on the receiver, on the mirrors from the last to the first, and on the emitter.
+        Points in m on the receiver, on the mirrors in reverse order, and on the emitter.
     receiver : PlacedSource
         Rays start slightly in front of its plane.
     emitter : PlacedSource or None
@@ -344,14 +347,14 @@ def traced(
     chain : sequence of Mirror
         Mirrors in the order of the reflections.
     coherent : bool, default False
-        As for :func:`passing_rays`.
+        As in :func:`passing_rays`.
 
     Returns
     -------
     transmission : ndarray, shape (n, k, k)
         Transmission of each ray; a Mueller matrix with k = 4 in polarised variants, else k = 1.
     panes : list of ndarray, shape (3, 3)
-        Matrices of thin panes as in :class:`PassingRays`.
+        Matrices of thin panes, as in :class:`PassingRays`.
     """
     unit = receiver.scene_unit
     ends = [receiver] if emitter is None else [receiver, emitter]
@@ -376,19 +379,20 @@ def traced(
         legs = [
             [np.array(column, np.float64).reshape(3, -1) for column in leg] for leg in result.panes
         ]
-        legs += [legs[0]] * (len(chain) + 1 - len(legs))  # for rays that miss a mirror
+        legs += [legs[0]] * (len(chain) + 1 - len(legs))  # if all rays miss a mirror
         columns = [[np.broadcast_to(column, (3, count)) for column in leg] for leg in legs]
         panes.append(np.moveaxis(np.array(columns), -1, 0))
     transmission, matrices = np.concatenate(powers), np.concatenate(panes)
     weights = np.sqrt(np.maximum(transmission[:, 0, 0], 0.0))
     total = weights.sum()
-    # rays run backwards: legs are reversed, and images of x, y and z are rows instead of columns
+    # Rays run from the receiver to the emitter: the order of legs is reversed, and fields for x, y
+    # and z are rows of the matrices instead of columns.
     mean = np.einsum("n,nlij->lij", weights, matrices)[::-1] / total if total > 0 else matrices[0]
     return transmission, list(mean)
 
 
 def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
-    """Return the plane of a mirror on paths with coordinates up to ``reach`` in scene units."""
+    """Return the plane of a mirror; ``reach``: largest coordinate of the paths in scene units."""
     rounding = _IN_PLANE * max(reach, float(np.abs(bounds_of(mirror.shape)).max()))
     normal = mi.Vector3f(*mirror.normal.tolist())
     surfaces = None
@@ -400,7 +404,7 @@ def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
 def _between_axes(
     result: Transmission, receiver: PlacedSource, emitter: PlacedSource | None, is_direct: bool
 ) -> Drjit:
-    """Return a Mueller matrix between the axes of both ends, or of the receiver only."""
+    """Return the Mueller matrix of paths for the axes of both ends, or of the receiver only."""
     frames = [
         Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
         for end in (receiver, emitter)
@@ -408,23 +412,23 @@ def _between_axes(
     ]
     first, last = result.first, result.last
     if is_direct and emitter is not None:
-        # along the line between the centres, as for amplitudes
+        # axes for the line between the centres, as for amplitudes
         across = emitter.centre - receiver.centre
         first = last = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
     leaves = None if emitter is None else (frames[1], -last)
-    return turned(mi, result.fraction, (frames[0], first), leaves)
+    return to_ludwig_axes(mi, result.fraction, (frames[0], first), leaves)
 
 
 BLOCKED = "no line-of-sight path: obstacles block it (ray test, without diffraction)"
 
 
 class OpenPath(NamedTuple):
-    """A path by flat mirrors with some transmission."""
+    """Path by flat mirrors along which rays transmit power."""
 
     parts: FacingParts
     """Parts of the emitter's image and of the receiver that face each other."""
     facing: PlacedSource
-    """The part of the emitter."""
+    """Part of the emitter whose image faces the receiver."""
     rays: PassingRays
     notes: list[str]
 
@@ -437,14 +441,15 @@ def open_path(
     meshes: list[Mesh] | None,
     coherent: bool = False,
 ) -> OpenPath | str:
-    """Trace rays from an emitter by mirrors to a receiver; return the reason if none arrives.
+    """Trace rays from an emitter by mirrors to a receiver.
 
-    ``meshes``: obstacles whose edges diffract; rays then only meet the mirrors.
+    Returns a text with the reason if no ray arrives. ``meshes``: obstacles whose edges diffract; in
+    this case rays only meet the mirrors.
     """
     parts = facing_parts(emitter.image(chain), receiver)
     if parts is None:
         return "no line-of-sight path: one end lies in the plane of the other or behind it"
-    # rays leave the emitter, from the part whose image faces the receiver
+    # rays start at the part of the emitter whose image faces the receiver
     facing = parts.emitter.image(chain[::-1])
     send = passing_rays if meshes is None else meeting_rays
     rays = send(scene, facing, parts.receiver, chain, coherent)
@@ -452,7 +457,7 @@ def open_path(
     if transmission == 0.0:
         return BLOCKED
     notes = []
-    if parts.share < 1:
+    if parts.fraction < 1:
         notes.append("the part of one end behind the plane of the other is left out")
     if transmission < 1 and not chain and meshes is None:
         notes.append(
@@ -464,7 +469,7 @@ def open_path(
         f"{mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: diffraction at its "
         "edges, which is not included, changes its reflection"
         for mirror in chain
-        # at most the side of a square with the mirror's diagonal
+        # the width is at most the side of a square with the same diagonal
         if math.dist(*bounds_of(mirror.shape)) / math.sqrt(2) * receiver.scene_unit < zone
     ]
     return OpenPath(parts, facing, rays, notes)

@@ -1,4 +1,4 @@
-"""Flat mirrors of a scene, conducting bodies next to it, and reflected paths."""
+"""Flat mirrors of a scene, conducting bodies that are added to it, and reflected paths."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# A shape with more planes than this counts as curved.
+# Largest number of planes of a shape; a shape with more planes counts as curved.
 MOST_FACES = 32
-# Largest number of chains of mirrors, which take some milliseconds each.
+# Largest number of chains of mirrors; each takes some milliseconds.
 _MOST_CHAINS = 5000
-# Largest distance from a plane, relative to the coordinates, that counts as rounding error.
+# Rounding error of the distance from a plane, relative to the coordinates.
 _FLAT = 1e-5
-# Smaller components of a normal are rounding errors and set to zero. A wall that leans by this
+# Components of a normal below this value are rounding errors and are set to zero. A tilt by this
 # angle would shift an image 100 m away by 10 um, a radian of phase at terahertz frequencies.
 _AXIS = 2e-7
 _SMOOTH = int(mi.BSDFFlags.DeltaReflection) | int(mi.BSDFFlags.DeltaTransmission)
@@ -61,8 +61,8 @@ Chain = tuple[Mirror, ...]
 def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
     """Return the flat mirrors of a scene, and notes on reflections that are not included.
 
-    One unit of the scene is ``unit`` metres. The notes name curved and refracting shapes, and paths
-    with more than ``reflections`` reflections.
+    ``unit``: length of one unit of the scene in metres. The notes name curved shapes, refracting
+    shapes, and the largest number of ``reflections``.
     """
     mirrors: list[Mirror] = []
     curved, refracting = [], []
@@ -136,10 +136,10 @@ def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
 
 
 def _is_same(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
-    """Return whether a face lies in a plane, with its front on either side."""
+    """Return whether a face lies in a plane, whichever way it faces."""
     sign = np.sign(normal @ plane[0])
-    apart = np.abs(normal - sign * plane[0]).max()
-    return bool(apart <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)
+    difference = np.abs(normal - sign * plane[0]).max()
+    return bool(difference <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)
 
 
 def _faces(shape: mi.Mesh) -> tuple[Floats, Floats]:
@@ -165,7 +165,7 @@ def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
 MASK, THIN = "MaskBSDF", "ThinDielectric"
 _TWO_SIDED, _CONDUCTOR = "TwoSidedBRDF", "SmoothConductor"
 _SURFACES = (_CONDUCTOR, THIN, "SmoothDielectric", "SmoothPlastic")
-# |n x k| below which a wave travels along the normal, so that any plane of incidence serves.
+# |n x k| below which the incidence is normal and the plane of incidence is arbitrary.
 _ALONG = 1e-9
 
 
@@ -179,16 +179,16 @@ class Surface:
     """Smooth surface of a mirror for waves from one of its sides."""
 
     index: complex | None
-    """Refractive index n + ik behind it over the index in front; None: a perfect conductor."""
+    """Ratio of the refractive index n + ik behind and in front; None: a perfect conductor."""
     is_thin: bool = False
-    """Whether it is a sheet, whose inner reflections add up in power."""
+    """Whether the surface is a sheet, whose internal reflections add up in power."""
 
     def coefficients(self, cosine: Any) -> tuple[Complexes, Complexes]:
-        """Return the reflection coefficients of E across the plane of incidence and of E in it.
+        """Return the reflection coefficients of E normal to the plane of incidence and in it.
 
-        The time factor is exp(-i omega t). The vectors in the plane are s x k before and after the
-        reflection, so a perfect conductor has the coefficients -1 and +1 at any angle. A sheet has
-        the square root of 2R/(1 + R), with the sign of the coefficient of its first face.
+        The time factor is exp(-i omega t). The unit vector in the plane is s x k, before and after
+        the reflection, so a perfect conductor has the coefficients -1 and +1 at any angle. A sheet
+        has the square root of 2R/(1 + R), with the sign of the coefficient of its first face.
         """
         if self.index is None:
             return -np.ones_like(cosine, complex), np.ones_like(cosine, complex)
@@ -200,16 +200,16 @@ class Surface:
         return across, along
 
     def reflectance_in_mitsuba(self, cosine: Any) -> Floats:
-        """Return the reflectance of Mitsuba's BSDF, which ignores polarisation inside a sheet."""
+        """Return the reflectance of the BSDF in Mitsuba, which has no polarisation in sheets."""
         faces = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
         mean = np.mean([np.square(np.abs(r)) for r in faces], axis=0)
         return _of_sheet(mean) if self.is_thin else mean
 
     def _of_one_face(self, cosine: Any) -> tuple[Complexes, Complexes]:
-        """Return Fresnel's coefficients."""
+        """Return Fresnel's reflection coefficients."""
         assert self.index is not None
         square = self.index**2
-        behind = np.sqrt(square - 1 + np.square(cosine) + 0j)  # n cos, decays for Im > 0
+        behind = np.sqrt(square - 1 + np.square(cosine) + 0j)  # n cos behind; Im > 0 decays
         return (
             (cosine - behind) / (cosine + behind),
             (square * cosine - behind) / (square * cosine + behind),
@@ -217,12 +217,12 @@ class Surface:
 
 
 def _of_sheet(power: Any) -> Floats:
-    """Return the reflectance of two faces of reflectance ``power``, with internal reflections."""
+    """Return the reflectance of a sheet whose faces have the reflectance ``power``."""
     return 2 * power / (1 + power)
 
 
 def surface_of(mirror: Mirror, is_before: bool) -> Surface:
-    """Return the surface for waves from the side of the normal, or from behind."""
+    """Return the surface of a mirror for waves from the side of its normal, or from behind."""
     nodes = bsdfs_in(mirror.shape.bsdf())
     smooth = [node for node in nodes if node.class_name() in _SURFACES]
     kinds = {node.class_name() for node in nodes}
@@ -247,39 +247,39 @@ def _single(value: Any) -> float:
 
 
 def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complexes:
-    """Return E (3,) of a plane wave along the unit vector ``direction`` after its reflection."""
+    """Return E (3,) of the reflection of a plane wave that travels along ``direction``."""
     across = np.cross(normal, direction)
     if np.linalg.norm(across) < _ALONG:
         across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     across = across / np.linalg.norm(across)
-    turned = direction - 2 * (normal @ direction) * normal
+    outgoing = direction - 2 * (normal @ direction) * normal
     r_across, r_along = surface.coefficients(abs(float(normal @ direction)))
-    before, after = np.cross(across, direction), np.cross(across, turned)
+    before, after = np.cross(across, direction), np.cross(across, outgoing)
     return r_across * (field @ across) * across + r_along * (field @ before) * after
 
 
 # ---- conducting bodies --------------------------------------------------------------------------
 
-# Error of an echo relative to the sum of all illuminated parts in phase. Physical optics itself is
-# far less accurate.
+# Error of an echo relative to the sum in phase of all illuminated parts. The error of physical
+# optics itself is much larger.
 OF_ECHO = 1e-3
-# Largest number of paths by bodies, which take some milliseconds each.
+# Largest number of paths by bodies; each takes some milliseconds.
 _MOST_PATHS = 5000
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A perfect conductor in the scene's frame, in m."""
+    """Perfect conductor in the frame of the scene, in m."""
 
     name: str
     facets: Facets
     bounces: int
-    """Number of reflections on it that are included."""
+    """Largest number of reflections on the body."""
 
     def standing_in(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
         """Return a square at the body's centre that faces the image of a source.
 
-        Rays between the source and this square test the path for obstacles.
+        Rays from the source to this square determine the transmission of obstacles.
         """
         z = image.centre - self.facets.centre
         z /= np.linalg.norm(z)
@@ -290,7 +290,7 @@ class Body:
         return replace(like, source=square(self.facets.size / 2), pose=pose)
 
     def antenna(self, image: PlacedSource, wavelength: float) -> Antenna:
-        """Return the image of a source in the frame of the body's facets, as an antenna."""
+        """Return the image of a source as an antenna in the frame of the body's facets."""
         pose: Floats = np.asarray(np.linalg.inv(image.pose), np.float64)
         pose[:3, 3] += pose[:3, :3] @ self.facets.centre
         condition: Any = image.obliquity
@@ -299,25 +299,25 @@ class Body:
         )
 
     def is_in_front(self, image: PlacedSource) -> bool:
-        """Return whether the whole body is in front of the plane of the image of a source."""
+        """Return whether the entire body is in front of the plane of a source's image."""
         corners = self.facets.corners + self.facets.centre
         return bool(((corners - image.pose[:3, 3]) @ image.normal > 0.0).all())
 
     def doubts(self, wavelength: float, paths: list[Floats]) -> list[str]:
-        """Return notes on the accuracy, for the points (n, 3) of the paths from both ends."""
+        """Return notes on the accuracy; ``paths``: points (n, 3) of the paths from both ends."""
         last = [path[-1] - path[-2] for path in paths]
         near, far = min(map(np.linalg.norm, last)), 2 * self.facets.size**2 / wavelength
         notes = []
         if self.facets.least_face < wavelength:
-            notes.append(f"a face of {self.name!r} is smaller than a square wavelength")
+            notes.append(f"a face of {self.name!r} is smaller than a wavelength squared")
         if self.bounces == 1 and lights_itself(self.facets, np.array(last)):
             notes.append(
-                f"faces of {self.name!r} light each other: later reflections are left out; give it "
-                "as a pair (body, 3)"
+                f"faces of {self.name!r} illuminate each other: later reflections are left out, "
+                "unless you pass a pair (body, 3)"
             )
         if self.bounces > 1 and near < far:
             notes.append(
-                f"{self.name!r} is nearer than 2 D^2/lambda, {far:.3g} m: its second and third "
+                f"{self.name!r} is closer than 2 D^2/lambda, {far:.3g} m, but its second and third "
                 "reflections are computed for plane waves"
             )
         return notes
@@ -325,7 +325,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Echo:
-    """Path that a body scatters, with the mirrors before and after the body."""
+    """Path by a body, with the mirrors before and after the body."""
 
     before: Chain
     body: Body
@@ -348,7 +348,7 @@ Route = Chain | Echo
 
 
 def names_of(route: Route) -> tuple[str, ...]:
-    """Return the names of mirrors and bodies in the order of the light."""
+    """Return the names of mirrors and bodies in the order of the reflections."""
     return route.names if isinstance(route, Echo) else tuple(mirror.name for mirror in route)
 
 
@@ -358,15 +358,15 @@ def checked_bodies(bodies: Any) -> tuple[Body, ...]:
         return ()
     if not isinstance(bodies, Mapping) or not all(isinstance(name, str) for name in bodies):
         raise ArgumentError(
-            "expected bodies as a dict of bodies by their names, each one of pw.rcs or a pair of "
-            f"it and a number of reflections, got {bodies!r:.100}"
+            "expected bodies as a dict whose values are bodies of pw.rcs, or pairs of a body and a "
+            f"number of reflections, got {bodies!r:.100}"
         )
     return tuple(_body(name, value) for name, value in bodies.items())
 
 
 def _body(name: str, value: Any) -> Body:
     if not name.strip():
-        raise ArgumentError("expected names of bodies with letters, got an empty one; name it")
+        raise ArgumentError("expected a name of each body, got an empty text; name the body")
     bounces = 1
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int | np.integer):
         value, bounces = value
@@ -380,7 +380,7 @@ def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: i
     """Return the paths by one body, with at most one mirror before and one mirror after it."""
     for name in {body.name for body in bodies} & {mirror.name for mirror in mirrors}:
         raise SceneError(
-            f"expected bodies with other names than mirrors, got {name!r} for both; rename the body"
+            f"expected different names of bodies and mirrors, got {name!r} twice; rename the body"
         )
     single: list[Chain] = [(), *((mirror,) for mirror in mirrors if reflections)]
     pairs = [pair for pair in product(single, single) if sum(map(len, pair)) <= reflections]
@@ -412,9 +412,9 @@ def paths_by(
 ) -> tuple[list[Result], list[str]]:
     """Return the results of ``find`` for routes between two ends, and notes on the link.
 
-    ``find`` returns a result and its notes, or the reason why nothing arrives along a route. Such
+    ``find`` returns a result and its notes, or the reason why no power arrives along a route. Such
     reasons become notes only for the line of sight and for echoes without mirrors, because most
-    chains of mirrors lead nowhere.
+    sequences of mirrors have no path.
     """
     results, notes = [], []
     for route in routes:

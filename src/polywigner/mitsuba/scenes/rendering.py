@@ -1,6 +1,7 @@
-"""Exposures: the values that determine an image, rendered strip by strip; limits of integrators.
+"""Images of scenes: exposures, which are rendered in strips, and temporary changes of a scene.
 
-Strips bound the memory and report progress.
+An exposure is the set of values that determine an image. Strips bound the memory, and progress is
+reported after each.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any
 
 import drjit as dr
@@ -18,16 +20,21 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError, StoreError
-from polywigner.geometry.arguments import checked_count
+from polywigner.execution.progress import slow_bar
+from polywigner.geometry.arguments import checked_callable, checked_count
 from polywigner.mitsuba.plugins import films
 from polywigner.mitsuba.plugins.diffraction import scene_known
+from polywigner.mitsuba.plugins.placement import placed_receiver
 from polywigner.mitsuba.plugins.polariser import Polariser
-from polywigner.mitsuba.plugins.registration import set_mesh
+from polywigner.mitsuba.plugins.registration import one_at_a_time, set_mesh
+from polywigner.mitsuba.receive.direct_light import delta_lights, delta_paths
 from polywigner.mitsuba.scenes import surfaces
+from polywigner.mitsuba.scenes.reflectors import chains_of, mirrors_in
 from polywigner.mitsuba.scenes.scenes import translate_error
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
+Image = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -41,13 +48,13 @@ class Exposure:
     seed: int
 
     def image(self, strip: int, done: Callable[[], None] = lambda: None) -> Floats:
-        """Render a strip, the mean of its passes."""
+        """Render a strip: the mean of its passes."""
         cut = self.cut
         top = strip * cut.rows
         rows = min(cut.rows, cut.height - top)
         image: Floats | float = 0.0
         for index in range(cut.passes):
-            # passes of almost equal length: a short last one would be badly stratified
+            # passes of almost equal size: a small last pass would be poorly stratified
             samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
             seed = films.seed_of(self.seed, strip * cut.passes + index)
             with films.cropped(self.camera, top, rows), _quietly():
@@ -55,23 +62,23 @@ class Exposure:
             done()
         return _finite(np.asarray(image))
 
-    def full_image(self, done: Callable[[], None]) -> npt.NDArray[np.float32]:
+    def full_image(self, done: Callable[[], None]) -> Image:
         """Render all strips: (height, width, channels)."""
         strips = [self.image(strip, done) for strip in range(self.cut.strips)]
         return np.concatenate(strips).astype(np.float32)
 
     def channels(self) -> int:
-        """Return the number of channels of the image, including those of the integrator."""
+        """Return the number of channels of the image, including channels that integrators add."""
         size = 1 if self.camera.class_name() in films.CAMERAS else self.cut.height
         with films.cropped(self.camera, 0, size, size), _quietly():
             return int(self._rendered(1, 0).shape[-1])
 
     def _rendered(self, spp: int, seed: int) -> Floats:
-        """Return an image that Mitsuba renders in one call."""
+        """Render an image by one call of Mitsuba."""
         scene, camera, integrator = self.scene, self.camera, self.integrator
         factor, lights = films.fineness(camera, spp), scene.emitters()
-        # two samples: Dr.Jit cannot record loops of one sample that contain literals, such as
-        # zeros of Mueller matrices and samples of delta lights
+        # Dr.Jit cannot record loops over a single sample that contain literals, such as zeros of
+        # Mueller matrices and samples of delta lights
         is_delta = any(mi.has_flag(e.flags(), delta) for e in lights for delta in _DELTA)
         fewest = 2 if mi.is_polarized or is_delta else 1
         finer_spp = max(fewest, math.ceil(spp / factor**2))
@@ -90,7 +97,7 @@ def check_is_whole(integrator: mi.Integrator) -> None:
     if integrator.should_stop():
         raise StoreError(
             "expected a completely rendered part, got a part that Ctrl-C or a timeout of the "
-            "integrator has cut short; start the same run again, without a timeout"
+            "integrator has interrupted; start the same run again, without a timeout"
         )
 
 
@@ -109,14 +116,14 @@ def _quietly() -> AbstractContextManager[None]:
     return nullcontext() if dr.is_jit_v(mi.Float) else films.silent()
 
 
-# Integrators that trace through null surfaces.
+# Integrators whose shadow rays pass null surfaces.
 _TRANSPARENT = ("Volumetric", "Volpath")
 
 
 def may_shadow(scene: mi.Scene) -> bool:
     """Return whether the null surface of a source may shadow another light.
 
-    Skies do not count, and sources in a common plane do not illuminate each other.
+    Environment lights are ignored. Sources in a common plane do not illuminate each other.
     """
     lights = [emitter for emitter in scene.emitters() if not emitter.is_environment()]
     for number, source in enumerate(lights):
@@ -188,7 +195,7 @@ _STOKES = "stokes"
 
 
 def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Integrator]:
-    """Return the integrator, and the nested integrator if the first adds Stokes parameters."""
+    """Return the integrator, and the integrator nested in it if it adds Stokes parameters."""
     adds_stokes = isinstance(integrator, str) and integrator.split()[:1] == [_STOKES]
     if adds_stokes:
         integrator = integrator.strip()[len(_STOKES) :].strip() or None
@@ -216,25 +223,138 @@ def _warn_of_shadows(scene: mi.Scene, integrator: mi.Integrator) -> None:
     names = integrator.class_name() + type(integrator).__name__
     if may_shadow(scene) and not any(name in names for name in _TRANSPARENT):
         warnings.warn(
-            "the surface of a source is in the light of another source, and this integrator lets "
-            "it cast shadows, although its BSDF is null: 'direct' loses that light; 'path' and "
-            "'prb' lose it at the last bounce, and add noise before; use 'volpath', or "
-            "visible=False for a source that nobody looks at",
+            "the surface of a source may shadow another source with this integrator, although its "
+            "BSDF is null: 'direct' loses the shadowed light; 'path' and 'prb' lose it at the last "
+            "bounce, and it is noisy before; use 'volpath', or visible=False for sources that need "
+            "not be visible",
             RuntimeWarning,
             stacklevel=4,
         )
 
 
+@contextmanager
+def receiving(scene: Any) -> Iterator[None]:
+    """Give plugins access to the scene while ``mi.render`` or another renderer runs.
+
+    The estimator ``exact`` of receivers, and diffraction, require the scene.
+    :func:`polywigner.mitsuba.render` calls this function itself.
+
+    Warns
+    -----
+    RuntimeWarning
+        For point, spot, projector and directional lights: ``mi.render`` does not sample their
+        direct light to a receiver.
+    """
+    if any(map(surfaces.is_receiver, scene.sensors())):
+        for light in delta_lights(scene):
+            warnings.warn(
+                f"mi.render does not sample the direct light from {light.name!r} to a receiver; "
+                "use polywigner.mitsuba.render or received_power",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+    with scene_known(scene):
+        yield
+
+
+@one_at_a_time
+def render(
+    scene: Any,
+    integrator: Any = None,
+    spp: int | None = None,
+    seed: int = 0,
+    sensor: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> npt.NDArray[np.float32]:
+    """Render the signed radiance of a scene.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+        Scene with a sensor, its film and its sampler.
+    integrator : str or mitsuba.Integrator, optional
+        Plugin name or integrator. The default is the scene's integrator, otherwise ``path``, or
+        ``volpath`` if the surface of a source shadows another source. ``stokes``, or a text such as
+        ``stokes volpath``, adds the Stokes parameters of polarised light as channels; see
+        :func:`polywigner.mitsuba.stokes_of`.
+    spp : int, default the sample count of the sampler
+        Number of samples per pixel, 1 to 2^30. Samplers may round it up.
+    seed : int, default 0
+        Seed of the random numbers, zero or more.
+    sensor : int, default 0
+        Index of the sensor in the scene.
+    progress : callable, default a progress bar
+        Function that is called after each part with the number of finished parts and the number of
+        all parts.
+
+    Returns
+    -------
+    ndarray, shape (height, width, channels)
+        Radiance in W/(m^2 sr), float32. Pixels can be negative because of noise, and because the
+        Wigner radiance of a visible aperture can be negative.
+
+    Raises
+    ------
+    ArgumentError
+        For an spp, a sensor or a seed out of range.
+    SceneError
+        If ``scene`` is not a scene, has no sensor or no pixels, if the integrator is unknown or
+        cannot render this scene, and if the radiance is not finite.
+
+    Notes
+    -----
+    The film is rendered in strips of rows. All samples of a strip are rendered at once, which
+    preserves stratification: four passes of 64 samples have 5 dB more noise than one pass of 256.
+    Sensors that cannot be cropped are rendered in passes, whose mean is the image.
+    """
+    exposure = exposed(scene, integrator, spp, seed, sensor)
+    checked_callable(progress, "progress")
+    done, steps = count(1), exposure.cut.steps
+    if progress is None:
+        with slow_bar("render", steps) as advance:
+            return with_delta_lights(exposure, exposure.full_image(advance))
+    return with_delta_lights(exposure, exposure.full_image(lambda: progress(next(done), steps)))
+
+
+# Parts of the class names of integrators that render radiance, and maximum number of reflections of
+# delta lights.
+_OF_RADIANCE = ("Path", "Direct", "PRB", "Volumetric", "Volpath")
+_MOST_MIRRORS = 2
+
+
+def with_delta_lights(exposure: Exposure, image: Image) -> Image:
+    """Add the direct light of point and directional lights to the image of a receiver."""
+    scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
+    names = method.class_name() + type(method).__name__
+    if not surfaces.is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
+        return image
+    depth = 2 if method.class_name() == "DirectIntegrator" else films.depths_of(method)["max_depth"]
+    if depth == 0 or not any(name in names for name in _OF_RADIANCE):
+        return image
+    receiver = placed_receiver(camera, 0).touching(scene)
+    most = _MOST_MIRRORS if depth < 0 else min(_MOST_MIRRORS, depth - 1)
+    mirrors, _ = mirrors_in(scene, receiver.scene_unit, most)
+    result = image.astype(np.float64)
+    rows, columns, channels = image.shape
+    for path in delta_paths(scene, receiver, [(), *chains_of(mirrors, most)]):
+        column, row = (
+            min(int((cosine + 1) / 2 * count), count - 1)
+            for cosine, count in zip(path.arrives_from, (columns, rows), strict=True)
+        )
+        result[row, column, : 3 if channels >= 3 else 1] += path.power
+    return result.astype(np.float32)
+
+
 # ---- temporary changes of a scene ---------------------------------------------------------------
 
-# Factor by which a hidden surface shrinks. The fraction of rays that still meet it is the square,
-# and these rays read zero.
+# Factor by which a hidden surface shrinks. Its square is the fraction of rays that still meet the
+# surface; these rays receive zero radiance.
 _SHRUNK = 1e-3
 
 
 @contextmanager
 def hide_emitters(scene: mi.Scene) -> Iterator[None]:
-    """Hide coherent sources while the block runs: they illuminate the scene but are not seen."""
+    """Hide coherent sources while the block runs; they still illuminate the scene."""
     sources = surfaces.wigner_emitters(scene)
     null = mi.BSDFFlags.Null
     visible = [source.get_shape() for source in sources if source.spec.visible]
@@ -242,7 +362,7 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
     corners = [surfaces.vertices_of(shape) for shape in shapes]
     centres = [(points.min(axis=0) + points.max(axis=0)) / 2 for points in corners]
     shrunk = [c + _SHRUNK * (points - c) for c, points in zip(centres, corners, strict=True)]
-    # meshes are moved while no source is visible: a visible source checks the place of its mesh
+    # `visible` is cleared first, because visible sources check the position of their mesh
     with films.changed([(s, "spec", replace(s.spec, visible=False)) for s in sources]):
         try:
             _move(scene, shapes, shrunk)
@@ -265,9 +385,10 @@ def polarised_by_default(
     return films.changed(changes)
 
 
-def illuminated_by(sources: Sequence[Any], lit: Any) -> AbstractContextManager[None]:
-    """Set the power of all sources except ``lit`` to zero while the block runs."""
-    dark = [(source, "power", type(source.power)(0.0)) for source in sources if source is not lit]
+def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManager[None]:
+    """Set the power of all sources except ``active`` to zero while the block runs."""
+    others = [source for source in sources if source is not active]
+    dark = [(source, "power", type(source.power)(0.0)) for source in others]
     for _, _, power in dark:
         if dr.is_jit_v(power):
             dr.make_opaque(power)  # a literal would compile the kernel again

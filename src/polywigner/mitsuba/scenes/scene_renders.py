@@ -1,15 +1,12 @@
-"""Images of scenes and received powers of scene files, computed locally, in stores or clusters."""
+"""Images and received powers of scene files, computed locally, in stores or on clusters."""
 
 from __future__ import annotations
 
 import importlib.metadata
 import os
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,11 +16,9 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import MOST_THREADS, kernel_threads
-from polywigner.execution.progress import progress_bar, slow_bar
-from polywigner.geometry.arguments import checked_callable, checked_count, checked_path
-from polywigner.mitsuba.plugins.diffraction import scene_known
-from polywigner.mitsuba.plugins.films import Tiling, depths_of
-from polywigner.mitsuba.plugins.placement import placed_receiver
+from polywigner.execution.progress import progress_bar
+from polywigner.geometry.arguments import checked_count, checked_path
+from polywigner.mitsuba.plugins.films import Tiling
 from polywigner.mitsuba.plugins.registration import (
     is_key,
     one_at_a_time,
@@ -31,140 +26,33 @@ from polywigner.mitsuba.plugins.registration import (
     registered_source,
 )
 from polywigner.mitsuba.radar.range_profile import checked_ranges, received_by_range
-from polywigner.mitsuba.receive.direct_light import delta_lights, delta_paths
 from polywigner.mitsuba.receive.power_results import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.receive.received_power import received, scattered_here
 from polywigner.mitsuba.receive.scattered import BATCHES, Scattering, aimed, batches_of, lights_of
-from polywigner.mitsuba.scenes.reflectors import chains_of, mirrors_in
-from polywigner.mitsuba.scenes.rendering import Exposure, check_is_whole, exposed, hide_emitters
+from polywigner.mitsuba.scenes.rendering import (
+    check_is_whole,
+    exposed,
+    hide_emitters,
+    with_delta_lights,
+)
 from polywigner.mitsuba.scenes.scenes import SceneFile, choose_variant, digests_of
-from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of
-from polywigner.propagation.stores import Index, Scheduler, lazy_array, require_stores, write_store
-from polywigner.transforms.xarray_arguments import labelled_arrays
+from polywigner.mitsuba.scenes.surfaces import receivers_of
+from polywigner.propagation.stores import Index, Scheduler, results_on_grid
+from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
 
 
-@contextmanager
-def receiving(scene: Any) -> Iterator[None]:
-    """Give plugins access to the scene while ``mi.render`` or another renderer runs.
-
-    The receivers' estimator ``exact`` and light that diffracts require the scene.
-    :func:`polywigner.mitsuba.render` calls this function itself.
-
-    Warns
-    -----
-    RuntimeWarning
-        For point, spot, projector and directional lights: ``mi.render`` does not sample their
-        direct light to a receiver.
-    """
-    if any(map(is_receiver, scene.sensors())):
-        for light in delta_lights(scene):
-            warnings.warn(
-                f"mi.render does not sample the direct light from {light.name!r} to a receiver; "
-                "use polywigner.mitsuba.render or received_power",
-                RuntimeWarning,
-                stacklevel=3,
-            )
-    with scene_known(scene):
-        yield
-
-
-@one_at_a_time
-def render(
-    scene: Any,
-    integrator: Any = None,
-    spp: int | None = None,
-    seed: int = 0,
-    sensor: int = 0,
-    progress: Callable[[int, int], None] | None = None,
-) -> npt.NDArray[np.float32]:
-    """Render the signed radiance of a scene.
-
-    Parameters
-    ----------
-    scene : mitsuba.Scene
-        Scene with a sensor, its film and its sampler.
-    integrator : str or mitsuba.Integrator, optional
-        Plugin name or integrator. The default is the scene's integrator, otherwise ``path``, or
-        ``volpath`` if the surface of a source shadows another source. ``stokes``, or ``stokes
-        volpath`` and the like, adds Stokes parameters of polarised light as channels; see
-        :func:`polywigner.mitsuba.stokes_of`.
-    spp : int, default the sample count of the sampler
-        Samples per pixel, 1 to 2^30. Samplers may round it up.
-    seed : int, default 0
-        Seed of the random numbers, zero or more.
-    sensor : int, default 0
-        Index of the sensor in the scene.
-    progress : callable, default a progress bar
-        Function that is called after each part with the numbers of finished and of all parts.
-
-    Returns
-    -------
-    ndarray, shape (height, width, channels)
-        Radiance in W/(m^2 sr), float32. Noise can make pixels negative, and so can the Wigner
-        radiance if the aperture is directly visible.
-
-    Raises
-    ------
-    ArgumentError
-        For an spp, a sensor or a seed out of range.
-    SceneError
-        If ``scene`` is not a scene, has no sensor or no pixels, if the integrator is unknown or
-        cannot render this scene, and if the radiance is not finite.
-
-    Notes
-    -----
-    The film is rendered in strips of rows, each with all its samples, which preserves
-    stratification (four passes of 64 samples have 5 dB more noise than one pass of 256). Sensors
-    that cannot be cropped are rendered in passes, which are averaged.
-    """
-    exposure = exposed(scene, integrator, spp, seed, sensor)
-    checked_callable(progress, "progress")
-    done, steps = count(1), exposure.cut.steps
-    if progress is None:
-        with slow_bar("render", steps) as advance:
-            return with_delta_lights(exposure, exposure.full_image(advance))
-    return with_delta_lights(exposure, exposure.full_image(lambda: progress(next(done), steps)))
-
-
-# Classes of integrators that render radiance, and maximum number of reflections of delta lights.
-_OF_RADIANCE = ("Path", "Direct", "PRB", "Volumetric", "Volpath")
-_MOST_MIRRORS = 2
-
-
-def with_delta_lights(
-    exposure: Exposure, image: npt.NDArray[np.float32]
-) -> npt.NDArray[np.float32]:
-    """Add the direct light of point and directional lights to the image of a receiver."""
-    scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
-    names = method.class_name() + type(method).__name__
-    if not is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
-        return image
-    depth = 2 if method.class_name() == "DirectIntegrator" else depths_of(method)["max_depth"]
-    if depth == 0 or not any(name in names for name in _OF_RADIANCE):
-        return image
-    receiver = placed_receiver(camera, 0).touching(scene)
-    most = _MOST_MIRRORS if depth < 0 else min(_MOST_MIRRORS, depth - 1)
-    mirrors, _ = mirrors_in(scene, receiver.scene_unit, most)
-    result = image.astype(np.float64)
-    rows, columns, channels = image.shape
-    for path in delta_paths(scene, receiver, [(), *chains_of(mirrors, most)]):
-        column, row = (
-            min(int((cosine + 1) / 2 * count), count - 1)
-            for cosine, count in zip(path.arrives_from, (columns, rows), strict=True)
-        )
-        result[row, column, : 3 if channels >= 3 else 1] += path.power
-    return result.astype(np.float32)
-
-
 Compute = Callable[[Any, Index], npt.NDArray[np.float64]]
-"""(scene, index of the first sample of a part) -> values of the part."""
+"""Function of a scene and the index of the first sample of a part, which returns the part."""
 
 
 class SceneParts:
-    """Block that computes parts of a result of a scene; other processes load the scene again."""
+    """Function that computes parts of a result of a scene, also in other processes.
+
+    Other processes load the scene from its file.
+    """
 
     def __init__(self, file: SceneFile, scene: Any, compute: Compute) -> None:
         self.file = replace(file, path=file.path and file.path.absolute())
@@ -178,7 +66,7 @@ class SceneParts:
     def __call__(self, origin: Index, shape: Index) -> npt.NDArray[np.float64]:
         if self.scene is None:
             choose_variant(self.file.variant)
-            for source in self.sources:  # registered in the memory of the sending process
+            for source in self.sources:  # the keys refer to memory of the first process
                 register_source(source)
             self.scene = self.file.load()
         return self.compute(self.scene, origin)
@@ -192,22 +80,21 @@ class SceneParts:
         settings: Mapping[str, Any],
         **keeping: Any,
     ) -> npt.NDArray[np.float64]:
-        """Write all parts to a store, and return the values.
+        """Compute the parts that are missing in a store, and return the values of all parts.
 
-        ``variable``: name and unit; ``keeping``: scheduler, threads and progress.
+        ``variable``: name and unit. ``sizes``: names and lengths of the axes. ``keeping``:
+        scheduler, threads and progress.
         """
-        from polywigner import __version__
-
         name, units = variable
         attrs = {**vars(self.file), **settings}
         path = attrs.pop("path")
         digests = digests_of(path, self.file.parameters).items()
         attrs["files"] = {os.path.relpath(file, path.parent.resolve()): d for file, d in digests}
-        attrs["versions"] = [__version__, importlib.metadata.version("mitsuba")]
-        threads = keeping.get("threads")
-        values = lazy_array(self, tuple(sizes.values()), chunks, "float64", threads=threads)
-        parts = labelled_arrays({name: (tuple(sizes), values, {"units": units})}, {}, attrs)
-        with write_store(store, parts, **keeping) as stored:
+        attrs["mitsuba_version"] = importlib.metadata.version("mitsuba")
+        axes = {axis: labelled_array(np.arange(n), (axis,)) for axis, n in sizes.items()}
+        variables = {name: (self, "float64", {"units": units})}
+        keeping |= {"out": store, "chunks": chunks}
+        with results_on_grid(variables, axes, {}, attrs, keeping) as stored:
             return np.asarray(stored[name].values)
 
 
@@ -270,10 +157,6 @@ def render_file(
     """
     if scheduler is not None and store is None:
         raise ArgumentError("expected a store with a scheduler, got none; name one for the parts")
-    if store is not None:
-        require_stores(scheduler)
-    if not isinstance(parameters, Mapping | None):
-        raise ArgumentError(f"expected parameters as values by their names, got {parameters!r}")
     if threads is not None:
         checked_count(threads, "threads", 1, MOST_THREADS)
     chosen = choose_variant(mi.variant() if variant is None else variant)
@@ -313,7 +196,7 @@ def strip(
     cut: Tiling, options: Mapping[str, Any], scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
     """Render a strip of an image: (row, column, channel)."""
-    # warn=False: the calling process has issued the warnings
+    # warn=False: the first process has issued the warnings
     exposure = exposed(scene, **options, warn=False)
     image = replace(exposure, cut=cut).image(origin[0] // cut.rows)
     check_is_whole(exposure.integrator)
@@ -329,7 +212,7 @@ def receive_parts(
 ) -> tuple[list[ReceivedPower], xarray.Dataset | None]:
     """Compute :func:`received_powers` of a scene that was loaded from a file.
 
-    With ``edges`` the same samples are also sorted by range, as by :func:`range_profile`.
+    With ``edges``, the second return value is the :func:`range_profile` of the same samples.
     """
     numbers = list(range(len(receivers_of(scene))))
     sample = partial(_sampled, file, scene, **keeping)
@@ -342,15 +225,13 @@ def _sampled(
     file: SceneFile,
     scene: Any,
     plans: Sequence[Scattering],
-    *,
     store: str | Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
     **keeping: Any,
 ) -> npt.NDArray[np.float64]:
     """Return the powers (receivers, batches, lights, ...) of all batches in W."""
     if store is None:
         with kernel_threads(keeping.get("threads")):
-            return scattered_here(scene, progress, plans)
+            return scattered_here(scene, None, plans)
     first = plans[0]
     counts = (len(lights_of(scene)), *first.values)
     shape = (len(plans), BATCHES, *counts)

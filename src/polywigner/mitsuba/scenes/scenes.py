@@ -1,8 +1,8 @@
-"""Load scenes from dictionaries and checked files: variants, options, and errors in one line.
+"""Load scenes from dictionaries and checked files: variants, options, and errors of one line.
 
-A scene file may come from an untrusted source, so it may use only known plugin types and only files
-below its folder: docs/safety.md. The XML is checked before Mitsuba loads it. Mitsuba itself reads
-meshes and images, and reports damaged ones.
+A scene file may come from an untrusted source. Therefore it may only use known plugin types, and
+files below its folder (docs/safety.md). The XML is checked before Mitsuba loads it. Mitsuba itself
+reads meshes and images, and reports damaged files.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ from polywigner.geometry.io.limits import (
 from polywigner.mitsuba.plugins.films import threads_for_openexr
 from polywigner.mitsuba.plugins.polariser import is_polarised
 from polywigner.mitsuba.plugins.registration import one_at_a_time, original_error, register
+from polywigner.mitsuba.plugins.source_parameters import values_of
 from polywigner.mitsuba.scenes.surfaces import is_source
 
 # Variants for unpolarised and for polarised light: compiled, on a GPU, and without a compiler.
@@ -53,7 +54,7 @@ _LONGEST_MESSAGE = 600
 
 
 def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
-    """Return the Mitsuba variant to render with; it is not set.
+    """Return the name of the Mitsuba variant to render with, without setting it.
 
     Parameters
     ----------
@@ -113,20 +114,21 @@ def load_scene(
 ) -> mi.Scene:
     """Load a Mitsuba scene from an XML file or a dictionary.
 
-    Shapes keep their ids and the order of the file or dictionary, so results name them and are
-    the same in each run. Mitsuba's own loaders merge meshes with equal BSDFs by default.
+    Shapes keep their ids and their order, so results contain these names and are the same in each
+    run. Mitsuba's own loaders merge meshes with equal BSDFs by default.
 
     Parameters
     ----------
     scene : str, path or mapping
         Path of a Mitsuba XML file, or a dictionary as for ``mi.load_dict``.
     variant : str, optional
-        Mitsuba variant to set first. Default: the current variant, else :func:`choose_variant`.
+        Mitsuba variant to set first. Default: the current variant, or else that of
+        :func:`choose_variant`.
     diffraction : bool, default False
-        Give all sources and receivers the estimator ``exact`` and shadows that diffract
+        Whether all sources and receivers use the estimator ``exact``, and shadows diffract
         (docs/shadows.md).
     **parameters : str or float
-        Values of the file's ``$parameters``; not for a dictionary.
+        Values of the file's ``$parameters``. A dictionary has none.
 
     Returns
     -------
@@ -138,7 +140,8 @@ def load_scene(
     EngineError
         If the variant cannot run.
     SceneError
-        If the scene cannot be loaded, unless another error of this package is the cause.
+        If the scene cannot be loaded. If a plugin of this package raises another error, that error
+        is raised.
     ArgumentError
         If another argument is unusable.
     """
@@ -164,8 +167,7 @@ class SceneFile:
     """Values of the file's ``$parameters``, with any names."""
     diffraction: bool = False
     polarisation: str | None = None
-    """Polarisation of sources and receivers for which the file specifies none; None: the default.
-    """
+    """Polarisation of sources and receivers without a polarisation; None: the default."""
 
     def __post_init__(self) -> None:
         checked_flag(self.diffraction, "diffraction")
@@ -247,14 +249,14 @@ def translate_error(error: Exception) -> PolywignerError:
     Returns
     -------
     PolywignerError
-        The error of this package that is the cause, with its location in the scene; otherwise a
-        SceneError with Mitsuba's message.
+        If an error of this package is the cause, that error with its location in the scene.
+        Otherwise a SceneError with Mitsuba's message.
     """
     return _translated(error, None)
 
 
 def _translated(error: Exception, state: mi.parser.ParserState | None) -> PolywignerError:
-    """Translate an error; ``state`` adds the name of the file that the object reads."""
+    """Translate an error; with ``state``, the message contains the name of the damaged file."""
     if isinstance(error, PolywignerError):
         return error
     text = str(error)
@@ -307,24 +309,19 @@ def _instantiate(
     return mi.parser.instantiate(config, state)
 
 
-def _values_in(props: mi.Properties) -> dict[str, Any]:
-    copy = mi.Properties(props)  # Mitsuba reports unread properties
-    return {name: copy[name] for name in copy.keys()}  # noqa: SIM118 (not a dict)
-
-
 # ---- scene files --------------------------------------------------------------------------------
 
 _MITSUBA = Path(mi.__file__).parent
-# The plugin "blender" reads memory at addresses that the scene contains.
+# The plugin "blender" reads memory at addresses in the scene file.
 _REFUSED = frozenset({"blender"})
-# Integrators in Python, whose types Mitsuba's plugin manager does not report.
+# Integrators in Python, which are missing in the lists of Mitsuba's plugin manager.
 _INTEGRATORS = frozenset(
     {
         *("direct_projective", "prb", "prb_basic", "prb_projective", "prbvolpath"),
         *("volprim_rf_basic", "transient_path", "transient_prbvolpath", "transient_nlos_path"),
     }
 )
-# Bytes of a mesh or image that a scene names.
+# Largest size in bytes of a mesh or image that a scene uses.
 _LARGEST_NAMED = 1 << 30
 _DEEPEST_INCLUDE = 15
 
@@ -344,8 +341,8 @@ def _resolver(resolver: mi.FileResolver) -> Iterator[None]:
 def _resolving(file: Path) -> Iterator[None]:
     """Resolve relative file names from the folder of `file` while the block runs.
 
-    Mitsuba loads libraries from a subfolder "plugins" of any of these folders, also libraries that
-    a scene uses by default. Its own folder comes first, so no library next to a scene is loaded.
+    Mitsuba loads libraries from a subfolder "plugins" of the resolver's folders. Mitsuba's own
+    folder comes first, so no library next to a scene is loaded.
     """
     resolver = mi.FileResolver(mi.file_resolver())
     resolver.prepend(str(file.resolve().parent))
@@ -373,9 +370,9 @@ def _parsed(
 ) -> tuple[mi.parser.ParserState, set[Path]]:
     """Parse a scene file that contains only permitted plugin types and files.
 
-    Call it within `_resolving`. Files and folders that the values of the file's ``$parameters``
-    name are permitted. The second result contains the absolute paths of the scene file, its
-    includes and the files that they name.
+    Call this function within `_resolving`. Values of the file's ``$parameters`` may name any files
+    and folders. The second return value contains the absolute paths of the scene file, its
+    includes, and the files that these use.
     """
     texts = {name: str(value) for name, value in parameters.items()}
     checked = _CheckedFiles(file, texts)
@@ -384,8 +381,10 @@ def _parsed(
         state = mi.parser.parse_file(config, str(file), **texts)
         for name in sorted({node.props.plugin_name() for node in state.nodes}):
             _check_type(name)
-        values = [value for node in state.nodes for value in _values_in(node.props).values()]
-        for text in sorted({value for value in values if isinstance(value, str)}):
+        # copies, because Mitsuba reports properties that plugins do not read
+        copies = [values_of(mi.Properties(node.props)) for node in state.nodes]
+        texts_in = {value for props in copies for value in props.values() if isinstance(value, str)}
+        for text in sorted(texts_in):
             checked.add(text)
     except FileFormatError as error:
         raise SceneError(f"{file}: {error}") from None
@@ -409,7 +408,7 @@ def _check_type(name: str) -> None:
 
 
 class _CheckedFiles:
-    """The files of a scene; each lies in a permitted folder."""
+    """Files of a scene, all of them in permitted folders."""
 
     def __init__(self, file: Path, parameters: Mapping[str, str]) -> None:
         self.values = dict(parameters)
@@ -454,7 +453,7 @@ class _CheckedFiles:
                     self.add_xml(path, level + 1)
 
     def _filled(self, text: str) -> str:
-        """Return the text with the values of its ``$parameters``, as Mitsuba inserts them."""
+        """Replace ``$parameters`` in a text by their values, as Mitsuba does."""
         for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
             text = text.replace(f"${name}", self.values[name])
             check_bytes(len(text), LARGEST_SCENE, "text, $parameters filled in")
@@ -462,7 +461,7 @@ class _CheckedFiles:
 
 
 def _resolved(name: str) -> Path | None:
-    """Return the absolute path of an existing file or folder, links followed; else None."""
+    """Return the absolute path, without links, of an existing file or folder; otherwise None."""
     with suppress(OSError, ValueError, RuntimeError):  # a text that cannot be a file name
         path = Path(str(mi.file_resolver().resolve(name)))
         return path.resolve() if name and path.exists() else None

@@ -1,11 +1,13 @@
-"""The emitters, sensors and shapes of a scene: their order, triangles and bounds, and ray ends.
+"""Emitters, sensors and shapes of a scene: their order, triangles and bounds, and ends of rays.
 
-Mitsuba's order changes from one load to the next when it merges meshes. Results, coordinates and
-names follow the sorted order. Objects with equal or empty ids are sorted by their position.
+The order of Mitsuba's lists changes from one load to the next if Mitsuba merges meshes. Results,
+coordinates and names follow the sorted order. Objects with equal or empty ids are sorted by
+position.
 
-Mitsuba starts a ray 9e-5 (1 + |p|) off a surface and ends a shadow ray 9e-4 of its length before
-the light: it misses walls on the last 9 cm of a path of 100 m. Here a ray ends above the plane of a
-source or of a receiver, at a height that only covers the rounding of single precision.
+Mitsuba starts a ray at the distance 9e-5 (1 + |p|) from a surface. It ends a shadow ray before the
+light, at 9e-4 of the length of the ray: walls on the last 9 cm of a path of 100 m are missed. In
+this package, a ray ends above the plane of a source or of a receiver, at a height that only
+compensates for rounding errors of single precision.
 """
 
 from __future__ import annotations
@@ -31,13 +33,8 @@ Indices = NDArray[np.intp]
 
 
 def sorted_emitters(scene: mi.Scene) -> list[mi.Emitter]:
-    """Return the emitters of a scene, sorted by the ids of their shapes or their own."""
+    """Return the emitters of a scene, sorted by the ids of their shapes, or by their ids."""
     return sorted(scene.emitters(), key=_emitter_key)
-
-
-def sorted_sensors(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
-    """Return the sensors of a scene with their Mitsuba indices, sorted by id."""
-    return sorted(enumerate(scene.sensors()), key=lambda item: (item[1].id(), item[0]))
 
 
 def sorted_shapes(scene: mi.Scene) -> list[mi.Shape]:
@@ -57,7 +54,7 @@ def _emitter_key(emitter: mi.Emitter) -> _Key:
 
 def _shape_key(shape: mi.Shape) -> _Key:
     emitter = shape.emitter()
-    # `hide_emitters` shrinks the meshes of sources, so their poses serve instead of their boxes
+    # sources are sorted by their poses, because `hide_emitters` changes the bounds of their meshes
     if hasattr(emitter, "spec"):
         return shape.id(), np.ravel(emitter.spec.pose).tolist(), ""
     return shape.id(), bounds_of(shape).ravel().tolist(), ""
@@ -89,18 +86,17 @@ def sensors_of(scene: Any) -> list[mi.Sensor]:
 
 
 def receivers_of(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
-    """Return the receivers of a scene, sorted by id, with their Mitsuba indices among its sensors.
+    """Return the receivers of a scene with their indices among Mitsuba's sensors, sorted by id.
 
     Raises SceneError for a scene without a receiver.
     """
-    sensors_of(scene)
-    receivers = [(k, sensor) for k, sensor in sorted_sensors(scene) if is_receiver(sensor)]
+    receivers = [(k, sensor) for k, sensor in enumerate(sensors_of(scene)) if is_receiver(sensor)]
     if not receivers:
         raise SceneError(
             "expected a scene with a receiver, got one without; add a <sensor "
             'type="wigner_receiver">, or polywigner.mitsuba.receiver(...)'
         )
-    return receivers
+    return sorted(receivers, key=lambda item: (item[1].id(), item[0]))
 
 
 # ---- parts of objects ---------------------------------------------------------------------------
@@ -110,7 +106,7 @@ def children_of(node: mi.Object) -> list[mi.Object]:
     """Return the objects directly nested in an object of Mitsuba."""
     children: list[mi.Object] = []
 
-    class Callback(mi.TraversalCallback):  # a class of the variant
+    class Callback(mi.TraversalCallback):  # the base class depends on the variant
         def put(self, name: str, value: Any, *_: Any) -> None:
             if isinstance(value, mi.Object):
                 children.append(value)
@@ -135,34 +131,35 @@ def vertices_of(mesh: mi.Mesh) -> Floats:
 
 
 def faces_of(mesh: mi.Mesh) -> Indices:
-    """Return the triangles (t, 3) of a mesh, as numbers of corners."""
+    """Return the triangles (t, 3) of a mesh, as indices of corners."""
     return np.array(mi.traverse(mesh)["faces"], np.intp).reshape(-1, 3)
 
 
-# ---- where rays start and end -------------------------------------------------------------------
+# ---- starts and ends of rays --------------------------------------------------------------------
 
 ROUNDING = 2.0**-20
-"""Height above a surface, relative to the coordinates, at which rays start and end: eight units in
+"""Height above a surface at which rays start and end, relative to the coordinates: eight units in
 the last place of single precision."""
 
-# Error of positions in single precision, relative to the largest coordinate. Rotation, translation
-# and the positions themselves are each rounded by 6e-8.
+# Error of positions in single precision, relative to the largest coordinate. The position itself,
+# its rotation and its translation each have a rounding error of 6e-8.
 PLACE_ERROR = 5e-7
 
 
-# Flat shapes and instances, whose bounds represent them; curved shapes touch a plane in one point.
+# Flat shapes and instances, for which the bounds are used. Curved shapes touch a plane in one
+# point.
 _FLAT = ("Rectangle", "Disk", "Instance")
 
 
 def reach_at(scene: mi.Scene, corners: Floats) -> float:
-    """Return the largest coordinate of an end of a path and of the flat surfaces that touch it.
+    """Return the largest coordinate of a source or receiver, and of flat surfaces that touch it.
 
     Parameters
     ----------
     scene : mi.Scene
         The scene.
     corners : float array, shape (n, 3)
-        Corners of the source or receiver at the end of the path, in units of the scene.
+        Corners of the source or receiver, in units of the scene.
 
     Returns
     -------
@@ -192,7 +189,7 @@ def _reach_of_triangles(mesh: mi.Mesh, low: Floats, high: Floats) -> float:
 
 
 def bounds_of(shape: mi.Shape) -> Floats:
-    """Return the bounds (2, 3) of a shape, also of a mesh that Mitsuba has merged."""
+    """Return the bounds (2, 3) of a shape, including meshes that Mitsuba has merged."""
     box = shape.bbox()
     if not box.valid() and shape.is_mesh():
         points = vertices_of(shape)
@@ -208,7 +205,7 @@ def largest(point: Drjit) -> Drjit:
 def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) -> Drjit:
     """Return the argument of Mitsuba's ``spawn_ray_to`` for a ray that ends at a source.
 
-    ``spawn_ray_to`` shortens the ray by a fraction of its length; this point compensates for it.
+    ``spawn_ray_to`` shortens a ray by a fraction of its length, for which this point compensates.
 
     Parameters
     ----------
@@ -227,14 +224,14 @@ def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) ->
     """
     p = dr.detach(it.p)
     short = end + normal * (ROUNDING * (largest(p) + reach))
-    start = it.spawn_ray_to(short).o if dr.width(it.n) else p  # a point without a surface
+    start = it.spawn_ray_to(short).o if dr.width(it.n) else p  # else not on a surface
     longer = 1.0 / (1.0 - float(mi.math.ShadowEpsilon))
-    # detached: the derivatives of the direction come from the point
+    # detached: only the end point has derivatives
     return end + dr.detach(start + (short - start) * longer - end)
 
 
 class Reaches:
-    """Largest coordinates of the shapes of a scene, which determine rounding errors of points."""
+    """Largest coordinates of the shapes of a scene, which determine rounding errors of hits."""
 
     def __init__(self, scene: mi.Scene) -> None:
         self._table: Any = None
@@ -248,7 +245,7 @@ class Reaches:
             self._table = mi.Float(sizes.tolist())
 
     def at(self, si: mi.SurfaceInteraction3f) -> Drjit:
-        """Return the largest coordinate of the shape at an intersection and of the point."""
+        """Return the largest coordinate of an intersection and of its shape."""
         result = largest(si.p)
         if not dr.is_jit_v(mi.Float):
             key = id(si.shape)
@@ -258,13 +255,12 @@ class Reaches:
         if self._table is None:
             return result
         number = _number(si.shape)
-        size = dr.gather(
-            mi.Float, self._table, number, number <= self._last
-        )  # other numbers are instances
+        # larger numbers are instances
+        size = dr.gather(mi.Float, self._table, number, number <= self._last)
         return dr.select(size > result, size, result)
 
     def leave(self, si: mi.SurfaceInteraction3f, direction: Drjit) -> mi.Ray3f:
-        """Return a ray from a surface, from the side of its direction."""
+        """Return a ray that leaves a surface in a direction, on that side of the surface."""
         height = ROUNDING * self.at(si)
         side = dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, direction))
         return mi.Ray3f(si.p + side * height, direction, si.time, si.wavelengths)
@@ -276,16 +272,16 @@ def _number(pointer: Drjit) -> Drjit:
 
 # ---- opaque bodies ------------------------------------------------------
 
-# Largest distance of a chord from a curved shape, and largest radius of a sphere that chords
-# resolve, in wavelengths. Largest number of chords around a circle.
+# Largest distance of a chord from a curved shape, and radius of the largest sphere for which it is
+# achieved, in wavelengths. Largest number of chords around a circle.
 _SAGITTA, _LARGEST_SPHERE, _MOST_CHORDS = 0.01, 170.0, 1024
-# Largest number of faces of obstacles, which take a gigabyte.
+# Largest number of faces of all obstacles, which take a gigabyte.
 _MOST_FACES = 1 << 21
 _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 
 
 def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indices]]:
-    """Yield corners and triangles of all opaque shapes of a scene; lengths in its units."""
+    """Yield corners and triangles of all opaque shapes of a scene, in its units."""
     groups = {
         shape.id(): children_of(shape)
         for shape in children_of(scene)
@@ -339,7 +335,7 @@ def _rectangle(_: float) -> tuple[Floats, Indices]:
 
 
 def _chords(radius: float) -> int:
-    """Return the number of chords around a circle."""
+    """Return the number of chords that represent a circle; ``radius`` in wavelengths."""
     return int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
 
 
@@ -356,7 +352,7 @@ def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
 
 
 def _sphere(radius: float) -> tuple[Floats, Indices]:
-    """Return a sphere of circles of latitude, at most 83,000 triangles."""
+    """Return a sphere with edges along circles of latitude, of up to 83,000 triangles."""
     radius = min(radius, _LARGEST_SPHERE)
     latitudes = np.linspace(-math.pi / 2, math.pi / 2, _chords(radius) // 2 + 1)
     sizes = np.cos(latitudes)
@@ -373,7 +369,7 @@ _SHAPES: dict[str, Callable[[float], tuple[Floats, Indices]]] = {
 
 
 def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
-    """Return the connected parts of a mesh; corners at the same point count as one."""
+    """Return the connected parts of a mesh, after corners at the same point are merged."""
     points, number = np.unique(points, axis=0, return_inverse=True)
     faces = number.reshape(-1)[faces]
     a, b, c = np.moveaxis(points[faces], 1, 0)
@@ -391,7 +387,7 @@ def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
 
 
 def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
-    """Return the bodies and sheets of meshes, each of corners and triangles."""
+    """Return the bodies and sheets of meshes, given by corners and triangles."""
     return [body for mesh in meshes for body in _bodies(*mesh)]
 
 
@@ -411,9 +407,9 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
         flat = np.abs((points - points[0]) @ units[0]).max() <= 1e-6 * size
         return Obstacle(points, faces, owner, normals[first], False, bool(flat))
     inner = points - points.mean(axis=0)
-    if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:  # inside out
+    if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:  # normals to the inside
         return _body(points, faces[:, ::-1], -normals)
-    # convex if no edge has a neighbouring face that rises in front of its other face
+    # convex if no face rises in front of the plane of a neighbouring face
     order, other = np.argsort(forth), np.argsort(back)
     face = np.tile(np.arange(len(faces)), 3)
     opposite = np.concatenate([faces[:, (k + 2) % 3] for k in range(3)])
@@ -423,7 +419,7 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     return Obstacle(points, faces, owner, normals[first], True, convex)
 
 
-# Edges lower than this height above the plane of a source, in wavelengths, are ignored.
+# Height above the plane of a source, in wavelengths, below which edges are ignored.
 BEHIND = 1e-3
 
 
@@ -434,7 +430,7 @@ def in_frame(body: Obstacle, pose: Floats, scale: float) -> Obstacle:
 
 
 def before_plane(silhouette: Silhouette) -> Silhouette:
-    """Return a silhouette with the parts of its edges in front of the source's plane."""
+    """Return the parts of the edges of a silhouette in front of the source's plane."""
     start, end = np.moveaxis(silhouette.edges, 1, 0)
     low, high = start[:, 2] - BEHIND, end[:, 2] - BEHIND
     with np.errstate(divide="ignore", invalid="ignore"):

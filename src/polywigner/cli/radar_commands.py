@@ -1,4 +1,4 @@
-"""``polywigner rcs``: the radar cross section of a body or plate over azimuth and elevation."""
+"""``polywigner rcs`` and ``polywigner radar``: radar cross sections, and samples of a radar."""
 
 from __future__ import annotations
 
@@ -14,8 +14,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from polywigner.cli import options
-from polywigner.cli.options import Text
-from polywigner.cli.sources import Reading, WaveOptions, field_title, required_wavelength
+from polywigner.cli.options import Text, Texts
+from polywigner.cli.sources import (
+    Reading,
+    WaveOptions,
+    field_title,
+    required_wavelength,
+    short_name,
+)
+from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_angle
 
 if TYPE_CHECKING:
@@ -23,14 +30,17 @@ if TYPE_CHECKING:
 
     from polywigner.scattering.cross_sections import Pattern
 
+# ---- rcs -----------------------------------------------------------------------------------------
+
 _Format = StrEnum("_Format", "csv nc")
-# Default steps of the map in degrees, and the time that it may take [s].
+# Default steps of the map in degrees, and time in which the map should be computed [s].
 _STEPS, _MAP_SECONDS = (1.0, 2.0, 5.0, 10.0), 60.0
-# Directions whose time is measured.
+# Number of directions that are timed to choose default steps.
 _TIMED = 8
-# Directions of the map: some hours for a simple body, 0.1 GB.
+# Largest number of directions of the map: hours of work for a simple body, and 0.1 GB of values.
 _MOST = 4_000_000
-# Steps per lobe of backscatter in the cuts, and the time that they may take [s].
+# Default number of steps per lobe of backscatter in the cuts, and time in which a cut should be
+# computed [s].
 _STEPS_PER_LOBE, _CUT_SECONDS = 4.0, 30.0
 _FINEST, _MOST_OF_CUTS = 1e-3, 33_000_000_000
 
@@ -94,8 +104,8 @@ def rcs(
         pattern_of(centre[0] + np.array([0.0, np.pi]), above),
         pattern_of(azimuth, elevation),
     ]
-    with progress_bar("directions", sum(math.prod(one.shape) for one in patterns)) as advance:
-        *cuts, pattern = [one.dataset(one.values(advance)) for one in patterns]
+    with progress_bar("directions", sum(math.prod(p.shape) for p in patterns)) as advance:
+        *cuts, pattern = [p.dataset(p.values(advance)) for p in patterns]
     title = field_title(body, length)
     figure = draw_rcs(pattern, cuts=cuts, smooth=width, floor_db=floor_db, title=title)
     values = [pattern if name == ".nc" else partial(write_rows, [pattern]) for name in suffixes]
@@ -106,11 +116,11 @@ def rcs(
 def _steps(
     pattern: Pattern, map_step: float | None, fine_step: float | None, lobe: float
 ) -> tuple[float, float]:
-    """Return the steps of map and cuts in degrees, by default from the time of a direction."""
+    """Return the steps in degrees of map and cuts; defaults depend on the time per direction."""
     import numpy as np
 
     azimuth, elevation = np.linspace(-3.0, 3.0, _TIMED), np.linspace(-1.4, 1.5, _TIMED)
-    pattern.at(azimuth[:1], elevation[:1])  # fills caches
+    pattern.at(azimuth[:1], elevation[:1])  # fills caches before the timing
     start = time.perf_counter()
     pattern.at(azimuth, elevation)
     seconds = (time.perf_counter() - start) / _TIMED
@@ -124,7 +134,7 @@ def _steps(
 
 
 def write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
-    """Write patterns as CSV, one row per direction; failed values are nan."""
+    """Write patterns as CSV with one row per direction; failed values are nan."""
     import numpy as np
 
     for number, pattern in enumerate(patterns):
@@ -149,7 +159,7 @@ def _summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:
 
 
 def _warn_of_lobes(name: str, step: float, lobe: float, option: str) -> None:
-    """Warn of steps in degrees that are larger than lobes, lambda/(2 D) wide for a size D."""
+    """Warn of steps in degrees above the width of a lobe, lambda/(2 D) for a body of size D."""
     if step > lobe:
         warnings.warn(
             f"steps of {step:.3g} degrees miss lobes of {lobe:.2g} degrees in {name}; give "
@@ -157,3 +167,84 @@ def _warn_of_lobes(name: str, step: float, lobe: float, option: str) -> None:
             RuntimeWarning,
             stacklevel=3,
         )
+
+
+# ---- radar ---------------------------------------------------------------------------------------
+
+_POINTS = 20_000
+
+
+def radar(
+    scene: Annotated[str, typer.Argument(help="Mitsuba XML file of a scene with a receiver.")],
+    *,
+    waveform: Annotated[
+        str,
+        "Waveform: '76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every 60 us' (docs/radar.md).",
+    ],
+    velocity: Annotated[Texts, "NAME = VX, VY, VZ in m/s of a shape or end (repeatable)."] = None,
+    elements: Annotated[bool, "Record each element of receivers that are arrays."] = False,
+    points: Annotated[int, typer.Option(min=0, help="Scatterers of each receiver.")] = _POINTS,
+    rays: Annotated[
+        int | None, typer.Option(min=1, help="Rays of each receiver (default: 4 per scatterer).")
+    ] = None,
+    draws: Annotated[int, typer.Option(min=1, help="Draws of speckle and noise.")] = 1,
+    reflections: Annotated[int, "Maximum number of specular reflections per path, 0 to 3."] = 2,
+    window: Annotated[str, "Window of scipy.signal, such as hann or boxcar."] = "hann",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0,
+    variant: Annotated[Text, "Mitsuba variant (default: the fastest that works)."] = None,
+    floor_db: options.DbFloor = -60.0,
+    zarr: Annotated[bool, "Write the data cube as a zarr store, NAME.zarr, not NAME.nc."] = False,
+    out: options.Out = None,
+) -> None:
+    """Compute the samples that the receivers of a radar record in a scene.
+
+    Writes the data cube NAME.nc and a figure of power by range and range rate, NAME_rate.png. With
+    several receivers or emitters, also writes a figure of power by range and direction,
+    NAME_angle.png.
+    """
+    velocities = dict(parse_velocity(text) for text in velocity or [])
+    options.check_scene(scene)
+    suffixes = (".zarr" if zarr else ".nc", "_rate.png", "_angle.png")
+    files = options.files_to_write(out, f"{Path(scene).stem}_radar", suffixes)
+
+    from polywigner.figures import draw_radar_map
+    from polywigner.mitsuba import choose_variant, load_scene, radar_cube
+    from polywigner.propagation.stores import required
+    from polywigner.radar import parse_waveform, range_angle, range_doppler
+
+    wave = parse_waveform(waveform)
+    required("zarr" if zarr else "h5netcdf", "dask")
+    with options.warnings_of_mitsuba():
+        loaded = load_scene(scene, choose_variant(variant))
+        cube = radar_cube(
+            loaded, wave, velocities=velocities, elements=elements, points=points, rays=rays,
+            draws=draws, reflections=reflections, seed=seed,
+        )  # fmt: skip
+    title, by_rate = short_name(scene), range_doppler(cube, window)
+    contents: list[Any] = [cube, draw_radar_map(by_rate, floor_db=floor_db, title=title)]
+    if cube.sizes["receiver"] * cube.sizes["emitter"] > 1:
+        by_angle = range_angle(cube, window=window)
+        contents.append(draw_radar_map(by_angle, floor_db=floor_db, title=title))
+    mean = by_rate.mean(by_rate.dims[:-2])
+    peak = mean.isel(mean.argmax(...))
+    summary = [
+        f"{cube.sizes['receiver']} receivers, {cube.sizes['emitter']} emitters, "
+        f"{cube.attrs['scattered_points']} scatterers; bins of {wave.range_step:.4g} m and "
+        f"{wave.rate_step / cube.sizes['emitter']:.4g} m/s",
+        f"maximum at {float(peak['range']):.4g} m, {float(peak['range_rate']):.4g} m/s: "
+        f"{float(peak):.4g} W",
+        *(f"note: {note}" for note in cube.attrs["notes"]),
+    ]
+    options.write(files[: len(contents)], contents, "\n".join(summary))
+
+
+def parse_velocity(text: str) -> tuple[str, tuple[float, ...]]:
+    """Return the name and velocity of a text NAME = VX, VY, VZ; ArgumentError for other texts."""
+    name, equals, numbers = text.partition("=")
+    values = options.parse_numbers("--velocity", numbers, "-8, 0, 0") if equals else ()
+    if not name.strip() or len(values) != 3:
+        raise ArgumentError(
+            f"expected --velocity as NAME = VX, VY, VZ in m/s, got {text!r}; write such as "
+            "'car = -8, 0, 0'"
+        )
+    return name.strip(), values

@@ -1,0 +1,209 @@
+"""``polywigner transform`` and ``polywigner pattern``: transforms and far field of a source."""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from dataclasses import replace
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from polywigner.cli import options
+from polywigner.cli.options import DbFloor, Out, Text, files_to_write, write
+from polywigner.cli.sources import SourceOptions, field_title, frequency_text, short_name
+from polywigner.errors import ArgumentError
+from polywigner.quantities import parse_point, parse_power
+
+if TYPE_CHECKING:
+    from polywigner import Aperture
+    from polywigner import Array as ApertureArray
+    from polywigner.figures import TransformSlices
+
+# ---- transform -----------------------------------------------------------------------------------
+
+_FEWEST = 257
+_MOST_BY_DEFAULT = 513  # about ten seconds for an aperture with a hundred edges
+
+
+def transform(
+    source: SourceOptions,
+    x: Annotated[Text, "Position of the Wigner slice: '0 mm,2 mm' (default: centre)."] = None,
+    xi: Annotated[Text, "Lag of the ambiguity slice: '2 mm,0 mm' (default: by size)."] = None,
+    samples: Annotated[
+        int | None,
+        typer.Option(min=2, max=4096, help="Samples along an axis (default: 257 to 513)."),
+    ] = None,
+    floor_db: DbFloor = -40.0,
+    out: Out = None,
+) -> None:
+    """Draw and save the transforms of an aperture or an array.
+
+    Writes a figure NAME.png (Fourier transform, automean, a Wigner and an ambiguity slice) and
+    the values NAME.npz.
+    """
+    source.check()
+    position = None if x is None else parse_point(x)
+    lag = None if xi is None else parse_point(xi)
+    files = files_to_write(out, Path(source.source).stem, (".png", ".npz"))
+
+    from polywigner.figures import draw_transforms, transform_slices
+
+    radiator, length = source.read()
+    name = short_name(source.source)
+    count, zoomed = _samples(samples, radiator, length)
+    slices = transform_slices(radiator, position, lag, length, count, zoomed)
+    title = name if length is None else f"{name}, {frequency_text(length)}"
+    figure = draw_transforms(slices, floor_db, title=title)
+    write(files, [figure, partial(_write_values, slices)])
+
+
+def _samples(
+    requested: int | None, source: Aperture | ApertureArray, wavelength: float | None
+) -> tuple[int, bool]:
+    """Return the number of samples along an axis, and whether the frequency axes are cropped.
+
+    The axes are cropped if a figure of all directions would be too large. Too few samples cause a
+    warning.
+    """
+    from polywigner.figures import LARGEST_SAMPLES, outline_of, samples_needed
+
+    aperture = outline_of(source)
+    needed = samples_needed(aperture, wavelength)
+    if requested is None and needed > LARGEST_SAMPLES:
+        typer.echo(
+            "polywigner: the plot is cropped to the centre; all directions would require "
+            f"{needed} samples along an axis",
+            err=True,
+        )
+        return max(samples_needed(aperture, None), _FEWEST), True
+    samples = requested or min(max(needed, _FEWEST), _MOST_BY_DEFAULT)
+    if samples < needed:
+        warnings.warn(
+            f"{samples} samples along an axis miss lobes of the transforms of an aperture of "
+            f"{aperture.diameter:.3g} m; use --samples {needed}",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return samples, False
+
+
+def _write_values(slices: TransformSlices, path: Path) -> None:
+    """Write the slices as .npz, with a JSON text ``metadata`` that describes axes and units."""
+    import numpy as np
+    from shapely import to_geojson  # all digits; GEOS writes WKT with 16 decimals only
+
+    import polywigner as pw
+
+    units = {"x": "m", "xi": "m", "frequency": "1/m"}
+    units |= dict.fromkeys(("fourier", "wigner", "ambiguity"), "m^2")
+    arrays: dict[str, Any] = {name: getattr(slices, name) for name in units}
+    arrays["aperture_geojson"] = to_geojson(slices.aperture.polygons)
+    arrays["automean_geojson"] = to_geojson(slices.support.polygons)
+    arrays["wavelength"] = np.nan if slices.wavelength is None else slices.wavelength
+    units |= {"aperture_geojson": "m", "automean_geojson": "m", "wavelength": "m (nan: not given)"}
+    metadata = {
+        "axes": "fourier[j, i] and wigner[j, i] at nu = (frequency[i], frequency[j]); "
+        "ambiguity[j, i] at upsilon = (frequency[i], frequency[j])",
+        "convention": "F(nu) = int u exp(-2 pi i nu.x) dx",
+        "units": units,
+        "polywigner": pw.__version__,
+    }
+    np.savez_compressed(path, metadata=json.dumps(metadata), **arrays)
+
+
+# ---- pattern -------------------------------------------------------------------------------------
+
+_Format = StrEnum("_Format", "csv txt ffd cut msi pln")
+# Number of steps of the map per lobe; lobes of a source of diameter D are lambda/D wide.
+_STEPS_PER_LOBE = 8
+# Default steps in degrees. The finest results in 361 x 1440 directions, computed in 1 to 2 s.
+_FINEST, _COARSEST = 0.25, 1.0
+# Largest number of directions in front of the source; their values take 0.2 GB.
+_MOST = 4_000_000
+
+
+def pattern(
+    *,
+    obliquity: Annotated[
+        Text, f"Obliquity of a scalar field: {options.OBLIQUITY_HELP} (default: first)."
+    ] = None,
+    power: Annotated[Text, "Accepted power, such as '10 dBm' (default: none, no EIRP)."] = None,
+    efficiency: Annotated[float, "Radiated over accepted power, up to 1."] = 1.0,
+    polarisation: Annotated[Text, "x, y, right, left or '45 deg' (default: the file's)."] = None,
+    method: Annotated[Text, "Currents: huygens (default), magnetic or electric."] = None,
+    step: Annotated[Text, "Step of the angles: '0.5 deg' (default: by the lobes)."] = None,
+    element: Annotated[Text, "Far-field file of each element (.csv .txt .ffd .ffe .cut)."] = None,
+    source: SourceOptions,
+    floor_db: DbFloor = -40.0,
+    formats: Annotated[
+        list[_Format] | None, "csv, txt, ffd, cut, msi or pln (repeatable; default: csv)."
+    ] = None,
+    out: Out = None,
+) -> None:
+    """Compute the radiation pattern of a source and its data sheet.
+
+    Prints directivity, gain, EIRP, beam direction, half-power widths, nulls and sidelobes. Writes a
+    figure NAME_pattern.png (cuts, polar plot, u-v map, data sheet) and the values.
+    """
+    source.check()
+    if obliquity is not None and method is not None:
+        raise ArgumentError(
+            f"expected --obliquity or --method, got {obliquity} and {method}; obliquities belong "
+            "to scalar fields, methods to polarised fields"
+        )
+    watts = None if power is None else parse_power(power)
+    degrees = None if step is None else options.parse_step(step, 15.0, _MOST)
+    suffixes = options.suffixes_of(formats or ["csv"])
+    files = files_to_write(out, Path(source.source).stem + "_pattern", (".png", *suffixes))
+
+    import numpy as np
+
+    import polywigner as pw
+    from polywigner.figures import draw_pattern, outline_of
+    from polywigner.propagation.pattern_files import read_nearest_pattern
+    from polywigner.source.source_tables import parse_direction
+
+    radiator, length = source.read_with_wavelength()
+    wavelengths = outline_of(radiator).diameter / length
+    quarter = round(90.0 / (degrees or _degrees(wavelengths)))
+    # the field behind the source is zero, but HFSS requires all directions
+    theta_steps = 2 * quarter if ".ffd" in suffixes else quarter
+    theta = np.radians(np.arange(theta_steps + 1) * 90.0 / quarter)
+    phi = np.radians(np.arange(4 * quarter) * 90.0 / quarter)
+    settings: dict[str, Any] = {"obliquity": obliquity}
+    if obliquity is None:
+        jones: Any = source.polarisation() if polarisation is None else polarisation
+        if jones is None and method is not None and element is None:
+            jones = "y"
+        settings = {"polarisation": jones, "method": method}
+    if element is not None:
+        settings["element"] = read_nearest_pattern(element, pw.SPEED_OF_LIGHT / length)
+    values = pw.radiation_pattern(radiator, length, theta, phi, **settings)
+    along = pw.beam_cuts(radiator, length, **settings)
+    metrics = pw.beam_metrics(along, power=watts, efficiency=efficiency)
+    if source.steering is not None:  # a grating lobe may be larger than the steered beam
+        metrics = replace(metrics, steering=parse_direction(source.steering))
+    title = field_title(source.source, length)
+    figure = draw_pattern(values, cuts=[along], metrics=metrics, floor_db=floor_db, title=title)
+    in_files: Any = None if obliquity is None else polarisation
+    export = partial(pw.write_pattern, values, polarisation=in_files, efficiency=efficiency)
+    write(files, [figure, *(export for _ in suffixes)], str(metrics))
+
+
+def _degrees(wavelengths: float) -> float:
+    """Return the default step in degrees for a source; warn if it is coarse."""
+    needed = math.degrees(1.0 / wavelengths) / _STEPS_PER_LOBE
+    if 4 * needed < _FINEST:
+        warnings.warn(
+            f"steps of {_FINEST:g} degrees are coarse for the lobes of a source "
+            f"{wavelengths:.4g} wavelengths across, and miss some; give --step, or use "
+            "polywigner.radiation_pattern on angles about the beam",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return max(step for step in (_FINEST, 0.5, _COARSEST) if step <= max(needed, _FINEST))
