@@ -24,6 +24,7 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
 )
 from polywigner.numerics.chirps import waves_of_turns
+from polywigner.numerics.nodes import gauss_rule, node_count
 from polywigner.optics import FirstOrder
 from polywigner.propagation.boundary import (
     FieldEstimate,
@@ -36,7 +37,6 @@ from polywigner.propagation.point_grids import (
     checked_coordinates,
     warn_of_missed,
 )
-from polywigner.propagation.quadrature import gauss_rule, node_count
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.source import Array
 from polywigner.source.normal_form import SourceElement, normal_form

@@ -6,14 +6,12 @@ Source: (R1), (T1), (T2).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from functools import lru_cache
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner import execution, kernels
+from polywigner import kernels
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Wavefront
@@ -21,21 +19,15 @@ from polywigner.geometry.arguments import (
     checked_number,
     checked_wavelength,
     takes_frequency,
-    warn_caller,
 )
-from polywigner.kernels import Kernel, kernel_for
-from polywigner.kernels.functions.slices import SliceSum
-from polywigner.kernels.kernel import Values
 from polywigner.optics import FirstOrder
 from polywigner.propagation.amplitudes import Obstacle, field_and_error
-from polywigner.propagation.boundary import radiator_of
 from polywigner.propagation.collins import (
     checked_points_behind,
     field_behind,
     squared_field,
     systems_and_stops,
 )
-from polywigner.propagation.far_fields import check_slopes
 from polywigner.propagation.partial_coherence import partly_coherent_irradiance
 from polywigner.propagation.point_grids import (
     DEFAULT_TOLERANCE,
@@ -43,34 +35,20 @@ from polywigner.propagation.point_grids import (
     checked_method,
     checked_points,
 )
-from polywigner.propagation.quadrature import (
-    Triangles,
-    gauss_rule,
-    has_few_kinks,
-    node_count,
-    quartered,
-    smooth_triangles,
-    spacings,
-    triangulated,
-)
 from polywigner.propagation.screens import PointSource, Screen
 from polywigner.propagation.shadows import LEAST_TOLERANCE
+from polywigner.propagation.wigner_rays import irradiance_by_rays
 from polywigner.radiometry.directions import (
-    PlaneSource,
     checked_bandwidth,
     checked_radiator,
     longest_path,
     wavelengths_of_band,
 )
 from polywigner.source import Array
-from polywigner.source.normal_form import normal_form
-from polywigner.source.obliquities import DEFAULT, Forms, ObliquityName, obliquity_of
-from polywigner.source.support import mutual_support
-from polywigner.transforms.phase_space import energy_of
+from polywigner.source.obliquities import DEFAULT, ObliquityName, obliquity_of
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import (
     coherent_source,
-    flat_source,
     is_partly_coherent,
     tilts_of,
 )
@@ -81,18 +59,12 @@ LightSource = Aperture | Array | Wavefront | Screen | PointSource
 Compute = Callable[[LightSource, float, ArrayLike], Floats]
 """Irradiance of a coherent source at a wavelength in m and points, and its error, (2, ...)."""
 
-# Irradiance below which errors are absolute, relative to the largest possible one (T2).
-_FLOOR = 1e-3
 _TOLERANCE = 1e-3
 # Errors of means over tilts and wavelengths: as a fraction of the tolerance, and relative to the
 # largest irradiance for exact fields.
 _OF_MIXTURE, _OF_EXACT = 1e-4, 1e-7
 # Errors of shadows, as a fraction of the tolerance.
 _OF_SHADOWS = 0.1
-# Number of edges above which rays take seconds; the exact field takes a hundredth of the time.
-_MANY_EDGES = 50
-# Distance to the source in wavelengths below which rays are a rough approximation.
-_NEAREST = 2.0
 
 
 class IrradianceOptions(TypedDict, total=False):
@@ -342,7 +314,7 @@ def _in_free_space(
     radiator = checked_radiator(source, partly=_has_closed_form(source, obliquity))
     positions = checked_points(points)
     flat = positions.reshape(-1, 3)
-    values, errors = _by_rays(radiator, flat, length, obliquity, allowed, engine)
+    values, errors = irradiance_by_rays(radiator, flat, length, obliquity, allowed, engine)
     shape = positions.shape[:-1]
     return values.reshape(shape)[()], errors.reshape(shape)[()]
 
@@ -434,204 +406,3 @@ def _of_shared_samples(
 
     result = partly_coherent_irradiance(fields, source, flat, wavelength, method, systems[0], error)
     return None if result is None else result.reshape(2, *positions.shape[:-1])
-
-
-# ---- Wigner rays ---------------------------------------------------------------------------------
-
-# Additional nodes along a side of a triangle, rule after rule. The first rule has two, which
-# integrate W exactly on triangles far smaller than a wavelength, where it is a quadratic.
-_LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
-# Number of triangles above which a rule with one node in each is tried first.
-_MANY_TRIANGLES = 500
-# Largest number of nodes of a rule, 64 MiB.
-_MOST_NODES = 1 << 22
-# Points whose phase rates agree within this fraction of 1/wavelength share their rules.
-_RATE_STEP = 0.25
-# Points whose error is smaller than this fraction of the allowed error are not computed again.
-_SETTLED = 0.03
-
-NodeSum = Callable[[tuple[Floats, Floats], Floats], Floats]
-"""Irradiance (n,) by a rule (nodes, weights) at points (n, 3)."""
-
-
-def _by_rays(
-    source: PlaneSource | Wavefront,
-    points: Floats,
-    wavelength: float,
-    obliquity: ObliquityName | None,
-    allowed: float,
-    engine: Engine,
-) -> tuple[Floats, Floats]:
-    """Return the irradiance by Wigner rays and its estimated error, (n,), at points (n, 3)."""
-    condition, flat = obliquity_of(obliquity), flat_source(source)
-    curved: tuple[float, ...] = ()
-    if isinstance(source, Wavefront) and not source.is_flat:
-        (xx, xy), (_, yy) = source.curvature.tolist()
-        curved = (xx, xy, yy, *source.centre.tolist())
-        check_slopes(source, condition.name)
-    execution.checked_engine(engine)
-    terms = []
-    for part, forms in condition.terms(flat, wavelength):
-        if is_partly_coherent(source):
-            part = Wavefront(part, coherence_width=normal_form(source).coherence_width)
-        kernel = _along_rays(kernel_for("wigner", part))
-        terms.append((kernel, part, (wavelength, *forms, *curved)))
-    radiator = radiator_of(flat)
-    clearance = radiator.distance(points)
-    if (clearance < _NEAREST * wavelength).any():
-        warn_caller(
-            "Wigner rays are a rough approximation at points less than "
-            f"{_NEAREST:g} wavelengths from the source; use method={DEFAULT!r}, which is exact"
-        )
-    edges = sum(len(ring) for ring in normal_form(flat).rings)
-    if edges > _MANY_EDGES:
-        warn_caller(
-            f"Wigner rays from {edges} edges take seconds; method='auto' computes the exact field, "
-            "about a hundred times faster"
-        )
-
-    def node_sum(rule: tuple[Floats, Floats], some: Floats) -> Floats:
-        total = np.zeros(len(some))
-        for kernel, part, constants in terms:
-            total += execution.evaluate_sums(
-                kernel, part, *rule, some, constants, double=True, engine=engine
-            )
-        return total
-
-    area = sum(element.area for element in flat.elements_in_plane)
-    reach = wavelength * radiator.distance_of_centre(points)
-    largest = energy_of(flat) / area * np.minimum(1.0, (area / reach) ** 2)  # (T2)
-    floor = _FLOOR * largest
-    values, errors = np.zeros(len(points)), np.zeros(len(points))
-    rates = _phase_rates(flat, wavelength, points, curved)
-    steps = np.ceil(rates * wavelength / _RATE_STEP)
-    triangles = smooth_triangles(flat) if has_few_kinks(flat) else _coarse_triangles(flat)
-    for step in np.unique(steps):
-        rate, group = float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
-        _check_nodes(triangles, rate, wavelength)
-        values[group], errors[group] = _refined_sums(
-            node_sum, triangles, rate, points[group], clearance[group], allowed, floor[group]
-        )
-    if not (errors <= allowed * np.maximum(np.abs(values), floor)).all():
-        warn_caller(
-            "the tolerance is not met at all points; irradiance_with_error returns the errors, and "
-            "method='auto' the exact field"
-        )
-    return values, errors
-
-
-@lru_cache(maxsize=64)
-def _along_rays(base: Kernel) -> Kernel:
-    """Return the integrand of (R1) for a kernel of W.
-
-    Arguments: ``x, y`` on the source, X, Y and Z of the point, the wavelength, the coefficients of
-    the forms of obliquity (D2), and for a curved wave Q_xx, Q_xy, Q_yy and its centre, whose
-    frequency depends on the position.
-    """
-
-    def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
-        point, wavelength, forms, curved = rest[:3], rest[3], Forms(*rest[4:7]), rest[7:]
-        along_x, along_y = point[0] - x, point[1] - y
-        square = along_x * along_x + along_y * along_y + point[2] * point[2]
-        inverse = 1.0 / ops.sqrt(square)
-        scale = inverse / wavelength
-        nu: Values = (along_x * scale, along_y * scale)
-        if curved:
-            (xx, xy, yy), (dx, dy) = curved[:3], (x - curved[3], y - curved[4])
-            nu = nu[0] - (xx * dx + xy * dy), nu[1] - (xy * dx + yy * dy)
-        factor = forms.irradiance(point[2] * inverse) * scale * scale
-        return (factor, *base.enter(ops, frame, x, y, *nu))
-
-    base_sum = base.edge_sum
-
-    def edge_sum(ops: Any, tables: Any, _: Any, *inner: Any) -> Values:
-        return base_sum(ops, tables, *inner)
-
-    def leave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-        return (inner[0] * base.leave(ops, frame, inner[1:], sums)[0],)
-
-    return replace(
-        base,
-        name=f"{base.name} along rays",
-        enter=enter,
-        edge_sum=base_sum.after(1) if isinstance(base_sum, SliceSum) else edge_sum,
-        leave=leave,
-    )
-
-
-def _coarse_triangles(source: PlaneSource) -> Triangles:
-    """Return triangles of the automean for sources with too many kinks of W.
-
-    Kinks cross these triangles. The gradient of W is continuous across most kinks, so the errors of
-    Gauss rules fall as the fourth power of the size of a triangle.
-    """
-    return quartered(triangulated(list(mutual_support(source).polygons.geoms)))
-
-
-def _refined_sums(
-    node_sum: NodeSum,
-    triangles: Triangles,
-    rate: float,
-    points: Floats,
-    clearance: Floats,
-    tolerance: float,
-    floor: Floats,
-) -> tuple[Floats, Floats]:
-    """Return irradiance and error estimates (n,), from rules refined until all points are settled.
-
-    The allowed error is ``tolerance`` times the irradiance or ``floor`` (n,), if that is larger.
-    ``clearance`` (n,): distances from the source. The integrand has singularities at complex
-    positions as far from the real ones. At a distance d, nodes h apart err by a fraction of
-    exp(-2 pi d/h). If that exceeds 1/e, two rules may agree although neither is right.
-    """
-    values, errors = np.zeros(len(points)), np.full(len(points), np.inf)
-    remaining = np.arange(len(points))
-    previous: Floats | None = None
-    for extra in (1.0, *_LEVELS) if len(triangles) > _MANY_TRIANGLES else _LEVELS:
-        if previous is not None and node_count(triangles, rate, extra) > _MOST_NODES:
-            break
-        sums = node_sum(gauss_rule(triangles, rate, extra), points[remaining])
-        values[remaining] = sums
-        if previous is None:
-            previous = sums
-            continue
-        change = np.abs(sums - previous)
-        change[clearance[remaining] < spacings(triangles, rate, extra).max() / (2 * np.pi)] = np.inf
-        errors[remaining] = change
-        allowed = tolerance * np.maximum(np.abs(sums), floor[remaining])
-        if (change <= allowed).all():
-            break
-        unsettled = change > _SETTLED * allowed
-        remaining, previous = remaining[unsettled], sums[unsettled]
-    return values, errors
-
-
-def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
-    count = node_count(triangles, rate, _LEVELS[0])
-    if not count <= _MOST_NODES:
-        across = float(np.ptp(triangles.reshape(-1, 2), axis=0).max()) / wavelength
-        raise ArgumentError(
-            f"source of {across:.3g} wavelengths is too large for Wigner rays to these points, "
-            f"which need {count:.2g} nodes; use method={DEFAULT!r}, which is exact, and check the "
-            "unit of the wavelength"
-        )
-
-
-def _phase_rates(
-    source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
-) -> Floats:
-    """Return the largest |nu - kappa| over rays to each point and waves kappa, in 1/m."""
-    xmin, ymin, xmax, ymax = source.bounds
-    corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
-    rays = points[:, None, :2] - corners
-    length = np.sqrt((rays**2).sum(axis=-1) + points[:, None, 2] ** 2)
-    nu = rays / (wavelength * length[..., None])
-    bent = 0.0
-    if curved:
-        q = np.array([curved[:2], curved[1:3]])
-        nu = nu - (corners - np.array(curved[3:])) @ q
-        bent = float(np.linalg.norm(q, 2) * np.hypot(xmax - xmin, ymax - ymin))
-    rates = np.zeros(len(points))
-    for kappa in normal_form(source).frequencies:
-        rates = np.maximum(rates, np.linalg.norm(nu - kappa, axis=-1).max(axis=1))
-    return rates + bent

@@ -18,21 +18,15 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Wavefront
 from polywigner.geometry.parts import grid_size, polygons_in
-from polywigner.numerics.nodes import normal_product_rule
+from polywigner.numerics.nodes import chirp_node_counts, normal_product_rule, unit_rule
 from polywigner.optics import FirstOrder
-from polywigner.propagation.quadrature import (
-    Trapezoids,
-    largest_rates,
-    node_counts,
-    rule_on,
-    trapezoids_of,
-)
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import Obliquity, direction_cosines
 from polywigner.transforms import ambiguity
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Indices = NDArray[np.intp]
 Channel = Floats | None
 """Part of a field: None for the field, or a wave's frequency (2,) for its normal derivative."""
 
@@ -304,3 +298,120 @@ def _sum_of_waves(
         # NumPy's sum: threads of BLAS take longer than such short products
         total[some] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
     return total
+
+
+# ---- rows of trapezoids --------------------------------------------------------------------------
+
+Trapezoids = NDArray[np.float64]
+"""(n, 3, 2): y, x on the left, and x on the right, of the lower and the upper side."""
+
+# Pairs of edges and heights per block.
+_BATCH = 1 << 20
+# Additional nodes near a pole off the plane, times arcsinh of (its distance over half the size).
+_POLE = 4.0
+
+
+def trapezoids_of(
+    polygons: Sequence[shapely.Polygon] | NDArray[np.object_],
+) -> tuple[Trapezoids, Indices]:
+    """Return trapezoids that tile polygons, and the index of the polygon of each.
+
+    The parallel sides lie at the heights of vertices.
+    """
+    rings, of_ring = shapely.get_rings(polygons, return_index=True)
+    vertices, ring = shapely.get_coordinates(rings, return_index=True)
+    is_edge = ring[1:] == ring[:-1]
+    edges = np.stack([vertices[:-1], vertices[1:]], axis=1)[is_edge]
+    owner = of_ring[ring[:-1][is_edge]]
+    counts = np.bincount(owner)
+    parts, owners = [], []
+    for count in np.unique(counts[counts > 0]).tolist():
+        same = np.flatnonzero(counts == count)
+        step = max(1, _BATCH // count**2)
+        for some in np.split(same, range(step, len(same), step)):
+            of_some = edges[np.isin(owner, some)].reshape(-1, count, 2, 2)
+            trapezoids, indices = _between_heights(of_some)
+            parts.append(trapezoids)
+            owners.append(some[indices])
+    return np.concatenate(parts), np.concatenate(owners)
+
+
+def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
+    """Return trapezoids of n polygons with m edges each, (n, m, 2, 2), and indices of polygons."""
+    (x, y), (end_x, end_y) = edges.transpose(2, 3, 0, 1)[..., None, :]
+    heights = np.sort(y[:, 0])
+    low, high = heights[:, :-1, None], heights[:, 1:, None]
+    across = ((y <= low) != (end_y <= low)) & (low < high)
+    slope = (end_x - x) / np.where(end_y == y, np.inf, end_y - y)
+    ends = np.stack([np.where(across, x + (level - y) * slope, np.inf) for level in (low, high)])
+    ends = np.take_along_axis(ends, np.argsort(ends.sum(axis=0), axis=-1)[None], axis=-1)
+    pairs = ends[..., : 2 * (ends.shape[-1] // 2)].transpose(1, 2, 3, 0)
+    left, right = pairs[:, :, ::2], pairs[:, :, 1::2]
+    levels = np.broadcast_to(np.stack([low, high], axis=-1), left.shape)
+    is_inside = np.isfinite(right).all(axis=-1)
+    return np.stack([levels, left, right], axis=-2)[is_inside], np.nonzero(is_inside)[0]
+
+
+def node_counts(
+    trapezoids: Trapezoids, rates: Floats, error: float, nearest: float = math.inf
+) -> Indices:
+    """Return the number of rows, and of nodes on a row, for each of n trapezoids, (n, 2).
+
+    ``rates``: largest frequencies of the integrand along x and y in 1/m, (2,) or (n, 2).
+    ``nearest``: distance of the poles of the integrand from the plane in m.
+    """
+    y, left, right = trapezoids.transpose(1, 0, 2)
+    height, width = np.diff(y)[:, 0], (right - left).max(axis=1)
+    aslant = np.maximum(abs(np.diff(left)), abs(np.diff(right)))[:, 0]
+    over_x, over_y = rates[..., 0], rates[..., 1]
+    cycles = np.stack([over_y * height + over_x * aslant, over_x * width], axis=1)
+    sizes = np.stack([np.maximum(height, aslant), width], axis=1) / 2
+    with np.errstate(divide="ignore"):
+        poles = np.ceil(_POLE / np.arcsinh(nearest / sizes))
+    return np.asarray(chirp_node_counts(math.pi * cycles, error) + poles.astype(np.intp))
+
+
+def rows_of(trapezoids: Trapezoids, counts: Indices) -> tuple[Floats, Floats, Floats]:
+    """Return x (..., m, n), y (..., m) and weights (..., m, n) of nodes on trapezoids (..., 3, 2).
+
+    Each trapezoid has m rows of n nodes; ``counts``: (m, n).
+    """
+    (up, of_rows), (along, on_row) = (unit_rule(count) for count in counts.tolist())
+    lines = trapezoids[..., :1] + up * np.diff(trapezoids)
+    y, left, right = (lines[..., k, :] for k in range(3))
+    length = (right - left)[..., None]
+    height = np.diff(trapezoids[..., 0, :])[..., None]
+    return left[..., None] + length * along, y, height * of_rows[:, None] * length * on_row
+
+
+def rule_on(
+    trapezoids: Trapezoids, rates: Floats, error: float, extra: int
+) -> tuple[Floats, Floats, Indices]:
+    """Return a rule on all trapezoids, and the index (n,) of the trapezoid of each node.
+
+    The rule has ``extra`` nodes more than :func:`node_counts` along each line.
+    """
+    counts = node_counts(trapezoids, rates, error) + extra
+    nodes, weights, owners = [], [], []
+    for shared in np.unique(counts, axis=0):
+        members = np.flatnonzero((counts == shared).all(axis=1))
+        x, y, amounts = rows_of(trapezoids[members], shared)
+        nodes.append(np.stack([x, np.broadcast_to(y[..., None], x.shape)], axis=-1).reshape(-1, 2))
+        weights.append(amounts.ravel())
+        owners.append(np.repeat(members, amounts[0].size))
+    return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
+
+
+def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:
+    """Return the highest frequencies along x and y of the field times the wave to each point.
+
+    In cycles per metre, (n, 2), over the source, for points (n, 3).
+    """
+    low, high = np.reshape(source.bounds, (2, 2))
+    corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
+    away = corners - points[:, None, :2]
+    # across each axis the source is nearest, where the slope along the axis is largest
+    outside = np.maximum(np.maximum(low - points[:, :2], points[:, :2] - high), 0.0)[:, ::-1]
+    distance = np.sqrt(away**2 + (outside**2 + points[:, 2:] ** 2)[:, None])
+    slopes = away / (wavelength * distance) + (corners - source.centre) @ source.curvature
+    return np.asarray(abs(slopes).max(axis=1) + abs(normal_form(source).frequencies).max(axis=0))

@@ -23,16 +23,14 @@ from polywigner.numerics.nodes import normal_product_rule
 from polywigner.optics import FirstOrder
 from polywigner.propagation.lag_sums import (
     Channel,
+    Trapezoids,
     channel_at,
     channels_of,
-    summed_over_lags,
-    summed_over_pairs,
-)
-from polywigner.propagation.quadrature import (
-    Trapezoids,
     largest_rates,
     node_counts,
     rows_of,
+    summed_over_lags,
+    summed_over_pairs,
     trapezoids_of,
 )
 from polywigner.source.normal_form import SourceElement, normal_form

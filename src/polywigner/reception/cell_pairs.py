@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.parts import polygons_in
-from polywigner.propagation.quadrature import (
+from polywigner.numerics.nodes import (
     NODES_PER_CYCLE,
     areas,
     rule_by_triangles,

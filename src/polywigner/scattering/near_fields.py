@@ -18,12 +18,13 @@ from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_number, checked_vectors, rigid_poses, warn_caller
+from polywigner.geometry.arguments import checked_vectors, rigid_poses, warn_caller
 from polywigner.propagation import amplitude_with_error, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
+from polywigner.propagation.point_grids import tolerance_from
 from polywigner.propagation.vector_fields import edge_integrals
 from polywigner.radiometry.directions import checked_source
-from polywigner.reception.norms import checked_normalise, root_of_norm
+from polywigner.reception.couplings import checked_normalise, root_of_norm
 from polywigner.scattering.facet_beams import sums_of_beams
 from polywigner.scattering.facets import (
     Facets,
@@ -483,7 +484,8 @@ def _across(polarisation: Complex, ray: Floats) -> Complex:
 
 # ---- cross sections -----------------------------------------------------------------------------
 
-_LEAST, _LARGEST = 1e-6, 0.1
+# Default tolerance, and the smallest one.
+_TOLERANCE, _LEAST = 1e-3, 1e-6
 # Tolerance of fields, as a fraction of the total tolerance.
 _OF_FIELD = 1e-2
 
@@ -500,10 +502,7 @@ def near_sections(
     normalise: str,
 ) -> tuple[Floats, Floats]:
     """Return apparent cross sections (...) in m^2, and power ratios |b|^2 (...): (SC3)."""
-    meaning = f"a number from {_LEAST:g} to {_LARGEST:g}"
-    allowed = checked_number(tolerance, "tolerance", meaning)
-    if not _LEAST <= allowed <= _LARGEST:
-        raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}")
+    allowed = tolerance_from(tolerance, _TOLERANCE, _LEAST)
     checked_normalise(normalise)
     for antenna in (source, receiver):
         if antenna is not None:

@@ -15,7 +15,7 @@ from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.geometry.arguments import checked_count
 from polywigner.geometry.shapes import square
 from polywigner.mitsuba.scenes.surfaces import faces_of, sorted_shapes, vertices_of
-from polywigner.reception.norms import NORMALISATIONS
+from polywigner.reception.couplings import NORMALISATIONS
 from polywigner.scattering.cross_sections import MOST_BOUNCES
 from polywigner.scattering.facets import Facets, facets_of, lights_itself
 from polywigner.scattering.near_fields import Antenna
