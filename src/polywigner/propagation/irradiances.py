@@ -219,11 +219,11 @@ def _irradiance_and_error(
     source: LightSource,
     points: ArrayLike,
     wavelength: float,
-    method: str,
+    method: Any,
     *,
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
-    obliquity: ObliquityName | None = None,
+    obliquity: Any = None,
     bandwidth: float | None = None,
     tolerance: float = _TOLERANCE,
     engine: Engine = "auto",
@@ -233,25 +233,39 @@ def _irradiance_and_error(
     checked_method(method, ("wigner", *METHODS, "auto"))
     allowed = checked_tolerance(tolerance)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
+    others = {
+        "method": None if method in ("wigner", "auto", "fresnel") else method,
+        "obliquity": obliquity,
+    }
+    if method == "auto":
+        condition = obliquity_of(obliquity)
+        is_exact = condition.is_boundary_condition
+        method, obliquity = (condition.name, None) if is_exact else ("wigner", condition.name)
     if obstacles is not None and (method == "wigner" or not (through is None is bandwidth)):
         raise ArgumentError(
-            "obstacles require one wavelength, no system of lenses, and a method with fields, "
-            f'got method={method!r} and bandwidth={bandwidth!r}; use method="auto" alone'
+            "obstacles require one wavelength, no system of lenses, and a method that computes fields, got "
+            f'method={method!r} and bandwidth={bandwidth!r}; use method="auto" alone'
         )
+    if method == "wigner" and isinstance(source, PointSource):
+        method = DEFAULT  # rays of a point source carry |exp(ikR)/R|^2 exactly
+    field_tolerance = min(allowed, DEFAULT_TOLERANCE)
+    if obstacles is not None:
+        field_tolerance = max(_OF_SHADOWS * allowed, LEAST_TOLERANCE)
 
     def compute(part: LightSource, length: float, positions: ArrayLike) -> Floats:
         if through is not None:
-            others = {"method": None if method in ("wigner", "auto", "fresnel") else method}
-            field = field_behind(
-                part, positions, length, through, None if allowed == _TOLERANCE else allowed,
-                {**others, "obliquity": obliquity}, engine,
-            )  # fmt: skip
+            behind = None if allowed == _TOLERANCE else allowed
+            field = field_behind(part, positions, length, through, behind, others, engine)
             return np.stack(squared_field(*field))
-        return np.stack(
-            _in_free_space(
-                part, positions, length, method, obstacles, obliquity, allowed, engine, with_error
-            )
-        )
+        if method == "wigner":
+            return _by_rays(part, positions, length, obliquity, allowed, engine)
+        if obstacles is None and not isinstance(part, (Screen, PointSource)):
+            part = checked_radiator(part)
+        field = field_and_error(
+            part, positions, length, method, obstacles=obstacles, obliquity=obliquity,
+            tolerance=field_tolerance, engine=engine, with_error=with_error,
+        )  # fmt: skip
+        return np.stack(squared_field(*field))
 
     by_lags = through is None and method == "wigner" and _has_closed_form(source, obliquity)
     has_tilts = is_partly_coherent(source) and not by_lags
@@ -261,12 +275,11 @@ def _irradiance_and_error(
     error = (_OF_SHADOWS if obstacles is not None else _OF_MIXTURE) * allowed
     if obstacles is None and method != "wigner":
         error = min(error, _OF_EXACT)
-    name = obliquity_of(obliquity).name if method == "auto" else method
     total: Any = 0.0
     for part, length, weight in _band(source, wavelength, bandwidth, error):
         mean: Floats | None = None
         if has_tilts and obstacles is None:
-            mean = _of_shared_samples(compute, part, points, length, name, through, error)
+            mean = _of_shared_samples(compute, part, points, length, method, through, error)
         if mean is None:
             tilted = _tilted(part, error) if has_tilts else [(part, 1.0)]
             mean = np.asarray(sum(w * compute(s, length, points) for s, w in tilted))
@@ -274,37 +287,15 @@ def _irradiance_and_error(
     return total[0], total[1]
 
 
-def _in_free_space(
+def _by_rays(
     source: LightSource,
     points: ArrayLike,
     wavelength: float,
-    method: Any,
-    obstacles: Obstacle | Sequence[Obstacle] | None,
-    obliquity: Any,
-    allowed: float,
+    obliquity: ObliquityName | None,
+    tolerance: float,
     engine: Engine,
-    with_error: bool,
-) -> tuple[Floats, Floats]:
-    """Return the irradiance (...) of one wavelength without a system, and its error."""
-    if method == "auto":
-        condition = obliquity_of(obliquity)
-        is_exact = condition.is_boundary_condition
-        method, obliquity = (condition.name, None) if is_exact else ("wigner", condition.name)
-    if method == "wigner" and isinstance(source, PointSource):
-        method = DEFAULT  # rays of a point source carry |exp(ikR)/R|^2 exactly
-    if method != "wigner":
-        if obstacles is not None:
-            tolerance = max(_OF_SHADOWS * allowed, LEAST_TOLERANCE)
-        else:
-            tolerance = min(allowed, DEFAULT_TOLERANCE)
-            if not isinstance(source, (Screen, PointSource)):
-                source = checked_radiator(source)
-        return squared_field(
-            *field_and_error(
-                source, points, wavelength, method, obstacles=obstacles, obliquity=obliquity,
-                tolerance=tolerance, engine=engine, with_error=with_error,
-            )
-        )  # fmt: skip
+) -> Floats:
+    """Return the irradiance by Wigner rays and its error, (2, ...), at points (..., 3)."""
     length = checked_wavelength(wavelength)
     if isinstance(source, Screen):
         raise ArgumentError(
@@ -313,10 +304,10 @@ def _in_free_space(
         )
     radiator = checked_radiator(source, partly=_has_closed_form(source, obliquity))
     positions = checked_points(points)
-    flat = positions.reshape(-1, 3)
-    values, errors = irradiance_by_rays(radiator, flat, length, obliquity, allowed, engine)
-    shape = positions.shape[:-1]
-    return values.reshape(shape)[()], errors.reshape(shape)[()]
+    rays = irradiance_by_rays(
+        radiator, positions.reshape(-1, 3), length, obliquity, tolerance, engine
+    )
+    return np.reshape(rays, (2, *positions.shape[:-1]))
 
 
 def _has_closed_form(source: LightSource, obliquity: ObliquityName | None) -> bool:
