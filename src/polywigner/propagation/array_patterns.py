@@ -114,6 +114,8 @@ def array_tolerance(
     ----------
     J. Ruze, Nuovo Cimento 9, Suppl. (1952) 364-380.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> positions = pw.arrays.grid_positions(8, 8, 2e-3)
     >>> array = pw.phased_array(pw.shapes.square(1.9e-3), positions)
@@ -275,6 +277,8 @@ def two_way_pattern(
     PolywignerError
         As :func:`radiation_pattern`.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> square = pw.shapes.square(10e-3)
     >>> pattern = pw.two_way_pattern(square, square, 3.2e-3, 0.0, 0.0)

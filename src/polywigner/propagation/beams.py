@@ -59,6 +59,8 @@ class CutMetrics:
     On a meridian, angles are theta, negative at the opposite phi. On a great circle through the
     beam, angles are measured from the beam.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, [-0.1, 0.0, 0.1], 0.0)
     >>> pw.beam_metrics(pattern).cuts[0].phi
@@ -93,6 +95,8 @@ class CutMetrics:
 class BeamMetrics:
     """Main beam of a pattern; ``str()`` is a table.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, [-0.1, 0.0, 0.1], 0.0)
     >>> round(pw.beam_metrics(pattern).directivity, 1)
@@ -236,6 +240,8 @@ def beam_metrics(
         If fewer than six samples lie within the half-power width, or the beam is 0.1 dB or more
         above all cuts.
 
+    Examples
+    --------
     >>> import numpy as np, polywigner as pw
     >>> theta, phi = np.radians(np.arange(-90, 91)), np.radians([0, 90])
     >>> square = pw.shapes.square(10e-3)

@@ -305,6 +305,8 @@ def fit_pattern(
     GeometryError
         For apertures of too many wavelengths.
 
+    Examples
+    --------
     >>> import numpy as np, polywigner as pw
     >>> square, wavelength = pw.shapes.square(6e-3), 3.9e-3
     >>> angles = np.radians(np.arange(0, 91, 3)), np.radians(np.arange(0, 360, 6))

@@ -1,7 +1,4 @@
-"""Irradiance |U|^2 at points in front of a source: Wigner rays, and mixtures of waves.
-
-Source: (R1), (T1), (T2).
-"""
+"""Irradiance |U|^2 at points, also of bands of wavelengths and of partially coherent light."""
 
 from __future__ import annotations
 
@@ -57,13 +54,14 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 Floats = NDArray[np.float64]
 LightSource = Aperture | Array | Wavefront | Screen | PointSource
 Compute = Callable[[LightSource, float, ArrayLike], Floats]
-"""Irradiance of a coherent source at a wavelength in m and points, and its error, (2, ...)."""
+"""Function of a coherent source, a wavelength in m and points that returns the irradiance and its
+error, (2, ...)."""
 
 _TOLERANCE = 1e-3
-# Errors of means over tilts and wavelengths: as a fraction of the tolerance, and relative to the
-# largest irradiance for exact fields.
+# Allowed error of means over tilts and wavelengths: as a fraction of the tolerance, and for exact
+# fields relative to the largest irradiance.
 _OF_MIXTURE, _OF_EXACT = 1e-4, 1e-7
-# Errors of shadows, as a fraction of the tolerance.
+# Allowed error of shadows, as a fraction of the tolerance.
 _OF_SHADOWS = 0.1
 
 
@@ -95,10 +93,10 @@ def irradiance(
 ) -> Floats:
     """Compute the irradiance |U|^2 at points in front of a source.
 
-    Wigner rays are the paper's method, an approximation to leading order: each position on the
-    automean sends one ray to each point, with the radiance W in that direction (R1). All other
-    methods square the field of :func:`amplitude`. The irradiance is |U|^2, not the flux through
-    a tilted receiver.
+    Wigner rays, the method of the paper, are an approximation to leading order: each position on
+    the automean sends one ray to each point, with the radiance W in that direction (R1). All other
+    methods square the field of :func:`amplitude`. The irradiance is |U|^2; it does not include the
+    cosine of a tilted receiver.
 
     Parameters
     ----------
@@ -110,9 +108,9 @@ def irradiance(
     wavelength : float
         Wavelength in m.
     method : str, default "wigner"
-        "wigner" (rays), one of the methods of :func:`amplitude`, or "auto": the exact field of
-        the boundary condition that ``obliquity`` names. For outlines with many edges the exact
-        field is a hundred times faster than rays (300 vertices, 50 points: 0.19 s, not 19.7 s).
+        "wigner" (rays), one of the methods of :func:`amplitude`, or "auto": the exact field with
+        the boundary condition ``obliquity``. For outlines with many edges the exact field is a
+        hundred times faster than rays (300 vertices, 50 points: 0.19 s instead of 19.7 s).
     through : FirstOrder or sequence, optional
         First-order systems and stops between source and points, as in :func:`amplitude`. The
         square of Collins' integral is exactly the integral of W over all frequencies.
@@ -121,33 +119,34 @@ def irradiance(
         method of :func:`amplitude`, and no ``bandwidth``.
     obliquity : str, optional
         Boundary condition that rays are matched to, as in :func:`radiation_pattern`, or "paper",
-        a factor cos(theta) of no boundary condition. It applies to each pair of the waves of a
-        field. It is also the obliquity of "fraunhofer", except "paper"; the other methods have a
-        fixed one.
+        a factor cos(theta) that corresponds to no boundary condition. It applies to each pair of
+        plane waves of the source's field. "fraunhofer" also uses it, except "paper"; the obliquity
+        of all other methods is fixed.
     bandwidth : float, optional
-        Bandwidth in Hz of a flat spectrum about the wavelength's frequency (docs/coherence.md,
-        (PC6)); by default the light has one wavelength.
+        Bandwidth in Hz of a flat spectrum about the frequency of the wavelength
+        (docs/coherence.md, (PC6)). By default the light has one wavelength.
     tolerance : float, default 1e-3
-        Error of the sum over rays, relative to the irradiance where that exceeds 1e-3 of the
-        largest irradiance that a source of this power and area can produce at that distance (T2),
-        else relative to 1e-3 of that. It does not include the error of the ray approximation
-        (docs/propagation.md). Other methods are at least as accurate as :func:`amplitude` by
-        default; their means over partially coherent light err by at most 1e-4 of the tolerance,
-        at most 1e-7, of the largest irradiance.
+        Allowed relative error of the sum over rays. Below 1e-3 of the largest irradiance that a
+        source of this power and area can produce at that distance (T2), the error is relative to
+        that value instead. The error of the ray approximation (docs/propagation.md) is not
+        included. Other methods are at least as accurate as :func:`amplitude` by default. Their
+        means over partially coherent light have errors of at most 1e-4 of the tolerance, and at
+        most 1e-7, relative to the largest irradiance.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.
 
     Returns
     -------
     ndarray of float64, shape (...)
-        Irradiance in the unit of the source's |u|^2; by rays it can be slightly negative near
-        nulls. An ``xarray.DataArray`` of points gives a DataArray.
+        Irradiance in the unit of the source's |u|^2. Near nulls, rays can give slightly negative
+        values. If ``points`` is an ``xarray.DataArray``, the result is a DataArray.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type, shape or range, Dr.Jit arrays, and sources too large for
-        rays (some hundred wavelengths for oblique points nearby, thousands far away).
+        If an argument has the wrong type, shape or range or is a Dr.Jit array, and if the source is
+        too large for rays (some hundred wavelengths for oblique points nearby, thousands for
+        points far away).
     GeometryError
         If elements of an Array do not lie in the plane z = 0.
     EngineError
@@ -156,8 +155,8 @@ def irradiance(
     Warns
     -----
     PolywignerWarning
-        If rays are not valid (points nearer than two wavelengths), if the tolerance is not met,
-        and where :func:`amplitude` warns of fits.
+        If points are nearer than two wavelengths, where rays are not valid; if the tolerance is not
+        met; and for fits of which :func:`amplitude` warns.
 
     See Also
     --------
@@ -196,7 +195,7 @@ def irradiance_with_error(
     irradiance : ndarray of float64, shape (...)
         See :func:`irradiance`.
     error : ndarray of float64, shape (...)
-        Estimated error of each value: for rays the difference between the last two rules. It is
+        Estimated error of each value. For rays it is the difference between the last two rules, and
         infinite for points so near to the source that their rays pass between the nodes of every
         rule. Behind obstacles the estimate doubles the computing time.
 
@@ -229,7 +228,10 @@ def _irradiance_and_error(
     engine: Engine = "auto",
     with_error: bool = False,
 ) -> tuple[Floats, Floats]:
-    """Return the irradiance (...) and its error; behind obstacles it requires ``with_error``."""
+    """Return the irradiance (...) and its error.
+
+    Behind obstacles the error is computed only if ``with_error`` is true.
+    """
     checked_method(method, ("wigner", *METHODS, "auto"))
     allowed = checked_tolerance(tolerance)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
@@ -243,8 +245,8 @@ def _irradiance_and_error(
         method, obliquity = (condition.name, None) if is_exact else ("wigner", condition.name)
     if obstacles is not None and (method == "wigner" or not (through is None is bandwidth)):
         raise ArgumentError(
-            "obstacles require one wavelength, no system of lenses, and a method that computes fields, got "
-            f'method={method!r} and bandwidth={bandwidth!r}; use method="auto" alone'
+            "obstacles require one wavelength, no system of lenses, and a method that computes "
+            f'fields, got method={method!r} and bandwidth={bandwidth!r}; use method="auto" alone'
         )
     if method == "wigner" and isinstance(source, PointSource):
         method = DEFAULT  # rays of a point source carry |exp(ikR)/R|^2 exactly
@@ -311,7 +313,7 @@ def _by_rays(
 
 
 def _has_closed_form(source: LightSource, obliquity: ObliquityName | None) -> bool:
-    """Whether the light is partially coherent, with a W of all tilts in closed form (PC8).
+    """Return whether the mean of W over the tilts of partially coherent light is known (PC8).
 
     The obliquity must not depend on the tilt.
     """
@@ -321,12 +323,11 @@ def _has_closed_form(source: LightSource, obliquity: ObliquityName | None) -> bo
 
 
 def checked_tolerance(tolerance: float) -> float:
-    """Return a number above 0 and below 1; raise ArgumentError for anything else."""
-    value = checked_number(tolerance, "tolerance", "a number above 0 and below 1")
+    """Return a number above 0 and below 1; raise ArgumentError for other values."""
+    meaning = "a number above 0 and below 1"
+    value = checked_number(tolerance, "tolerance", meaning)
     if not 0.0 < value < 1.0:
-        raise ArgumentError(
-            f"expected tolerance as a number above 0 and below 1, got {tolerance!r}"
-        )
+        raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}")
     return value
 
 
@@ -336,9 +337,10 @@ def checked_tolerance(tolerance: float) -> float:
 def mixture_parts(
     source: Aperture | Array | Wavefront, wavelength: float, bandwidth: float | None, error: float
 ) -> Iterator[tuple[Aperture | Array | Wavefront, float, float]]:
-    """Yield coherent sources, wavelengths in m and weights, whose mean is the mixture of waves.
+    """Yield coherent sources, wavelengths in m and weights that represent a mixture of waves.
 
-    ``error``: error of the mean, relative to the largest possible irradiance.
+    The irradiance of the mixture is the weighted sum. ``error`` is its allowed error, relative to
+    the largest possible irradiance.
     """
     for part, length, weight in _band(source, wavelength, bandwidth, error):
         for tilted, fraction in _tilted(part, error):
@@ -348,7 +350,7 @@ def mixture_parts(
 def _band(
     source: Any, wavelength: float, bandwidth: float | None, error: float
 ) -> Iterator[tuple[Any, float, float]]:
-    """Yield the source at the wavelengths of a band, these wavelengths in m, and weights."""
+    """Yield the source at each wavelength of a band, the wavelength in m, and its weight."""
     length = checked_wavelength(wavelength)
     band = [(length, 1.0)]
     if bandwidth is not None:
@@ -359,7 +361,7 @@ def _band(
 
 
 def _tilted(source: Any, error: float) -> Iterator[tuple[Any, float]]:
-    """Yield the coherent source with each tilt of its partially coherent light, and weights."""
+    """Yield a coherent source for each tilt of partially coherent light, and its weight."""
     if not is_partly_coherent(source):
         yield source, 1.0
         return
@@ -378,7 +380,8 @@ def _of_shared_samples(
 ) -> Floats | None:
     """Return the irradiance of partially coherent light and its error, (2, ...).
 
-    None: the mean over tilts is faster.
+    All tilts share the samples of the source. The result is None if the mean over the fields of
+    single tilts is faster.
     """
     checked_radiator(source, partly=True)
     systems: Sequence[FirstOrder | None] = [None]

@@ -127,6 +127,8 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
         if a gain exceeds the directivity; and if GAIN in a .msi file has no unit, and dBd is
         assumed.
 
+    Examples
+    --------
     >>> import numpy as np, polywigner as pw
     >>> import pathlib, tempfile
     >>> angles = np.radians(np.arange(0, 91, 5)), np.radians(np.arange(0, 360, 10))
@@ -442,6 +444,8 @@ def write_pattern(
         If ``pattern`` is not a pattern, for another polarisation, for angles that the format does
         not support, and if the file cannot be written.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> import pathlib, tempfile
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, [0.0, 0.1], [0.0])

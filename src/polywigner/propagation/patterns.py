@@ -130,6 +130,8 @@ def radiation_pattern(
     EngineError
         If the engine is not available.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, 0.0, 0.0)
     >>> round(pattern.attrs["largest_directivity"], 2)  # dBi
@@ -177,6 +179,8 @@ def beam_cuts(
     PolywignerError
         As :func:`radiation_pattern`.
 
+    Examples
+    --------
     >>> import numpy as np, polywigner as pw
     >>> wave = pw.steering((0.5, 0.0, np.sqrt(0.75)), 3.2e-3)
     >>> square = pw.shapes.square(20e-3).with_illumination(wave)

@@ -48,6 +48,8 @@ _POINTS, _THETA, _PHI = 17, 31, 24
 class AxisSampling:
     """An evenly spaced axis of a grid.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> axis = pw.suggest_sampling(pw.shapes.square(10e-3), 3.2e-3).axes[0]
     >>> axis.name, axis.unit, axis.count
@@ -85,6 +87,8 @@ class AxisSampling:
 class Sampling:
     """Result of :func:`suggest_sampling`; ``sampling["nu_x"]`` is the axis of that name.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pw.suggest_sampling(pw.shapes.square(10e-3), 3.2e-3).samples
     729
@@ -174,6 +178,8 @@ def suggest_sampling(
     GeometryError
         For an Array whose elements do not lie in the plane z = 0.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> axes = pw.suggest_sampling(pw.shapes.square(10e-3), 3.2e-3).axes
     >>> [axis.count for axis in axes]

@@ -1,5 +1,6 @@
-"""Irradiance by Wigner rays, from Gauss rules on triangles without kinks of W inside.
+"""Irradiance by Wigner rays, to a tolerance.
 
+The integral over positions on the automean is a Gauss rule on triangles that no kink of W crosses.
 Source: (R1), (T1), (T2).
 """
 
@@ -43,27 +44,28 @@ from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 
 Floats = NDArray[np.float64]
 
-# Irradiance below which errors are absolute, relative to the largest possible one (T2).
+# Irradiance below which errors are absolute, relative to the largest possible irradiance (T2).
 _FLOOR = 1e-3
 # Number of edges above which rays take seconds; the exact field takes a hundredth of the time.
 _MANY_EDGES = 50
 # Distance to the source in wavelengths below which rays are a rough approximation.
 _NEAREST = 2.0
 
-# Additional nodes along a side of a triangle, rule after rule. The first rule has two, which
-# integrate W exactly on triangles far smaller than a wavelength, where it is a quadratic.
+# Additional nodes along a side of a triangle for each successive rule. Two nodes integrate W
+# exactly on triangles far smaller than a wavelength, where W is a quadratic.
 _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
-# Number of triangles above which a rule with one node in each is tried first.
+# Number of triangles above which a rule with one additional node is tried first.
 _MANY_TRIANGLES = 500
 # Largest number of nodes of a rule, 64 MiB.
 _MOST_NODES = 1 << 22
 # Points whose phase rates agree within this fraction of 1/wavelength share their rules.
 _RATE_STEP = 0.25
-# Points whose error is smaller than this fraction of the allowed error are not computed again.
+# A point is settled, and not refined further, if its error is below this fraction of the allowed
+# error.
 _SETTLED = 0.03
 
 NodeSum = Callable[[tuple[Floats, Floats], Floats], Floats]
-"""Irradiance (n,) by a rule (nodes, weights) at points (n, 3)."""
+"""Function of a rule (nodes, weights) and points (n, 3) that returns the irradiance (n,)."""
 
 
 def irradiance_by_rays(
@@ -74,7 +76,10 @@ def irradiance_by_rays(
     allowed: float,
     engine: Engine,
 ) -> tuple[Floats, Floats]:
-    """Return the irradiance by Wigner rays and its estimated error, (n,), at points (n, 3)."""
+    """Return the irradiance by Wigner rays and its estimated error, (n,), at points (n, 3).
+
+    ``allowed``: relative error, as the tolerance of :func:`irradiance`.
+    """
     condition, flat = obliquity_of(obliquity), flat_source(source)
     curved: tuple[float, ...] = ()
     if isinstance(source, Wavefront) and not source.is_flat:
@@ -98,15 +103,15 @@ def irradiance_by_rays(
     edges = sum(len(ring) for ring in normal_form(flat).rings)
     if edges > _MANY_EDGES:
         warn_caller(
-            f"Wigner rays from {edges} edges take seconds; method='auto' computes the exact field, "
-            "about a hundred times faster"
+            f"Wigner rays from {edges} edges take seconds; use method='auto' for the exact field, "
+            "which is about a hundred times faster"
         )
 
-    def node_sum(rule: tuple[Floats, Floats], some: Floats) -> Floats:
-        total = np.zeros(len(some))
+    def node_sum(rule: tuple[Floats, Floats], block: Floats) -> Floats:
+        total = np.zeros(len(block))
         for kernel, part, constants in terms:
             total += execution.evaluate_sums(
-                kernel, part, *rule, some, constants, double=True, engine=engine
+                kernel, part, *rule, block, constants, double=True, engine=engine
             )
         return total
 
@@ -126,8 +131,8 @@ def irradiance_by_rays(
         )
     if not (errors <= allowed * np.maximum(np.abs(values), floor)).all():
         warn_caller(
-            "the tolerance is not met at all points; irradiance_with_error returns the errors, and "
-            "method='auto' the exact field"
+            "the tolerance is not met at all points; use irradiance_with_error to get the errors, "
+            "or method='auto' for the exact field"
         )
     return values, errors
 
@@ -136,9 +141,9 @@ def irradiance_by_rays(
 def _along_rays(base: Kernel) -> Kernel:
     """Return the integrand of (R1) for a kernel of W.
 
-    Arguments: ``x, y`` on the source, X, Y and Z of the point, the wavelength, the coefficients of
-    the forms of obliquity (D2), and for a curved wave Q_xx, Q_xy, Q_yy and its centre, whose
-    frequency depends on the position.
+    Its arguments are the position x, y on the source; the point X, Y, Z; the wavelength; the three
+    coefficients of the obliquity (D2); and for a curved wave, whose local frequency depends on the
+    position, Q_xx, Q_xy, Q_yy and the two coordinates of its centre.
     """
 
     def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
@@ -172,10 +177,10 @@ def _along_rays(base: Kernel) -> Kernel:
 
 
 def _coarse_triangles(source: PlaneSource) -> Triangles:
-    """Return triangles of the automean for sources with too many kinks of W.
+    """Return triangles of the automean of a source with too many kinks of W to separate them.
 
-    Kinks cross these triangles. The gradient of W is continuous across most kinks, so the errors of
-    Gauss rules fall as the fourth power of the size of a triangle.
+    Kinks cross these triangles, but the gradient of W is continuous across most kinks. The errors
+    of Gauss rules are therefore proportional to the fourth power of the size of a triangle.
     """
     return quartered(triangulated(list(mutual_support(source).polygons.geoms)))
 
@@ -191,10 +196,15 @@ def _refined_sums(
 ) -> tuple[Floats, Floats]:
     """Return irradiance and error estimates (n,), from rules refined until all points are settled.
 
-    The allowed error is ``tolerance`` times the irradiance or ``floor`` (n,), if that is larger.
-    ``clearance`` (n,): distances from the source. The integrand has singularities at complex
-    positions as far from the real ones. At a distance d, nodes h apart err by a fraction of
-    exp(-2 pi d/h). If that exceeds 1/e, two rules may agree although neither is right.
+    The allowed error is ``tolerance`` times the irradiance, or times ``floor`` (n,) if that is
+    larger.
+
+    Notes
+    -----
+    A point at the distance d = ``clearance`` from the source causes singularities of the integrand
+    at complex positions, at the distance d from the real ones. Nodes with a spacing h then have a
+    relative error of exp(-2 pi d/h). If this exceeds 1/e, two rules may agree although both are
+    wrong, so the error estimate is infinite.
     """
     values, errors = np.zeros(len(points)), np.full(len(points), np.inf)
     remaining = np.arange(len(points))
@@ -223,16 +233,16 @@ def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
     if not count <= _MOST_NODES:
         across = float(np.ptp(triangles.reshape(-1, 2), axis=0).max()) / wavelength
         raise ArgumentError(
-            f"source of {across:.3g} wavelengths is too large for Wigner rays to these points, "
-            f"which need {count:.2g} nodes; use method={DEFAULT!r}, which is exact, and check the "
-            "unit of the wavelength"
+            f"a source of {across:.3g} wavelengths is too large for Wigner rays to these points, "
+            f"which require {count:.2g} nodes; use method={DEFAULT!r}, which is exact, and check "
+            "the unit of the wavelength"
         )
 
 
 def _phase_rates(
     source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
 ) -> Floats:
-    """Return the largest |nu - kappa| over rays to each point and waves kappa, in 1/m."""
+    """Return the largest |nu - kappa| (n,) in 1/m of rays nu to points (n, 3) and waves kappa."""
     xmin, ymin, xmax, ymax = source.bounds
     corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
     rays = points[:, None, :2] - corners
@@ -251,15 +261,15 @@ def _phase_rates(
 
 # ---- triangles where W is smooth -----------------------------------------------------------------
 
-# Largest number of segments of kinks, some seconds of work, and of points where they meet.
-_MOST_KINKS, _MOST_MEETINGS = 1 << 16, 1 << 20
-# Segments in the sample that estimates the number of meetings.
-_COUNTED = 256
+# Largest number of kink segments, which take some seconds, and of their intersections.
+_MOST_KINKS, _MOST_INTERSECTIONS = 1 << 16, 1 << 20
+# Number of segments from which the number of intersections is estimated.
+_SAMPLE = 256
 
 
 @lru_cache(maxsize=64)
 def _kinks(source: Aperture | Array) -> Floats | None:
-    """Return the ends (m, 2, 2) of the kink segments (T1) without repetitions; None: too many."""
+    """Return the ends (m, 2, 2) of the distinct kink segments (T1); None if there are too many."""
     form = normal_form(source)
     elements, means = form.in_plane.elements, np.zeros((1, 2))
     grid = 0.0
@@ -281,9 +291,9 @@ def _kinks(source: Aperture | Array) -> Floats | None:
 
 
 def _distinct(segments: Floats, grid: float) -> Floats:
-    """Round segments (n, 2, 2) to the grid and remove repetitions and points.
+    """Round segments (n, 2, 2) to a grid, and remove duplicates and segments of length zero.
 
-    Segments of opposite directions are equal.
+    Segments that differ in the order of their ends only are duplicates.
     """
     steps = np.rint(segments / grid)
     order = np.lexsort((steps[..., 1], steps[..., 0]), axis=1)
@@ -294,19 +304,19 @@ def _distinct(segments: Floats, grid: float) -> Floats:
 
 @lru_cache(maxsize=64)
 def has_few_kinks(source: Aperture | Array) -> bool:
-    """Whether W has at most 65,536 segments of kinks, which meet at most about 1e6 times."""
+    """Return whether W has at most 65,536 kink segments with at most about 1e6 intersections."""
     segments = _kinks(source)
     if segments is None:
         return False
     lines = shapely.linestrings(segments)
-    sample = lines[:: max(1, len(lines) // _COUNTED)]
-    meetings = shapely.STRtree(lines).query(sample, predicate="intersects").shape[1]
-    return bool(meetings / len(sample) * len(lines) / 2 <= _MOST_MEETINGS)
+    sample = lines[:: max(1, len(lines) // _SAMPLE)]
+    intersections = shapely.STRtree(lines).query(sample, predicate="intersects").shape[1]
+    return bool(intersections / len(sample) * len(lines) / 2 <= _MOST_INTERSECTIONS)
 
 
 @lru_cache(maxsize=64)
 def smooth_triangles(source: Aperture | Array) -> Triangles:
-    """Triangles (n, 3, 2) that tile the automean of a source and that no kink of W crosses.
+    """Return triangles (n, 3, 2) that tile the automean of a source and that no kink of W crosses.
 
     The source must satisfy :func:`has_few_kinks`.
     """
