@@ -285,7 +285,7 @@ class _TiltAxis(NamedTuple):
     @property
     def tilts(self) -> Floats:
         """Tilts (2 half + 1,) in cycles per metre."""
-        return self.step * np.arange(-self.half, self.half + 1)
+        return np.asarray(self.step * np.arange(-self.half, self.half + 1), np.float64)
 
 
 def _tilt_axis(tail: float, reach: float, width: float) -> _TiltAxis:
