@@ -153,7 +153,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "a thick plane": (lambda: pw.plane(SQUARE, BOX, (2, 2), 1.0), "zero thickness"),
     "a rhombus": (
         lambda: pw.plane(SQUARE, ((0, 0, 1), (1, 0, 1), (1, 1, 1)), (2, 2), 1.0),
-        "right angles",
+        "perpendicular",
     ),
     "a point": (lambda: pw.line(SQUARE, ((0, 0, 1), (0, 0, 1)), 2, 1.0), "twice"),
     "the horizon": (lambda: pw.hemisphere(SQUARE, 1.0, math.pi / 2, 0.0, 1.0), "z > 0"),
