@@ -93,7 +93,7 @@ DAMAGES: dict[str, tuple[Any, str]] = {
     "a text": (lambda t: t.replace("\n0,2,", "\n0,two,", 1), "line 3"),
     "not finite": (lambda t: re.sub(r"\n0,2,[^,]*,[^,]*", "\n0,2,0,nan", t), "finite"),
     "a row less": (lambda t: t[: t.rstrip().rfind("\n")], "a grid of"),
-    "a row twice": (lambda t: t + t.splitlines()[-1], "once"),
+    "a row twice": (lambda t: t + t.splitlines()[-1], "several times"),
     "zeros": (lambda t: re.sub(r"(?m)^(\d+,\d+,[^,]*),.*", r"\1,0,0,0,0", t), "zero"),
     "a cut": (lambda t: "\n".join(t.splitlines()[: 1 + len(GRID[0])]), "full circle"),
 }

@@ -6,9 +6,10 @@ currents alone (an opening in a metal screen), by electric currents alone, or by
 
     magnetic E = (q d/dz - z q.grad) Phi/(ik),   electric E = q Phi + grad (q.grad Phi)/k^2
 
-Phi is the second Rayleigh-Sommerfeld integral of the plane waves of u, each divided by its direction
-cosine p_z. The derivative dPhi/dz/(ik) is the first Rayleigh-Sommerfeld integral. Derivatives along
-the plane become factors of the plane waves, and integrals along the edges of the source.
+Phi is the second Rayleigh-Sommerfeld integral of the plane waves of u, each divided by its
+direction cosine p_z. The derivative dPhi/dz/(ik) is the first Rayleigh-Sommerfeld integral.
+Derivatives along the plane become factors of the plane waves, and integrals along the edges of the
+source.
 """
 
 from __future__ import annotations
@@ -73,9 +74,9 @@ _OPS = execution.NumpyOperations()
 
 SECOND = DERIVATIVE_OF[DEFAULT]
 # Waves are divided by p_z, which is not possible for |p_z| near zero. The field is analytic in the
-# frequency of a wave, so such a wave is replaced by a weighted mean of four neighbouring waves. They
-# differ by this phase in radians across half of the source. The relative error, from the fourth
-# derivative, is 1e-11.
+# frequency of a wave, so such a wave is replaced by a weighted mean of four neighbouring waves,
+# whose phases differ by this value in radians across half of the source. The relative error, from
+# the fourth derivative, is 1e-11.
 _ASIDE = 3e-3
 _MEANS = ((-2.0, -1 / 6), (-1.0, 4 / 6), (1.0, 4 / 6), (2.0, -1 / 6))
 # Smallest tolerance of the parts of a field, their rounding error.
@@ -236,9 +237,9 @@ def _near_field(
     errors, limits = np.zeros((2, len(points)))
 
     def integral(method: str, factor: Any) -> Complex:
-        """Return Phi ("second" method) or dPhi/dz/(ik) (n,) of waves multiplied by a factor.
+        """Return Phi (n,) if ``method`` is SECOND, otherwise dPhi/dz/(ik) (n,).
 
-        ``factor``: function of the direction cosines p_x and p_y (m, 2) of the waves.
+        The waves are multiplied by ``factor``, a function of p_x and p_y (m, 2).
         """
         base, elements = without_grazing if method == SECOND else radiator, []
         for element in base.elements:
