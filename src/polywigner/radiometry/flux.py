@@ -48,8 +48,8 @@ def radiance(
 
     The radiance can be negative, as W can: only integrals over position or direction are
     measurable. Its integral over positions and projected solid angle is the power
-    (docs/radiometry.md, (E1)). The paper's definition is W/(4 pi A lambda^2), where 4 pi is an error
-    and the division by the area A makes it a mean over the aperture (docs/corrections.md).
+    (docs/radiometry.md, (E1)). The paper's definition is W/(4 pi A lambda^2), where 4 pi is an
+    error, and the division by the area A makes it a mean over the aperture (docs/corrections.md).
 
     Parameters
     ----------
