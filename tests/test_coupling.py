@@ -199,7 +199,7 @@ def test_poses_that_make_no_link_are_refused(place, message):
         ({"receiver": pw.Array([SQUARE, SQUARE], [1, -1])}, IlluminationError, "cancel"),
         ({"wavelength": 0.0}, ArgumentError, "wavelength"),
         ({"tolerance": 1e-14}, ArgumentError, "tolerance"),
-        ({"wavelength": 1e-9, "to_transmitter": pose(0, 0, 1e-5)}, ArgumentError, "fewer"),
+        ({"wavelength": 1e-9, "to_transmitter": pose(0, 0, 1e-5)}, ArgumentError, "pairs of cells"),
         ({"polarisation": ("x", "y", "x")}, ArgumentError, "Jones"),
         ({"polarisation": (1.0, math.nan)}, ArgumentError, "Jones"),
         ({"polarisation": ("x", "up")}, ArgumentError, "45 deg"),

@@ -248,7 +248,7 @@ class Links:
     """Nodes along a side of a cell in addition to the nodes that waves and polynomials require."""
 
     def sizes(self, pairs: Pairs) -> tuple[Floats, Floats, Floats]:
-        """Return half of the diagonals of both cells of each pair, and their distance, (n,) each."""
+        """Return half of the diagonals of both cells of pairs (n,), and the cells' distance."""
         ends = (self.transmitter, pairs.transmitter), (self.receiver, pairs.receiver)
         half = [np.linalg.norm(cells.high[k] - cells.low[k], axis=1) / 2 for cells, k in ends]
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
