@@ -142,9 +142,9 @@ def _warn_of_negative(weight: Values) -> None:
         fraction = float(np.abs(weight[below]).sum() / np.nansum(np.abs(weight)))
         warn_caller(
             f"{100 * below.mean():.0f} % of the rays in the .dat file have negative powers, "
-            f"{100 * fraction:.0f} % of the sum of moduli, which other programs may ignore or "
-            "reject; test with a small file, or write positive and negative rays to two files with "
-            "split=True",
+            f"{100 * fraction:.0f} % of the total absolute power; other programs may ignore or "
+            "reject them, so test with a small file, or write positive and negative rays to two "
+            "files with split=True",
             stacklevel=4,
         )
 
