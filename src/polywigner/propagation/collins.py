@@ -20,21 +20,11 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront, triangulate
-from polywigner.geometry.arguments import (
-    Points,
-    checked_length,
-    checked_row,
-    checked_wavelength,
-)
+from polywigner.geometry.arguments import Points, checked_length, checked_row, checked_wavelength
 from polywigner.numerics.chirps import waves_of_turns
 from polywigner.numerics.nodes import gauss_rule, node_count
 from polywigner.optics import FirstOrder
-from polywigner.propagation.boundary import (
-    FieldEstimate,
-    Radiator,
-    parabolic_field,
-    radiator_of,
-)
+from polywigner.propagation.boundary import FieldEstimate, Radiator, parabolic_field, radiator_of
 from polywigner.propagation.point_grids import (
     checked_amplitude_tolerance,
     checked_coordinates,
@@ -63,7 +53,7 @@ _IDENTITY = FirstOrder.magnifier(1.0)
 _EXTRA = (8.0, 12.0)
 # Smallest tolerance of fields on a stop.
 _FINEST = 1e-13
-# Largest number of waves from the nodes of a stop to points, of which 1e9 take about a minute. The
+# Largest number of waves from the nodes of a stop to points; 1e9 waves take about a minute. The
 # field of the previous plane at a node takes as long as _NODE_COST waves.
 _MOST_WORK, _NODE_COST = 2e10, 1000
 # Number of products of two waves that take as long as one wave.

@@ -21,12 +21,7 @@ from polywigner.propagation.point_grids import unit_vectors
 from polywigner.propagation.vector_fields import of_co_and_cross, of_currents
 from polywigner.radiometry.directions import directions_and_weights
 from polywigner.source.obliquities import DEFAULT, DefaultCondition
-from polywigner.source.polarisation import (
-    MODELS,
-    CurrentModel,
-    checked_polarisation,
-    ludwig_axes,
-)
+from polywigner.source.polarisation import MODELS, CurrentModel, checked_polarisation, ludwig_axes
 from polywigner.source.waves import Illumination
 from polywigner.transforms import fourier
 
@@ -99,7 +94,7 @@ class ElementPattern:
         count = len(phi)
         orders = np.fft.fftfreq(count, 1 / count)
         waves = np.fft.fft(values, axis=2) / count * np.exp(-1j * orders * phi[0])
-        if count % 2 == 0:  # the highest wave is a cosine, half of which has the opposite order
+        if count % 2 == 0:  # the highest wave is a cosine: half belongs to the opposite order
             waves[:, :, count // 2] /= 2
             other = waves[:, :, count // 2, None] * np.exp(-1j * count * phi[0])
             waves, orders = np.concatenate([waves, other], axis=2), np.append(orders, count / 2)

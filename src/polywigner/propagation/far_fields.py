@@ -91,9 +91,7 @@ def far_field(
 
 @takes_frequency
 def radiated_power(
-    source: PlaneSource | Wavefront,
-    wavelength: float,
-    obliquity: ObliquityName = DEFAULT,
+    source: PlaneSource | Wavefront, wavelength: float, obliquity: ObliquityName = DEFAULT
 ) -> float:
     """Compute the radiated power of a source, P = int |E|^2 dOmega over the hemisphere (RP2).
 

@@ -12,11 +12,7 @@ from polywigner import kernels
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import (
-    checked_number,
-    checked_wavelength,
-    takes_frequency,
-)
+from polywigner.geometry.arguments import checked_number, checked_wavelength, takes_frequency
 from polywigner.optics import FirstOrder
 from polywigner.propagation.amplitudes import Obstacle, field_and_error
 from polywigner.propagation.collins import (
@@ -44,11 +40,7 @@ from polywigner.radiometry.directions import (
 from polywigner.source import Array
 from polywigner.source.obliquities import DEFAULT, ObliquityName, obliquity_of
 from polywigner.transforms.traced_sources import check_no_drjit
-from polywigner.transforms.wavefronts import (
-    coherent_source,
-    is_partly_coherent,
-    tilts_of,
-)
+from polywigner.transforms.wavefronts import coherent_source, is_partly_coherent, tilts_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 Floats = NDArray[np.float64]

@@ -149,9 +149,7 @@ def radiation_pattern(
 
 @takes_frequency
 def beam_cuts(
-    source: PlaneSource | Wavefront,
-    wavelength: float,
-    **options: Unpack[FarFieldOptions],
+    source: PlaneSource | Wavefront, wavelength: float, **options: Unpack[FarFieldOptions]
 ) -> xarray.Dataset:
     """Compute the far field and the directivity along two great circles through the beam.
 

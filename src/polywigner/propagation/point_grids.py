@@ -140,7 +140,7 @@ def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
 
 
 def warn_of_missed(errors: NDArray[np.float64], allowed: NDArray[np.float64], what: str) -> None:
-    """Warn if errors exceed the allowed errors; ``what`` is the plural noun of the results."""
+    """Warn if errors exceed the allowed errors; ``what``: the results, in the plural."""
     missed = ~(errors <= allowed)
     if missed.any():
         worst = float((errors[missed] / allowed[missed]).max())

@@ -20,11 +20,4 @@ from polywigner.radiometry.flux import (
     radiant_intensity,
 )
 
-__all__ = [
-    "EnergyBudget",
-    "energy_budget",
-    "flux_vector",
-    "power",
-    "radiance",
-    "radiant_intensity",
-]
+__all__ = ["EnergyBudget", "energy_budget", "flux_vector", "power", "radiance", "radiant_intensity"]

@@ -181,7 +181,7 @@ def longest_path(source: PlaneSource | Wavefront) -> float:
     """Return a bound in m on the difference of two path lengths to any point.
 
     The paths start at two points of the source. Differences of path lengths before the source, such
-    as those of curved waves and of feed networks, are included.
+    as in curved waves and feed networks, are included.
     """
     lag, flat = largest_lag(source), flat_source(source)
     paths = getattr(flat, "paths", None)

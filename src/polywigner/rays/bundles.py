@@ -58,10 +58,7 @@ def bundle(
 
 
 def traced(
-    rays: xarray.Dataset,
-    position: ArrayLike,
-    direction: ArrayLike,
-    weight: ArrayLike | None = None,
+    rays: xarray.Dataset, position: ArrayLike, direction: ArrayLike, weight: ArrayLike | None = None
 ) -> xarray.Dataset:
     """Return rays with new positions, directions and powers from a ray tracer.
 
@@ -132,7 +129,7 @@ def checked_bundle(rays: Any) -> tuple[Values, Values, Values, NDArray[Any] | No
 
 
 def count_of(rays: xarray.Dataset) -> int:
-    """Return the number of rays that were drawn, of which the dataset may be a selection."""
+    """Return the number of rays that were drawn; the dataset may be a selection of them."""
     count = rays.attrs.get("count", 0)
     return max(int(count) if isinstance(count, (int, np.integer)) else 0, rays.sizes["ray"])
 

@@ -13,12 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
-from polywigner.errors import (
-    ArgumentError,
-    GeometryError,
-    IlluminationError,
-    PolywignerError,
-)
+from polywigner.errors import ArgumentError, GeometryError, IlluminationError, PolywignerError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
@@ -33,11 +28,7 @@ from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.point_grids import checked_method, tolerance_from, warn_of_missed
 from polywigner.propagation.vector_fields import polarised_parts, vector_powers
-from polywigner.radiometry.directions import (
-    checked_radiator,
-    directions_and_weights,
-    largest_lag,
-)
+from polywigner.radiometry.directions import checked_radiator, directions_and_weights, largest_lag
 from polywigner.reception.cell_pairs import Links, Sight, cells_of, link_sums
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
@@ -474,7 +465,7 @@ def _check_field(source: Any) -> None:
 
 
 def _radiated(source: Any, wavelength: float, condition: Obliquity) -> float:
-    """Return int g |F|^2 dOmega/lambda^2 in W, where u is what the boundary condition specifies."""
+    """Return int g |F|^2 dOmega/lambda^2 in W; u is the field or its normal derivative."""
     power = 0.0
     for directions, solid_angle in directions_and_weights(largest_lag(source), wavelength):
         factor = condition.amplitude(directions[:, 2]) ** 2 * solid_angle / wavelength**2

@@ -24,13 +24,7 @@ from polywigner.geometry.arguments import (
 from polywigner.propagation.point_grids import checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.scattering.facet_beams import sums_of_beams
-from polywigner.scattering.facets import (
-    Body,
-    Facets,
-    axes_across,
-    facets_of,
-    warn_of_reflections,
-)
+from polywigner.scattering.facets import Body, Facets, axes_across, facets_of, warn_of_reflections
 from polywigner.scattering.near_fields import (
     Channel,
     Polarisation,
@@ -106,7 +100,7 @@ def rcs(
           first. Fields are then electric fields of Huygens' currents.
     source : Aperture or Array, optional
         Antenna of a radar near the body, in the plane z = 0 of its frame, which radiates along its
-        +z. Its exact field (:func:`amplitude`) illuminates the body and weights what is received,
+        +z. Its exact field (:func:`amplitude`) illuminates the body and weights the received field,
         as in :func:`coupling` (docs/rcs.md, (SC3)). ``to_radar`` and ``to_transmitter`` are then
         vectors (..., 3) in m from the centre of the body's bounding box to the source, which faces
         the centre with its y axis upwards (towards +z of the body); or poses (..., 4, 4) that map

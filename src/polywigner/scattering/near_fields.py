@@ -334,7 +334,7 @@ def near_sums(
 ) -> Complex:
     """Return received over transmitted amplitudes (...) for polarisations (..., 3): (SC3).
 
-    ``polarisations`` are those of the receiver and of the transmitter, normal to the directions
+    ``polarisations`` of the receiver and of the transmitter are normal to the directions
     from the body's centre. At other points they are projected normal to the ray from the antenna's
     centre. For an antenna that transmits and receives pass the same object twice, so that its
     fields are computed once.
