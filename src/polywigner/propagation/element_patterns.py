@@ -329,9 +329,8 @@ def fit_pattern(
     jones = linear_components(pattern, "pattern")[-1]
     if polarisation is not None:
         jones = checked_polarisation(polarisation, aperture)
-    least = checked_number(cut_off, "cut_off", "a fraction from 1e-12 to 1")
-    if not 1e-12 <= least < 1:
-        raise ArgumentError(f"expected cut_off as a fraction from 1e-12 to 1, got {cut_off!r}")
+    meaning = "a fraction from 1e-12 to 1"
+    least = checked_number(cut_off, "cut_off", meaning, lambda x: 1e-12 <= x < 1)
     waves = _waves_on(aperture, length)
     blocks = list(directions_and_weights(aperture.diameter, length))
     s, weights = (np.concatenate(column) for column in zip(*blocks, strict=True))

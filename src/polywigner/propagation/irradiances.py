@@ -317,10 +317,7 @@ def _has_closed_form(source: LightSource, obliquity: ObliquityName | None) -> bo
 def checked_tolerance(tolerance: float) -> float:
     """Return a number above 0 and below 1; raise ArgumentError for other values."""
     meaning = "a number above 0 and below 1"
-    value = checked_number(tolerance, "tolerance", meaning)
-    if not 0.0 < value < 1.0:
-        raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}")
-    return value
+    return checked_number(tolerance, "tolerance", meaning, lambda x: 0.0 < x < 1.0)
 
 
 # ---- mixtures of waves ---------------------------------------------------------------------------

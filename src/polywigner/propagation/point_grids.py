@@ -128,10 +128,7 @@ def tolerance_from(tolerance: float | None, default: float, least: float, where:
     if tolerance is None:
         return default
     meaning = f"a number from {least:g} to 0.1{where}"
-    number = checked_number(tolerance, "tolerance", meaning)
-    if not least <= number <= 0.1:
-        raise ArgumentError(f"expected tolerance as {meaning}, got {value_text(tolerance)}")
-    return number
+    return checked_number(tolerance, "tolerance", meaning, lambda x: least <= x <= 0.1)
 
 
 def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:

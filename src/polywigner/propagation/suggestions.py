@@ -187,9 +187,8 @@ def suggest_sampling(
     [27, 27]
     """
     checked_choice(quantity, "quantity", get_args(SampledQuantity))
-    finer = checked_number(oversampling, "oversampling", "a number of at least 1")
-    if not finer >= 1:
-        raise ArgumentError(f"expected oversampling as a number of at least 1, got {oversampling}")
+    meaning = "a number of at least 1"
+    finer = checked_number(oversampling, "oversampling", meaning, lambda x: x >= 1)
     regions = {"box": box, "line": line, "radius": radius}
     for name, value in {"reach": reach, **regions}.items():
         kinds = _PHASE_SPACE if name == "reach" else _FIELDS

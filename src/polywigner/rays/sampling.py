@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, require, value_text
+from polywigner.errors import ArgumentError, require
 from polywigner.execution import Engine
 from polywigner.geometry import PlacedAperture, Wavefront
 from polywigner.geometry.arguments import (
@@ -142,9 +142,9 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
     cones that extend behind the source.
     """
     meaning = "a half angle in rad, above 0 and up to pi/2"
-    angle = math.pi / 2 if half_angle is None else checked_number(half_angle, "cone", meaning)
-    if not 0 < angle <= math.pi / 2:
-        raise ArgumentError(f"expected cone as {meaning}, got {value_text(half_angle)}")
+    angle = math.pi / 2
+    if half_angle is not None:
+        angle = checked_number(half_angle, "cone", meaning, lambda x: 0 < x <= math.pi / 2)
     vector = checked_unit_vectors("axis", axis)
     if vector.ndim > 1:
         raise ArgumentError(f"expected axis as one unit vector (3,), got {vector.shape}")
@@ -382,7 +382,5 @@ def _scale(source: Any, wavelength: float, obliquity: str, power: Any) -> float:
     if power is None:
         return 1.0
     meaning = f"a number in W above zero and below {_MOST_WATTS:g}"
-    watts = checked_number(power, "power", meaning)
-    if not 0 < watts < _MOST_WATTS:
-        raise ArgumentError(f"expected power as {meaning}, got {value_text(power)}")
+    watts = checked_number(power, "power", meaning, lambda x: 0 < x < _MOST_WATTS)
     return watts / radiated_power(source, wavelength, obliquity)  # type: ignore

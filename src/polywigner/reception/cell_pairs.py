@@ -61,8 +61,8 @@ class Cells:
         self.low, self.high = np.empty((0, 2)), np.empty((0, 2))
         self._parts: list[tuple[NDArray[np.object_], Indices]] = []
         self._children: dict[int, list[int]] = {}
-        self._nodes: dict[tuple[int, float, int, float], tuple[Floats, Complex]] = {}
-        self._triangles: dict[int, tuple[Floats, Indices]] = {}
+        self.nodes = lru_cache(_MOST_CACHED)(self._nodes)
+        self._triangles_of = lru_cache(None)(self._triangles)
         outlines = [element.shape.polygons for element in self._source.elements]
         polygons = np.array(outlines, dtype=object)
         hull = shapely.GeometryCollection(polygons.tolist()).convex_hull
@@ -81,25 +81,17 @@ class Cells:
         numbers = np.array([part for k in number for part in halves[k]], dtype=np.intp)
         return numbers, np.repeat(np.arange(len(cells)), counts)
 
-    def nodes(self, cell: int, rate: float, order: int, extra: float) -> tuple[Floats, Complex]:
+    def _nodes(self, cell: int, rate: float, order: int, extra: float) -> tuple[Floats, Complex]:
         """Return nodes (n, 2) in a cell, and weights (n,) times the field, in square wavelengths.
 
         The rule integrates waves of ``rate`` cycles per wavelength times a polynomial of the given
         ``order`` over the cell. ``extra``: additional nodes along a side.
         """
-        key = cell, rate, order, extra
-        if key not in self._nodes:
-            if len(self._nodes) >= _MOST_CACHED:
-                self._nodes.clear()
-            longest = float((self.high[cell] - self.low[cell]).max())
-            # adds ``order`` nodes along the longest side
-            cycles = _NODE_RATIO * (rate + self.highest_frequency)
-            self._nodes[key] = self._rule(cell, cycles + order / (NODES_PER_CYCLE * longest), extra)
-        return self._nodes[key]
-
-    def _rule(self, cell: int, rate: float, extra: float) -> tuple[Floats, Complex]:
+        longest = float((self.high[cell] - self.low[cell]).max())
+        cycles = _NODE_RATIO * (rate + self.highest_frequency)
+        cycles += order / (NODES_PER_CYCLE * longest)  # ``order`` nodes along the longest side
         triangles, owners = self._triangles_of(cell)
-        nodes, weights, triangle = rule_by_triangles(triangles, rate / self.wavelength, extra)
+        nodes, weights, triangle = rule_by_triangles(triangles, cycles / self.wavelength, extra)
         owners = owners[triangle]
         values = self._source.weights[owners] * (weights / self.wavelength**2)
         for owner in np.unique(owners):
@@ -114,16 +106,14 @@ class Cells:
             )
         return (nodes - self.centre) / self.wavelength, values
 
-    def _triangles_of(self, cell: int) -> tuple[Floats, Indices]:
-        """Return triangles (n, 3, 2) of a cell in metres, and the numbers of their elements."""
-        if cell not in self._triangles:
-            polygons, numbers = self._parts[cell]
-            parts = [triangulated([polygon]) for polygon in polygons]
-            owners = np.repeat(numbers, [len(triangles) for triangles in parts])
-            triangles = np.concatenate(parts)
-            wide = areas(triangles) > 0
-            self._triangles[cell] = triangles[wide], owners[wide]
-        return self._triangles[cell]
+    def _triangles(self, cell: int) -> tuple[Floats, Indices]:
+        """Return triangles (n, 3, 2) of a cell in metres, and the indices of their elements."""
+        polygons, numbers = self._parts[cell]
+        parts = [triangulated([polygon]) for polygon in polygons]
+        owners = np.repeat(numbers, [len(triangles) for triangles in parts])
+        triangles = np.concatenate(parts)
+        wide = areas(triangles) > 0
+        return triangles[wide], owners[wide]
 
     def _halves(self, cell: int) -> list[int]:
         if cell not in self._children:
@@ -472,7 +462,12 @@ def _raised(links: Links, parts: Pairs) -> Pairs:
 
 def _evaluated(links: Links, pairs: Pairs, orders: Indices, before: Complex | Floats) -> Pairs:
     """Evaluate pairs at orders (n,); the error is the difference from the values ``before``."""
-    values, sizes = _at(links, pairs, orders)
+    if (_ORDERS[orders] ** 4.0).sum() > _MOST_VALUES * len(links.offset):
+        raise _too_much(links, pairs)
+    values, sizes = np.empty(len(pairs), np.complex128), np.empty(len(pairs))
+    for order in np.unique(orders):
+        rows = np.flatnonzero(orders == order)
+        values[rows], sizes[rows] = links.sums(pairs[rows], int(_ORDERS[order]))
     columns = pairs.pose, pairs.transmitter, pairs.receiver, values, orders
     names = f"{_PAIR},values,orders,errors,sizes"
     return _table(names, *columns, np.abs(values - before), sizes)
@@ -480,17 +475,6 @@ def _evaluated(links: Links, pairs: Pairs, orders: Indices, before: Complex | Fl
 
 def _joined(*pairs: Pairs) -> Pairs:
     return np.concatenate(pairs).view(np.recarray)
-
-
-def _at(links: Links, pairs: Pairs, orders: Indices) -> tuple[Complex, Floats]:
-    work = float((_ORDERS[orders].astype(np.float64) ** 4).sum())
-    if work > _MOST_VALUES * len(links.offset):
-        raise _too_much(links, pairs)
-    values, sizes = np.empty(len(pairs), np.complex128), np.empty(len(pairs))
-    for order in np.unique(orders):
-        rows = np.flatnonzero(orders == order)
-        values[rows], sizes[rows] = links.sums(pairs[rows], int(_ORDERS[order]))
-    return values, sizes
 
 
 def _too_much(links: Links, pairs: Pairs) -> ArgumentError:

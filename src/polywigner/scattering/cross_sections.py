@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import (
+    checked_choice,
     checked_count,
     checked_flag,
     checked_vectors,
@@ -30,7 +31,6 @@ from polywigner.scattering.near_fields import (
     Polarisation,
     Source,
     broadcast_shape,
-    checked_channel,
     checked_polarisations,
     checked_unit_vectors,
     near_sections,
@@ -357,7 +357,7 @@ class Pattern:
         self.azimuth = checked_angles(self.azimuth, "azimuth", math.inf)
         self.elevation = checked_angles(self.elevation, "elevation", math.pi / 2)
         if self.polarisation is not None:
-            checked_channel(self.polarisation)
+            checked_choice(self.polarisation, "polarisation", get_args(Channel))
         if self.to_transmitter is not None:
             self.to_transmitter = checked_unit_vectors("to_transmitter", self.to_transmitter)
             if self.to_transmitter.ndim > 1:

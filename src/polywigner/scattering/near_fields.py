@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +19,12 @@ from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_vectors, rigid_poses, warn_caller
+from polywigner.geometry.arguments import (
+    checked_choice,
+    checked_vectors,
+    rigid_poses,
+    warn_caller,
+)
 from polywigner.propagation import amplitude_with_error, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
 from polywigner.propagation.point_grids import tolerance_from
@@ -50,7 +55,6 @@ Channel = Literal["vv", "hh", "vh", "hv"]
 Polarisation = Channel | str | Sequence[Any]
 Source = Aperture | Array
 
-_EXPECTED = "expected polarisation as None, or one of 'vv', 'hh', 'vh', 'hv' (receiver first)"
 # Tolerance of unit vectors, which single precision satisfies.
 _UNIT = 1e-6
 
@@ -72,13 +76,6 @@ def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
         ) from None
 
 
-def checked_channel(polarisation: Any) -> Channel:
-    """Return the name of a channel; raise ArgumentError for other values."""
-    if not isinstance(polarisation, str) or polarisation not in get_args(Channel):
-        raise ArgumentError(f"{_EXPECTED}, got {value_text(polarisation)}")
-    return cast(Channel, polarisation)
-
-
 def checked_polarisations(
     polarisation: Polarisation, to_radar: Floats, to_transmitter: Floats
 ) -> tuple[Complex, Complex]:
@@ -88,10 +85,14 @@ def checked_polarisations(
     """
     ends = to_radar, to_transmitter
     if isinstance(polarisation, str):
-        names = zip(checked_channel(polarisation), ends, strict=True)
+        channel = checked_choice(polarisation, "polarisation", get_args(Channel))
+        names = zip(channel, ends, strict=True)
         q, p = (spherical_axes(towards)[name].astype(np.complex128) for name, towards in names)
         return q, p
-    expected = f"{_EXPECTED}, or a pair of unit vectors (..., 3) normal to the directions"
+    expected = (
+        "expected polarisation as None, one of 'vv', 'hh', 'vh', 'hv' (receiver first), or a pair "
+        "of unit vectors (..., 3) normal to the directions"
+    )
     try:
         q, p = (np.array(vectors, np.complex128) for vectors in polarisation)
         if q.shape[-1:] != (3,) or p.shape[-1:] != (3,):
