@@ -33,7 +33,7 @@ Complexes = NDArray[np.complex128]
 
 # Complex numbers per block, 64 MiB.
 _BLOCK = 2**22
-# Largest value of each error, and the words of its message.
+# Largest value of each error, and its description in messages.
 _ERRORS = {
     "amplitude": (40.0, "an rms error from 0 to 40 dB"),
     "phase": (2 * math.pi, "an rms error from 0 to 2 pi rad"),

@@ -335,14 +335,14 @@ def _behind(
     field of the previous plane can have there.
     """
     *others, stop = planes
-    *before, system = systems
+    *earlier_systems, system = systems
     if not others:
         return collins_field(stop, points, wavelength, system, tolerance, engine)
 
     def inner(nodes: Floats) -> FieldEstimate:
         # in the worst case errors on the stop add up in phase
         finer = max(0.1 * tolerance, _FINEST)
-        return _behind(others, before, nodes, wavelength, finer, engine)
+        return _behind(others, earlier_systems, nodes, wavelength, finer, engine)
 
     if _without_spread(system).all():
         _, *bounds = inner(points @ np.linalg.inv(system.A).T)
@@ -351,7 +351,7 @@ def _behind(
         )
         return image, bounds[0] * scale, bounds[1] * scale
     bend, slopes, out = _waves_of(system, points, wavelength)
-    rate = _rate(radiator_of(stop), others[-1], before[-1], bend, slopes, wavelength)
+    rate = _rate(radiator_of(stop), others[-1], earlier_systems[-1], bend, slopes, wavelength)
     sums, lattice = [], _Lattice(slopes / wavelength)
     for extra in _EXTRA:
         nodes, weights = _rule(stop, rate, extra, lattice)
@@ -372,7 +372,7 @@ def _rate(
     slopes: Floats,
     wavelength: float,
 ) -> float:
-    """Return the highest frequency [1/m] of the field on a stop times the waves to all points."""
+    """Return the highest frequency in 1/m of a stop's field times the waves to all points."""
     inverse = np.linalg.inv(path.B)
     origin = radiator_of(previous)
     aside = slopes - (path.D @ inverse + bend) @ stop.centre + inverse.T @ origin.centre

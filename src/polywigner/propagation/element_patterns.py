@@ -238,7 +238,8 @@ class FittedPattern(NamedTuple):
     residual: float
     """Square root of the power of the far field's error, divided by the power of the pattern."""
     power_ratio: float
-    """Power int |u|^2 on the aperture over radiated power; far above 3 for superdirectivity."""
+    """Power int |u|^2 on the aperture over radiated power. Values far above 3 indicate
+    superdirectivity."""
 
 
 # Residual above which the fit is poor.

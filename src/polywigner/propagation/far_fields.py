@@ -315,8 +315,8 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
         )
     if polarisation is not None and obliquity is not None:
         raise ArgumentError(
-            f"expected an obliquity or a polarisation, got {obliquity!r} and {polarisation!r}; a "
-            "polarised field has a method instead"
+            f"expected either an obliquity or a polarisation, got {obliquity!r} and "
+            f"{polarisation!r}; for polarised fields pass method instead of obliquity"
         )
     if polarisation is None and method is not None:
         raise ArgumentError(f"expected a polarisation with method={method!r}, got none; give one")
@@ -401,7 +401,8 @@ def steered_direction(
         if source.repeated is None:
             return None
         positions = source.repeated[1]
-        cosines = _of_weights(positions, source.weights, wavelength, _cosines(*beam))
+        near = math.sin(beam[0]) * np.array([math.cos(beam[1]), math.sin(beam[1])])
+        cosines = _of_weights(positions, source.weights, wavelength, near)
     else:
         cosines = _of_waves(source.illumination, wavelength)
     if cosines is None or np.linalg.norm(cosines) > 1:
@@ -409,10 +410,6 @@ def steered_direction(
     theta = math.asin(float(np.linalg.norm(cosines)))
     phi = round(math.atan2(cosines[1], cosines[0]), 12) % (2 * math.pi)
     return theta, phi if theta > _SYMMETRIC else 0.0
-
-
-def _cosines(theta: float, phi: float) -> Values:
-    return math.sin(theta) * np.array([math.cos(phi), math.sin(phi)])
 
 
 def _of_weights(

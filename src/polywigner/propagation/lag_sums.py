@@ -293,9 +293,9 @@ def _sum_of_waves(
         return values + ([condition.slope] if condition.slope else [])
 
     for start, low in product(range(0, len(means), _PAIRS), range(0, len(points), _POINTS)):
-        pairs, some = slice(start, start + _PAIRS), slice(low, low + _POINTS)
+        pairs, block = slice(start, start + _PAIRS), slice(low, low + _POINTS)
         (x, y), (xi, eta) = means[pairs].T, lags[pairs].T
-        px, py, z = points[some].T[:, :, None]
+        px, py, z = points[block].T[:, :, None]
         dx, dy = x - px, y - py
         along = dx * xi + dy * eta
         square = dx * dx + dy * dy + (z * z + 0.25 * (xi * xi + eta * eta))
@@ -310,7 +310,7 @@ def _sum_of_waves(
         )
         value = sum(ahead * behind * weights for (ahead, behind), weights in terms)
         # the threads of BLAS take longer than such short products
-        total[some] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
+        total[block] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
     return total
 
 
@@ -322,8 +322,8 @@ lower and of the upper side."""
 
 # Pairs of edges and heights per block.
 _BATCH = 1 << 20
-# Poles of the integrand at a distance d from a trapezoid of half size a require
-# _POLE/arcsinh(d/a) additional nodes.
+# Poles of the integrand at a distance d from a trapezoid of size 2 a require _POLE/arcsinh(d/a)
+# additional nodes.
 _POLE = 4.0
 
 

@@ -190,8 +190,8 @@ def _convolution(
     shape = len(first.nodes), len(second.nodes)
     if math.prod(shape) <= _MOST_IN_LATTICE:
         needed = np.zeros(shape, bool)
-        for some in blocks:
-            needed[first.near[some][:, :, None], second.near[some][:, None, :]] = True
+        for block in blocks:
+            needed[first.near[block][:, :, None], second.near[block][:, None, :]] = True
         if np.count_nonzero(needed) <= count:
             x, y = np.nonzero(needed)
 
@@ -199,10 +199,10 @@ def _convolution(
                 table = np.zeros((*values.shape[:-1], *shape))
                 table[..., needed] = values
                 means = np.empty((*values.shape[:-1], len(points)))
-                for some in blocks:
-                    near = table[..., first.near[some][:, :, None], second.near[some][:, None, :]]
-                    factors = first.weights[some], second.weights[some]
-                    means[..., some] = np.einsum("...nij,ni,nj->...n", near, *factors)
+                for block in blocks:
+                    near = table[..., first.near[block][:, :, None], second.near[block][:, None, :]]
+                    factors = first.weights[block], second.weights[block]
+                    means[..., block] = np.einsum("...nij,ni,nj->...n", near, *factors)
                 return means
 
             lattice = np.column_stack([first.nodes[x], second.nodes[y]])
@@ -406,10 +406,10 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
             columns = channels * len(points) + (along_x.half if len(nodes) > 1 else 0)
             step = max(1, _BATCH // (x.shape[1] * columns))
             for start in range(0, len(y), step):
-                some = slice(start, start + step)
-                waves = _waves(nodes[some] if len(nodes) > 1 else nodes, along_x)
-                values = _samples(rule, element, x[some], y[some], weights[some], points)
-                inner[:, some] = _product(waves, values)
+                block = slice(start, start + step)
+                waves = _waves(nodes[block] if len(nodes) > 1 else nodes, along_x)
+                values = _samples(rule, element, x[block], y[block], weights[block], points)
+                inner[:, block] = _product(waves, values)
             inner *= element.weight
             waves = _waves(y - centre[1], along_y)
             total += _product(waves, inner.reshape(channels, len(y), -1))

@@ -363,8 +363,7 @@ def _planning_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[
     angles, rows = np.unique(table[:, 0] % 360, return_index=True)
     if len(table) != count or count < 4 or np.ptp(np.diff(angles, append=360.0)) > 1e-6:
         raise FileFormatError(
-            f"expected {count} evenly spaced angles around the full circle after {name}; export "
-            "one line for each degree"
+            f"expected {count} lines with evenly spaced angles around the full circle after {name}"
         )
     return angles, table[rows, 1]
 

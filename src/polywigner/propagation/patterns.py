@@ -206,13 +206,13 @@ def _great_circles(far: FarField, step: float) -> xarray.Dataset:
     reach = math.pi if far.goes_backwards else math.pi / 2 + theta
     beam, outwards = unit_vectors(np.array([theta, theta + math.pi / 2]), np.array([phi]))[:, 0]
     around = np.array([-math.sin(phi), math.cos(phi), 0.0])
-    turn = -phi if is_normal else 0.0
-    sine, cosine = math.sin(turn), math.cos(turn)
+    rotation = -phi if is_normal else 0.0
+    sine, cosine = math.sin(rotation), math.cos(rotation)
     tangents = np.array([cosine * outwards + sine * around, cosine * around - sine * outwards])
     count = math.ceil(reach / step - 1e-9)
     angle = np.asarray(step * np.arange(-count, count + 1), np.float64)
     directions = np.cos(angle)[:, None] * beam + np.sin(angle)[:, None] * tangents[:, None]
-    azimuths = (turn + phi + np.array([0.0, math.pi / 2])) % (2 * math.pi)
+    azimuths = (rotation + phi + np.array([0.0, math.pi / 2])) % (2 * math.pi)
     ahead = (directions[..., 2] >= -_HORIZON) | far.goes_backwards
     values = np.full(directions.shape[: 3 if far.is_vector else 2], np.nan, np.complex128)
     values[ahead] = far.at(directions[ahead])
@@ -467,9 +467,9 @@ def circles_through_beam(pattern: Any) -> list[Cut]:
     The list is empty unless the pattern has a field over the hemisphere in even steps.
     """
     theta, phi, _, about = checked_pattern(pattern)
-    polar, turns = np.unique(theta), np.unique(phi.round(12) % (2 * math.pi))
-    fine_enough = _LEAST_MERIDIANS <= len(turns) <= MOST_PHI and 3 <= len(polar) <= MOST_THETA
-    if "field" not in pattern or not fine_enough or not covers_front(polar, turns):
+    polar, azimuths = np.unique(theta), np.unique(phi.round(12) % (2 * math.pi))
+    fine_enough = _LEAST_MERIDIANS <= len(azimuths) <= MOST_PHI and 3 <= len(polar) <= MOST_THETA
+    if "field" not in pattern or not fine_enough or not covers_front(polar, azimuths):
         return []
     is_scalar = "cross_field" not in pattern
     if is_scalar:  # interpolated as a field along x (Ludwig's third definition): smooth at the pole
@@ -484,6 +484,6 @@ def circles_through_beam(pattern: Any) -> list[Cut]:
         jones=jones, goes_backwards=element.covers_sphere,
         known_beam=(largest, about["peak_theta"], about["peak_phi"]),
     )  # fmt: skip
-    step = min(polar[1] - polar[0], turns[1] - turns[0]) / _STEPS_PER_ANGLE
+    step = min(polar[1] - polar[0], azimuths[1] - azimuths[0]) / _STEPS_PER_ANGLE
     circles = cuts_in(_great_circles(far, step))
     return [cut._replace(cross_levels=None) for cut in circles] if is_scalar else circles

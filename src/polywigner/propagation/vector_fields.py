@@ -276,7 +276,7 @@ def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
         field[:, 2] -= m / (2 * math.pi) * (sums.wave @ n)
     if e:
         scale = -1j * e / (4 * math.pi**2)
-        # gradient of u G: G contributes (Q - P) times the rise, and u its wave vector
+        # the gradient of u G: (Q - P) times ``rise`` from G, plus the wave vector of u
         weighted, grown = sums.rise * n, sums.rise_by_length * n
         total = weighted.sum(axis=1)
         for a in range(2):
@@ -321,7 +321,7 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
 
 # Pairs of a point and a panel per block, and panels per block.
 _PAIRS, _PANELS = 1 << 17, 1 << 14
-# Cost of a pair, in terms of an edge sum, for the choice of an engine.
+# Cost of a pair relative to a term of an edge sum, for the choice of an engine.
 _TERMS = 16
 # Tolerance of integrals along edges, as a fraction of the field's tolerance, since the integrals of
 # different edges may cancel.

@@ -122,7 +122,12 @@ def irradiance_by_rays(
     values, errors = np.zeros(len(points)), np.zeros(len(points))
     rates = _phase_rates(flat, wavelength, points, curved)
     steps = np.ceil(rates * wavelength / _RATE_STEP)
-    triangles = smooth_triangles(flat) if has_few_kinks(flat) else _coarse_triangles(flat)
+    if has_few_kinks(flat):
+        triangles = smooth_triangles(flat)
+    else:
+        # Kinks cross these triangles, but the gradient of W is continuous across most kinks. The
+        # errors of Gauss rules are proportional to the fourth power of the size of a triangle.
+        triangles = quartered(triangulated(list(mutual_support(flat).polygons.geoms)))
     for step in np.unique(steps):
         rate, group = float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
         _check_nodes(triangles, rate, wavelength)
@@ -174,15 +179,6 @@ def _along_rays(base: Kernel) -> Kernel:
         edge_sum=base_sum.after(1) if isinstance(base_sum, SliceSum) else edge_sum,
         leave=leave,
     )
-
-
-def _coarse_triangles(source: PlaneSource) -> Triangles:
-    """Return triangles of the automean of a source with too many kinks of W to separate them.
-
-    Kinks cross these triangles, but the gradient of W is continuous across most kinks. The errors
-    of Gauss rules are therefore proportional to the fourth power of the size of a triangle.
-    """
-    return quartered(triangulated(list(mutual_support(source).polygons.geoms)))
 
 
 def _refined_sums(

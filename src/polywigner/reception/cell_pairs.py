@@ -421,9 +421,9 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
 
 
 def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
-    """Select the pairs with the largest errors; the other errors add up to at most ``allowed``.
+    """Select the pairs with the largest errors, which have to be refined.
 
-    ``allowed``: for each pose.
+    The errors of all other pairs of a pose add up to at most ``allowed``, one value per pose.
     """
     pose = parts.pose
     ordered = np.lexsort((parts.errors, pose))

@@ -46,8 +46,8 @@ LinkMethod = Literal[BoundaryCondition, "fraunhofer", CurrentModel]
 _OPS = execution.NumpyOperations()
 # Default tolerance, and the smallest one: some hundred rounding errors of the sums.
 _TOLERANCE, _LEAST = 1e-6, 1e-12
-# Couplings below this fraction of the largest coupling of sources of the same areas have absolute
-# errors, since a null of a pattern has no correct digits.
+# Errors of small couplings are relative to this fraction of the largest coupling of sources of the
+# same areas, since couplings in a null of a pattern have no correct digits.
 _FLOOR = 1e-3
 # Number of poses whose pairs of cells are refined together.
 _BLOCK = 64
@@ -333,8 +333,8 @@ def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
     """Return real and imaginary part of K (...) with a boundary condition at both ends: (RX1)."""
     cosine, sine = sight.wave
     nr, mr, nm = sight.rise, sight.away, sight.lean
-    # Couplings take a third to a fifth of the time of complex arrays, because real and imaginary
-    # part are computed separately and in place: all factors but the wave are real.
+    # All factors except the wave are real, so real and imaginary part are computed separately. This
+    # takes a third to a fifth of the time of complex arrays.
     a, b = condition.field, condition.slope
     inverse = 1.0 / sight.distance
     near = inverse * (0.5 / math.pi)
@@ -422,7 +422,7 @@ def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -
 def root_of_norm(
     source: Any, wavelength: float, method: str, normalise: str, jones: Complex | None = None
 ) -> float:
-    """Return the square root of a source's power in W for |u|^2 in W/m^2, a divisor of couplings.
+    """Return the square root of a source's power in W, by which couplings are divided.
 
     If ``normalise`` is "radiated", this is the radiated power with the boundary condition of the
     method, for which u is the field or its normal derivative, as in (RX1). For a polarised source

@@ -56,7 +56,7 @@ _MOST_COMPARED = 4e8
 _BLOCK = 1 << 19
 # Errors of single directions: from GEOS, and from limits of memory and time.
 _ERRORS = GEOSException, ArgumentError
-# Triangles times pairs of directions that are traced together.
+# Number of triangles times pairs of directions whose beams are traced together.
 _AT_ONCE = 1 << 10
 # Margin of boxes that are placed side by side, as a fraction of the body's size. It exceeds the
 # rounding errors of coordinates up to thousands of body sizes.
@@ -142,7 +142,7 @@ class View(NamedTuple):
     """Surfaces that are illuminated and visible from the receiver."""
     lit: Visible
     """Illuminated surfaces; the same object in all views of one transmitter."""
-    seen: Visible
+    visible: Visible
     """Surfaces visible from the receiver."""
 
 
@@ -160,7 +160,7 @@ class Ends:
         """Image axes (m, 2, 3) of each transmitter."""
         self.s: Floats = s[[view.rows[0] for view in views]]
         """Directions (n, 3) towards the receivers."""
-        self.seen: list[Visible] = [view.seen for view in views]
+        self.visible: list[Visible] = [view.visible for view in views]
         self.views: tuple[Indices, Indices] = _runs(np.diff([*of_transmitter, len(views)]))
         """Index of the first view, and number of views, of each transmitter (m,)."""
         self.samples: Indices = np.concatenate([view.rows for view in views])
@@ -198,14 +198,14 @@ def _views(
             if lit is None or (pair[:3] != last).any():  # pairs are sorted by transmitter
                 last, lit = pair[:3], None
                 lit = visible_along(facets, pair[:3])
-            both = seen = lit
+            both = visible = lit
             if not monostatic:
-                seen = visible_along(facets, -pair[3:])
-                both = less_hidden(lit, seen, facing(facets, -pair[3:]))
+                visible = visible_along(facets, -pair[3:])
+                both = less_hidden(lit, visible, facing(facets, -pair[3:]))
         except _ERRORS as error:
             failures.add(rows, error)
             continue
-        yield View(rows, visible_pieces(facets, both), lit, seen)
+        yield View(rows, visible_pieces(facets, both), lit, visible)
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,18 +326,18 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     backwards = (signs < 0) ^ (np.linalg.det(pairs.rotation) < 0)  # clockwise in the image
     points[backwards], ahead[backwards] = points[backwards, ::-1], ahead[backwards, ::-1]
     beyond, number = _in_front(points, ahead)
-    seen = Projected(beyond[..., :2], beyond[..., 2], facets.size, np.ones(beyond.shape[:2]))
-    wide = seen.has_width
-    number, seen = number[wide], seen.subset(wide)
-    triangles = np.asarray(shapely.polygons(seen.points), dtype=object)
+    projected = Projected(beyond[..., :2], beyond[..., 2], facets.size, np.ones(beyond.shape[:2]))
+    wide = projected.has_width
+    number, projected = number[wide], projected.subset(wide)
+    triangles = np.asarray(shapely.polygons(projected.points), dtype=object)
     window = beams.polygon[beam[number]]
     meets = shapely.intersects(window, triangles)
-    number, seen, triangles = number[meets], seen.subset(meets), triangles[meets]
+    number, projected, triangles = number[meets], projected.subset(meets), triangles[meets]
     # without a grid GEOS sometimes loses polygons whose edges coincide with edges of the window
     grid = GRID * facets.size
     lit = intersections(window[meets], triangles, grid)
-    boxes = _side_by_side(seen.points, beam[number], facets.size)
-    shadowed, left = less_shadows(seen, triangles, lit, boxes, grid)
+    boxes = _side_by_side(projected.points, beam[number], facets.size)
+    shadowed, left = less_shadows(projected, triangles, lit, boxes, grid)
     lit[shadowed] = left
     least = NOTHING * facets.size * shapely.length(triangles)
     number, lit = number[shapely.area(lit) > least], lit[shapely.area(lit) > least]
@@ -425,10 +425,10 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     """Add the fields of illuminated parts that are visible to receivers to M (m, 3, 3)."""
     hit, view = _members(hits.beams.wave[hits.beam], ends.views)
     facet, signs, parts = hits.facet[hit], hits.signs[hit], hits.part[hit]
-    seen = np.stack([seen.signs for seen in ends.seen])[view, facet]
-    sees = (signs == facing(facets, -ends.s)[view, facet]) & (seen != 0)
+    visible = np.stack([visible.signs for visible in ends.visible])[view, facet]
+    sees = (signs == facing(facets, -ends.s)[view, facet]) & (visible != 0)
     hit, view, facet, signs, parts = (a[sees] for a in (hit, view, facet, signs, parts))
-    limits = np.stack([seen.parts for seen in ends.seen])[view, facet]
+    limits = np.stack([visible.parts for visible in ends.visible])[view, facet]
     (cut,) = np.nonzero(~shapely.is_missing(limits))
     parts[cut] = intersections(mended(parts[cut]), mended(limits[cut]), GRID)
     pieces, owner = pieces_of(facets, facet, signs, parts)

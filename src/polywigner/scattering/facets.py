@@ -267,7 +267,7 @@ class Visible:
 def facing(facets: Facets, direction: Floats, block: slice = slice(None)) -> Sides:
     """Return the sides (..., n) of triangles that face observers who look along (..., 3).
 
-    ``block``: the triangles, by default all.
+    ``block``: slice of the triangles, by default all of them.
     """
     return _sides(direction @ facets.normal[block].T, facets.is_plate[block])
 
@@ -326,8 +326,8 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
     parts: Shapes = np.full(len(signs), None)
     (rows,) = np.nonzero(signs)
     corners = facets.corners[rows]
-    turned = signs[rows] < 0
-    corners[turned] = corners[turned][:, ::-1]  # to make all triangles counter-clockwise
+    is_reversed = signs[rows] < 0
+    corners[is_reversed] = corners[is_reversed][:, ::-1]  # to make all triangles counter-clockwise
     projected = project(corners)
     wide = projected.has_width  # triangles without width cast no shadow
     rows, projected = rows[wide], projected.subset(wide)
@@ -346,26 +346,26 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
     return Visible(signs, parts)
 
 
-def less_hidden(lit: Visible, seen: Visible, faces: Sides) -> Visible:
+def less_hidden(lit: Visible, visible: Visible, faces: Sides) -> Visible:
     """Return illuminated parts without the parts that are hidden from a receiver.
 
     ``faces`` (n,): the sides of triangles that face the receiver. Illuminated sides that face away
     from the receiver contribute to the forward field, and are not hidden.
     """
     signs, parts = lit.signs.copy(), lit.parts.copy()
-    turned = (signs != 0) & (signs == faces)
-    signs[turned & (seen.signs == 0)] = 0
-    (cut,) = np.nonzero(turned & (seen.signs != 0) & ~shapely.is_missing(seen.parts))
+    faces_receiver = (signs != 0) & (signs == faces)
+    signs[faces_receiver & (visible.signs == 0)] = 0
+    (cut,) = np.nonzero(faces_receiver & (visible.signs != 0) & ~shapely.is_missing(visible.parts))
     before = parts[cut]
     before[shapely.is_missing(before)] = _TRIANGLE
-    parts[cut] = intersections(mended(before), mended(seen.parts[cut]), GRID)
+    parts[cut] = intersections(mended(before), mended(visible.parts[cut]), GRID)
     return Visible(signs, parts)
 
 
-def visible_pieces(facets: Facets, seen: Visible) -> Pieces:
+def visible_pieces(facets: Facets, visible: Visible) -> Pieces:
     """Return visible parts as triangles."""
-    (rows,) = np.nonzero(seen.signs)
-    return pieces_of(facets, rows, seen.signs[rows], seen.parts[rows])[0]
+    (rows,) = np.nonzero(visible.signs)
+    return pieces_of(facets, rows, visible.signs[rows], visible.parts[rows])[0]
 
 
 def pieces_of(

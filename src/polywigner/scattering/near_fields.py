@@ -55,7 +55,7 @@ Channel = Literal["vv", "hh", "vh", "hv"]
 Polarisation = Channel | str | Sequence[Any]
 Source = Aperture | Array
 
-# Tolerance of unit vectors, which single precision satisfies.
+# Tolerance of unit vectors, large enough for single precision.
 _UNIT = 1e-6
 
 
@@ -114,7 +114,7 @@ def checked_polarisations(
 def spherical_axes(towards: Floats) -> dict[str, Floats]:
     """Return unit vectors along the polar angle from +z ("v") and along the azimuth ("h").
 
-    ``towards`` (..., 3): directions. Along z the azimuth counts as 0.
+    ``towards`` (..., 3) are the directions. Along z the azimuth is taken as 0.
     """
     x, y, z = np.moveaxis(towards, -1, 0)
     across = np.hypot(x, y)
@@ -420,11 +420,11 @@ def _lit(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pieces:
     if not facets.casts_shadows:
         signs = facing_point(facets, transmitter.position)
         return visible_pieces(facets, Visible(signs, np.full(len(signs), None)))
-    seen = visible_from(facets, transmitter.position, transmitter.frame)
+    visible = visible_from(facets, transmitter.position, transmitter.frame)
     if receiver is not transmitter:
         there = visible_from(facets, receiver.position, receiver.frame)
-        seen = less_hidden(seen, there, facing_point(facets, receiver.position))
-    return visible_pieces(facets, seen)
+        visible = less_hidden(visible, there, facing_point(facets, receiver.position))
+    return visible_pieces(facets, visible)
 
 
 def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
