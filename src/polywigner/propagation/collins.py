@@ -272,7 +272,7 @@ def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSou
 def _folded(
     planes: list[PublicSource], systems: list[FirstOrder]
 ) -> tuple[list[PublicSource], list[FirstOrder]]:
-    """Replace each stop that lies in an image by cutting the plane whose image it is.
+    """Remove each stop that lies in an image, and cut the imaged source or stop instead.
 
     ``planes`` are the source and the stops, and ``systems`` the system behind each of them. A stop
     in an image of the source, or of the previous stop, transmits the same as a smaller source, or a

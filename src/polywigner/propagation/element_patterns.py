@@ -75,7 +75,7 @@ class ElementPattern:
             raise ArgumentError("expected finite far fields, got NaN or infinite values")
         largest = float(np.abs(values).max())
         if not largest > 0:
-            raise ArgumentError("expected a far field other than zero, got zeros only")
+            raise ArgumentError("the far field is zero in all directions; use another pattern")
         behind = theta > math.pi / 2 + _EVEN
         dark = not np.abs(values[:, behind]).max(initial=0.0) > _NOTHING * largest
         self.covers_sphere = bool(behind.any()) and not dark

@@ -211,7 +211,7 @@ class FarField:
     known_beam: tuple[float, float, float] | None = None
     """Value of ``beam`` for a table."""
     on_grid: Callable[[Values, Values], Values] | None = None
-    """Function of theta (n,) and phi (m,) that returns the field; None: ``at`` their directions."""
+    """Function of theta (n,) and phi (m,) that returns the field; by default ``at`` is used."""
     how: dict[str, Any] = field(default_factory=dict)
     """Precision and engine of fields over angles."""
 

@@ -384,8 +384,8 @@ def _of_shared_samples(
     if not len(flat):
         return None
 
-    def fields(part: Any, samples: Floats) -> Floats:
-        return compute(part, wavelength, samples)
-
-    result = partly_coherent_irradiance(fields, source, flat, wavelength, method, systems[0], error)
-    return None if result is None else result.reshape(2, *positions.shape[:-1])
+    values = partly_coherent_irradiance(
+        lambda part, samples: compute(part, wavelength, samples),
+        source, flat, wavelength, method, systems[0], error,
+    )  # fmt: skip
+    return None if values is None else values.reshape(2, *positions.shape[:-1])

@@ -207,7 +207,7 @@ def _dataset(table: FarFieldTable) -> xarray.Dataset:
     if table.has_unit_power and few:
         theta, phi, (polar, azimuthal) = _gridded(table.theta.round(6), table.phi.round(6), fields)
         if not fields.any():
-            raise FileFormatError("expected a far field other than zero, got zeros only")
+            raise FileFormatError("the far field is zero in all directions; export it again")
         power = 1.0
     else:
         theta, phi, (polar, azimuthal) = _gridded(*flat)

@@ -213,10 +213,10 @@ def directions_and_weights(
 ) -> Iterator[tuple[Floats, Floats]]:
     """Yield blocks of unit vectors (n, 3) with z > 0 and solid angles (n,).
 
-    The sum of solid angles times a function is the function's integral, accurate to 1e-14 of the
-    largest value, if the function is band-limited by ``lag`` in m, or is such a function times a
-    polynomial of the direction's components. There are about 15 (lag/wavelength)^2 directions, at
-    least a hundred. Terminals show a progress bar for long computations; ``positions`` is the
+    The solid angles are the weights of a quadrature rule. The rule integrates functions that are
+    band-limited by ``lag`` in m, also times polynomials of the direction's components, with errors
+    of 1e-14 of the largest value. It has about 15 (lag/wavelength)^2 nodes, at least a hundred.
+    Terminals show a progress bar for long computations; ``positions`` is the
     number of positions at which the caller evaluates each direction. Raises ArgumentError for lags
     of too many wavelengths.
     """

@@ -114,7 +114,7 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
 def _write_part(
     rays: xarray.Dataset, columns: Values, path: Path, sign: int, suffix: str, description: str
 ) -> Path:
-    """Write rays (n, 7), or with a suffix the rays of one sign; return the path."""
+    """Write rays (n, 7) and return the path; a suffix selects the rays of one sign."""
     if suffix:
         columns = columns[columns[:, 6] * sign > 0] * ([1.0] * 6 + [sign])
         path = path.with_stem(path.stem + suffix)

@@ -412,7 +412,7 @@ _DARK = 1e-12
 
 
 def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -> str:
-    """Return ``name``, or raise the error with the valid names."""
+    """Return one of `NORMALISATIONS`; raise ``error`` for other values."""
     if not isinstance(name, str) or name not in NORMALISATIONS:
         names = " or ".join(f'"{known}"' for known in NORMALISATIONS)
         raise error(f"expected normalise to be {names}, got {name!r}")

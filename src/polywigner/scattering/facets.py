@@ -207,7 +207,9 @@ def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
 def _is_convex(solid: Facets) -> bool:
     """Return whether a solid is convex, so that no face hides another; False if in doubt."""
     pairs = solid.neighbours
-    if 2 * len(pairs[0]) != 3 * len(solid.corner):  # each edge belongs to two triangles
+    if 2 * len(pairs[0]) != 3 * len(
+        solid.corner
+    ):  # an edge of a closed mesh belongs to two triangles
         return False
     for here, there in (pairs, pairs[::-1]):
         away = solid.corners[there] - solid.corner[here, None]
@@ -443,7 +445,7 @@ def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
 _NEAR = 1e-6
 # Largest number of tested directions, and limits of the number of rays of each direction.
 _MOST_DIRECTIONS, _FEWEST_RAYS, _MOST_RAYS = 256, 16, 128
-# Rays of all directions times triangles, which take a second or two, and rays times triangles per
+# Largest number of rays times triangles: of all directions, which take a second or two, and per
 # block.
 _MOST_TESTS, _BLOCK = 1 << 21, 1 << 18
 # Multiples of these two numbers, modulo 1, fill the unit square evenly: M. Roberts, "The
