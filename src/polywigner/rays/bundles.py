@@ -219,7 +219,8 @@ def rebuild(
     pose = _pose(plane)
     checked_flag(virtual, "virtual")
     edges = _edges(bounds, shape)
-    pixels = math.prod(len(axis) - 1 for axis in edges)
+    size = len(edges[1]) - 1, len(edges[0]) - 1
+    pixels = math.prod(size)
     # numbers of batches may have gaps, since the rays may be a selection
     known, number = np.unique([0] if batch is None else batch, return_inverse=True)
     batches = max(1, len(known))
@@ -233,13 +234,15 @@ def rebuild(
     lost = missed = 0
     for start in range(0, len(weight), _BLOCK):
         block = slice(start, start + _BLOCK)
-        pixel = _pixels(position[block], direction[block], pose, edges, virtual)
-        is_valid = np.isfinite(weight[block]) & (pixel >= -1)
-        lost += int((~is_valid).sum())
-        missed += int((pixel[is_valid] < 0).sum())
-        is_valid &= pixel >= 0
-        pixel, power = pixel[is_valid], weight[block][is_valid]
-        group = 0 if batch is None else number[block][is_valid]
+        columns = np.column_stack([position[block], direction[block], weight[block]])
+        is_lost = ~np.isfinite(columns).all(axis=1)
+        x, y = _pixel_coordinates(position[block], direction[block], pose, edges, virtual).T
+        is_inside = ~is_lost & (x >= 0) & (x < size[1]) & (y >= 0) & (y < size[0])
+        lost += int(is_lost.sum())
+        missed += int((~is_lost & ~is_inside).sum())
+        pixel = y[is_inside].astype(np.intp) * size[1] + x[is_inside].astype(np.intp)
+        power = weight[block][is_inside]
+        group = 0 if batch is None else number[block][is_inside]
         block_sums = np.bincount(group * squares.size + pixel, power, sums.size)
         sums += block_sums.reshape(sums.shape)
         if batches == 1:
@@ -248,8 +251,7 @@ def rebuild(
     squares[-1] = squares[:-1].sum()
     total, error = _errors(sums, squares, count_of(rays))
     area = math.prod(float(axis[-1] - axis[0]) for axis in edges) / pixels
-    size = len(edges[1]) - 1, len(edges[0]) - 1
-    columns = {
+    variables = {
         "irradiance": (total, "irradiance, mean over a pixel"),
         "standard_error": (error, "standard error of the irradiance"),
     }
@@ -259,7 +261,7 @@ def rebuild(
             (values[:-1] / area).reshape(size),
             {"units": "W m-2", "long_name": text},
         )
-        for name, (values, text) in columns.items()
+        for name, (values, text) in variables.items()
     }
     coords = {
         name: ((name,), (axis[1:] + axis[:-1]) / 2, {"units": "m"})
@@ -283,26 +285,20 @@ def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
     return total, np.sqrt(np.maximum(variance, 0.0) * count / max(1, count - 1))
 
 
-def _pixels(
+def _pixel_coordinates(
     position: Values, direction: Values, pose: Values, edges: tuple[Values, Values], virtual: bool
-) -> NDArray[np.intp]:
-    """Return the number of the pixel that each ray meets, -1 for a miss, -2 for a lost ray."""
+) -> Values:
+    """Return where rays meet a plane, (n, 2) in pixels along x and y; NaN if they do not."""
+    low, high = np.transpose([(axis[0], axis[-1]) for axis in edges])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         local = (position - pose[:3, 3]) @ pose[:3, :3]
         along = direction @ pose[:3, :3]
         reach = -local[:, 2] / along[:, 2]
         point = local[:, :2] + reach[:, None] * along[:, :2]
-        largest = np.maximum(np.abs(local).max(axis=1), max(map(np.ptp, edges)))
-        meets = np.isfinite(point).all(axis=1) & (virtual | (reach >= -_ON_PLANE * largest))
-    index = np.zeros(len(position), np.intp)
-    for k, axis in reversed([*enumerate(edges)]):  # x varies fastest
-        n = len(axis) - 1
-        with np.errstate(invalid="ignore", over="ignore"):  # NaN and infinite points are misses
-            step = (point[:, k] - axis[0]) / (axis[-1] - axis[0]) * n
-        meets &= (step >= 0) & (step < n)
-        index = index * n + np.where(meets, step, 0).astype(np.intp)
-    is_lost = ~(np.isfinite(position).all(axis=1) & np.isfinite(direction).all(axis=1))
-    return np.where(is_lost, -2, np.where(meets, index, -1))
+        largest = np.maximum(np.abs(local).max(axis=1), (high - low).max())
+        meets = virtual | (reach >= -_ON_PLANE * largest)
+        pixels = (point - low) / (high - low) * [len(axis) - 1 for axis in edges]
+    return np.where(meets[:, None], pixels, np.nan)
 
 
 def _pose(plane: Any) -> Values:

@@ -101,10 +101,7 @@ class Facets:
     def neighbours(self) -> tuple[Indices, Indices]:
         """Pairs of triangles with a common edge: two arrays (m,) of indices."""
         points = np.round(self.corners.reshape(-1, 3) / (_ONE_VERTEX * self.size)).astype(np.int64)
-        number = np.zeros(len(points), np.int64)
-        for column in points.T:
-            _, rank = np.unique(column, return_inverse=True)
-            _, number = np.unique(number * len(points) + rank.ravel(), return_inverse=True)
+        _, number = np.unique(points, axis=0, return_inverse=True)
         begin = number.reshape(-1, 3)
         edges = np.sort(np.stack([begin, np.roll(begin, -1, axis=1)], axis=2), axis=2)
         keys = (edges[..., 0] * len(points) + edges[..., 1]).ravel()
