@@ -434,7 +434,7 @@ def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _pair(table: Floats) -> Complex:
-    """Combine four columns of real and imaginary parts to two complex components (2, n)."""
+    """Combine four columns of real and imaginary parts into two complex components (2, n)."""
     return (table[:, ::2] + 1j * table[:, 1::2]).T
 
 

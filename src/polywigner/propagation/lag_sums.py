@@ -30,8 +30,8 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 Channel = Floats | None
-"""Quantity on the source: None is the field; the frequency (2,) of a plane wave of the field stands
-for the normal derivative of this wave."""
+"""Quantity on the source: None for the field, or the frequency (2,) of a plane wave of the field for
+the normal derivative of this wave."""
 
 # Largest lag in coherence widths: the degree of coherence of longer lags is below 1e-10.
 _LONGEST = 6.8

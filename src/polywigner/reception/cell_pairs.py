@@ -165,7 +165,7 @@ Pairs: TypeAlias = Any
 
 def _table(names: str, *columns: NDArray[Any]) -> Pairs:
     """Return a record array of columns (n,)."""
-    make: Any = np.rec.fromarrays  # NumPy's types require formats
+    make: Any = np.rec.fromarrays  # NumPy's type hints require formats
     return make(columns, names=names)
 
 
