@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 Channel = Floats | None
-"""Quantity on the source: None for the field, or the frequency (2,) of a plane wave of the field for
+"""Quantity on the source: None for the field, or the frequency (2,) of one of its plane waves for
 the normal derivative of this wave."""
 
 # Largest lag in coherence widths: the degree of coherence of longer lags is below 1e-10.
