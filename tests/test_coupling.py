@@ -204,7 +204,7 @@ def test_poses_that_make_no_link_are_refused(place, message):
         ({"polarisation": (1.0, math.nan)}, ArgumentError, "Jones"),
         ({"polarisation": ("x", "up")}, ArgumentError, "45 deg"),
         ({"polarisation": "x", "method": "kirchhoff"}, ArgumentError, "magnetic"),
-        ({"method": "magnetic"}, ArgumentError, "expected a polarisation"),
+        ({"method": "magnetic"}, ArgumentError, "requires a polarisation"),
     ],
 )
 def test_other_arguments_are_refused(change, error, message):

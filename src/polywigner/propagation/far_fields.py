@@ -319,7 +319,7 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
             f"{polarisation!r}; for polarised fields pass method instead of obliquity"
         )
     if polarisation is None and method is not None:
-        raise ArgumentError(f"expected a polarisation with method={method!r}, got none; give one")
+        raise ArgumentError(f"method={method!r} requires a polarisation; pass polarisation=")
     radiator, length = checked_radiator(source), checked_wavelength(wavelength)
     check_width(largest_lag(radiator), length)
     if element is not None:

@@ -317,7 +317,7 @@ def _checked_method(method: Any, is_polarised: bool) -> str:
     if method is None:
         return "huygens" if is_polarised else DEFAULT
     if not is_polarised and isinstance(method, str) and method in MODELS:
-        raise ArgumentError(f"expected a polarisation with method={method!r}, got none; give one")
+        raise ArgumentError(f"method={method!r} requires a polarisation; pass polarisation=")
     return checked_method(method, allowed)
 
 
