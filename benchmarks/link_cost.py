@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.reception.cell_pairs import link_kernel
+from polywigner.reception.couplings import link_kernel
 from polywigner.source.obliquities import CONDITIONS
 
 METHOD, TOLERANCE, ROUNDS = "rayleigh-sommerfeld-1", 1e-6, 7

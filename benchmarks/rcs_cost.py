@@ -26,7 +26,7 @@ import polywigner as pw
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from oracles.meshes import extruded, sphere, torus
-from polywigner.scattering.facets import facets_of, lit_pieces, seen_along
+from polywigner.scattering.facets import facets_of, visible_along, visible_pieces
 
 ROUNDS = 5
 
@@ -172,7 +172,7 @@ def lit_areas() -> None:
     body = torus(200, 50)
     facets, rays = facets_of(body), Rays(body)
     for s in directions(6):
-        pieces = lit_pieces(facets, seen_along(facets, -s))
+        pieces = visible_pieces(facets, visible_along(facets, -s))
         # signed by the side of their face, which all are convex and look towards the radar
         ours = (np.linalg.norm(pieces.vector, axis=1) * np.sign(pieces.vector @ s)).sum() / 2
         _, cosine, cell = rays.lit(s, 3000)

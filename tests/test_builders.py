@@ -150,10 +150,10 @@ def test_a_bar_is_drawn_on_request_and_never_into_a_pipe(capfd, monkeypatch):
 REFUSED: dict[str, tuple[Any, str]] = {
     "behind": (lambda: pw.volume(SQUARE, ((0, 0, -1), (1, 1, 1)), (2, 2, 2), 1.0), "z > 0"),
     "no points": (lambda: pw.volume(SQUARE, BOX, (2, 2, 0), 1.0), "at least 1"),
-    "a thick plane": (lambda: pw.plane(SQUARE, BOX, (2, 2), 1.0), "no thickness"),
+    "a thick plane": (lambda: pw.plane(SQUARE, BOX, (2, 2), 1.0), "zero thickness"),
     "a rhombus": (
         lambda: pw.plane(SQUARE, ((0, 0, 1), (1, 0, 1), (1, 1, 1)), (2, 2), 1.0),
-        "right angles",
+        "perpendicular",
     ),
     "a point": (lambda: pw.line(SQUARE, ((0, 0, 1), (0, 0, 1)), 2, 1.0), "twice"),
     "the horizon": (lambda: pw.hemisphere(SQUARE, 1.0, math.pi / 2, 0.0, 1.0), "z > 0"),

@@ -289,7 +289,7 @@ def test_gains_with_phases_are_a_field(tmp_path: Path) -> None:
     [
         (_parts("Tesla", 1.0), "Tesla"),
         ({**_parts("V", 1), "dB(DirTotal)": lambda t, p, a, b, s: 20 * np.log10(s[0])}, "DirTotal"),
-        ({**_parts("V", 1), **_parts("mV", 1e3)}, "one column of each quantity"),
+        ({**_parts("V", 1), **_parts("mV", 1e3)}, "one column for each quantity"),
         ({"rETheta [mV]": lambda t, p, a, b, s: a.real, "rEPhi": lambda *_: _[3].real}, "phase"),
         ({"dB(rETheta) [mV]": lambda t, p, a, b, s: _size(s[0], "dBV/m")}, "mV"),
     ],
@@ -485,7 +485,7 @@ def test_cuts_of_grasp_that_are_not_read_are_named(tmp_path: Path) -> None:
         (lambda t: re.sub(r" 1 1 2\n", " 1 3 2\n", t), "ICUT 3"),
         (lambda t: re.sub(r" 1 1 2\n", " 1 1 3\n", t), "NCOMP 3"),
         (lambda t: "\n".join(t.splitlines()[:-3]), "fewer"),
-        (lambda t: t + t, "once"),
+        (lambda t: t + t, "several times"),
     ):
         path.write_text(change(text))
         with pytest.raises(FileFormatError, match=words):

@@ -174,7 +174,7 @@ def test_irradiance_is_the_wigner_functions_marginal(through):
         ({"obliquity": "kirchhoff"}, "expected no obliquity with through="),
         ({"through": "lens"}, "polywigner.FirstOrder.* got str"),
         ({"through": [SPACE, SQUARE.placed(np.eye(4))]}, "got PlacedAperture"),
-        ({"through": [SQUARE.moved((0.1, 0.0)), SPACE]}, "stop transmits nothing"),
+        ({"through": [SQUARE.moved((0.1, 0.0)), SPACE]}, "stop transmits no light"),
         ({"through": [TAPERED, SPACE]}, "Apertures without a field"),
         ({"through": [LINE, SQUARE, SPACE]}, "along both axes; move the stop"),
         ({"through": [SPACE, SQUARE, LINE]}, "along one axis.*move the points"),

@@ -167,7 +167,7 @@ def test_auto_is_the_exact_field_of_a_boundary_condition_and_rays_for_the_paper_
 
 @pytest.mark.slow
 def test_rays_from_many_edges_name_the_faster_method():
-    with pytest.warns(PolywignerWarning, match="60 edges take seconds; method='auto'"):
+    with pytest.warns(PolywignerWarning, match="60 edges take seconds; use method='auto'"):
         pw.irradiance(pw.shapes.regular_polygon(60, 1e-3), (0.0, 0.0, 1e-2), 3e-3)
 
 

@@ -237,10 +237,10 @@ REFUSED: list[tuple[Any, type[PolywignerError], str]] = [
     (
         lambda: pw.write_pattern(_pattern(polarisation="y"), "a.csv", polarisation="x"),
         ArgumentError,
-        "own",
+        "polarised pattern",
     ),
     (lambda: _pattern(polarisation="x", obliquity="kirchhoff"), ArgumentError, "obliquity or a"),
-    (lambda: _pattern(method="magnetic"), ArgumentError, "expected a polarisation"),
+    (lambda: _pattern(method="magnetic"), ArgumentError, "requires a polarisation"),
     (lambda: _pattern(polarisation="x", method="kirchhoff"), ArgumentError, "huygens"),
     (lambda: _pattern(polarisation=["x", "y"]), ArgumentError, "Jones"),
     (lambda: pw.write_pattern(_pattern(SQUARE, [0.0, 0.1, 0.3]), "a.ffd"), ArgumentError, "evenly"),

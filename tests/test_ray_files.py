@@ -56,7 +56,8 @@ def test_a_source_file_of_opticstudio_is_written_byte_by_byte(rays, tmp_path):
 def test_negative_powers_in_a_source_file_are_warned_of_with_their_share(rays, tmp_path):
     weight = rays.weight.values
     rays_below = f"{100 * (weight < 0).mean():.0f} % of the rays"
-    power_below = f"{100 * -weight[weight < 0].sum() / np.abs(weight).sum():.0f} % of all power"
+    below = 100 * -weight[weight < 0].sum() / np.abs(weight).sum()
+    power_below = f"{below:.0f} % of the total absolute power"
     with pytest.warns(PolywignerWarning, match=f"{rays_below}.*{power_below}.*split") as result:
         pw.rays.save(rays, tmp_path / "rays.dat")
     assert len(result) == 1

@@ -15,7 +15,7 @@ from oracles.meshes import BOX, block, drone, joined, moved, section_root, torus
 from oracles.scan_lines import visible_lengths
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.geometry import hidden_parts
-from polywigner.scattering.facets import facets_of, seen_along
+from polywigner.scattering.facets import facets_of, visible_along
 
 pytestmark = pytest.mark.filterwarnings("ignore::polywigner.errors.PolywignerWarning")
 
@@ -52,7 +52,7 @@ def lit_lengths(body: Any, k: np.ndarray, angle: float, height: float) -> np.nda
     second = np.cross(k, first)
     along = np.cos(angle) * first + np.sin(angle) * second
     across = np.cos(angle) * second - np.sin(angle) * first
-    seen, lengths = seen_along(facets, k), np.zeros(len(facets.corner))
+    seen, lengths = visible_along(facets, k), np.zeros(len(facets.corner))
     for j in np.flatnonzero(seen.signs):
         part = seen.parts[j] or shapely.Polygon([(0, 0), (1, 0), (0, 1)])
         places = []

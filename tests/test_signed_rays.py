@@ -254,11 +254,11 @@ SAMPLED: list[tuple[dict[str, Any], str]] = [
     ({"power": -1.0}, "expected power as"),
     ({"wavelength": 0.0}, "wavelength"),
     ({"source": pw.Slits([[0.0, 1.0]])}, "Aperture"),
-    ({"source": SQUARE.placed(np.eye(4)), "to_world": np.eye(4)}, "both"),
+    ({"source": SQUARE.placed(np.eye(4)), "to_world": np.eye(4)}, "no to_world"),
     ({"source": DARK, "power": 1.0}, "source radiates only"),
     ({"to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales"),
     *(
-        ({"source": source, "obliquity": name}, "curved wave or partially coherent")
+        ({"source": source, "obliquity": name}, "curved waves and partially coherent")
         for source in (CURVED, SQUARE.partially_coherent(4e-3))
         for name in ("kirchhoff", "rayleigh-sommerfeld-2")
     ),

@@ -85,11 +85,9 @@ def rcs(
     from polywigner.figures import draw_rcs
     from polywigner.scattering.cross_sections import Pattern
     from polywigner.scattering.facets import facets_of
-    from polywigner.scattering.near_fields import checked_channel
 
-    channel = None if polarisation is None else checked_channel(polarisation)
     metal = reading.read_body(body, open_mesh)
-    pattern_of = partial(Pattern, metal, length, polarisation=channel, bounces=bounces)
+    pattern_of = partial(Pattern, metal, length, polarisation=polarisation, bounces=bounces)
     lobe = math.degrees(length / (2 * facets_of(metal).size))
     degrees, fine = _steps(pattern_of(0.0, 0.0), map_step, fine_step, lobe)
     count = round(90.0 / degrees)

@@ -169,15 +169,20 @@ class Immutable:
 _LARGEST_COUNT = 1_000_000
 
 
-def checked_number(value: Any, name: str, meaning: str) -> float:
-    """Return a finite number; raise ArgumentError "expected `name` as `meaning`" for others."""
+def checked_number(
+    value: Any, name: str, meaning: str, is_valid: Callable[[float], bool] = math.isfinite
+) -> float:
+    """Return a finite, valid number; raise ArgumentError "expected `name` as `meaning`" for others.
+
+    ``is_valid``: condition of finite numbers, by default none.
+    """
     try:
         refused = isinstance(value, (str, bytes, bool)) or np.iscomplexobj(value)
         refused |= np.ma.is_masked(value)
         number = math.nan if refused else float(value)
     except (TypeError, ValueError, OverflowError):
         number = math.nan
-    if not math.isfinite(number):
+    if not (math.isfinite(number) and is_valid(number)):
         raise ArgumentError(f"expected {name} as {meaning}, got {value_text(value)}")
     return number
 
@@ -215,10 +220,7 @@ def checked_callable(value: T, name: str) -> T:
 def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "") -> float:
     """Return a finite number above zero, or zero if allowed; raise ArgumentError for others."""
     meaning = meaning or ("a length of at least zero" if zero else "a length above zero")
-    number = checked_number(value, name, meaning)
-    if not number > 0 and not (zero and number == 0):
-        raise ArgumentError(f"expected {name} as {meaning}, got {value_text(value)}")
-    return number
+    return checked_number(value, name, meaning, lambda x: x > 0 or (zero and x == 0))
 
 
 def checked_wavelength(value: Any) -> float:

@@ -1,33 +1,37 @@
-"""Fields of sources at points in front of them: exact boundary integrals, rays, far fields.
+"""Fields and radiation patterns of sources: boundary integrals, Wigner rays and far fields.
 
-Sources lie in the plane z = 0 and radiate to z > 0. Points are (..., 3) in metres, wavelengths in
-metres; a free wave is exp(+i k R)/R (docs/conventions). Fields have the unit of the source's field.
+Sources lie in the plane z = 0 and radiate to z > 0. Points (..., 3) and wavelengths are in metres.
+A spherical wave is exp(+i k R)/R (docs/conventions). Fields have the unit of the source's field.
 
-===================  ==========================================================================
-module               content
-===================  ==========================================================================
-``point_grids``      points, angles, grids of points and names of methods, checked
-``irradiances``      |U|^2 at points: Wigner rays to a tolerance, and mixtures of waves;
-                     ``partial_coherence`` and ``lag_sums`` for partially coherent light
-``quadrature``       Gauss rules on triangles, and on rows of trapezoids
-``amplitudes``       the complex field at points, by boundary integrals and in the far field
-``boundary``         boundary integrals over panels of edges, to a tolerance
-``vector_fields``    electric fields of polarised sources, near and far
-``screens``          opaque plates and openings in front of point sources and plane waves
-``shadows``          fields behind opaque bodies, by ``equivalent_points`` of the source
-``collins``          fields behind first-order systems; point spread functions
-``curved_fields``    fields of curved waves, as sums over cells of the source
-``far_fields``       far fields as functions of direction, their power, and the search for the beam
-``patterns``         radiation patterns, great circles through the beam, and the cuts of both
-``pattern_files``    radiation patterns read and written; ``far_field_tables`` of simulators
-``array_patterns``   arrays with errors, and radars of two arrays
-``element_patterns`` far fields from tables: interpolation, and fits by apertures
-``beams``            numbers of data sheets: gain, beamwidths, sidelobes
-``datasets``         lines, planes, hemispheres, volumes: in memory, lazy, or stored
-``phase_space_tables`` W and A over a grid of their four coordinates
-``stores``           datasets on disk: zarr stores written by chunks, NetCDF files
-``suggestions``      how many samples a grid needs
-===================  ==========================================================================
+======================  ========================================================================
+module                  content
+======================  ========================================================================
+``point_grids``         checked points, angles and method names; grids of points
+``irradiances``         |U|^2 at points, also of partially coherent light and of bands
+``wigner_rays``         irradiance by Wigner rays, to a tolerance
+``partial_coherence``   irradiance of partially coherent light
+``lag_sums``            irradiance of light whose coherence width is far below the source's size
+``amplitudes``          the complex field at points, by boundary integrals and in the far field
+``boundary``            boundary integrals over panels of edges, to a tolerance
+``vector_fields``       electric fields of polarised sources, near and far
+``screens``             opaque plates and openings in front of point sources and plane waves
+``shadows``             fields behind opaque bodies
+``equivalent_points``   point sources that replace a source behind bodies
+``collins``             fields behind first-order systems; point spread functions
+``curved_fields``       fields of curved waves, as sums over cells of the source
+``far_fields``          far fields as functions of direction, radiated power, beam and steering
+``patterns``            radiation patterns, great circles through the beam, and cuts
+``pattern_files``       readers and writers of radiation patterns
+``far_field_tables``    readers of far-field files of simulators
+``array_patterns``      patterns of arrays with errors; two-way patterns of radars
+``element_patterns``    far fields from tables: interpolation, and fits by aperture fields
+``horns``               mouths of horns, and their textbook directivity
+``beams``               data-sheet numbers: gain, beamwidths, sidelobes
+``datasets``            lines, planes, hemispheres, volumes: in memory, lazy, or stored
+``phase_space_tables``  W and A over a grid of their four coordinates
+``stores``              datasets on disk: zarr stores written by chunks, NetCDF files
+``suggestions``         numbers of samples that a grid needs
+======================  ========================================================================
 """
 
 from __future__ import annotations

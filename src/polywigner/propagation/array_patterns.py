@@ -1,4 +1,4 @@
-"""Patterns of arrays with random errors, and two-way patterns of radars."""
+"""Patterns of arrays whose elements have random errors, and two-way patterns of radars."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# Complex numbers in a block: 64 MiB.
+# Complex numbers per block, 64 MiB.
 _BLOCK = 2**22
-# Largest value and meaning of each error.
+# Largest value of each error, and its description in messages.
 _ERRORS = {
     "amplitude": (40.0, "an rms error from 0 to 40 dB"),
     "phase": (2 * math.pi, "an rms error from 0 to 2 pi rad"),
@@ -59,12 +59,12 @@ def array_tolerance(
     seed: int | np.random.Generator = 0,
     obliquity: ObliquityName | None = None,
 ) -> xarray.Dataset:
-    """Compute mean and quantiles of the pattern of an array with random errors of its elements.
+    """Compute the mean and quantiles of an array's pattern for random errors of its elements.
 
     The weight w_k of element k is multiplied by an independent random factor
-    f_k = d_k 10^(a_k/20) exp(i p_k - i k s.x_k). The errors a_k, p_k and x_k are normally
-    distributed; d_k is 0 for dead elements and 1 otherwise. With m = <f_k>, v = <|f_k|^2> - |m|^2
-    and the far fields E_k of the elements, the mean is (RP4)
+    f_k = d_k 10^(a_k/20) exp(i p_k - i k s.x_k). The errors a_k of the amplitude, p_k of the phase
+    and x_k of the position are normally distributed; d_k is 0 for dead elements and 1 otherwise.
+    With m = <f_k>, v = <|f_k|^2> - |m|^2 and the far fields E_k of the elements, the mean is (RP4)
 
         <|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2
 
@@ -75,7 +75,7 @@ def array_tolerance(
     wavelength : float
         Wavelength in m.
     theta, phi : array_like, shapes (n,) and (m,)
-        Angles in rad, as of :func:`radiation_pattern`.
+        Angles in rad, as in :func:`radiation_pattern`.
     amplitude : float, default 0
         Rms error of the amplitudes in dB.
     phase : float, default 0
@@ -89,22 +89,22 @@ def array_tolerance(
     seed : int or numpy.random.Generator, default 0
         Seed of NumPy's default generator, or a generator.
     obliquity : str, optional
-        As of :func:`radiation_pattern`.
+        As in :func:`radiation_pattern`.
 
     Returns
     -------
     xarray.Dataset
         Levels 4 pi |E|^2/P in dBi over theta and phi, at least -300 dBi, where P is the radiated
-        power without errors: ``nominal`` without errors, ``expected``, the mean in closed form, and
-        ``mean``, ``low`` and ``high``, the mean, 5 % and 95 % quantiles of the samples. Attributes
-        are the errors, the count, and ``peak_loss``, the nominal minus the expected level at the
-        nominal peak in dB.
+        power without errors. ``nominal`` is the pattern without errors, ``expected`` the mean in
+        closed form, and ``mean``, ``low`` and ``high`` are the mean, the 5 % and the 95 % quantile
+        of the samples. Attributes are the errors, the count, and ``peak_loss``, the nominal minus
+        the expected level in dB at the peak of the nominal pattern.
 
     Raises
     ------
     ArgumentError
-        If ``array`` is not an Array, for errors out of range, and if all errors are zero; otherwise
-        as :func:`radiation_pattern`.
+        If ``array`` is not an Array, if an error is out of range, if all errors are zero, and as
+        :func:`radiation_pattern` raises it.
 
     Notes
     -----
@@ -114,6 +114,8 @@ def array_tolerance(
     ----------
     J. Ruze, Nuovo Cimento 9, Suppl. (1952) 364-380.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> positions = pw.arrays.grid_positions(8, 8, 2e-3)
     >>> array = pw.phased_array(pw.shapes.square(1.9e-3), positions)
@@ -153,20 +155,20 @@ def array_tolerance(
 
 
 def _checked_errors(**errors: float) -> dict[str, float]:
-    """Return the errors by name; raise ArgumentError if out of range, or all zero."""
+    """Return the errors by name; raise ArgumentError if one is out of range or all are zero."""
     for name, (most, meaning) in _ERRORS.items():
         errors[name] = checked_number(errors[name], name, meaning)
         if not 0 <= errors[name] <= most:
             raise ArgumentError(f"expected {name} as {meaning}, got {errors[name]:g}")
     if not any(errors.values()):
         raise ArgumentError(
-            "expected an error of amplitude, phase, dead or position above zero, got none"
+            "expected at least one of amplitude, phase, dead and position above zero, got zeros"
         )
     return errors
 
 
 def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]:
-    """Return |<f>|^2 and <|f|^2> - |<f>|^2 of the factors of :func:`array_tolerance`."""
+    """Return |<f>|^2 and <|f|^2> - |<f>|^2 of the random factors f of :func:`array_tolerance`."""
     spread = (errors["amplitude"] / _NEPER) ** 2
     phase = errors["phase"] ** 2 + (2 * math.pi * errors["position"] / wavelength) ** 2
     alive = 1 - errors["dead"]
@@ -179,7 +181,10 @@ def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]
 def _draw(
     errors: dict[str, float], shape: tuple[int, int], random: np.random.Generator
 ) -> tuple[Complexes, Reals | None]:
-    """Return factors (n, count) of the weights, and shifts (n, count, 3) of the elements."""
+    """Draw factors (n, count) of the weights, and shifts (n, count, 3) of the elements in m.
+
+    ``shape`` is (n, count). The shifts are None without errors of the position.
+    """
     logarithms = errors["amplitude"] / _NEPER * random.standard_normal(shape)
     phases = errors["phase"] * random.standard_normal(shape)
     alive = random.random(shape) >= errors["dead"]
@@ -198,7 +203,7 @@ def _statistics(
     factors: Complexes,
     shifts: Reals | None,
 ) -> dict[str, Reals]:
-    """Return nominal, expected, mean, low and high values of |E|^2 in directions (n, 3)."""
+    """Return |E|^2 in directions (n, 3) by the names of the result of :func:`array_tolerance`."""
     square, variance = _moments(errors, wavelength)
     weighted = source.weights[:, None] * factors
     size = len(source) * (1 if shifts is None else factors.shape[1]) + factors.shape[1]
@@ -209,7 +214,7 @@ def _statistics(
         for block in blocks:
             fields = _element_fields(source, block, wavelength, obliquity)
             nominal = np.square(np.abs(fields @ source.weights))
-            alone = np.square(np.abs(fields * source.weights)).sum(axis=1)
+            incoherent = np.square(np.abs(fields * source.weights)).sum(axis=1)
             if shifts is None:
                 total = fields @ weighted
             else:
@@ -217,7 +222,7 @@ def _statistics(
                 total = np.einsum("mk,kc,mkc->mc", fields, weighted, np.exp(-2j * np.pi * cycles))
             samples = np.square(np.abs(total))
             low, high = np.quantile(samples, (0.05, 0.95), axis=1)
-            expected = square * nominal + variance * alone
+            expected = square * nominal + variance * incoherent
             results.append((nominal, expected, samples.mean(axis=1), low, high))
     names = ("nominal", "expected", "mean", "low", "high")
     return dict(zip(names, map(np.concatenate, zip(*results, strict=True)), strict=True))
@@ -226,7 +231,7 @@ def _statistics(
 def _element_fields(
     source: Array, directions: Reals, wavelength: float, obliquity: str
 ) -> Complexes:
-    """Return the far fields (direction, element) of elements with weight 1."""
+    """Return the far fields of elements of weight 1 in directions (n, 3), (n, elements)."""
     if source.repeated is not None:
         element, positions = source.repeated
         cycles = directions[:, :2] @ positions.T / wavelength
@@ -246,35 +251,37 @@ def two_way_pattern(
     *,
     obliquity: ObliquityName | None = None,
 ) -> xarray.Dataset:
-    """Compute the two-way pattern of a radar with two sources for transmission and reception.
+    """Compute the two-way pattern of a radar, from its transmitting and its receiving antenna.
 
-    The field is the product E_t E_r, and the level is the sum of both directivities in dBi. A
-    target of cross section c at the distance r returns G_t G_r c lambda^2/((4 pi)^3 r^4) of the
-    power.
+    The field is the product E_t E_r of both far fields, and the level is the sum of both
+    directivities in dBi. A target of cross section c at the distance r returns the fraction
+    G_t G_r c lambda^2/((4 pi)^3 r^4) of the power.
 
     Parameters
     ----------
     transmitter, receiver : Aperture or Array
-        Antennas in the plane z = 0, with any fields. The weights of the receiver are those of the
-        same antenna in transmission.
+        Antennas in the plane z = 0, with any fields. Specify the field of the receiver as if it
+        transmitted.
     wavelength : float
         Wavelength in m.
     theta, phi : array_like, shapes (n,) and (m,)
-        Angles in rad, as of :func:`radiation_pattern`.
+        Angles in rad, as in :func:`radiation_pattern`.
     obliquity : str, optional
-        As of :func:`radiation_pattern`.
+        As in :func:`radiation_pattern`.
 
     Returns
     -------
     xarray.Dataset
-        Over theta and phi: ``transmit`` and ``receive`` in dBi, ``two_way``, their sum in dB, and
-        ``field``, the complex product of both fields.
+        Over theta and phi: the directivities ``transmit`` and ``receive`` in dBi, their sum
+        ``two_way`` in dB, and the complex product ``field`` of both far fields.
 
     Raises
     ------
     PolywignerError
         As :func:`radiation_pattern`.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> square = pw.shapes.square(10e-3)
     >>> pattern = pw.two_way_pattern(square, square, 3.2e-3, 0.0, 0.0)

@@ -24,30 +24,30 @@ if TYPE_CHECKING:
     import xarray
 
 
+# Half of the power, in dB.
 _HALF = 10 * math.log10(2.0)
-# Finite level in dBi for minus infinity: parabolas are fitted to levels.
+# Finite level in dBi that replaces minus infinity, since parabolas are fitted to levels.
 _DARK = -400.0
-# Largest difference in dB between samples to which a parabola is fitted. Levels next to a null are
-# steeper and have another shape.
+# A parabola is fitted only to samples that differ by at most this level in dB. Levels next to a
+# null are steeper and are no parabola.
 _STEEP = 10.0
-# Level in dB below the beam at which a cut is rounding noise.
+# A cut this far below the beam, in dB, consists of rounding errors.
 _NOTHING = 150.0
-# Largest meaningful ratio of polarisations, in dB.
+# Largest ratio of polarisations, in dB, that exceeds rounding errors.
 _LINEAR = 200
-# A beam that exceeds all cuts by this level in dB does not lie on a cut.
+# If the beam exceeds all cuts by this level in dB, it does not lie on a cut.
 _MISSED = 0.1
-# With fewer samples within the half-power width, its error is some percent.
+# Number of samples within the half-power width, below which its error is some percent.
 _LEAST_SAMPLES = 6
-# Tolerance in rad of a beam along the normal.
+# Angle in rad from the normal, below which a beam counts as normal.
 _SAME_ANGLE = 1e-9
-# Least reported angle in rad between the beam and the steering direction: 0.01 degrees.
+# Smallest reported angle in rad between the beam and the steering direction: 0.01 degrees.
 _SQUINT = 1.7e-4
 _NUMBERS = (
     "radiated_power", "aperture_power", "peak_directivity", "peak_theta", "peak_phi",
 )  # fmt: skip
 
 Levels = NDArray[np.float64]
-
 
 _NAN_PAIR = (math.nan, math.nan)
 
@@ -59,6 +59,8 @@ class CutMetrics:
     On a meridian, angles are theta, negative at the opposite phi. On a great circle through the
     beam, angles are measured from the beam.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, [-0.1, 0.0, 0.1], 0.0)
     >>> pw.beam_metrics(pattern).cuts[0].phi
@@ -72,14 +74,14 @@ class CutMetrics:
     directivity: float
     """Directivity of the cut's peak in dBi; minus infinity if the cut has no radiation."""
     half_power_beamwidth: float
-    """Angle in rad between the directions of half the peak; NaN if the cut ends before."""
+    """Angle in rad between the directions of half the peak; NaN if the cut ends before them."""
     sidelobe_levels: tuple[float, float]
-    """Levels in dB, relative to the peak of the cut, of the first maxima beyond half power, towards
-    smaller and larger angles."""
+    """Levels in dB of the first sidelobes on both sides, relative to the peak of the cut. A first
+    sidelobe is the first maximum beyond the half-power direction; smaller angles come first."""
     sidelobe_angles: tuple[float, float]
-    """Angles in rad of these maxima."""
+    """Angles in rad of the first sidelobes."""
     first_nulls: tuple[float, float] = _NAN_PAIR
-    """Angles in rad of the first minima beyond half power; NaN if the cut ends before."""
+    """Angles in rad of the first minima beyond half power; NaN if the cut ends before them."""
     peak_sidelobe_level: float = math.nan
     """Largest level in dB beyond the first nulls, relative to the peak; NaN without a null."""
     peak_sidelobe_angle: float = math.nan
@@ -91,8 +93,10 @@ class CutMetrics:
 
 @dataclass(frozen=True)
 class BeamMetrics:
-    """Main beam of a pattern; ``str()`` is a table.
+    """Main beam of a pattern; ``str()`` returns a table.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, [-0.1, 0.0, 0.1], 0.0)
     >>> round(pw.beam_metrics(pattern).directivity, 1)
@@ -112,13 +116,13 @@ class BeamMetrics:
     eirp: float | None
     """Radiated power times directivity in W; None if no power is specified."""
     radiated_fraction: float
-    """Radiated power over int |u|^2; NaN if the pattern, or the element pattern, is from a file."""
+    """Radiated power over int |u|^2; NaN if the pattern or the element pattern is from a file."""
     cuts: tuple[CutMetrics, ...]
     """Metrics of each meridian of the pattern, or of each great circle of :func:`beam_cuts`."""
     axial_ratio: float | None = None
-    """Axial ratio of the beam in dB, infinite for a linear one; None for a scalar pattern."""
+    """Axial ratio of the beam in dB, infinite if it is linear; None for a scalar pattern."""
     cross_polar_discrimination: float | None = None
-    """Co- over cross-polar part of the beam in dB; None for a scalar pattern."""
+    """Co-polar over cross-polar part of the beam in dB; None for a scalar pattern."""
     beam_cuts: tuple[CutMetrics, ...] = ()
     """Metrics of two orthogonal great circles through the beam; empty if angles are too few."""
     steering: tuple[float, float] | None = None
@@ -155,14 +159,14 @@ class BeamMetrics:
 
     @property
     def principal_cuts(self) -> tuple[CutMetrics, ...]:
-        """Return the cuts nearest to the x axis, the y axis and the beam, without duplicates."""
+        """Cuts nearest to the x axis, the y axis and the beam, without duplicates."""
         azimuths = (0.0, math.pi / 2, *((self.phi,) if abs(self.theta) > _SAME_ANGLE else ()))
         nearest = (min(self.cuts, key=lambda cut: angle_between(cut.phi, phi)) for phi in azimuths)
         return tuple(dict.fromkeys(nearest))
 
     @property
     def table_cuts(self) -> tuple[CutMetrics, ...]:
-        """Cuts in the table: great circles through the beam, otherwise the principal cuts."""
+        """Cuts in the table: great circles through the beam, or without them the principal cuts."""
         return self.beam_cuts or self.principal_cuts
 
 
@@ -179,10 +183,10 @@ def _cut_rows(cut: CutMetrics) -> list[tuple[str, str]]:
         return ", ".join(t for t, a in zip(texts, angles, strict=True) if not math.isnan(a))
 
     width = cut.half_power_beamwidth
-    shown = "not in range" if math.isnan(width) else _degrees(width)
+    width_text = "not in range" if math.isnan(width) else _degrees(width)
     lobes = listed(cut.sidelobe_angles, cut.sidelobe_levels)
     rows = [
-        (name, f"peak {cut.directivity:.2f} dBi, half-power width {shown}"),
+        (name, f"peak {cut.directivity:.2f} dBi, half-power width {width_text}"),
         ("", f"first nulls {listed(cut.first_nulls) or 'not in range'}"),
         ("", f"first sidelobes {lobes or 'not in range'}"),
     ]
@@ -197,27 +201,27 @@ def beam_metrics(
 ) -> BeamMetrics:
     """Return directivity, gain, EIRP, beam direction, beamwidths, nulls and sidelobes.
 
-    Directivity, gain, EIRP and direction refer to the beam in any direction. Half-power beamwidths,
-    first nulls and sidelobes refer to cuts up to the horizon:
+    Directivity, gain, EIRP and direction are values of the beam, which may lie between the cuts.
+    Half-power beamwidths, first nulls and sidelobes are values of cuts, which end at the horizon:
 
     - ``cuts`` : the meridians of the pattern, or the great circles of :func:`beam_cuts`. If theta
       is never negative, columns at phi and phi + pi are joined to a meridian.
     - ``beam_cuts`` : two great circles through the beam, over angles from the beam. They are exact
-      in the result of :func:`beam_cuts`, and interpolated in a pattern over phi around the full
+      for a result of :func:`beam_cuts`, and interpolated for a pattern whose phi covers the full
       circle. A pattern of single meridians has none.
 
-    Levels between samples are interpolated by parabolas: the relative error of a beamwidth is below
-    3e-3 with ten samples in it.
+    Levels between samples are interpolated by parabolas. With ten samples within a beamwidth, its
+    relative error is below 3e-3.
 
     Parameters
     ----------
     pattern : xarray.Dataset
         Result of :func:`radiation_pattern`, :func:`beam_cuts` or :func:`read_pattern`.
     power : float, optional
-        Power accepted by the antenna in W. Without it the radiated power is the integral of |E|^2,
-        and there is no EIRP.
+        Power in W that the antenna accepts. By default the radiated power is the integral of |E|^2,
+        and ``eirp`` is None.
     efficiency : float, default 1
-        Radiated over accepted power, above 0 and up to 1, for losses outside the model.
+        Radiated over accepted power, above 0 and up to 1, which accounts for losses.
 
     Returns
     -------
@@ -228,14 +232,16 @@ def beam_metrics(
     ------
     ArgumentError
         If ``pattern`` is not a pattern over theta and phi with at least three angles theta in
-        front, and for a power or an efficiency out of range.
+        front of the plane, or if ``power`` or ``efficiency`` is out of range.
 
     Warns
     -----
     PolywignerWarning
-        If fewer than six samples lie within the half-power width, or the beam is 0.1 dB or more
-        above all cuts.
+        If fewer than six samples lie within the half-power width, or if the beam exceeds all cuts
+        by more than 0.1 dB.
 
+    Examples
+    --------
     >>> import numpy as np, polywigner as pw
     >>> theta, phi = np.radians(np.arange(-90, 91)), np.radians([0, 90])
     >>> square = pw.shapes.square(10e-3)
@@ -246,8 +252,8 @@ def beam_metrics(
     lines = cuts_in(pattern)
     if len(lines[0].angles) < 3:
         raise ArgumentError(
-            "expected three or more angles theta in front for a beamwidth, got "
-            f"{len(lines[0].angles)}; use some ten within the main beam"
+            "expected three or more angles theta in front of the plane for a beamwidth, got "
+            f"{len(lines[0].angles)}; use about ten within the main beam"
         )
     about = {name: float(pattern.attrs[name]) for name in _NUMBERS}
     fraction, directivity = checked_efficiency(efficiency), about["peak_directivity"]
@@ -285,19 +291,20 @@ def _warn_of_samples(
     if best.half_power_beamwidth < _LEAST_SAMPLES * step:
         warn_caller(
             f"steps of {_degrees(step)} are coarse for a half-power width of "
-            f"{_degrees(best.half_power_beamwidth)}: errors may be some percent; give "
-            "radiation_pattern more angles theta"
+            f"{_degrees(best.half_power_beamwidth)} and may cause errors of some percent; pass "
+            "more angles theta to radiation_pattern"
         )
     if about["peak_directivity"] > best.directivity + _MISSED and not has_circles:
         warn_caller(
             f"the cuts of the pattern miss the beam of {about['peak_directivity']:.2f} dBi at "
             f"{_direction(about['peak_theta'], about['peak_phi'])}: the largest directivity on the "
-            f"cuts is {best.directivity:.2f} dBi; use beam_cuts, or add phi to radiation_pattern"
+            f"cuts is {best.directivity:.2f} dBi; use beam_cuts, or pass more angles phi to "
+            "radiation_pattern"
         )
 
 
 def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
-    """Return the metrics of a cut of a pattern whose beam has a level in dBi."""
+    """Return the metrics of a cut; ``beam`` is the directivity of the pattern's beam in dBi."""
     angles, levels = cut.angles, np.maximum(cut.levels, _DARK)
     peak = int(np.argmax(levels)) if cut.kind == "theta" else _top(levels, angles)
     angle, level = _vertex(angles, levels, peak)
@@ -324,9 +331,9 @@ def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
 
 
 def _top(levels: Levels, angles: Levels) -> int:
-    """Return the sample at the top of the beam, near angle 0 of a great circle.
+    """Return the index of the beam's largest sample on a great circle, near the angle 0.
 
-    The largest sample may belong to a lobe behind the plane.
+    The largest of all samples may belong to a back lobe.
     """
     k = int(np.abs(angles).argmin())
     while True:
@@ -351,7 +358,7 @@ class _Side(NamedTuple):
 
 
 def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) -> _Side:
-    """Return one side of the peak of a cut; ``step``: 1 or -1."""
+    """Return the side of a cut's peak towards larger (``step`` = 1) or smaller (-1) angles."""
     levels, angles = levels[peak::step], angles[peak::step]
     below = np.flatnonzero(levels < level - _HALF)
     if not below.size:
@@ -376,28 +383,25 @@ def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) ->
 def _vertex(angles: Levels, levels: Levels, peak: int) -> tuple[float, float]:
     """Return angle and level of the vertex of the parabola through a maximum and its neighbours."""
     angle, level = float(angles[peak]), float(levels[peak])
-    x, y = angles[max(0, peak - 1) : peak + 2] - angle, levels[max(0, peak - 1) : peak + 2] - level
-    if len(x) < 3 or y.min() < -_STEEP or not (x[0] and x[2]):
+    near = slice(max(0, peak - 1), peak + 2)
+    x, y = angles[near] - angle, levels[near] - level
+    if len(np.unique(x)) < 3 or y.min() < -_STEEP:
         return angle, level
-    left, right = y[0] / x[0], y[2] / x[2]
-    curvature = (right - left) / (x[2] - x[0])
+    curvature, slope, _ = np.polyfit(x, y, 2).tolist()
     if not curvature < 0:
         return angle, level
-    slope = left - curvature * x[0]
-    return float(angle - slope / (2 * curvature)), float(level - slope**2 / (4 * curvature))
+    return angle - slope / (2 * curvature), level - slope**2 / (4 * curvature)
 
 
 def _crossing(levels: Levels, angles: Levels, k: int, level: float) -> float:
     """Return the angle between samples k - 1 and k at a level, from an inverse parabola."""
     x, y = (values[max(0, k - 2) :][:3] for values in (angles, levels))
+    ends = angles[k - 1 : k + 1]
     if len(x) == 3 and y[0] > y[1] > y[2]:
-        total = 0.0
-        for i in range(3):
-            others = [j for j in range(3) if j != i]
-            total += x[i] * math.prod((level - y[j]) / (y[i] - y[j]) for j in others)
-        if min(angles[k - 1], angles[k]) <= total <= max(angles[k - 1], angles[k]):
-            return float(total)
-    return float(np.interp(-level, -levels[k - 1 : k + 1], angles[k - 1 : k + 1]))
+        angle = float(np.polyfit(y - level, x, 2)[2])
+        if ends.min() <= angle <= ends.max():
+            return angle
+    return float(np.interp(-level, -levels[k - 1 : k + 1], ends))
 
 
 def checked_efficiency(value: Any) -> float:

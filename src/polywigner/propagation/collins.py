@@ -1,4 +1,7 @@
-"""Fields behind first-order systems and stops, and in images of points. Source: (O4) to (O8)."""
+"""Fields behind first-order systems and stops, in images, and point spread functions.
+
+Source: (O4) to (O8).
+"""
 
 from __future__ import annotations
 
@@ -17,26 +20,16 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront, triangulate
-from polywigner.geometry.arguments import (
-    Points,
-    checked_length,
-    checked_row,
-    checked_wavelength,
-)
+from polywigner.geometry.arguments import Points, checked_length, checked_row, checked_wavelength
 from polywigner.numerics.chirps import waves_of_turns
+from polywigner.numerics.nodes import gauss_rule, node_count
 from polywigner.optics import FirstOrder
-from polywigner.propagation.boundary import (
-    FieldEstimate,
-    Radiator,
-    parabolic_field,
-    radiator_of,
-)
+from polywigner.propagation.boundary import FieldEstimate, Radiator, parabolic_field, radiator_of
 from polywigner.propagation.point_grids import (
     checked_amplitude_tolerance,
     checked_coordinates,
     warn_of_missed,
 )
-from polywigner.propagation.quadrature import gauss_rule, node_count
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.source import Array
 from polywigner.source.normal_form import SourceElement, normal_form
@@ -47,25 +40,27 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-
 PublicSource = Aperture | Array
 
-# Curvatures that differ by less are equal, relative to their rounding errors.
-_EQUAL = 8 * 2.0**-52
-# Errors of closed forms, relative to the content.
-_CLOSED = 1e-13
 _ULP = 2.0**-52
+# Curvatures are equal if their relative difference is below this value times the condition number.
+_EQUAL = 8 * _ULP
+# Errors of closed forms, relative to int |u| dx.
+_CLOSED = 1e-13
 _IDENTITY = FirstOrder.magnifier(1.0)
-# Nodes of the two rules on a stop along a line without waves; their difference is the error.
+# Nodes along a line that two rules on a stop have in addition to the nodes that waves require. The
+# difference of both rules is the error estimate.
 _EXTRA = (8.0, 12.0)
 # Smallest tolerance of fields on a stop.
 _FINEST = 1e-13
-# Largest number of waves from nodes to points, about 1e9 a minute; a node costs as many as _FEW.
-_MOST_WORK, _FEW = 2e10, 1000
-# Products of two waves that cost as much as one wave; lattice points per point up to which a
-# lattice is used.
-_PRODUCTS, _SPARSE = 50, 4
+# Largest number of waves from the nodes of a stop to points; 1e9 waves take about a minute. The
+# field of the previous plane at a node takes as long as _NODE_COST waves.
+_MOST_WORK, _NODE_COST = 2e10, 1000
+# Number of products of two waves that take as long as one wave.
+_PRODUCTS = 50
+# A lattice of points is used if it has at most this number of lattice points for each point.
+_SPARSE = 4
+# Waves per block.
 _BLOCK = 1 << 21
 
 
@@ -79,8 +74,8 @@ def collins_field(
 ) -> FieldEstimate:
     """Compute the field at points (n, 2) behind a system without stops.
 
-    ``tolerance``: allowed error as a fraction of the field of an image or, if that is less, of the
-    bound on the field of the entire source.
+    The allowed error is ``tolerance`` times a bound on the field: the field of all points of the
+    source in phase, or the field of its image by rays if that is less.
     """
     radiator = radiator_of(source)
     if _without_spread(system).all():
@@ -105,7 +100,6 @@ def collins_field(
                 source, curvature / wavelength, axes, np.zeros(2), slopes / wavelength
             )
             errors = _rounding(radiator, curvature, axes, slopes, wavelength)
-            # the field of the source in phase, or of its image by rays if that is less
             rays = wavelength * radiator.amplitude / math.sqrt(abs(curvature.prod()) or 1e-300)
             allowed = np.full(len(points), tolerance * min(radiator.content, rays))
     size = abs(out)
@@ -113,7 +107,7 @@ def collins_field(
 
 
 def _without_spread(system: FirstOrder) -> NDArray[np.bool_]:
-    """(2,) whether B is zero along its axes of the largest and of the smallest spread."""
+    """Return whether the singular values (2,) of B, in descending order, are zero."""
     scale = np.linalg.svd(system.B, compute_uv=False)
     return np.asarray(scale <= np.linalg.norm(system.rounding[:2, 2:]))
 
@@ -124,17 +118,17 @@ def _waves_of(
     """Return M, q (n, 2), c (n,) of Collins' integral c int u exp(i pi/lambda x.(M x - 2 q)) dx."""
     inverse = np.linalg.inv(system.B)
     front = _front(system.B) / (wavelength * math.sqrt(abs(np.linalg.det(system.B))))
-    out = waves_of_turns(_turns(system.D @ inverse, points, wavelength)) * front
+    out = waves_of_turns(_cycles(system.D @ inverse, points, wavelength)) * front
     return inverse @ system.A, points @ inverse.T, out
 
 
-def _turns(form: Floats, points: Floats, wavelength: float) -> Floats:
-    """Return half of y^T form y in wavelengths."""
+def _cycles(form: Floats, points: Floats, wavelength: float) -> Floats:
+    """Return the phases y^T form y/(2 wavelength) of points y (n, 2), in cycles."""
     return np.asarray(0.5 * ((points @ form.T) * points).sum(axis=1) / wavelength)
 
 
 def _front(matrix: Floats) -> complex:
-    """Return the product over axes of 1/sqrt(i), or of 1/sqrt(-i) if the matrix is negative."""
+    """Return the product of 1/sqrt(i) for each positive and 1/sqrt(-i) for each negative axis."""
     if np.linalg.det(matrix) < 0:
         return 1.0
     return -1j if np.trace(matrix) >= 0 else 1j
@@ -143,20 +137,20 @@ def _front(matrix: Floats) -> complex:
 def _rounding(
     radiator: Radiator, curvature: Floats, axes: Floats, slopes: Floats, wavelength: float
 ) -> Floats:
-    """Rounding errors (n,) of the integral along edges, which stem from the phases."""
+    """Return the rounding errors (n,) of the integral along edges, which stem from its phases."""
     largest = float(abs(curvature).max())
     size = float(np.linalg.norm(radiator.high - radiator.low))
     along = radiator.amplitude * radiator.perimeter * min(math.sqrt(wavelength / largest), size)
     away = np.linalg.norm(slopes @ axes - curvature * (radiator.centre @ axes), axis=1)
-    turns = (away + largest * size) * (size / wavelength)
-    return _ULP * along * (4.0 + turns + size * radiator.highest_frequency)
+    cycles = (away + largest * size) * (size / wavelength)
+    return _ULP * along * (4.0 + cycles + size * radiator.highest_frequency)
 
 
 def _by_fresnel(
     radiator: Radiator, slopes: Floats, wavelength: float, curvature: float,
     tolerance: float, engine: str,
 ) -> FieldEstimate:  # fmt: skip
-    """Return the integral for equal curvatures: a Fresnel field at z = 1/curvature."""
+    """Return the integral for equal curvatures along both axes: a Fresnel field at 1/curvature."""
     if curvature < 0:
         mirrored = tuple(
             replace(
@@ -176,22 +170,25 @@ def _by_fresnel(
     spread = np.full(len(slopes), scale)
     field, *bounds = parabolic_field(radiator, slopes / curvature, spread, tolerance, engine)
     centre = radiator.centre
-    turns = ((0.5 * curvature * centre - slopes) @ centre) / wavelength
-    return 1j * scale * waves_of_turns(turns) * field, scale * bounds[0], scale * bounds[1]
+    cycles = ((0.5 * curvature * centre - slopes) @ centre) / wavelength
+    return 1j * scale * waves_of_turns(cycles) * field, scale * bounds[0], scale * bounds[1]
 
 
 def _image(
     field: Callable[[Floats], Complex], points: Floats, wavelength: float, system: FirstOrder
 ) -> tuple[Complex, float]:
-    """Return the image (n,) of a field of x (n, 2) for B = 0, and the factor of its modulus."""
+    """Return the image (n,) of a field, a function of x (n, 2), for B = 0, and its magnification.
+
+    The magnification is the factor of the modulus of the field.
+    """
     inverse, scale = np.linalg.inv(system.A), 1 / math.sqrt(abs(np.linalg.det(system.A)))
     front = 1j * _front(system.A) if np.linalg.det(system.A) > 0 else -1j
-    waves = waves_of_turns(_turns(system.C @ inverse, points, wavelength))
+    waves = waves_of_turns(_cycles(system.C @ inverse, points, wavelength))
     return field(points @ inverse.T) * waves * (front * scale), scale
 
 
 def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
-    """Return u; points on the boundary count as in :func:`autocorrelation`."""
+    """Return the field u (n,) at x (n, 2); on the outline as :func:`autocorrelation` counts it."""
     total = np.zeros(len(x), np.complex128)
     for element in normal_form(source).in_plane.elements:
         inside = autocorrelation(element.outline, x, (0.0, 0.0), engine="numpy")
@@ -214,15 +211,16 @@ def field_behind(
     others: dict[str, Any],
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Compute the amplitude (...) at points (..., 2) behind a system, and its error.
+    """Return the field (...) at points (..., 2) behind a system, and its error.
 
-    ``others``: arguments for fields in free space; ArgumentError if one is not None.
+    ``others`` contains arguments by name that only fields in free space have. ArgumentError is
+    raised if one of them is not None.
     """
     for name, value in others.items():
         if value is not None:
             raise ArgumentError(
-                f"expected no {name} with through=, got {value!r}; the field behind a first-order "
-                "system is Collins' integral"
+                f"expected no {name} with through=, got {value!r}; leave it out, since the field "
+                "behind a first-order system is Collins' integral"
             )
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     systems, stops = systems_and_stops(through)
@@ -245,12 +243,15 @@ def field_behind(
 
 def checked_points_behind(points: Any) -> Floats:
     """Return points (..., 2) behind a system; raise ArgumentError for others."""
-    expected = "expected points as real numbers of shape (..., 2) with through=; z is the system's"
+    expected = (
+        "expected points as real numbers of shape (..., 2) with through=, since the system "
+        "determines z"
+    )
     return checked_coordinates(points, expected, 2)
 
 
 def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSource]]:
-    """Return systems, and the stops between them, one fewer; raise ArgumentError for others."""
+    """Return n systems and the n - 1 stops between them; raise ArgumentError for other objects."""
     systems: list[FirstOrder] = [_IDENTITY]
     stops: list[PublicSource] = []
     for part in through if isinstance(through, list | tuple) else [through]:
@@ -261,8 +262,9 @@ def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSou
             systems[-1] = part @ systems[-1]
         else:
             raise ArgumentError(
-                "expected through as a polywigner.FirstOrder, or a list of these and of stops "
-                f"(Aperture or Array) in the order of the light, got {type(part).__name__}"
+                "expected through as a polywigner.FirstOrder, or a list of FirstOrder systems and "
+                "stops (Aperture or Array) in the order in which the light passes them, got "
+                f"{type(part).__name__}"
             )
     return systems, stops
 
@@ -270,15 +272,17 @@ def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSou
 def _folded(
     planes: list[PublicSource], systems: list[FirstOrder]
 ) -> tuple[list[PublicSource], list[FirstOrder]]:
-    """Cut the source, or the previous stop, by the stops that lie in an image of it.
+    """Remove each stop that lies in an image, and cut the imaged source or stop instead.
 
-    ``systems``: the system behind each plane, source first.
+    ``planes`` are the source and the stops, and ``systems`` the system behind each of them. A stop
+    in an image of the source, or of the previous stop, transmits the same as a smaller source, or a
+    smaller previous stop.
     """
-    kept, paths = planes[:1], systems[:1]
+    remaining, paths = planes[:1], systems[:1]
     for stop, system in zip(planes[1:], systems[1:], strict=True):
         image = _without_spread(paths[-1])
         if not image.any():
-            kept.append(stop)
+            remaining.append(stop)
             paths.append(system)
             continue
         if not image.all() or not isinstance(stop, Aperture) or stop.illumination is not None:
@@ -288,15 +292,15 @@ def _folded(
             )
         back = np.linalg.inv(paths[-1].A)
         outline = Aperture(shapely.transform(stop.polygons, lambda x, m=back: x @ m.T))
-        kept[-1] = _cut(kept[-1], outline)
+        remaining[-1] = _cut(remaining[-1], outline)
         paths[-1] = system @ paths[-1]
     image = _without_spread(paths[-1])
     if image.any() and not image.all():
         raise ArgumentError(
-            "points lie in an image of the source or of a stop along one axis only, behind an "
+            "the points lie in an image of the source or of a stop along one axis only, behind an "
             "astigmatic system; move the points"
         )
-    return kept, paths
+    return remaining, paths
 
 
 def _cut(plane: PublicSource, outline: Aperture) -> PublicSource:
@@ -309,8 +313,8 @@ def _cut(plane: PublicSource, outline: Aperture) -> PublicSource:
     ]
     if not parts:
         raise ArgumentError(
-            "the stop transmits nothing: its opening does not overlap the image in its plane; move "
-            "the stop"
+            "the stop transmits no light, since its opening does not overlap the image in its "
+            "plane; move the stop"
         )
     if isinstance(plane, Array):
         return Array([element for element, _ in parts], [weight for _, weight in parts])
@@ -325,20 +329,20 @@ def _behind(
     tolerance: float,
     engine: Engine,
 ) -> FieldEstimate:
-    """Compute the field at points (n, 2) behind a source and stops with a system each (O8).
+    """Compute the field at points (n, 2) behind a source, stops, and the system behind each (O8).
 
-    The integral over the last stop is a Gauss rule. It resolves the fastest oscillation that
-    radiation from the previous plane can have there.
+    The integral over the last stop is a Gauss rule, which resolves the fastest oscillation that the
+    field of the previous plane can have there.
     """
     *others, stop = planes
-    *before, system = systems
+    *earlier_systems, system = systems
     if not others:
         return collins_field(stop, points, wavelength, system, tolerance, engine)
 
     def inner(nodes: Floats) -> FieldEstimate:
-        # errors on the stop add up in phase in the worst case
+        # in the worst case errors on the stop add up in phase
         finer = max(0.1 * tolerance, _FINEST)
-        return _behind(others, before, nodes, wavelength, finer, engine)
+        return _behind(others, earlier_systems, nodes, wavelength, finer, engine)
 
     if _without_spread(system).all():
         _, *bounds = inner(points @ np.linalg.inv(system.A).T)
@@ -347,17 +351,17 @@ def _behind(
         )
         return image, bounds[0] * scale, bounds[1] * scale
     bend, slopes, out = _waves_of(system, points, wavelength)
-    rate = _rate(radiator_of(stop), others[-1], before[-1], bend, slopes, wavelength)
+    rate = _rate(radiator_of(stop), others[-1], earlier_systems[-1], bend, slopes, wavelength)
     sums, lattice = [], _Lattice(slopes / wavelength)
     for extra in _EXTRA:
         nodes, weights = _rule(stop, rate, extra, lattice)
         there, error, _ = inner(nodes)
-        waves = weights * there * waves_of_turns(_turns(bend, nodes, wavelength))
+        waves = weights * there * waves_of_turns(_cycles(bend, nodes, wavelength))
         sums.append(lattice.summed(nodes, waves))
-    size, passed = np.abs(out), np.abs(weights)
-    off: Floats = np.abs(sums[1] - sums[0]) + passed @ error + _CLOSED * np.abs(sums[1])
-    most = float(passed.sum() * abs(there).max())  # bound on the field of the stop
-    return out * sums[1], size * off, size * (tolerance * most)
+    size, areas = np.abs(out), np.abs(weights)
+    off: Floats = np.abs(sums[1] - sums[0]) + areas @ error + _CLOSED * np.abs(sums[1])
+    bound = float(areas.sum() * abs(there).max())  # of the integral over the stop
+    return out * sums[1], size * off, size * (tolerance * bound)
 
 
 def _rate(
@@ -368,14 +372,15 @@ def _rate(
     slopes: Floats,
     wavelength: float,
 ) -> float:
-    """Return the highest frequency [1/m] of the field on a stop times the waves to all points."""
+    """Return the highest frequency in 1/m of a stop's field times the waves to all points."""
     inverse = np.linalg.inv(path.B)
     origin = radiator_of(previous)
     aside = slopes - (path.D @ inverse + bend) @ stop.centre + inverse.T @ origin.centre
-    most = float(np.linalg.norm(aside, axis=1).max(initial=0.0))
+    steepest = float(np.linalg.norm(aside, axis=1).max(initial=0.0))
     for form, radiator in ((path.D @ inverse + bend, stop), (inverse.T, origin)):
-        most += float(np.linalg.norm(form, 2) * np.linalg.norm(radiator.high - radiator.low)) / 2
-    return most / wavelength + stop.highest_frequency
+        diagonal = np.linalg.norm(radiator.high - radiator.low)
+        steepest += float(np.linalg.norm(form, 2) * diagonal) / 2
+    return steepest / wavelength + stop.highest_frequency
 
 
 def _rule(stop: Any, rate: float, extra: float, lattice: _Lattice) -> tuple[Floats, Complex]:
@@ -385,9 +390,9 @@ def _rule(stop: Any, rate: float, extra: float, lattice: _Lattice) -> tuple[Floa
     work = sum(node_count(part, rate, extra) for part in triangles) * lattice.work
     if not work <= _MOST_WORK:
         raise ArgumentError(
-            f"the stop requires {work:.1e} waves from its nodes to the points, at most "
-            f"{_MOST_WORK:.0e}; use fewer points, on a grid along x and y, or a smaller source or "
-            "stop"
+            f"the stop requires {work:.1e} waves from its nodes to the points, but at most "
+            f"{_MOST_WORK:.0e} are allowed; use fewer points, points on a grid along x and y, or a "
+            "smaller source or stop"
         )
     rules = [gauss_rule(part, rate, extra) for part in triangles]
     fields = [a * _element_field(e, x) for (x, a), e in zip(rules, elements, strict=True)]
@@ -395,7 +400,10 @@ def _rule(stop: Any, rate: float, extra: float, lattice: _Lattice) -> tuple[Floa
 
 
 class _Lattice:
-    """Frequencies (n, 2), factorised by axes if the points lie on a grid."""
+    """Frequencies (n, 2) of waves, which are products of waves along x and y.
+
+    If the frequencies lie on a lattice, waves along an axis are computed once for each coordinate.
+    """
 
     def __init__(self, nu: Floats) -> None:
         axes = [np.unique(nu[:, k], return_inverse=True) for k in (0, 1)]
@@ -404,41 +412,43 @@ class _Lattice:
         size = math.prod(map(len, self.axes))
         if size > _SPARSE * len(nu):
             self.axes, self.index, size = [*nu.T], None, len(nu) * _PRODUCTS
-        self.work = _FEW + sum(map(len, self.axes)) + size / _PRODUCTS
+        self.work = _NODE_COST + sum(map(len, self.axes)) + size / _PRODUCTS
+        """Cost of a node, in waves."""
 
     def summed(self, nodes: Floats, waves: Complex) -> Complex:
-        """Sums (n,) of waves (m,) at nodes (m, 2) times exp(-2 pi i nu.x)."""
+        """Return the sums (n,) over nodes x (m, 2) of ``waves`` (m,) times exp(-2 pi i nu.x)."""
         total: Any = 0.0
         rows = max(1, _BLOCK // max(1, sum(map(len, self.axes))))
         with with_progress("waves", range(0, len(nodes), rows)) as starts:
             for start in starts:
-                some = slice(start, start + rows)
+                block = slice(start, start + rows)
                 first, second = (
                     waves_of_turns(-np.outer(axis, x))
-                    for axis, x in zip(self.axes, nodes[some].T, strict=True)
+                    for axis, x in zip(self.axes, nodes[block].T, strict=True)
                 )
                 if self.index is None:
-                    total = total + (first * second) @ waves[some]
+                    total = total + (first * second) @ waves[block]
                 else:
-                    total = total + (first * waves[some]) @ second.T
+                    total = total + (first * waves[block]) @ second.T
         return np.asarray(total if self.index is None else total[self.index])
 
 
 def as_lens(wave: Wavefront, wavelength: float) -> tuple[PublicSource, FirstOrder, complex]:
-    """Return a curved wave as a flat source, a lens directly behind it, and a phase.
+    """Return a curved wave as a flat source, a lens directly behind the source, and a phase factor.
 
-    (x - c).Q (x - c) = x.Q x - 2 x.Q c + c.Q c: the second is a tilt, the third the phase.
+    In (x - c).Q (x - c) = x.Q x - 2 x.Q c + c.Q c the first term is the lens, the second term tilts
+    the flat source, and the third term is the phase.
     """
     checked_wavefront(wave)
     q, slope = wavelength * wave.curvature, wave.curvature @ wave.centre
     lens = FirstOrder(np.block([[np.eye(2), np.zeros((2, 2))], [q, np.eye(2)]]))
-    turns = float(wave.centre @ slope) / 2
-    phase = complex(np.exp(2j * np.pi * (turns - round(turns))))
+    cycles = float(wave.centre @ slope) / 2
+    phase = complex(np.exp(2j * np.pi * (cycles - round(cycles))))
     return normal_form(wave.source).tilted(-slope).public, lens, phase
 
 
 def squared_field(field: Complex, error: Floats) -> tuple[Floats, Floats]:
-    """Return |U|^2 and its error."""
+    """Return |U|^2 and its error from U and its error."""
     modulus = np.abs(field).astype(np.float64)
     return np.square(modulus), (2 * modulus + error) * error
 
@@ -455,17 +465,17 @@ def psf(
     weights: ArrayLike | None = None,
     engine: Engine = "auto",
 ) -> Floats:
-    """Compute the point spread function of a lens with a pupil of this shape.
+    """Compute the point spread function of a lens whose pupil is the source.
 
-    This is the irradiance in the focal plane of a lens from a star on the axis, per m^2 and per
-    power of the star. Its integral over the plane is 1, its Fourier transform is :func:`otf`. For
-    several wavelengths it is the mean, as a detector of all of them measures. For other
-    first-order systems use :func:`irradiance` with ``through``.
+    The point spread function is the irradiance in the focal plane due to a star on the axis,
+    divided by the power of the star in the pupil. Its integral over the plane is 1, and its Fourier
+    transform is :func:`otf`. For several wavelengths it is the weighted mean, which a broadband
+    detector measures. For other first-order systems use :func:`irradiance` with ``through``.
 
     Parameters
     ----------
     source : Aperture or Array
-        Field in the pupil, in the plane z = 0; the axis passes through the origin.
+        Field in the pupil, in the plane z = 0. The optical axis passes through the origin.
     points : array_like, shape (..., 2)
         Points in the image in m.
     wavelength : float or array_like, shape (k,)
@@ -473,24 +483,25 @@ def psf(
     focal_length : float
         Focal length, or distance of the image from the pupil, in m.
     defocus : float, default 0
-        Wavefront aberration W20 at ``pupil_radius``, in waves of the mean wavelength; the
+        Wavefront aberration W20 at ``pupil_radius``, in units of the mean wavelength. The
         aberration in m is the same at all wavelengths.
     pupil_radius : float, optional
         See :func:`otf`.
     weights : array_like, shape (k,), optional
-        Weights of the wavelengths, at least 0; equal by default.
+        Weights of the wavelengths, zero or more; equal by default.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.
 
     Returns
     -------
     ndarray of float64, shape (...)
-        Values in 1/m^2, at least 0. An ``xarray.DataArray`` of points gives a DataArray.
+        Values in 1/m^2, zero or more. If ``points`` is an ``xarray.DataArray``, the result is a
+        DataArray.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type, shape or range.
+        If an argument has the wrong type, shape or range.
     IlluminationError
         If the fields of an Array cancel everywhere.
     GeometryError

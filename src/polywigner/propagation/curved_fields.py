@@ -1,7 +1,7 @@
 """Fields of curved waves: exact sums over cells of the source (Q7), and Fresnel fields.
 
-A cell is a triangle so small that the phase changes by at most four cycles. All cells have the same
-Gauss rule.
+The source is divided into triangular cells so small that the phase changes by at most four cycles
+on each. All cells use the same Gauss rule.
 """
 
 from __future__ import annotations
@@ -18,52 +18,57 @@ from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
+from polywigner.numerics.nodes import quartered
 from polywigner.propagation.boundary import radiator_of
-from polywigner.propagation.quadrature import quartered
 from polywigner.source.obliquities import CONDITIONS, direction_cosines
 from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Gauss nodes along each side of a cell, and largest number of cycles there. This rule has 13 digits
-# for waves, and for the static field at distances from half the length of a cell on.
-_NODES, _TURNS = 20, 4.0
+# Gauss nodes along each side of a cell, and largest number of cycles of phase along a side. The
+# rule is accurate to 13 digits for waves, and also for the static field 1/R^2 of points that are at
+# least half a side away from the cell.
+_NODES, _MOST_CYCLES = 20, 4.0
 # Rounding error of a sum, relative to the sum of the moduli.
 _ROUNDING = 1e-13
 # Cells per block, points per block, and largest number of pairs of a point and a cell.
-_READY, _POINTS, _MOST_PAIRS = 1 << 9, 1 << 9, 1 << 22
+_CELLS, _POINTS, _MOST_PAIRS = 1 << 9, 1 << 9, 1 << 22
 
 
 def curved_field(
     wave: Wavefront, points: Floats, wavelength: float, method: str
 ) -> tuple[Complex, Floats]:
-    """Return the field at points (n, 3), and a bound on its rounding errors."""
+    """Return the field (n,) at points (n, 3), and a bound (n,) on its rounding errors."""
     if method == "fresnel":
         return _fresnel(wave, points, wavelength)
     return summed_over_cells(wave, points, wavelength, partial(_terms, wave, method=method))
 
 
 def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Complex, Floats]:
-    """Fresnel field (Q6): the transform with the parabola of each path added to the phase."""
+    """Return the Fresnel field (Q6): a Fourier transform with a quadratic phase for each point."""
     q, axes = principal_axes(wave.curvature)
     scale = 1.0 / (wavelength * points[:, 2])
     position, centre = points[:, :2], wave.centre
     nu = (position - centre) * scale[:, None]
     spectrum = chirp_transform(wave.source, q + scale[:, None], axes, centre, nu)
-    turns = points[:, 2] / wavelength
-    turns = turns - np.round(turns) + scale / 2 * ((position**2).sum(axis=1) - centre @ centre)
-    values = spectrum * (scale / 1j) * np.exp(2j * math.pi * (turns - np.round(turns)))
+    cycles = points[:, 2] / wavelength
+    cycles = cycles - np.round(cycles) + scale / 2 * ((position**2).sum(axis=1) - centre @ centre)
+    values = spectrum * (scale / 1j) * np.exp(2j * math.pi * (cycles - np.round(cycles)))
     return values, _ROUNDING * scale * radiator_of(wave.source).content
 
 
 class _Part(NamedTuple):
-    """A copy of an element: triangles, shift in m, and waves."""
+    """A copy of an element of a source."""
 
     triangles: Floats
+    """Triangles (n, 3, 2) in m."""
     shift: Floats
+    """Shift (2,) of the copy in m."""
     amplitudes: Complex
+    """Amplitudes (m,) of its plane waves."""
     frequencies: Floats
+    """Frequencies (m, 2) of its plane waves in 1/m, before the shift."""
 
 
 def summed_over_cells(
@@ -73,21 +78,21 @@ def summed_over_cells(
     terms: Callable[[_Part, Floats, Floats, float], Complex],
     components: tuple[int, ...] = (),
 ) -> tuple[Complex, Floats]:
-    """Return an integral over a source at points (n, 3), and bounds on its rounding errors (n,).
+    """Return an integral over a source for each of n points, and bounds (n,) on rounding errors.
 
-    ``terms(part, cells, points, wavelength)`` returns the integrand times the weights of nodes,
-    (k, nodes, *components), for k cells (k, 3, 2) with one point each (k, 3). The integral has the
-    shape (n, *components).
+    ``terms(part, cells, points, wavelength)`` returns the integrand at the nodes of k cells
+    (k, 3, 2), multiplied by the weights of the nodes, for one point per cell (k, 3). The integrand
+    has the shape (k, nodes, *components), and the integral has the shape (n, *components).
     """
     values, sizes = np.zeros((len(points), *components), np.complex128), np.zeros(len(points))
     with with_progress("points", range(0, len(points), _POINTS)) as starts:
         for start in starts:
-            some = points[start : start + _POINTS]
+            block = points[start : start + _POINTS]
             for part in _parts(wave):
-                for owners, cells in _cells(wave, part, some, wavelength):
-                    result = terms(part, cells, some[owners], wavelength)
-                    moduli = np.abs(result).reshape(len(cells), -1).sum(axis=1)
-                    np.add.at(values, owners + start, result.sum(axis=1))
+                for owners, cells in _cells(wave, part, block, wavelength):
+                    integrand = terms(part, cells, block[owners], wavelength)
+                    moduli = np.abs(integrand).reshape(len(cells), -1).sum(axis=1)
+                    np.add.at(values, owners + start, integrand.sum(axis=1))
                     np.add.at(sizes, owners + start, moduli)
     return values, _ROUNDING * sizes
 
@@ -101,16 +106,16 @@ def _parts(wave: Wavefront) -> Iterator[_Part]:
 
 
 def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, Floats]]:
-    """Yield parts of a source, and triangles (k, 3, 2) with at most four cycles of phase.
+    """Yield parts of a source, and triangles (k, 3, 2) with at most four cycles of phase each.
 
-    The phase is the phase of the wave times a plane wave in any direction.
+    The phase is the phase of the field, multiplied by a plane wave in any direction.
     """
     for part in _parts(wave):
         cells = part.triangles
         while len(cells):
             sides = cells - np.roll(cells, 1, axis=1)
             size = np.linalg.norm(sides, axis=2).max(axis=1)
-            small = (_steepest(wave, part, cells, 0.0) + 1.0 / wavelength) * size <= _TURNS
+            small = (_highest(wave, part, cells, 0.0) + 1.0 / wavelength) * size <= _MOST_CYCLES
             yield part, cells[small]
             cells = quartered(cells[~small])
             if len(cells) > _MOST_PAIRS:
@@ -120,27 +125,28 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, F
                 )
 
 
-def _steepest(wave: Wavefront, part: _Part, cells: Floats, slopes: Any) -> Floats:
-    """Largest spatial frequency (k,) of the wave on cells, with ``slopes`` added."""
-    slopes = slopes + (cells - wave.centre) @ wave.curvature
+def _highest(wave: Wavefront, part: _Part, cells: Floats, frequencies: Any) -> Floats:
+    """Return the highest spatial frequency (k,) of the wave on cells, with frequencies added."""
+    frequencies = frequencies + (cells - wave.centre) @ wave.curvature
     highest = np.zeros(len(cells))
     for kappa in part.frequencies:
-        highest = np.maximum(highest, np.linalg.norm(slopes + kappa, axis=2).max(axis=1))
+        highest = np.maximum(highest, np.linalg.norm(frequencies + kappa, axis=2).max(axis=1))
     return highest
 
 
 def _cells(
     wave: Wavefront, part: _Part, points: Floats, wavelength: float
 ) -> Iterator[tuple[NDArray[np.intp], Floats]]:
-    """Yield indices of points (k,) and triangles (k, 3, 2): for each point, the entire part."""
+    """Yield triangles (k, 3, 2) that tile a part for each point, and indices (k,) of the points."""
     count = len(part.triangles)
     owners = np.repeat(np.arange(len(points)), count)
     cells = np.tile(part.triangles, (len(points), 1, 1))
     while len(owners):
         small = _are_small(wave, part, cells, points[owners], wavelength)
-        ready, done = owners[small], cells[small]
-        for start in range(0, len(ready), _READY):
-            yield ready[start : start + _READY], done[start : start + _READY]
+        small_owners, small_cells = owners[small], cells[small]
+        for start in range(0, len(small_cells), _CELLS):
+            block = slice(start, start + _CELLS)
+            yield small_owners[block], small_cells[block]
         owners, cells = np.repeat(owners[~small], 4), quartered(cells[~small])
         if len(owners) > _MOST_PAIRS:
             raise ArgumentError(
@@ -152,7 +158,11 @@ def _cells(
 def _are_small(
     wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
-    """Whether cells have at most four cycles of phase, and are at most twice as long as distant."""
+    """Return whether cells (k,) are small enough for the rule of nodes.
+
+    The phase may change by at most four cycles on a cell, and the longest side may be at most twice
+    the distance of the point.
+    """
     sides = cells - np.roll(cells, 1, axis=1)
     size = np.linalg.norm(sides, axis=2).max(axis=1)
     away = cells - points[:, None, :2]
@@ -161,9 +171,9 @@ def _are_small(
     centre = away.mean(axis=1)
     distance = np.sqrt((centre**2).sum(axis=1) + height**2)
     near = np.maximum(height, distance - size)
-    highest = _steepest(wave, part, cells, away / (wavelength * reach[..., None]))
+    highest = _highest(wave, part, cells, away / (wavelength * reach[..., None]))
     rate = highest + np.minimum(size / near, 1.0) / wavelength
-    return np.asarray((rate * size <= _TURNS) & (size <= 2 * near))
+    return np.asarray((rate * size <= _MOST_CYCLES) & (size <= 2 * near))
 
 
 def field_at_nodes(
@@ -171,8 +181,8 @@ def field_at_nodes(
 ) -> tuple[Floats, Complex, Complex]:
     """Return nodes (k, n, 2) of k cells, and the field and its normal derivative there, (k, n).
 
-    Both are multiplied by the weights of the nodes. The derivative is divided by ik, and is zero
-    unless ``with_slopes``.
+    Both are multiplied by the weights of the nodes. The normal derivative is divided by ik; it is
+    zero unless ``with_slopes`` is true.
     """
     coordinates, weights = _rule()
     nodes = np.einsum("nc,kcd->knd", coordinates, cells)
@@ -180,14 +190,14 @@ def field_at_nodes(
     area = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
     inner = nodes - wave.centre
     slope = inner @ wave.curvature
-    turns = ((inner * slope).sum(axis=2)) / 2
+    cycles = ((inner * slope).sum(axis=2)) / 2
     shifted = nodes - part.shift
-    field, slopes = np.zeros(turns.shape, np.complex128), np.zeros(turns.shape, np.complex128)
+    field, slopes = np.zeros((2, *cycles.shape), np.complex128)
     for amplitude, kappa in zip(part.amplitudes.tolist(), part.frequencies, strict=True):
-        here = amplitude * np.exp(2j * math.pi * (turns + shifted @ kappa))
-        field += here
+        plane_wave = amplitude * np.exp(2j * math.pi * (cycles + shifted @ kappa))
+        field += plane_wave
         if with_slopes:
-            slopes += here * direction_cosines(slope + kappa, wavelength)
+            slopes += plane_wave * direction_cosines(slope + kappa, wavelength)
     scale = area[:, None] * weights
     field *= scale
     slopes *= scale
@@ -197,7 +207,7 @@ def field_at_nodes(
 def _terms(
     wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float, method: str
 ) -> Complex:
-    """Values times weights (k, nodes) of the integrand of (Q7)."""
+    """Return the integrand of (Q7) times the weights of the nodes, (k, nodes)."""
     condition = CONDITIONS[method]
     nodes, field, slopes = field_at_nodes(
         wave, part, cells, wavelength, condition.needs_normal_derivative
@@ -213,7 +223,7 @@ def _terms(
 
 @lru_cache(maxsize=1)
 def _rule() -> tuple[Floats, Floats]:
-    """Barycentric coordinates (n, 3) of nodes, and weights (n,) that sum to 1/2."""
+    """Return barycentric coordinates (n, 3) of nodes, and weights (n,) that add up to 1/2."""
     x, w = np.polynomial.legendre.leggauss(_NODES)
     x, w = (x + 1) / 2, w / 2
     u, v = (a.ravel() for a in np.meshgrid(x, x, indexing="ij"))

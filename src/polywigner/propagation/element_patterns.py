@@ -1,4 +1,4 @@
-"""Far fields from tables over angles: interpolation, and fits of aperture fields."""
+"""Far fields from tables over angles: interpolation, and aperture fields fitted to them."""
 
 from __future__ import annotations
 
@@ -22,12 +22,7 @@ from polywigner.propagation.point_grids import unit_vectors
 from polywigner.propagation.vector_fields import of_co_and_cross, of_currents
 from polywigner.radiometry.directions import directions_and_weights
 from polywigner.source.obliquities import DEFAULT, DefaultCondition
-from polywigner.source.polarisation import (
-    MODELS,
-    CurrentModel,
-    checked_polarisation,
-    ludwig_axes,
-)
+from polywigner.source.polarisation import MODELS, CurrentModel, checked_polarisation, ludwig_axes
 from polywigner.transforms import fourier
 
 if TYPE_CHECKING:
@@ -38,26 +33,27 @@ Complex = NDArray[np.complex128]
 
 # Rounding of the angles in files, in rad.
 _EVEN = 1e-6
-# Number of samples for the interpolation along meridians that end at the horizon. With 8 samples in
-# a lobe the error is 1e-6 (docs/patterns.md); rounding errors in files grow less than 100 times.
+# Number of samples from which a value on a meridian that ends at the horizon is interpolated. With
+# 8 samples per lobe the error is 1e-6 (docs/patterns.md). Rounding errors of files are amplified
+# less than 100 times.
 _STENCIL = 12
 # Fields behind the plane below this fraction of the largest field are treated as zero.
 _NOTHING = 1e-9
 # Number of directions in a block.
 _ROWS = 4096
-# Angles in steps of a quarter degree: 16 MB, and matrices of some 0.1 GB.
+# Largest numbers of angles, in steps of a quarter degree: tables of 16 MB, matrices of some 0.1 GB.
 MOST_THETA, MOST_PHI = 721, 1440
-# Quadrature nodes beyond the band, where Bessel functions are below rounding.
+# Quadrature nodes beyond the band; the error, a Bessel function, is then below rounding errors.
 _MARGIN = 40
 
 
 class ElementPattern:
     """Interpolated far field of a table over evenly spaced angles theta and phi in rad.
 
-    Along phi the field is a trigonometric polynomial. A meridian continues over the pole at
-    phi + pi, where E_theta and E_phi change their signs. On a full sphere the meridian is a
-    trigonometric polynomial too, exact for band-limited fields. On a hemisphere it is interpolated
-    by polynomials of degree 11.
+    Along phi the field is a trigonometric polynomial. A meridian continues across the pole at
+    phi + pi with opposite signs of E_theta and E_phi. If the table covers the sphere, the field
+    along the closed meridian is also a trigonometric polynomial, which is exact for band-limited
+    fields. If it covers a hemisphere, polynomials of degree 11 interpolate along the meridian.
     """
 
     def __init__(self, theta: Floats, phi: Floats, components: tuple[Complex, Complex]) -> None:
@@ -65,7 +61,7 @@ class ElementPattern:
         if len(theta) > MOST_THETA or len(phi) > MOST_PHI:
             raise ArgumentError(
                 f"expected at most {MOST_THETA} angles theta and {MOST_PHI} angles phi, got "
-                f"{len(theta)} and {len(phi)}; take every second or third"
+                f"{len(theta)} and {len(phi)}; use every second or third angle"
             )
         if not covers_front(theta, phi):
             raise ArgumentError(
@@ -79,7 +75,7 @@ class ElementPattern:
             raise ArgumentError("expected finite far fields, got NaN or infinite values")
         largest = float(np.abs(values).max())
         if not largest > 0:
-            raise ArgumentError("expected a far field other than zero, got zeros only")
+            raise ArgumentError("the far field is zero in all directions; use another pattern")
         behind = theta > math.pi / 2 + _EVEN
         dark = not np.abs(values[:, behind]).max(initial=0.0) > _NOTHING * largest
         self.covers_sphere = bool(behind.any()) and not dark
@@ -92,20 +88,20 @@ class ElementPattern:
             theta, values = theta[~behind], values[:, ~behind]
         if len(theta) < 3 or len(phi) < 4:
             raise ArgumentError(
-                "expected three angles theta in front and four angles phi or more, got "
-                f"{len(theta)} and {len(phi)}"
+                "expected at least three angles theta in front of the plane and four angles phi, "
+                f"got {len(theta)} and {len(phi)}"
             )
         count = len(phi)
         orders = np.fft.fftfreq(count, 1 / count)
         waves = np.fft.fft(values, axis=2) / count * np.exp(-1j * orders * phi[0])
-        if count % 2 == 0:  # the highest wave is a cosine: half of it has the opposite order
+        if count % 2 == 0:  # the highest wave is a cosine: half belongs to the opposite order
             waves[:, :, count // 2] /= 2
             other = waves[:, :, count // 2, None] * np.exp(-1j * count * phi[0])
             waves, orders = np.concatenate([waves, other], axis=2), np.append(orders, count / 2)
         used = np.abs(waves).max(axis=(0, 1)) > 1e-15 * largest
         self._orders, waves = orders[used], waves[:, :, used]
-        beyond = -waves * (-1.0) ** np.abs(self._orders)  # at -theta
-        last = len(theta) - 1 if self.covers_sphere else len(theta)  # pi is -pi
+        beyond = -waves * (-1.0) ** np.abs(self._orders)  # waves at -theta
+        last = len(theta) - 1 if self.covers_sphere else len(theta)  # pi and -pi are one sample
         self._waves = np.concatenate([beyond[:, last - 1 : 0 : -1], waves], axis=1)
         self._step = float(theta[-1]) / (len(theta) - 1)
         self._start = float(theta[-1]) - self._step * (self._waves.shape[1] - 1)
@@ -137,10 +133,11 @@ class ElementPattern:
         return field.reshape(directions.shape)
 
     def power(self, lag: float, factor: Callable[[Floats], Complex] | None = None) -> float:
-        """Integrate |E|^2, times |factor|^2 of directions (..., 3), over all directions in W.
+        """Return the radiated power in W, of the element or of an array of such elements.
 
-        ``factor`` is an array factor, and ``lag`` 2 pi times the largest distance in its array in
-        wavelengths. The quadrature is a Gauss rule in cos(theta), and evenly spaced in phi.
+        ``factor`` is the array factor as a function of directions (..., 3), and ``lag`` is 2 pi
+        times the extent of the array in wavelengths. |E|^2 |factor|^2 is integrated over all
+        directions by a Gauss rule in cos(theta) and evenly spaced nodes in phi.
         """
         polar, azimuthal = self.band
         node, weight = np.polynomial.legendre.leggauss(math.ceil(lag / 2) + polar + _MARGIN)
@@ -161,9 +158,9 @@ class ElementPattern:
         return np.exp(1j * phi[:, None] * self._orders)
 
     def _along(self, theta: Floats) -> Floats:
-        """Return the matrix (angle, sample) that interpolates a meridian at angles theta (n,)."""
+        """Return the matrix (n, samples) that interpolates a meridian at angles theta (n,)."""
         count = self._waves.shape[1]
-        if self.covers_sphere:  # the Dirichlet kernel of an even number of samples
+        if self.covers_sphere:  # Dirichlet kernel for an even number of samples
             half = (theta[:, None] - (self._start + self._step * np.arange(count))) / 2
             near = np.abs(np.sin(half)) < 1e-12
             safe = np.where(near, 1.0, half)
@@ -183,7 +180,7 @@ class ElementPattern:
 
 
 def _vector(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> Complex:
-    """Return vectors (..., 3) of the components along theta and phi."""
+    """Return field vectors (..., 3) from their components along theta and phi."""
     sine, cosine = np.sin(phi), np.cos(phi)
     radial = np.cos(theta) * polar
     x, y = radial * cosine - azimuthal * sine, radial * sine + azimuthal * cosine
@@ -201,7 +198,8 @@ def covers_front(theta: Floats, phi: Floats) -> bool:
 def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex, Complex, Complex]:
     """Return theta (n,), phi (m,), fields (n, m) along x and y, and the Jones vector (2,).
 
-    Angles are ascending. Raises ArgumentError for anything but a pattern of a polarised source.
+    Angles are ascending. Raises ArgumentError unless ``pattern`` is a pattern of a polarised
+    source; ``name`` is its name in the message.
     """
     try:
         pattern = pattern.sortby(["theta", "phi"]).transpose("theta", "phi")
@@ -227,7 +225,7 @@ def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Comp
 def element_pattern_of(pattern: Any, name: str = "element") -> ElementPattern:
     """Return the interpolated far field of a pattern of a polarised source."""
     theta, phi, x, y, _ = linear_components(pattern, name)
-    if abs(phi[-1] - phi[0] - 2 * math.pi) < 1e-6:  # phi = 0 and 360 degrees
+    if abs(phi[-1] - phi[0] - 2 * math.pi) < 1e-6:  # phi = 0 and 360 degrees are one meridian
         phi, x, y = phi[:-1], x[:, :-1], y[:, :-1]
     return ElementPattern(theta, phi, polar_components(x, y, phi))
 
@@ -238,17 +236,18 @@ class FittedPattern(NamedTuple):
     aperture: Aperture
     """Aperture with the fitted field."""
     residual: float
-    """Square root of the power of the error of the far field over the power of the pattern."""
+    """Square root of the power of the far field's error, divided by the power of the pattern."""
     power_ratio: float
-    """Power int |u|^2 on the aperture over radiated power; far above 3 for superdirectivity."""
+    """Power int |u|^2 on the aperture over radiated power. Values far above 3 indicate
+    superdirectivity."""
 
 
 # Residual above which the fit is poor.
 _POOR = 0.3
-# Period of the waves, in extents of the outline. A period of 2 requires 2.6 times as many waves for
-# half of the residual.
+# Period of the waves, in extents of the outline. A period of 2 would halve the residual with 2.6
+# times as many waves.
 _PERIODS = 1.25
-# Number of waves of a fit of some seconds, for an outline of some 12 wavelengths.
+# Largest number of waves, for an outline of some 12 wavelengths. The fit then takes some seconds.
 _MOST_WAVES = 1200
 
 
@@ -263,9 +262,9 @@ def fit_pattern(
 ) -> FittedPattern:
     """Fit a field on an aperture to a far-field pattern, by least squares over plane waves.
 
-    The fit minimises the power of the difference over the hemisphere, by a singular value
-    decomposition without values below ``cut_off``. The waves have periods of 1.25 times the extents
-    of the outline, and frequencies up to 1/wavelength plus the width of a beam.
+    The fit minimises the power of the difference of both far fields over the hemisphere, and
+    discards singular values below ``cut_off``. The frequencies of the waves form a lattice whose
+    period is 1.25 times the extent of the outline, up to 1/wavelength plus the width of a beam.
 
     Parameters
     ----------
@@ -273,19 +272,19 @@ def fit_pattern(
         Result of :func:`read_pattern`, or of :func:`radiation_pattern` with a polarisation. Its
         origin lies in the plane of the aperture. Backward radiation is ignored.
     aperture : Aperture
-        Outline of the radiating part, up to some 12 wavelengths, without a field.
+        Outline of the radiating part without a field, up to some 12 wavelengths wide.
     wavelength : float, default the wavelength of the pattern
         Wavelength in m.
     polarisation : str or array_like, default the polarisation of the co-polar part
-        Polarisation of the aperture, as of :func:`polywigner.field`. The other component
-        contributes to the residual.
+        Polarisation of the aperture, as in :func:`polywigner.field`. The orthogonal component of
+        the pattern contributes to the residual.
     method : str, default "huygens"
-        Equivalent currents "huygens", "magnetic" (an opening in a metal screen) or "electric", as
-        for all polarised sources. For scalar fields and links without a polarisation: the default
-        method of :func:`amplitude`.
+        Equivalent currents "huygens", "magnetic" (an opening in a metal screen) or "electric", for
+        use as a polarised source. For use without a polarisation pass "rayleigh-sommerfeld-1", the
+        default method of :func:`amplitude`.
     cut_off : float, default 1e-2
-        Fraction of the largest singular value. Smaller values give smaller residuals and less
-        smooth fields.
+        Smallest used singular value, as a fraction of the largest one. Smaller values of
+        ``cut_off`` give smaller residuals and less smooth fields.
 
     Returns
     -------
@@ -295,16 +294,19 @@ def fit_pattern(
     Warns
     -----
     PolywignerWarning
-        If the residual is above 0.3: the outline or the method does not suit the pattern.
+        If the residual is above 0.3, which means that the outline or the method does not suit the
+        pattern.
 
     Raises
     ------
     ArgumentError
-        For other arguments, and for a pattern without a wavelength or without radiation of this
-        polarisation.
+        If an argument has the wrong type or range, or the pattern has no wavelength or no radiation
+        of this polarisation.
     GeometryError
-        For apertures of too many wavelengths.
+        If the aperture is too wide.
 
+    Examples
+    --------
     >>> import numpy as np, polywigner as pw
     >>> square, wavelength = pw.shapes.square(6e-3), 3.9e-3
     >>> angles = np.radians(np.arange(0, 91, 3)), np.radians(np.arange(0, 360, 6))
@@ -322,19 +324,18 @@ def fit_pattern(
         )
     length = float(pattern.attrs.get("wavelength", math.nan)) if wavelength is None else wavelength
     if wavelength is None and not math.isfinite(length):
-        raise ArgumentError("expected a wavelength, since the pattern has none, got None")
+        raise ArgumentError("the pattern has no wavelength; pass it as wavelength=")
     length = checked_wavelength(length)
     model = checked_choice(method, "method", (*MODELS, DEFAULT))
     jones = linear_components(pattern, "pattern")[-1]
     if polarisation is not None:
         jones = checked_polarisation(polarisation, aperture)
-    least = checked_number(cut_off, "cut_off", "a fraction from 1e-12 to 1")
-    if not 1e-12 <= least < 1:
-        raise ArgumentError(f"expected cut_off from 1e-12 up to below 1, got {cut_off!r}")
+    meaning = "a fraction from 1e-12 to 1"
+    least = checked_number(cut_off, "cut_off", meaning, lambda x: 1e-12 <= x < 1)
     waves = _waves_on(aperture, length)
     blocks = list(directions_and_weights(aperture.diameter, length))
     s, weights = (np.concatenate(column) for column in zip(*blocks, strict=True))
-    # far fields (n, 3) of a point source, over its scalar F/(i lambda)
+    # far fields (n, 3) of a point source, divided by its scalar far field F/(i lambda)
     if model == DEFAULT:
         unit = s[:, 2:] * np.einsum("j,jkn->nk", jones, np.array(ludwig_axes(*s.T)))
     else:
@@ -345,7 +346,9 @@ def fit_pattern(
         float(weights @ np.square(np.abs(v))) for v in (np.linalg.norm(vectors, axis=1), along)
     )
     if not polarised > _NOTHING * total:
-        raise ArgumentError("expected a pattern of the aperture's polarisation, got none of it")
+        raise ArgumentError(
+            "the pattern has no radiation of this polarisation; pass another polarisation"
+        )
     centre = np.reshape(aperture.bounds, (2, 2)).mean(axis=0)
     outline = aperture.moved(-centre)
     rows = strength * np.exp(-2j * math.pi * (s[:, :2] @ centre) / length) / (1j * length)
@@ -362,8 +365,8 @@ def fit_pattern(
     residual = math.sqrt(max(0.0, error) / total)
     if residual > _POOR:
         warn_caller(
-            f"the residual of the fitted far field is {residual:.2g}: check polarisation, method, "
-            "wavelength, and size and position of the outline"
+            f"the residual of the fitted far field is {residual:.2g}; check the polarisation, the "
+            "method, the wavelength, and the size and position of the outline"
         )
     return FittedPattern(aperture.with_illumination(field), residual, power_ratio)
 
@@ -377,7 +380,7 @@ def _waves_on(aperture: Aperture, wavelength: float) -> Floats:
     if np.prod(2 * counts + 1) > 2 * _MOST_WAVES:
         raise GeometryError(
             "expected an aperture of at most some 12 wavelengths, got "
-            f"{extents[0] / wavelength:.3g} by {extents[1] / wavelength:.3g}; take a smaller one"
+            f"{extents[0] / wavelength:.3g} by {extents[1] / wavelength:.3g}; use a smaller outline"
         )
     steps = [np.arange(-n, n + 1) / (_PERIODS * e) for n, e in zip(counts, extents, strict=True)]
     waves = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""Readers of far fields in text files of simulators: HFSS, CST, FEKO and GRASP."""
+"""Readers of far-field files of the simulators HFSS, CST, FEKO and GRASP."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 FREE_SPACE = 376.730313412
-"""Impedance Z0 of free space in ohm: |rE|^2/(2 Z0) of the peak value rE is in W/sr."""
+"""Impedance Z0 of free space in ohm; |rE|^2/(2 Z0) is in W/sr for the peak value rE in V."""
 
 FLOOR = -300.0
 """Level in dB that represents minus infinity."""
@@ -35,18 +35,18 @@ MOST_DIRECTIONS = 2_000_000
 
 @dataclass(frozen=True, eq=False)
 class FarFieldTable:
-    """Far field of one frequency in the convention of the files: exp(+j omega t - j k r)."""
+    """Far field at one frequency, with the phases of the files: exp(+j omega t - j k r)."""
 
     theta: Floats
-    """(n,) in degrees, from -180 to 180."""
+    """Angles (n,) in degrees, from -180 to 180."""
     phi: Floats
-    """(n,) in degrees."""
+    """Angles (n,) in degrees."""
     fields: Complex
-    """E_theta and E_phi (2, n): rE in V, peak values."""
+    """E_theta and E_phi (2, n), peak values times the distance, in V."""
     frequency: float = math.nan
-    """Frequency in Hz; NaN if the file has none."""
+    """Frequency in Hz; NaN if the file contains none."""
     repeated: list[tuple[Column, Floats]] = field(default_factory=list)
-    """Redundant columns, as radiant intensities (n,) in W/sr."""
+    """Columns that repeat the result in another form, as radiant intensities (n,) in W/sr."""
     has_unit_power: bool = False
     """Whether the format normalises the field to a radiated power of 1 W."""
 
@@ -60,9 +60,10 @@ class Unit(NamedTuple):
     """A unit of a column."""
 
     kind: Kind
-    """Fields are rE (or E at 1 m); intensities W/sr (or W/m^2 at 1 m); ratios are to isotropic."""
+    """A "field" is rE, or E at 1 m; an "intensity" is in W/sr, or in W/m^2 at 1 m; a "ratio" is
+    relative to an isotropic source."""
     scale: float = 1.0
-    """Value of one unit, or of 0 dB, in degrees, Hz, V, W/sr or 1."""
+    """Value of one unit, or of 0 dB, in degrees, Hz, V, W/sr or 1 for ratios."""
     is_db: bool = False
 
 
@@ -85,7 +86,7 @@ _ADVICE = (
 
 
 def unit_of(text: str) -> Unit | None:
-    """Return the unit of a text in brackets; None for an unsupported unit."""
+    """Return the unit of a text such as "dBV/m"; None for an unsupported unit."""
     name = re.sub(r"\s|\.$", "", text).replace("²", "2").replace("^", "")
     if name.lower() in _NAMED:
         return _NAMED[name.lower()]
@@ -101,7 +102,7 @@ def unit_of(text: str) -> Unit | None:
 
 # ---- columns ------------------------------------------------------------------------------------
 
-# Kinds of units of a quantity, and the default unit.
+# Allowed kinds of units, and the default unit, of each quantity.
 _UNITS: dict[str, tuple[tuple[Kind, ...], Unit | None]] = {
     "theta": (("angle",), _DEGREES),
     "phi": (("angle",), _DEGREES),
@@ -127,7 +128,7 @@ _PARTS = {
     **dict.fromkeys(("", "mag", "abs", "db", "db10", "db20"), "size"),
     **dict.fromkeys(("phase", "arg", "ang", "ang_deg", "cang_deg", "ang_rad", "cang_rad"), "phase"),
 }
-# mag(rETheta) of HFSS, Re(Etheta) and Gain(Total) of FEKO
+# Titles of columns: mag(rETheta) of HFSS, Re(Etheta) and Gain(Total) of FEKO.
 _NAME = re.compile(
     r"(?:(?P<part>[a-z_0-9]+)\()?(?P<quantity>[a-z]+?)(?P<is_feko>\()?"
     r"(?P<component>theta|phi|total)\)?"
@@ -141,20 +142,20 @@ class Column(NamedTuple):
     quantity: str
     """A key of ``_UNITS``."""
     component: str
-    """"theta", "phi" or "total" of a far field, else empty."""
+    """"theta", "phi" or "total" for a far field, otherwise empty."""
     part: str
-    """"value" of an axis; "real", "imaginary", "size" or "phase" of a far field."""
+    """"real", "imaginary", "size" or "phase" for a far field, "value" for an axis."""
     unit: Unit
 
     def intensity(self, values: Floats) -> Floats:
-        """Convert values to radiant intensity in W/sr, and ratios for a radiated power of 1 W."""
+        """Convert values to radiant intensity in W/sr, ratios for a radiated power of 1 W."""
         is_field = self.unit.kind == "field"
         if self.unit.is_db:
             values = np.where(values <= FLOOR, 0.0, 10 ** (values / (20 if is_field else 10)))
         elif values.min() < 0:
             raise FileFormatError(
                 f"expected values of zero or more in column {self.title}, got {values.min():g}; "
-                "give its unit, such as [dBi], in its header"
+                "add the unit, such as [dBi], to its header"
             )
         sizes = values * self.unit.scale
         if is_field:
@@ -163,7 +164,7 @@ class Column(NamedTuple):
 
 
 def _column(title: str, unit: str | None, name: str | None = None) -> Column | None:
-    """Return the column of a title and its unit text; None for an unknown name.
+    """Return the column of a title and a unit in brackets; None for an unknown title.
 
     ``name``: the title in the notation of HFSS, if it differs.
     """
@@ -194,9 +195,10 @@ def _column(title: str, unit: str | None, name: str | None = None) -> Column | N
 def _checked_unit(
     label: str, text: str | None, kinds: Sequence[Kind], default: Unit | None, db: bool = False
 ) -> Unit:
-    """Return the unit of a text, or the default for a blank text, or raise FileFormatError.
+    """Return the unit of a text, or the default if the text is blank.
 
-    ``db``: whether units in dB are allowed. A default in dB requires them.
+    ``db``: whether units in dB are allowed. If the default is in dB, they are required. Raises
+    FileFormatError for other units.
     """
     if text is None or not text.strip():
         if default is None:
@@ -212,10 +214,10 @@ def _checked_unit(
 
 
 def _cst_columns(header: str) -> list[Column | None]:
-    """Return the columns of a far-field table of CST; None for unknown names.
+    """Return the columns of a far-field table of CST; None for unknown titles.
 
-    The column of the total, such as Abs(Dir.) or Abs(E), also specifies the quantity of Abs(Theta)
-    and Abs(Phi).
+    Abs(Theta) and Abs(Phi) are of the quantity of the column of the total, such as Abs(Dir.) or
+    Abs(E).
     """
     titles: list[tuple[str, str | None]] = re.findall(r"([^\[\]]+)\[([^\]]*)\]", header)
     titles += [(name, None) for name in header.rpartition("]")[2].split()]
@@ -232,26 +234,26 @@ def _cst_columns(header: str) -> list[Column | None]:
 
 
 def _check_header(columns: Sequence[Column | None]) -> None:
-    """Raise FileFormatError for a header with equal quantities, or without angles."""
+    """Raise FileFormatError if a quantity occurs twice in a header, or an angle is missing."""
     contents = [column[1:4] for column in columns if column is not None]
     for column in columns:
         if column is not None and contents.count(column[1:4]) > 1:
             raise FileFormatError(
-                f"expected one column of each quantity, got {column.title} and another one; export "
-                "one frequency, and one of gain, realised gain and directivity"
+                f"expected one column for each quantity, got two for {column.title}; export one "
+                "frequency, and only one of gain, realised gain and directivity"
             )
     if not {("theta", "", "value"), ("phi", "", "value")} <= set(contents):
         raise FileFormatError(
-            "expected the columns Theta and Phi in the header, and both field components with "
-            "their phases, got others"
+            "the columns Theta and Phi are missing in the header; export them, and both field "
+            "components with their phases"
         )
 
 
 # ---- values -------------------------------------------------------------------------------------
 
-# Smallest compared intensity relative to the maximum: tables round weaker values.
+# Intensities below this fraction of the maximum are not compared, because tables round them.
 _COMPARED = 1e-2
-# Maximum difference in dB due to the rounding of tables.
+# Largest difference in dB that the rounding of tables explains.
 SAME_LEVEL = 0.1
 # GRASP omits the E of exponents with three digits.
 _SHORT_EXPONENT = re.compile(r"(?<=\d)([+-]\d{3})$")
@@ -261,12 +263,12 @@ Cells = Sequence[tuple[Column, Floats]]
 
 
 def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
-    """Return the numbers (line, column) of lines; ``first``: number of the first line."""
+    """Return the numbers in lines, (line, column); ``first``: line number of the first line."""
     return _cells_of([line.split() for line in lines], first, columns)
 
 
 def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats:
-    """Return the numbers (row, column) of cells; blank rows are skipped."""
+    """Return the numbers in cells, (row, column), without blank rows."""
     values: list[list[float]] = []
     for number, cells in enumerate(rows, start=first):
         if not any(cell.strip() for cell in cells):
@@ -282,15 +284,18 @@ def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats
     if not values:
         raise FileFormatError("expected a line for each direction, got none")
     table = np.array(values)
-    if not (np.abs(table) <= LARGEST_NUMBER).all():  # also for a NaN
-        raise FileFormatError(f"expected finite numbers up to {LARGEST_NUMBER:g}, got others")
+    valid = np.abs(table) <= LARGEST_NUMBER  # False for NaN
+    if not valid.all():
+        raise FileFormatError(
+            f"expected finite numbers up to {LARGEST_NUMBER:g}, got {table[~valid][0]:g}"
+        )
     return table
 
 
 def _tables_of(
     columns: Sequence[Column | None], values: Floats, frequency: float = math.nan
 ) -> Iterator[FarFieldTable]:
-    """Yield a table for each frequency in the column of frequencies, or one table without it."""
+    """Yield a table for each frequency in the column of frequencies, or one table for all rows."""
     known = [(c, values[:, k]) for k, c in enumerate(columns) if c is not None]
     axes = {c.quantity: c.unit.scale * v for c, v in known if c.part == "value"}
     frequencies = axes.get("frequency", np.full(len(values), frequency))
@@ -305,7 +310,7 @@ def _tables_of(
 
 
 def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
-    """Return the field (n,) in V along theta or phi, and its columns."""
+    """Return the field (n,) in V along theta or phi, and the columns that contain it."""
     parts = {(c.quantity, c.part): (c, v) for c, v in cells if c.component == name}
     if ("field", "real") in parts and ("field", "imaginary") in parts:
         (x, real), (y, imaginary) = parts["field", "real"], parts["field", "imaginary"]
@@ -313,7 +318,7 @@ def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
     sizes, phases = ([p for p in parts.values() if p[0].part == k] for k in ("size", "phase"))
     if not sizes or not phases:
         raise FileFormatError(
-            f"expected columns for E_{name}, re and im or size and phase, got "
+            f"expected columns of E_{name}, either real and imaginary part or size and phase, got "
             f"{'a size' if sizes else 'a phase' if phases else 'none'}; export the components "
             "along theta and phi with their phases"
         )
@@ -327,8 +332,8 @@ def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
 def _compare(fields: Complex, repeated: list[tuple[Column, Floats]], sources: set[str]) -> None:
     """Raise FileFormatError for a column that contradicts the fields.
 
-    Columns of the quantities ``sources`` must equal the fields. Other columns may differ by a
-    constant factor, such as the radiated power.
+    Columns of the quantities ``sources``, from which the fields were computed, must agree with the
+    fields. Other columns may differ by a constant factor, such as the radiated power.
     """
     squares = np.square(np.abs(fields)) / (2 * FREE_SPACE)
     total = squares.sum(axis=0)
@@ -345,7 +350,7 @@ def _compare(fields: Complex, repeated: list[tuple[Column, Floats]], sources: se
         if not abs(worst) <= SAME_LEVEL:
             raise FileFormatError(
                 f"column {column.title} differs from the field components by {worst:.2f} dB; check "
-                "the units in the header, and that all columns are of one export"
+                "the units in the header, and whether all columns are from one export"
             )
 
 
@@ -355,7 +360,7 @@ _HFSS_NAME = re.compile(r"(?P<title>[^\[]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*(?:-\
 
 
 def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read a report of HFSS (.csv): a row for each direction."""
+    """Read a report of HFSS (.csv), with one row for each direction."""
     matches = [_HFSS_NAME.fullmatch(cell.strip()) for cell in next(csv.reader(lines[:1]))]
     columns = [match and _column(match["title"], match["unit"]) for match in matches]
     _check_header(columns)
@@ -366,7 +371,7 @@ def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read a far-field table of CST (.txt): a header, a rule, a row for each direction."""
+    """Read a far-field table of CST (.txt): header, line of dashes, one row for each direction."""
     columns = _cst_columns(lines[0])
     _check_header(columns)
     first = 2 if len(lines) > 1 and set(lines[1].strip()) <= {"-"} else 1
@@ -375,7 +380,7 @@ def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read far fields of FEKO (.ffe): headers with #, then a row for each direction."""
+    """Read far fields of FEKO (.ffe): header lines with #, then one row for each direction."""
     columns: list[Column | None] = []
     settings = {"#coordinate system": "spherical", "#result type": ""}
     numbered = ((n, s) for n, s in enumerate(lines, 1) if s.strip() and not s.startswith("**"))
@@ -396,8 +401,8 @@ def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
             raise FileFormatError("expected the far field of an antenna, got cross sections (RCS)")
         if not columns:
             raise FileFormatError(
-                f"expected a line with # and the names of the columns before line {numbers[0]}, "
-                "got none"
+                f"expected a header line with # and the names of the columns before line "
+                f"{numbers[0]}, got none"
             )
         _check_header(columns)
         text = settings.get("#frequency")
@@ -407,7 +412,7 @@ def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read far-field data of HFSS (.ffd): two axes, then a block for each frequency."""
+    """Read far-field data of HFSS (.ffd): two axes, then one block for each frequency."""
     axes = []
     for number in (1, 2):
         start, stop, count = numbers_of(lines[number - 1 : number], number, 3)[0]
@@ -417,8 +422,8 @@ def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
     starts = [k for k, line in enumerate(lines) if line.split()[:1] == ["Frequency"]]
     if (lines[2:3] and lines[2].split() != ["Frequencies", str(len(starts))]) or starts[:1] != [3]:
         raise FileFormatError(
-            "expected Frequencies and their number in line 3, and a line Frequency before the "
-            "field of each, got others"
+            "expected the word Frequencies and a number in line 3, and a line that starts with "
+            "Frequency before each far field"
         )
     for start, stop in pairwise([*starts, len(lines)]):
         table = numbers_of(lines[start + 1 : stop], start + 2, 4)
@@ -429,7 +434,7 @@ def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _pair(table: Floats) -> Complex:
-    """Combine columns of real and imaginary parts to two complex numbers (2, n)."""
+    """Combine four columns of real and imaginary parts into two complex components (2, n)."""
     return (table[:, ::2] + 1j * table[:, 1::2]).T
 
 
@@ -440,7 +445,7 @@ def _checked_count(count: float, line: int) -> int:
 
 
 def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read spherical cuts of GRASP (.cut): for each cut a text, seven numbers and the samples."""
+    """Read spherical cuts of GRASP (.cut): for each cut a title, seven numbers and samples."""
     cuts: dict[float, list[tuple[Floats, Floats, Complex]]] = {}
     k = 0
     while k < len(lines):
@@ -453,8 +458,8 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
         )[0]
         if kind not in (1, 2, 3) or cut not in (1, 2) or components != 2:
             raise FileFormatError(
-                "expected cuts of two components, ICOMP 1, 2 or 3, ICUT 1 or 2 and NCOMP 2, got "
-                f"ICOMP {kind:g}, ICUT {cut:g}, NCOMP {components:g} in line {k + 2}; export "
+                "expected ICOMP 1, 2 or 3, ICUT 1 or 2 and NCOMP 2, got "
+                f"ICOMP {kind:g}, ICUT {cut:g} and NCOMP {components:g} in line {k + 2}; export "
                 "E_theta and E_phi of a polar cut in the far field"
             )
         count = _checked_count(number, k + 2)
@@ -466,7 +471,7 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
         parts = cuts.setdefault(parse_frequency(named[0]) if named else 0.0, [])
         parts.append((theta, phi, _from_grasp(int(kind), _pair(table), np.radians(phi))))
         k += 2 + count
-    # |E|^2 is the directivity: 4 pi W are radiated
+    # GRASP normalises fields to a radiated power of 4 pi W, so that |E|^2 is the directivity
     scale = math.sqrt(2 * FREE_SPACE / (4 * math.pi))
     for frequency, parts in cuts.items():
         theta, phi = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
@@ -482,7 +487,7 @@ def _from_grasp(kind: int, pair: Complex, phi: Floats) -> Complex:
     co, cross = pair
     if kind == 2:  # (co -+ j cross)/sqrt(2)
         co, cross = (co + cross) / math.sqrt(2), 1j * (cross - co) / math.sqrt(2)
-    # Ludwig's third definition, co along x
+    # Ludwig's third definition with the co-polar component along x
     sine, cosine = np.sin(phi), np.cos(phi)
     return np.stack([co * cosine + cross * sine, cross * cosine - co * sine])
 
@@ -494,4 +499,4 @@ LOADERS: dict[str, Callable[[list[str]], Iterator[FarFieldTable]]] = {
     ".ffe": _feko_far_field,
     ".cut": _grasp_cuts,
 }
-"""Readers by suffix: from the lines of a file to a far field for each frequency."""
+"""Functions by suffix that yield a far field for each frequency from the lines of a file."""

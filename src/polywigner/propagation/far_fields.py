@@ -1,4 +1,4 @@
-"""The far field of a source as a function of direction: field, power, beam and steering."""
+"""Far fields as functions of direction: field, radiated power, beam and steering direction."""
 
 from __future__ import annotations
 
@@ -70,11 +70,11 @@ def far_field(
 ) -> Complex:
     """Return lim r exp(-i k r) U(r s) (...) at unit vectors s (..., 3): docs/patterns.md, (RP1).
 
-    In m times the unit of u; zero where z < 0. complex64 in single precision.
+    The unit is m times the unit of u. The field is zero at z < 0. The dtype is complex64 in single
+    precision.
     """
     nu, cosine = directions[..., :2] / wavelength, directions[..., 2]
     front = np.maximum(cosine, 0.0)
-
     condition = OBLIQUITIES[obliquity]
     factor = condition.field * front if condition.is_boundary_condition else np.sqrt(front)
     total: Complex = np.zeros(front.shape, np.complex128)
@@ -82,7 +82,7 @@ def far_field(
         spectrum = fourier(source, nu, precision=precision, engine=engine)
         total = np.asarray(factor * spectrum, np.complex128)
     if condition.needs_normal_derivative:
-        with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
+        with suppress(IlluminationError):  # raised if all waves graze the plane: cosines are zero
             slopes = times_direction_cosine(source, wavelength)
             spectrum = fourier(slopes, nu, precision=precision, engine=engine)
             total = total + condition.slope * spectrum
@@ -92,15 +92,13 @@ def far_field(
 
 @takes_frequency
 def radiated_power(
-    source: PlaneSource | Wavefront,
-    wavelength: float,
-    obliquity: ObliquityName = DEFAULT,
+    source: PlaneSource | Wavefront, wavelength: float, obliquity: ObliquityName = DEFAULT
 ) -> float:
-    """Compute the power radiated through the far hemisphere, P = int |E|^2 dOmega (RP2).
+    """Compute the radiated power of a source, P = int |E|^2 dOmega over the hemisphere (RP2).
 
-    With ``obliquity="paper"`` the result equals :func:`power`. It differs from int |u|^2 by the
-    evanescent part and by the boundary condition: patches of a fraction of a wavelength radiate a
-    seventh (docs/patterns.md).
+    With ``obliquity="paper"`` the result equals :func:`power`. The radiated power differs from
+    int |u|^2 by the evanescent part, and depends on the boundary condition: patches of a fraction
+    of a wavelength radiate a seventh of int |u|^2 (docs/patterns.md).
 
     Parameters
     ----------
@@ -114,14 +112,18 @@ def radiated_power(
     Returns
     -------
     float
-        Power in W, to 1e-12 of int |u|^2. The cost is F in about 15 (diameter/wavelength)^2 + 1000
-        directions. Sources beyond 600 wavelengths use lags as :func:`power` does, to 1e-8, or 1e-5
-        for obliquities with normal derivatives.
+        Power in W, accurate to 1e-12 of int |u|^2.
+
+    Notes
+    -----
+    The time is the time of F in about 15 (diameter/wavelength)^2 + 1000 directions. For sources
+    wider than 600 wavelengths the power is an integral over lags, as in :func:`power`, with an
+    accuracy of 1e-8, or of 1e-5 for obliquities with normal derivatives.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type or range.
+        If an argument has the wrong type or range.
     IlluminationError
         If the source radiates nothing.
     GeometryError
@@ -144,9 +146,9 @@ def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
     """Raise ArgumentError for an obliquity that needs normal derivatives of a Wavefront."""
     if isinstance(source, Wavefront) and OBLIQUITIES[name].needs_normal_derivative:
         raise ArgumentError(
-            f"obliquity {name!r} is not available for a curved wave or partially coherent light, "
-            f'where it varies with position and tilt; use {DEFAULT!r} or "paper", or the near '
-            "field by amplitude (coherent light only)"
+            f"obliquity {name!r} is not available for curved waves and partially coherent light, "
+            f'since it varies with position and tilt; use {DEFAULT!r} or "paper", or compute the '
+            "near field of coherent light by amplitude"
         )
 
 
@@ -167,21 +169,23 @@ def _intensity(
     """Return the radiant intensity (n,) in W/sr at unit vectors (n, 3) with z >= 0."""
     if not is_partly_coherent(source):
         return np.square(np.abs(far_field(source, directions, wavelength, name)))
-    # the intensity has the factor cos, the default condition its square
+    # the intensity contains the factor cos of "paper"; the default condition requires cos^2
     factor = 1.0 if name == "paper" else directions[:, 2]
     return np.asarray(radiant_intensity(source, directions, wavelength) * factor)
 
 
 # ---- sources as functions of direction -----------------------------------------------------------
 
-# Samples of direction cosines across the hemisphere at least: the obliquity varies if the source is
-# small. Directions per block: some megabytes.
+# Least number of samples of a direction cosine across the hemisphere, which resolves the obliquity
+# of small sources.
 _LEAST_STEPS = 16
+# Directions per block, some megabytes.
 _BLOCK = 1 << 17
-# Directions of the full hemisphere, a tenth of a second. The beam of a wider source is searched
-# near its waves, within this number of lobes of an element.
+# Largest number of directions of a search over the hemisphere, a tenth of a second. The beam of a
+# wider source is searched only near its waves, within this number of lobes of an element.
 _MOST, _LOBES = 1 << 20, 4.0
-# Relative difference between the frequencies of an element's pattern and of the array.
+# Relative difference between the frequencies of an element's pattern and of the array, above which
+# a warning is issued.
 _OTHER_FREQUENCY = 0.01
 
 
@@ -190,23 +194,25 @@ class FarField:
     """The far field of a source as a function of direction."""
 
     source: PlaneSource | Wavefront | None
-    """None for the field of a table."""
+    """Source; None for the far field of a table."""
     wavelength: float
+    """Wavelength in m."""
     at: Callable[..., Values]
-    """The field (...), or its vectors (..., 3), at unit vectors (..., 3)."""
+    """Function of unit vectors (..., 3) that returns the field (...), or its vectors (..., 3)."""
     powers: tuple[float, float]
-    """Radiated power and aperture power."""
+    """Radiated power and aperture power in W."""
     about: dict[str, Any]
-    """The boundary condition, or the model of currents."""
+    """Attribute of the result: the boundary condition, or the model of currents."""
     is_vector: bool = True
+    """Whether the field is an electric field with three components."""
     jones: Values | None = None
-    """The polarisation that co-polar refers to; None: the beam's."""
+    """Jones vector of the co-polar part; None: the polarisation of the beam."""
     goes_backwards: bool = False
     """Whether the source radiates behind its plane."""
     known_beam: tuple[float, float, float] | None = None
-    """The beam of a table."""
+    """Value of ``beam`` for a table."""
     on_grid: Callable[[Values, Values], Values] | None = None
-    """The field over theta (n,) and phi (m,); None: ``at`` their directions."""
+    """Function of theta (n,) and phi (m,) that returns the field; by default ``at`` is used."""
     how: dict[str, Any] = field(default_factory=dict)
     """Precision and engine of fields over angles."""
 
@@ -223,9 +229,10 @@ class FarField:
 
     @cached_property
     def beam(self) -> tuple[float, float, float]:
-        """Largest |E|^2 of all directions in front, in W/sr, and its theta and phi.
+        """Largest |E|^2 in front of the plane in W/sr, and theta and phi of its direction.
 
-        If several are equal, the direction is the one with the smallest theta, then phi.
+        If |E|^2 is equally large in several directions, the beam is the direction with the smallest
+        theta, and among these the direction with the smallest phi.
         """
         if self.known_beam is not None:
             return self.known_beam
@@ -254,9 +261,9 @@ class FarField:
         return float(values.max()), float(theta[first]), float(phi[first])
 
     def _windows(self, step: Values) -> list[tuple[Values, NDArray[np.intp]]]:
-        """Centres of windows of direction cosines that hold the beam of a wide source, and sizes.
+        """Return the windows of direction cosines that may contain the beam of a wide source.
 
-        Sizes are half the numbers of samples.
+        A window is its centre (2,) and half of its number of samples along both axes, (2,).
         """
         source, wavelength = self.source, self.wavelength
         flat = flat_source(source)
@@ -271,7 +278,7 @@ class FarField:
         return [(centre, counts) for centre in centres if np.linalg.norm(centre) <= 1.0]
 
     def _on_disc(self, cosines: Values) -> tuple[Values, Values]:
-        """Direction cosines (..., 2), moved into the unit disc, and |E|^2 (...) there."""
+        """Return direction cosines (..., 2), moved into the unit disc, and |E|^2 (...) at these."""
         cosines = cosines / np.maximum(1, np.linalg.norm(cosines, axis=-1, keepdims=True))
         third = np.sqrt(np.maximum(0, 1 - np.square(cosines).sum(axis=-1, keepdims=True)))
         directions = np.concatenate([cosines, third], axis=-1).reshape(-1, 3)
@@ -290,7 +297,7 @@ class FarFieldOptions(TypedDict, total=False):
 
 
 def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) -> FarField:
-    """Return the far field of arguments of :func:`radiation_pattern`, which raises their errors."""
+    """Return the far field for arguments of :func:`radiation_pattern`; raise its errors."""
     check_options(options, FarFieldOptions)
     obliquity, polarisation, method, element = (
         options.get(name) for name in ("obliquity", "polarisation", "method", "element")
@@ -301,16 +308,16 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
     }
     if element is not None and not (obliquity is None and method is None):
         raise ArgumentError(
-            f"expected an element's pattern without obliquity and method, got {obliquity!r} and "
-            f"{method!r}; leave them out"
+            f"expected no obliquity and no method with element=, got {obliquity!r} and {method!r}; "
+            "leave them out"
         )
     if polarisation is not None and obliquity is not None:
         raise ArgumentError(
-            f"expected an obliquity or a polarisation, got {obliquity!r} and {polarisation!r}; a "
-            "polarised field has a method instead"
+            f"expected either an obliquity or a polarisation, got {obliquity!r} and "
+            f"{polarisation!r}; for polarised fields pass method instead of obliquity"
         )
     if polarisation is None and method is not None:
-        raise ArgumentError(f"expected a polarisation with method={method!r}, got none; give one")
+        raise ArgumentError(f"method={method!r} requires a polarisation; pass polarisation=")
     radiator, length = checked_radiator(source), checked_wavelength(wavelength)
     check_width(largest_lag(radiator), length)
     if element is not None:
@@ -335,15 +342,15 @@ def _of_elements(
     """Return the far field of an array of elements with a pattern from a file or a solver."""
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
-            "expected a phased_array with an element's pattern, got "
-            f"{type(source).__name__}; make one by phased_array(element, positions, weights)"
+            f"expected a phased_array with element=, got {type(source).__name__}; make one by "
+            "phased_array(element, positions, weights)"
         )
     element = element_pattern_of(pattern)
     frequency = float(pattern.attrs.get("frequency", math.nan))
     if abs(frequency * wavelength / SPEED_OF_LIGHT - 1) > _OTHER_FREQUENCY:
         warn_caller(
-            f"got an element's pattern at {frequency:.6g} Hz for an array at "
-            f"{SPEED_OF_LIGHT / wavelength:.6g} Hz: it is used without correction"
+            f"the element's pattern at {frequency:.6g} Hz is used without correction for an array "
+            f"at {SPEED_OF_LIGHT / wavelength:.6g} Hz"
         )
     _, positions = source.repeated
 
@@ -367,23 +374,24 @@ def _of_elements(
 
 # ---- steering -----------------------------------------------------------------------------------
 
-# Deviations that steering allows: of the phases of weights from a plane, in rad, and of waves from
-# symmetry, in parts of 1/wavelength. Rounded tables pass, quantised phases do not.
+# Largest deviation in rad of the phases of weights from a linear function. Phases rounded in tables
+# satisfy it, phases of quantised phase shifters do not.
 _LINEAR = 0.02
+# Largest deviation of a field's waves from symmetry, as a fraction of 1/wavelength.
 _SYMMETRIC = 1e-6
-# Waves of a field that are compared with their opposites.
+# Largest number of waves of a field that is tested for symmetry.
 _MOST_WAVES = 4096
 
 
 def steered_direction(
     source: PlaneSource | Wavefront | None, wavelength: float, beam: tuple[float, float]
 ) -> tuple[float, float] | None:
-    """Return theta and phi to which a source is steered, in rad; None if they are unknown.
+    """Return theta and phi in rad to which a source is steered; None if they are unknown.
 
-    A phased array is steered if the phases of its weights rise linearly, up to sign. An aperture is
-    steered if its waves lie symmetrically about one wave, such as a real taper times a plane wave.
-    ``beam``: theta and phi of the beam. If grating lobes leave several directions, the function
-    returns the direction next to the beam.
+    A phased array is steered if the phases of its weights are linear in the position, except for
+    negative weights. An aperture is steered if its plane waves are symmetric about one wave, as for
+    a real taper times a plane wave. ``beam``: theta and phi of the beam. If several directions are
+    possible because of grating lobes, the result is the direction next to the beam.
     """
     if source is None or isinstance(source, Wavefront):
         return None
@@ -391,7 +399,8 @@ def steered_direction(
         if source.repeated is None:
             return None
         positions = source.repeated[1]
-        cosines = _of_weights(positions, source.weights, wavelength, _cosines(*beam))
+        near = math.sin(beam[0]) * np.array([math.cos(beam[1]), math.sin(beam[1])])
+        cosines = _of_weights(positions, source.weights, wavelength, near)
     else:
         cosines = _of_waves(source.illumination, wavelength)
     if cosines is None or np.linalg.norm(cosines) > 1:
@@ -401,18 +410,14 @@ def steered_direction(
     return theta, phi if theta > _SYMMETRIC else 0.0
 
 
-def _cosines(theta: float, phi: float) -> Values:
-    return math.sin(theta) * np.array([math.cos(phi), math.sin(phi)])
-
-
 def _of_weights(
     positions: Values, weights: Values, wavelength: float, near: Values
 ) -> Values | None:
-    """Direction cosines (2,) of weights with linear phases, next to others."""
+    """Return direction cosines (2,) of weights with linear phases, the nearest to ``near`` (2,)."""
     if len(weights) < 2:
         return None
     residual = weights * np.exp(-2j * np.pi * (positions @ near) / wavelength)
-    # weights of windows may be negative: squares have no sign
+    # tapers may have negative weights, so their squares are compared
     squares = residual**2 * np.conj((residual**2).sum())
     phases, strength = np.angle(squares) / 2, np.abs(weights)
     columns = np.column_stack([positions / wavelength * 2 * np.pi, np.ones(len(weights))])
@@ -422,7 +427,7 @@ def _of_weights(
 
 
 def _of_waves(illumination: Any, wavelength: float) -> Values | None:
-    """Direction cosines (2,) of the wave at the centre of a symmetric set of waves."""
+    """Return direction cosines (2,) of the wave at the centre of a symmetric set of waves."""
     if illumination is None:
         return np.zeros(2)
     waves, sizes = illumination.frequencies * wavelength, np.abs(illumination.amplitudes)

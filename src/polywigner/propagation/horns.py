@@ -1,10 +1,12 @@
-"""Horns: the TE mode of a rectangular waveguide on the mouth, with the phase of the flare.
+"""Mouths of horns: the TE10 mode of a rectangular waveguide, with the phase of the flare.
 
 E is along y. The mode is a cosine along x (H plane) and constant along y (E plane). Textbooks write
-a_1 for ``width`` and rho_2 for its radius, b_1 for ``height`` and rho_1 for its radius.
+a_1 and rho_2 for the width and its radius, and b_1 and rho_1 for the height and its radius.
 
-- ``pyramidal``: flared along x and y; ``e_plane``: along y; ``h_plane``: along x
-- ``directivity``: textbook directivity on the axis
+- ``pyramidal`` : horn that flares along x and y
+- ``e_plane`` : sectoral horn that flares along y
+- ``h_plane`` : sectoral horn that flares along x
+- ``directivity`` : textbook directivity on the axis
 """
 
 from __future__ import annotations
@@ -26,19 +28,19 @@ __all__ = ["directivity", "e_plane", "h_plane", "pyramidal"]
 def pyramidal(
     width: float, height: float, radius_x: float, radius_y: float, wavelength: float
 ) -> Wavefront:
-    """Return the mouth of a pyramidal horn: cos(pi x/width) with a quadratic phase.
+    """Return the mouth of a pyramidal horn: the field cos(pi x/width) with a quadratic phase.
 
     The phase is pi (x^2/radius_x + y^2/radius_y)/wavelength, as in Balanis, "Antenna Theory",
-    section 13.4. It differs from the phase of the slant path by about x^4/(8 wavelength radius^3)
-    cycles.
+    section 13.4. It differs from the exact phase of the slant path by about
+    x^4/(8 wavelength radius^3) cycles.
 
     Parameters
     ----------
     width, height : float
         Size of the mouth along x (H plane) and y (E plane) in m.
     radius_x, radius_y : float
-        Distance from the mouth to the apex of the walls along x and along y in m; inf for parallel
-        walls.
+        Distances in m from the mouth to the apex of the walls that flare along x and along y; inf
+        for parallel walls.
     wavelength : float
         Wavelength in m.
 
@@ -50,8 +52,10 @@ def pyramidal(
     Raises
     ------
     ArgumentError
-        For lengths that are not above zero.
+        If a length is not above zero.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> horn = pw.horns.pyramidal(5.5, 2.75, 6.0, 6.0, 1.0)  # in wavelengths
     >>> round(10 * float(np.log10(pw.horns.directivity(horn, 1.0))), 2)  # dB
@@ -68,8 +72,10 @@ def pyramidal(
 def e_plane(width: float, height: float, radius: float, wavelength: float) -> Wavefront:
     """Return the mouth of a sectoral horn that flares along y, in the E plane.
 
-    ``width`` is the width of the waveguide, and ``radius`` is along y, in m; see :func:`pyramidal`.
+    ``width`` is the width of the waveguide in m; ``radius`` is ``radius_y`` of :func:`pyramidal`.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> horn = pw.horns.e_plane(0.5, 2.75, 6.0, 1.0)
     >>> round(10 * float(np.log10(pw.horns.directivity(horn, 1.0))), 2)  # dB
@@ -82,9 +88,10 @@ def e_plane(width: float, height: float, radius: float, wavelength: float) -> Wa
 def h_plane(width: float, height: float, radius: float, wavelength: float) -> Wavefront:
     """Return the mouth of a sectoral horn that flares along x, in the H plane.
 
-    ``height`` is the height of the waveguide, and ``radius`` is along x, in m; see
-    :func:`pyramidal`.
+    ``height`` is the height of the waveguide in m; ``radius`` is ``radius_x`` of :func:`pyramidal`.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> horn = pw.horns.h_plane(5.5, 0.25, 6.0, 1.0)
     >>> round(10 * float(np.log10(pw.horns.directivity(horn, 1.0))), 2)  # dB
@@ -95,10 +102,11 @@ def h_plane(width: float, height: float, radius: float, wavelength: float) -> Wa
 
 @takes_frequency
 def directivity(source: PlaneSource | Wavefront, wavelength: float) -> float:
-    """Return the textbook directivity on the axis, 4 pi |F(0)|^2/(wavelength^2 int |u|^2), a ratio.
+    """Return the textbook directivity on the axis, 4 pi |F(0)|^2/(wavelength^2 int |u|^2).
 
-    For a horn this is the formula in Fresnel integrals of Balanis, (13-52). It refers to the power
-    in the mouth; :func:`polywigner.radiation_pattern` refers to the power of the far field.
+    For a horn this is Balanis' formula (13-52) with Fresnel integrals. The directivity is relative
+    to the power in the mouth, while :func:`polywigner.radiation_pattern` uses the power of the far
+    field.
 
     Parameters
     ----------
@@ -117,6 +125,8 @@ def directivity(source: PlaneSource | Wavefront, wavelength: float) -> float:
     PolywignerError
         As :func:`polywigner.radiant_intensity`.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> round(pw.horns.directivity(pw.shapes.square(1.0), 1.0) / (4 * np.pi), 12)
     1.0

@@ -1,8 +1,10 @@
 """Irradiance of partially coherent light as sums over short lags.
 
-If the coherence width is far below the size of the source, only lags of a few widths interfere. In
-parabolic waves the integral over mean positions is the ambiguity function (PC10). In spherical
-waves it is a sum over pairs of points on the source (PC11).
+If the coherence width is far below the size of the source, only points of the source that are a few
+coherence widths apart interfere, so the irradiance is an integral over short lags. In the Fresnel
+approximation (parabolic waves) the integrand is the ambiguity function (PC10). With exact
+(spherical) waves it is a sum over the mean positions of pairs of points (PC11). The last section
+contains Gauss rules on trapezoids.
 """
 
 from __future__ import annotations
@@ -18,30 +20,28 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Wavefront
 from polywigner.geometry.parts import grid_size, polygons_in
-from polywigner.numerics.nodes import normal_product_rule
+from polywigner.numerics.nodes import chirp_node_counts, normal_product_rule, unit_rule
 from polywigner.optics import FirstOrder
-from polywigner.propagation.quadrature import (
-    Trapezoids,
-    largest_rates,
-    node_counts,
-    rule_on,
-    trapezoids_of,
-)
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import Obliquity, direction_cosines
 from polywigner.transforms import ambiguity
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Indices = NDArray[np.intp]
 Channel = Floats | None
-"""Part of a field: None for the field, or a wave's frequency (2,) for its normal derivative."""
+"""Quantity on the source: None for the field, or the frequency (2,) of one of its plane waves for
+the normal derivative of this wave."""
 
-# Largest lag in coherence widths: beyond, the degree of coherence is below 1e-10.
+# Largest lag in coherence widths: the degree of coherence of longer lags is below 1e-10.
 _LONGEST = 6.8
-# Error of a wave in the coarsest rule; frequency of the degree of coherence times the width; and
-# additional nodes of finer rules, which are tried until two successive rules agree.
-_ERROR, _OF_NORMAL, _LEVELS = 1e-7, 0.48, (0, 2, 5, 10, 18)
-# Largest numbers of kink segments that are cut into cells, and of lags behind systems.
+# Error of the coarsest rule for a plane wave.
+_ERROR = 1e-7
+# Frequency that the rule resolves for the degree of coherence, times the coherence width.
+_OF_NORMAL = 0.48
+# Additional nodes of finer rules, which are tried until two successive rules agree.
+_LEVELS = (0, 2, 5, 10, 18)
+# Largest number of kink segments that separate cells, and of lags behind first-order systems.
 _MOST_KINKS, _MOST_NODES = 2000, 1 << 20
 # Array elements per block.
 _BLOCK = 1 << 22
@@ -53,15 +53,15 @@ def _sum_over_lags(
     rates: Floats,
     error: float,
 ) -> Floats | None:
-    """Irradiance (n,) at a given number of additional nodes, lags (m, 2) and weights (m,).
+    """Return the irradiance (n,) from a rule on cells of lags, or None without convergence.
 
-    The rule is refined until the values change by less than ``error`` of the largest irradiance;
-    None if they do not converge.
+    ``irradiance`` is a function of lags (m, 2), weights (m,) and the number of additional nodes.
+    The rule is refined until the values change by less than ``error`` times the largest irradiance.
     """
     previous: Floats | None = None
     for extra in _LEVELS:
         lags, weights, _ = rule_on(cells, rates, _ERROR, extra)
-        # the factor 2 accounts for the opposite lags
+        # the cells cover half of the lags; opposite lags contribute the same amount
         values = irradiance(lags, 2.0 * weights, extra)
         if previous is not None and abs(values - previous).max() <= error * abs(values).max():
             return values
@@ -75,10 +75,10 @@ def _longest_lags(source: Wavefront) -> Floats:
 
 
 def _lag_cells(source: Wavefront) -> Trapezoids:
-    """Trapezoids that tile half of the lags that interfere.
+    """Return trapezoids that tile half of the lags that interfere.
 
-    No kink of A crosses them, unless there are too many kinks. The kinks are the segments
-    V_i - E_k of all vertices V_i and edges E_k.
+    The ambiguity function has kinks on the segments V_i - E_k of all vertices V_i and edges E_k. No
+    kink crosses a trapezoid, unless there are more than ``_MOST_KINKS`` of them.
     """
     reach = _longest_lags(source)
     half = shapely.box(-reach[0], 0.0, reach[0], reach[1])
@@ -101,10 +101,10 @@ def _lag_cells(source: Wavefront) -> Trapezoids:
 def summed_over_lags(
     source: Wavefront, points: Floats, wavelength: float, system: FirstOrder, error: float
 ) -> Floats | None:
-    """Return the irradiance (n,) at points (n, 2) behind a system by (PC10).
+    """Return the irradiance (n,) at points (n, 2) behind a first-order system by (PC10).
 
-    None for an image (B = 0) and for too many nodes. ``error`` is relative to the largest
-    irradiance.
+    ``error`` is relative to the largest irradiance. The result is None if the points lie in an
+    image of the source (B = 0), or if the rule has too many nodes.
     """
     determinant = abs(float(np.linalg.det(system.B)))
     if not determinant > 0.0:
@@ -137,25 +137,29 @@ def summed_over_lags(
 
 # ---- spherical waves -----------------------------------------------------------------------------
 
-# Time [ns] of a pair for each point, and of the intersection of two outlines, for each vertex.
+# Times [ns]: for each pair of points on the source and each point, and for each vertex of two
+# outlines that are intersected.
 _PAIR, _CUT = 60.0, 2e4
-# Time of the coarsest rule and of the next rule, which checks it, over the time of the coarsest.
+# Time of the two coarsest rules, which are always computed, relative to the coarsest one.
 _TWO_RULES = 2.5
-# Standard deviations of the tilts, beyond which waves may graze the plane; error of means over
-# tilts.
-_GRAZING, _MEAN_ERROR = 5.0, 1e-8
-# Lags per block; pairs and points per block, which stay in the cache.
-_LAGS, _PAIRS, _POINTS = 256, 1 << 12, 4
+# Waves with tilts of up to this number of standard deviations must not graze the plane.
+_GRAZING = 5.0
+# Error of means over tilts.
+_MEAN_ERROR = 1e-8
+# Lags per block.
+_LAGS = 256
+# Pairs and points per block: their arrays stay in the cache.
+_PAIRS, _POINTS = 1 << 12, 4
 
 
 def channels_of(source: Wavefront, condition: Obliquity) -> list[Channel]:
-    """Return the parts of the field that a boundary condition depends on."""
+    """Return the quantities on the source that a boundary condition uses."""
     channels: list[Channel] = [None] if condition.field else []
     return channels + (list(normal_form(source).frequencies) if condition.slope else [])
 
 
 def channel_at(element: SourceElement, channel: Channel, x: Floats) -> Complex | float:
-    """Return the values (...) of a channel at x (..., 2), without the weight of the element."""
+    """Return a channel of an element of weight 1 at positions x (..., 2)."""
     if channel is None:
         return 1.0 if element.illumination is None else element.illumination(x)
     amplitude = element.amplitudes[(element.frequencies == channel).all(axis=1)].sum()
@@ -170,10 +174,11 @@ def summed_over_pairs(
     error: float,
     longest_time: float,
 ) -> Floats | None:
-    """Irradiance (n,) at points (n, 3) by (PC11).
+    """Return the irradiance (n,) at points (n, 3) by (PC11).
 
-    None if the estimated time exceeds ``longest_time`` in ns, if the sums do not converge, or if
-    the condition requires normal derivatives of curved waves or of waves that graze the plane.
+    The result is None if the estimated time exceeds ``longest_time`` in ns, if the rules do not
+    converge, or if the boundary condition requires normal derivatives of a curved wave or of waves
+    that may graze the plane.
     """
     width, form = source.coherence_width, normal_form(source)
     steepest = np.linalg.norm(form.frequencies, axis=1).max() + _GRAZING / (2 * np.pi * width)
@@ -181,7 +186,7 @@ def summed_over_pairs(
     if condition.needs_normal_derivative and not is_steep:
         return None
     elements = form.in_plane.elements
-    # bound on the second derivatives of the phase, in cycles
+    # bound on the second derivatives of the phase, in cycles per square metre
     bend = 1.0 / (wavelength * points[:, 2].min()) + float(np.linalg.norm(source.curvature, 2))
     largest = 2.0 * abs(form.frequencies).max(axis=0)
 
@@ -202,9 +207,9 @@ def summed_over_pairs(
     channels = channels_of(source, condition)
     groups = 1 + (condition.field > 0 and condition.slope > 0)
     neighbours = [
-        (one, other)
-        for one, other in product(elements, repeat=2)
-        if one.shape.polygons.distance(other.shape.polygons) <= np.linalg.norm(reach)
+        (a, b)
+        for a, b in product(elements, repeat=2)
+        if a.shape.polygons.distance(b.shape.polygons) <= np.linalg.norm(reach)
     ]
 
     def irradiance(lags: Floats, weights: Floats, extra: int) -> Floats:
@@ -212,17 +217,17 @@ def summed_over_pairs(
         for start in range(0, len(lags), _LAGS):
             xi = lags[start : start + _LAGS]
             degrees = _degrees(channels, xi, width, wavelength) * weights[start : start + _LAGS]
-            for one, other in neighbours:
-                x, amounts, lag_of = _pairs(one, other, xi, mean_rates(xi), extra)
+            for a, b in neighbours:
+                x, amounts, lag_of = _pairs(a, b, xi, mean_rates(xi), extra)
                 lag = xi[lag_of]
-                bends = ((x - source.centre) @ source.curvature * lag).sum(axis=1)
-                factor = amounts * one.weight * np.conj(other.weight) * np.exp(2j * np.pi * bends)
-                first = [factor * channel_at(one, c, x + lag / 2) for c in channels]
-                second = [np.conj(channel_at(other, c, x - lag / 2)) for c in channels]
-                # the channels of all waves have the same factor at a point
+                cycles = ((x - source.centre) @ source.curvature * lag).sum(axis=1)
+                factor = amounts * a.weight * np.conj(b.weight) * np.exp(2j * np.pi * cycles)
+                first = [factor * channel_at(a, c, x + lag / 2) for c in channels]
+                second = [np.conj(channel_at(b, c, x - lag / 2)) for c in channels]
+                # normal derivatives of all waves have the same factor on their way to a point
                 mutual = np.zeros((groups, groups, len(x)), np.complex128)
-                for (a, u), (b, v) in product(enumerate(first), enumerate(second)):
-                    mutual[min(a, groups - 1), min(b, groups - 1)] += degrees[a, b][lag_of] * u * v
+                for (i, u), (j, v) in product(enumerate(first), enumerate(second)):
+                    mutual[min(i, groups - 1), min(j, groups - 1)] += degrees[i, j][lag_of] * u * v
                 k = 2 * math.pi / wavelength
                 total += _sum_of_waves(points, x, lag, mutual, condition, k)
         return total / wavelength**2
@@ -231,10 +236,10 @@ def summed_over_pairs(
 
 
 def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength: float) -> Complex:
-    """Return means of p_a p_b* exp(2 pi i t.xi) over tilts t, (a, b, n), for lags xi (n, 2).
+    """Return the means over tilts t of p_a p_b* exp(2 pi i t.xi), (a, b, n), for lags xi (n, 2).
 
-    The normal derivative of a wave kappa with the tilt t is ik p_z(kappa + t) times the wave. For
-    the field itself p is 1.
+    a and b are channels. The channel of a wave kappa has p = p_z(kappa + t), since the normal
+    derivative of the tilted wave is ik p_z times the wave; the channel of the field has p = 1.
     """
     if all(channel is None for channel in channels):
         return np.exp(-0.5 * (lags**2).sum(axis=1) / width**2).astype(complex)[None, None]
@@ -248,19 +253,19 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
         ]
     )
     waves = np.exp(2j * np.pi * (lags @ tilts.T)) * weights
-    # not a product of BLAS, whose threads take longer to synchronise
+    # einsum, because the threads of BLAS take longer to synchronise than such small products
     return np.asarray(np.einsum("at,bt,lt->abl", cosines, cosines.conj(), waves))
 
 
 def _pairs(
-    one: SourceElement, other: SourceElement, lags: Floats, rates: Floats, extra: int
-) -> tuple[Floats, Floats, NDArray[np.intp]]:
+    first: SourceElement, second: SourceElement, lags: Floats, rates: Floats, extra: int
+) -> tuple[Floats, Floats, Indices]:
     """Return midpoints (n, 2) of pairs of points, weights (n,), and indices (n,) of lags."""
-    common = shapely.intersection(_shifted(one, -lags / 2), _shifted(other, lags / 2))
+    common = shapely.intersection(_shifted(first, -lags / 2), _shifted(second, lags / 2))
     parts, lag_of_part = shapely.get_parts(common, return_index=True)
     has_area = shapely.area(parts) > 0
     if not has_area.any():
-        return np.empty((0, 2)), np.empty(0), np.empty(0, np.intp)
+        return np.empty((0, 2)), np.empty(0), np.empty(0, np.intp)  # no lag connects the elements
     cells, part_of = trapezoids_of(parts[has_area])
     lag_of_cell = lag_of_part[has_area][part_of]
     nodes, weights, cell_of = rule_on(cells, rates[lag_of_cell], _ERROR, extra)
@@ -276,7 +281,10 @@ def _shifted(element: SourceElement, shifts: Floats) -> NDArray[np.object_]:
 def _sum_of_waves(
     points: Floats, means: Floats, lags: Floats, mutual: Complex, condition: Obliquity, k: float
 ) -> Floats:
-    """Return the sum (n,) at points (n, 3) over m pairs with mutual intensities (c, c, m)."""
+    """Return the sum (n,) at points (n, 3) over m pairs with mutual intensities (c, c, m).
+
+    ``means`` and ``lags`` (m, 2): midpoints of the pairs, and their differences.
+    """
     total = np.zeros(len(points))
 
     def factors(z: Floats, distance: Floats, k: float) -> list[Complex | float]:
@@ -285,9 +293,9 @@ def _sum_of_waves(
         return values + ([condition.slope] if condition.slope else [])
 
     for start, low in product(range(0, len(means), _PAIRS), range(0, len(points), _POINTS)):
-        pairs, some = slice(start, start + _PAIRS), slice(low, low + _POINTS)
+        pairs, block = slice(start, start + _PAIRS), slice(low, low + _POINTS)
         (x, y), (xi, eta) = means[pairs].T, lags[pairs].T
-        px, py, z = points[some].T[:, :, None]
+        px, py, z = points[block].T[:, :, None]
         dx, dy = x - px, y - py
         along = dx * xi + dy * eta
         square = dx * dx + dy * dy + (z * z + 0.25 * (xi * xi + eta * eta))
@@ -301,6 +309,129 @@ def _sum_of_waves(
             strict=True,
         )
         value = sum(ahead * behind * weights for (ahead, behind), weights in terms)
-        # NumPy's sum: threads of BLAS take longer than such short products
-        total[some] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
+        # the threads of BLAS take longer than such short products
+        total[block] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
     return total
+
+
+# ---- rows of trapezoids --------------------------------------------------------------------------
+
+Trapezoids = NDArray[np.float64]
+"""Trapezoids with two sides parallel to x, (n, 3, 2): the y, the left x and the right x of the
+lower and of the upper side."""
+
+# Pairs of edges and heights per block.
+_BATCH = 1 << 20
+# Poles of the integrand at a distance d from a trapezoid of size 2 a require _POLE/arcsinh(d/a)
+# additional nodes.
+_POLE = 4.0
+
+
+def trapezoids_of(
+    polygons: Sequence[shapely.Polygon] | NDArray[np.object_],
+) -> tuple[Trapezoids, Indices]:
+    """Return trapezoids that tile polygons, and the index of the polygon of each trapezoid.
+
+    The parallel sides pass through the vertices of the polygons.
+    """
+    rings, of_ring = shapely.get_rings(polygons, return_index=True)
+    vertices, ring = shapely.get_coordinates(rings, return_index=True)
+    is_edge = ring[1:] == ring[:-1]
+    edges = np.stack([vertices[:-1], vertices[1:]], axis=1)[is_edge]
+    owner = of_ring[ring[:-1][is_edge]]
+    counts = np.bincount(owner)
+    parts, owners = [], []
+    for count in np.unique(counts[counts > 0]).tolist():
+        same = np.flatnonzero(counts == count)
+        step = max(1, _BATCH // count**2)
+        for block in np.split(same, range(step, len(same), step)):
+            block_edges = edges[np.isin(owner, block)].reshape(-1, count, 2, 2)
+            trapezoids, indices = _between_heights(block_edges)
+            parts.append(trapezoids)
+            owners.append(block[indices])
+    return np.concatenate(parts), np.concatenate(owners)
+
+
+def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
+    """Return trapezoids of n polygons with m edges each, and the index of the polygon of each.
+
+    ``edges`` (n, m, 2, 2): polygon, edge, end, coordinate.
+    """
+    (x, y), (end_x, end_y) = edges.transpose(2, 3, 0, 1)[..., None, :]
+    heights = np.sort(y[:, 0])
+    low, high = heights[:, :-1, None], heights[:, 1:, None]
+    across = ((y <= low) != (end_y <= low)) & (low < high)
+    slope = (end_x - x) / np.where(end_y == y, np.inf, end_y - y)
+    ends = np.stack([np.where(across, x + (level - y) * slope, np.inf) for level in (low, high)])
+    ends = np.take_along_axis(ends, np.argsort(ends.sum(axis=0), axis=-1)[None], axis=-1)
+    pairs = ends[..., : 2 * (ends.shape[-1] // 2)].transpose(1, 2, 3, 0)
+    left, right = pairs[:, :, ::2], pairs[:, :, 1::2]
+    levels = np.broadcast_to(np.stack([low, high], axis=-1), left.shape)
+    is_inside = np.isfinite(right).all(axis=-1)
+    return np.stack([levels, left, right], axis=-2)[is_inside], np.nonzero(is_inside)[0]
+
+
+def node_counts(
+    trapezoids: Trapezoids, rates: Floats, error: float, nearest: float = math.inf
+) -> Indices:
+    """Return the numbers of rows, and of nodes on a row, that n trapezoids need, (n, 2).
+
+    ``rates``: largest frequencies of the integrand along x and y in 1/m, (2,) or (n, 2).
+    ``nearest``: distance of the poles of the integrand from the plane in m.
+    """
+    y, left, right = trapezoids.transpose(1, 0, 2)
+    height, width = np.diff(y)[:, 0], (right - left).max(axis=1)
+    aslant = np.maximum(abs(np.diff(left)), abs(np.diff(right)))[:, 0]
+    over_x, over_y = rates[..., 0], rates[..., 1]
+    cycles = np.stack([over_y * height + over_x * aslant, over_x * width], axis=1)
+    sizes = np.stack([np.maximum(height, aslant), width], axis=1) / 2
+    with np.errstate(divide="ignore"):
+        poles = np.ceil(_POLE / np.arcsinh(nearest / sizes))
+    return np.asarray(chirp_node_counts(math.pi * cycles, error) + poles.astype(np.intp))
+
+
+def rows_of(trapezoids: Trapezoids, counts: Indices) -> tuple[Floats, Floats, Floats]:
+    """Return x (..., m, n), y (..., m) and weights (..., m, n) of nodes on trapezoids (..., 3, 2).
+
+    Each trapezoid has m rows of n nodes: ``counts`` is (m, n).
+    """
+    (up, of_rows), (along, on_row) = (unit_rule(count) for count in counts.tolist())
+    lines = trapezoids[..., :1] + up * np.diff(trapezoids)
+    y, left, right = (lines[..., k, :] for k in range(3))
+    length = (right - left)[..., None]
+    height = np.diff(trapezoids[..., 0, :])[..., None]
+    return left[..., None] + length * along, y, height * of_rows[:, None] * length * on_row
+
+
+def rule_on(
+    trapezoids: Trapezoids, rates: Floats, error: float, extra: int
+) -> tuple[Floats, Floats, Indices]:
+    """Return nodes (n, 2), weights (n,), and the index (n,) of the trapezoid of each node.
+
+    The rule has ``extra`` rows, and nodes on each row, more than :func:`node_counts` returns.
+    """
+    counts = node_counts(trapezoids, rates, error) + extra
+    nodes, weights, owners = [], [], []
+    for shared in np.unique(counts, axis=0):
+        members = np.flatnonzero((counts == shared).all(axis=1))
+        x, y, amounts = rows_of(trapezoids[members], shared)
+        nodes.append(np.stack([x, np.broadcast_to(y[..., None], x.shape)], axis=-1).reshape(-1, 2))
+        weights.append(amounts.ravel())
+        owners.append(np.repeat(members, amounts[0].size))
+    return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
+
+
+def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:
+    """Return the highest frequencies along x and y, (n, 2), of the integrand for points (n, 3).
+
+    The integrand is the field on the source times the wave from there to the point. Frequencies are
+    in cycles per metre.
+    """
+    low, high = np.reshape(source.bounds, (2, 2))
+    corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
+    away = corners - points[:, None, :2]
+    # the slope along an axis is largest where the source is nearest across this axis
+    outside = np.maximum(np.maximum(low - points[:, :2], points[:, :2] - high), 0.0)[:, ::-1]
+    distance = np.sqrt(away**2 + (outside**2 + points[:, 2:] ** 2)[:, None])
+    slopes = away / (wavelength * distance) + (corners - source.centre) @ source.curvature
+    return np.asarray(abs(slopes).max(axis=1) + abs(normal_form(source).frequencies).max(axis=0))

@@ -1,10 +1,16 @@
-"""Irradiance of partially coherent light in parabolic and in spherical waves.
+"""Irradiance of partially coherent light, with parabolic or with spherical waves.
 
-The degree of coherence is the mean of exp(2 pi i t.xi) over normally distributed tilts t with the
-standard deviation 1/(2 pi width) (PC2). In parabolic waves a tilt shifts the irradiance: the mean
-is a convolution with a normal density (PC9). In spherical waves the fields of all tilts share the
-samples of the source. For widths far below the size of the source, :mod:`.lag_sums` is faster.
-Otherwise the field of each tilt is computed.
+Partially coherent light is a mean over tilts t of a coherent source. The tilts are normally
+distributed with the standard deviation 1/(2 pi width), where ``width`` is the coherence width
+(PC2). There are three methods for the mean:
+
+- In the Fresnel approximation (parabolic waves) a tilt only shifts the irradiance, so the mean is
+  a convolution with a normal density (PC9).
+- With exact (spherical) waves the fields of all tilts are computed from the same samples of the
+  source.
+- If the coherence width is far below the size of the source, :mod:`.lag_sums` is faster.
+
+If none of these applies, the caller computes the field of each tilt.
 """
 
 from __future__ import annotations
@@ -23,16 +29,14 @@ from polywigner.numerics.nodes import normal_product_rule
 from polywigner.optics import FirstOrder
 from polywigner.propagation.lag_sums import (
     Channel,
+    Trapezoids,
     channel_at,
     channels_of,
-    summed_over_lags,
-    summed_over_pairs,
-)
-from polywigner.propagation.quadrature import (
-    Trapezoids,
     largest_rates,
     node_counts,
     rows_of,
+    summed_over_lags,
+    summed_over_pairs,
     trapezoids_of,
 )
 from polywigner.source.normal_form import SourceElement, normal_form
@@ -55,16 +59,17 @@ def partly_coherent_irradiance(
     system: FirstOrder | None,
     error: float,
 ) -> Floats | None:
-    """Return the irradiance and its error (2, n) of partially coherent light at n points.
+    """Return the irradiance of partially coherent light at n points and its error, (2, n).
 
-    Points are (n, 2) behind a system, else (n, 3). None: the mean over tilts is faster. ``error``:
-    error of the mean, relative to the largest irradiance.
+    Points have the shape (n, 2) behind a first-order system, otherwise (n, 3). ``error`` is the
+    allowed error relative to the largest irradiance. The result is None if the mean over the fields
+    of single tilts is faster.
     """
     if system is not None or method == "fresnel":
         return _in_parabolic_waves(compute, source, points, wavelength, system, error)
     if method not in CONDITIONS:
         return None
-    compute(coherent_source(source), points[:1])  # checks all arguments
+    compute(coherent_source(source), points[:1])  # raises the errors of invalid arguments
     values = _in_spherical_waves(source, points, wavelength, CONDITIONS[method], error)
     return None if values is None else _with_error(values, error)
 
@@ -79,9 +84,9 @@ def _sides(source: Wavefront) -> Floats:
 
 # ---- parabolic waves -----------------------------------------------------------------------------
 
-# Coherence widths along the source above which sums over short lags are tried.
+# Size of the source in coherence widths above which sums over lags are tried first.
 _SHORT = 30.0
-# Points of a lattice, and points of all planes at which fields are computed.
+# Largest number of points of a lattice, and of points in all planes at which fields are computed.
 _MOST_IN_LATTICE, _MOST_POINTS = 1 << 24, 1 << 22
 # Array elements per block.
 _BLOCK = 1 << 22
@@ -141,18 +146,21 @@ def _in_parabolic_waves(
 
 
 class _Blur(NamedTuple):
-    """Normal density of the shifts of an irradiance by the tilts."""
+    """Normal density of the shifts of an irradiance that the tilts cause."""
 
     axes: Floats
-    """(2, 2), columns: principal directions in the plane of the points."""
+    """Principal directions in the plane of the points, the columns of a (2, 2) matrix."""
     spreads: Floats
-    """(2,) standard deviations along the axes in m."""
+    """Standard deviations (2,) along the principal directions in m."""
     reaches: Floats
-    """(2,) sides of the source, in coherence widths, that interfere along the axes."""
+    """Extents (2,) of the source along the matching directions, in coherence widths."""
 
 
 def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
-    """Return the blur of a system with B = ``transfer``: a tilt t shifts points by lambda B t."""
+    """Return the blur behind a system with the matrix B = ``transfer``.
+
+    A tilt t shifts the irradiance by wavelength B t.
+    """
     axes, scales, right = np.linalg.svd(transfer)
     reaches = (abs(right) @ _sides(source)) / source.coherence_width
     spreads = wavelength * scales / (2 * math.pi * source.coherence_width)
@@ -162,11 +170,12 @@ def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
 def _convolution(
     points: Floats, blur: _Blur, error: float
 ) -> tuple[Floats, Callable[[Floats], Floats]] | None:
-    """Return nodes (m, 2) for points (n, 2), and a function from values (k, m) to means (k, n).
+    """Return a quadrature rule for the convolution at points (n, 2).
 
-    The rule is the trapezoidal rule on a lattice that the points share, or Gauss-Hermite's rule
-    at each point, whichever has fewer nodes; None if both have too many. ``error``: relative to
-    the largest irradiance.
+    The rule consists of nodes (m, 2) and a function that maps k quantities at the nodes, (k, m), to
+    their means at the points, (k, n). It is the trapezoidal rule on a lattice that all points
+    share, or the Gauss-Hermite rule about each point, whichever has fewer nodes. The result is None
+    if both have too many nodes. ``error`` is relative to the largest irradiance.
     """
     steps = math.sqrt(2.0 * math.log(16.0 / error))
     along = points @ blur.axes
@@ -181,8 +190,8 @@ def _convolution(
     shape = len(first.nodes), len(second.nodes)
     if math.prod(shape) <= _MOST_IN_LATTICE:
         needed = np.zeros(shape, bool)
-        for some in blocks:
-            needed[first.near[some][:, :, None], second.near[some][:, None, :]] = True
+        for block in blocks:
+            needed[first.near[block][:, :, None], second.near[block][:, None, :]] = True
         if np.count_nonzero(needed) <= count:
             x, y = np.nonzero(needed)
 
@@ -190,10 +199,10 @@ def _convolution(
                 table = np.zeros((*values.shape[:-1], *shape))
                 table[..., needed] = values
                 means = np.empty((*values.shape[:-1], len(points)))
-                for some in blocks:
-                    near = table[..., first.near[some][:, :, None], second.near[some][:, None, :]]
-                    factors = first.weights[some], second.weights[some]
-                    means[..., some] = np.einsum("...nij,ni,nj->...n", near, *factors)
+                for block in blocks:
+                    near = table[..., first.near[block][:, :, None], second.near[block][:, None, :]]
+                    factors = first.weights[block], second.weights[block]
+                    means[..., block] = np.einsum("...nij,ni,nj->...n", near, *factors)
                 return means
 
             lattice = np.column_stack([first.nodes[x], second.nodes[y]])
@@ -209,18 +218,21 @@ def _convolution(
 
 
 class _LatticeAxis(NamedTuple):
-    """Nodes (m,) along an axis; indices (n, k) and weights of the k nodes near to each point."""
+    """Trapezoidal rule along an axis for n points, with k nodes near each point."""
 
     nodes: Floats
+    """Coordinates (m,) of all nodes."""
     near: Indices
+    """Indices (n, k) of the nodes near each point."""
     weights: Floats
+    """Weights (n, k) of these nodes."""
 
 
 def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _LatticeAxis:
-    """Return the trapezoidal rule for a normal density about coordinates (n,), on one lattice.
+    """Return the trapezoidal rule for normal densities about all coordinates ``along`` (n,).
 
-    The irradiance has frequencies up to reach/(2 pi spread). Steps of 2 pi spread/(reach + steps)
-    leave an aliasing error of exp(-steps^2/2).
+    The irradiance has frequencies up to reach/(2 pi spread). A step of 2 pi spread/(reach + steps)
+    leaves an aliasing error of exp(-steps^2/2).
     """
     step = 2 * math.pi * spread / (reach + steps)
     if step <= 1e-12 * float(np.ptp(along)) or spread == 0.0:  # no blur along this axis
@@ -229,7 +241,7 @@ def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _
     half = math.ceil(steps * spread / step)
     origin = float(along.min())
     centre = np.rint((along - origin) / step).astype(np.intp)
-    # only the nodes near to some point
+    # the lattice consists of nodes that are near at least one point
     numbers = np.unique(np.unique(centre)[:, None] + np.arange(-half, half + 1))
     near = np.searchsorted(numbers, centre - half)[:, None] + np.arange(2 * half + 1)
     nodes = origin + step * numbers
@@ -240,54 +252,52 @@ def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _
 
 # ---- spherical waves -----------------------------------------------------------------------------
 
-# A tilt multiplies the source by exp(2 pi i t.x), a product of one factor per axis. The source is
-# sampled on rows along x, with Gauss nodes on the trapezoids between the heights of its vertices.
-# One matrix product transforms each row from x to t_x, another one the rows from y to t_y.
+# A tilt t multiplies the source by exp(2 pi i t.x), a product of a factor for x and a factor for y.
+# The outline is cut into trapezoids at the y of its vertices, and each trapezoid is sampled at
+# Gauss nodes on rows along x. One matrix product transforms each row from x to the tilts t_x, and a
+# second product transforms the results of all rows from y to the tilts t_y.
 
 # Relative error of the quadrature on the source.
 _QUADRATURE = 1e-9
-# Fraction of the largest tilt that the nodes resolve; larger tilts have next to no weight.
+# Fraction of the largest tilt that the nodes resolve; larger tilts have negligible weights.
 _RESOLVED = 0.8
 # Largest numbers of points that share nodes, of values of a spectrum, and of values per batch.
 _SHARED, _SPECTRUM, _BATCH = 16, 1 << 20, 1 << 16
-# Products and columns of a matrix product below which BLAS stays on one thread.
-_SERIAL, _COLUMNS = 1 << 18, 32
-# Time [ns] per point: of a node; of a tilt, for each row of nodes; and in boundary integrals, for
-# each tilt, of a wavelength of the outline and of an edge.
-_NODE, _TILT, _WAVELENGTH, _EDGE = 60.0, 2.0, 250.0, 1e4
-# Longest time per point of sums over pairs.
+# Times per point [ns] of sums over tilts: for each node, and for each row of nodes and each tilt.
+_NODE, _TILT = 60.0, 2.0
+# Times per point and tilt [ns] of boundary integrals: for each wavelength of the outline, and for
+# each edge.
+_WAVELENGTH, _EDGE = 250.0, 1e4
+# Longest time per point [ns] of sums over pairs.
 _LONGEST_TIME = 1e10
 
 
 class _TiltAxis(NamedTuple):
-    """Trapezoidal rule for the normally distributed tilts along an axis, -half to half steps."""
+    """Trapezoidal rule for normally distributed tilts along an axis, from -half to half steps."""
 
     step: float
     """Step in cycles per metre."""
     half: int
+    """Number of tilts above zero."""
     weights: Floats
-    """(half + 1,) weights of the tilts from 0 on."""
+    """Weights (2 half + 1,), which add up to 1."""
 
-    def tilts(self, is_even: bool) -> tuple[Floats, Floats]:
-        """Return tilts and weights; for terms even in t, of cosines and then of sines."""
-        tilts = self.step * np.arange(self.half + 1)
-        if is_even:
-            both = np.where(tilts > 0.0, 2.0, 1.0) * self.weights
-            return np.tile(tilts, 2), np.tile(both, 2)
-        mirrored = [values[:0:-1] for values in (-tilts, self.weights)]
-        return np.concatenate([mirrored[0], tilts]), np.concatenate([mirrored[1], self.weights])
+    @property
+    def tilts(self) -> Floats:
+        """Tilts (2 half + 1,) in cycles per metre."""
+        return np.asarray(self.step * np.arange(-self.half, self.half + 1), np.float64)
 
 
 def _tilt_axis(tail: float, reach: float, width: float) -> _TiltAxis:
-    """Return the rule with steps of 2 pi/reach standard deviations up to ``tail`` of them."""
+    """Return the rule with a step of 2 pi/reach and an end of ``tail`` standard deviations."""
     step = 2 * math.pi / reach
     half = math.ceil(tail / step)
-    weights = np.exp(-0.5 * (step * np.arange(half + 1)) ** 2)
-    return _TiltAxis(step / (2 * math.pi * width), half, weights / (2 * weights.sum() - 1.0))
+    weights = np.exp(-0.5 * (step * np.arange(-half, half + 1)) ** 2)
+    return _TiltAxis(step / (2 * math.pi * width), half, weights / weights.sum())
 
 
 class _TiltSum(NamedTuple):
-    """Settings of a mean over tilts."""
+    """A source and the rule of its mean over tilts."""
 
     source: Wavefront
     elements: Sequence[SourceElement]
@@ -300,10 +310,10 @@ class _TiltSum(NamedTuple):
 def _in_spherical_waves(
     source: Wavefront, points: Floats, wavelength: float, condition: Obliquity, error: float
 ) -> Floats | None:
-    """Return the irradiance (n,) at points (n, 3) by the sum with the shortest estimated time.
+    """Return the irradiance (n,) at points (n, 3) by the method with the shortest estimated time.
 
-    The candidates are sums over tilts (Q7), sums over pairs (PC11), and a boundary integral for
-    each tilt; None for the latter.
+    The methods are sums over tilts (Q7), sums over pairs of points on the source (PC11), and one
+    boundary integral for each tilt. The result is None if the boundary integrals are the fastest.
     """
     tail = math.sqrt(2 * math.log(8 / error))
     reaches = _sides(source) / source.coherence_width + tail
@@ -348,14 +358,12 @@ def _in_spherical_waves(
 def _summed_over_tilts(
     rule: _TiltSum, points: Floats, blocks: Sequence[tuple[Indices, Sequence[Indices]]]
 ) -> Floats:
-    """Irradiance (n,) at points (n, 3), by (Q7).
+    """Return the irradiance (n,) at points (n, 3), by (Q7).
 
-    ``blocks``: indices of points that share nodes, and node counts of each element.
+    Each block contains the indices of the points that share nodes, and the numbers of nodes of each
+    element.
     """
-    # |c + i s|^2 + |c - i s|^2 = 2 |c|^2 + 2 |s|^2
-    is_even = not any(kappa is not None and kappa.any() for kappa in rule.channels)
-    (over_x, of_x), (over_y, of_y) = (axis.tilts(is_even) for axis in rule.axes)
-    plane = np.stack(np.meshgrid(over_x, over_y), axis=-1)
+    plane = np.stack(np.meshgrid(*(axis.tilts for axis in rule.axes)), axis=-1)
     cosines: list[Any] = [
         1.0 if kappa is None else direction_cosines(plane + kappa, rule.wavelength)[..., None]
         for kappa in rule.channels
@@ -364,14 +372,11 @@ def _summed_over_tilts(
     with with_progress("blocks of points", blocks) as remaining:
         for members, counts in remaining:
             spectra = _spectra(rule, points[members], counts)
-            if not is_even:
-                spectra = _of_both_signs(_of_both_signs(spectra, 1), 2)
-            total = cosines[0] * spectra[0]
-            for cosine, spectrum in zip(cosines[1:], spectra[1:], strict=True):
-                total += cosine * spectrum
-            intensity = np.square(total.real)
-            intensity += np.square(total.imag)
-            values[members] = of_x @ np.tensordot(of_y, intensity, 1)
+            spectra = _of_both_signs(_of_both_signs(spectra, 1), 2)
+            total = sum(c * spectrum for c, spectrum in zip(cosines, spectra, strict=True))
+            intensity = np.square(total.real) + np.square(total.imag)
+            over_x, over_y = (axis.weights for axis in rule.axes)
+            values[members] = over_x @ np.tensordot(over_y, intensity, 1)
     return values
 
 
@@ -381,10 +386,11 @@ def _trapezoids(outline: Aperture) -> Trapezoids:
 
 
 def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Complex:
-    """Return the channels of the fields of all tilts at p points, (channels, t_y, t_x, p).
+    """Return sums over the source at p points for all tilts, (channel, t_y, t_x, p).
 
-    Along both axes the field is multiplied by cosines and then sines of tilts t >= 0. ``counts``:
-    numbers of rows, and of nodes on a row, of the trapezoids of each element.
+    The source is multiplied by cosines of the tilts t >= 0 along an axis in the first half of each
+    tilt axis, and by sines in the second half. ``counts`` contains the number of rows, and of nodes
+    on a row, of each trapezoid of each element.
     """
     along_x, along_y = rule.axes
     channels = len(rule.channels)
@@ -400,12 +406,11 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
             columns = channels * len(points) + (along_x.half if len(nodes) > 1 else 0)
             step = max(1, _BATCH // (x.shape[1] * columns))
             for start in range(0, len(y), step):
-                some = slice(start, start + step)
-                waves = _waves(nodes[some] if len(nodes) > 1 else nodes, along_x)
-                values = _samples(rule, element, x[some], y[some], weights[some], points)
-                inner[:, some] = _product(waves, values)
-            if element.weight != 1:
-                inner *= element.weight
+                block = slice(start, start + step)
+                waves = _waves(nodes[block] if len(nodes) > 1 else nodes, along_x)
+                values = _samples(rule, element, x[block], y[block], weights[block], points)
+                inner[:, block] = _product(waves, values)
+            inner *= element.weight
             waves = _waves(y - centre[1], along_y)
             total += _product(waves, inner.reshape(channels, len(y), -1))
     return total.reshape(channels, *halves)
@@ -414,15 +419,15 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
 def _samples(
     rule: _TiltSum, element: SourceElement, x: Floats, y: Floats, weights: Floats, points: Floats
 ) -> Complex:
-    """Return channels of the field at nodes times waves to points (p, 3): (channels, m, n, p).
+    """Return the field at nodes times the waves from there to points (p, 3), (channel, m, n, p).
 
-    The nodes have coordinates ``x`` (m, n) and ``y`` (m,) and ``weights`` (m, n).
+    There are m rows of n nodes with coordinates ``x`` (m, n), ``y`` (m,) and ``weights`` (m, n).
     """
     source, condition, wavelength = rule.source, rule.condition, rule.wavelength
     px, py, z = points.T
     squares = (x[..., None] - px) ** 2 + ((y[:, None] - py) ** 2)[:, None]
     distance = np.sqrt(squares + z * z)
-    # the phase of the distance beyond the height, without cancellation
+    # R - z = (R^2 - z^2)/(R + z), without cancellation; the phase of z is left out
     cycles = squares / ((distance + z) * wavelength)
     cycles -= np.rint(cycles)
     cycles *= 2 * math.pi
@@ -454,16 +459,19 @@ def _samples(
 
 
 def _waves(x: Floats, axis: _TiltAxis) -> Floats:
-    """Cosines and sines of 2 pi x t at x (..., n) and tilts t >= 0: (..., 2 (half + 1), n)."""
-    turn = np.exp(2j * math.pi * axis.step * x)[..., None, :]
-    powers = np.repeat(turn, axis.half + 1, axis=-2)
+    """Return cos(2 pi x t), then sin(2 pi x t), of tilts t >= 0: (..., 2 (half + 1), n).
+
+    ``x`` has the shape (..., n).
+    """
+    factor = np.exp(2j * math.pi * axis.step * x)[..., None, :]
+    powers = np.repeat(factor, axis.half + 1, axis=-2)
     powers[..., 0, :] = 1.0
     np.multiply.accumulate(powers, axis=-2, out=powers)
     return np.concatenate([powers.real, powers.imag], axis=-2)
 
 
 def _of_both_signs(sums: Complex, axis: int) -> Complex:
-    """Return sums over exp(2 pi i x t) for both signs of t from sums over cosines and sines."""
+    """Convert sums with cosines and sines of t >= 0 to sums with exp(2 pi i x t) of all t."""
     cosines, sines = np.split(sums, 2, axis=axis)
     sines = 1j * sines
     negative = np.flip(cosines - sines, axis).take(range(cosines.shape[axis] - 1), axis)
@@ -471,17 +479,5 @@ def _of_both_signs(sums: Complex, axis: int) -> Complex:
 
 
 def _product(table: Floats, values: Complex) -> Complex:
-    """Return the matrix product, in pieces that BLAS computes on one thread.
-
-    Synchronising its threads takes longer than such products on a busy machine.
-    """
-    numbers = values.view(np.float64)
-    stacked = np.broadcast_shapes(table.shape[:-2], values.shape[:-2])
-    product = np.empty((*stacked, table.shape[-2], numbers.shape[-1]))
-    step = max(1, _SERIAL // (table.shape[-1] * _COLUMNS))
-    for low in range(0, table.shape[-2], step):
-        rows = slice(low, low + step)
-        for first in range(0, numbers.shape[-1], _COLUMNS):
-            columns = slice(first, first + _COLUMNS)
-            np.matmul(table[..., rows, :], numbers[..., columns], out=product[..., rows, columns])
-    return product.view(np.complex128)
+    """Return the matrix product; BLAS has none of a real and a complex matrix."""
+    return np.asarray((table @ values.view(np.float64)).view(np.complex128))

@@ -1,4 +1,4 @@
-"""Radiation patterns in files of simulators and planning tools: readers and writers."""
+"""Readers and writers of radiation patterns in files of simulators and planning tools."""
 
 from __future__ import annotations
 
@@ -58,17 +58,17 @@ if TYPE_CHECKING:
 
 # Largest relative difference between a requested frequency and the frequency of a file.
 _SAME_FREQUENCY = 1e-3
-# Difference in dB between the directivity in a file and the integral over its directions that
-# neither missing directions nor coarse steps explain.
+# Missing directions and coarse steps explain differences up to this value in dB between the
+# directivity in a file and the integral over its directions.
 _CONTRADICTION = 1.0
-# Largest relative difference of two fields in one direction, such as at phi = 0 and 360 degrees.
+# Largest relative difference of two fields in one direction, such as phi = 0 and 360 degrees.
 _SAME_FIELD = 1e-3
-# Least number of meridians for an integral over directions.
+# Smallest number of meridians for an integral over directions.
 _LEAST_MERIDIANS = 8
 
 
 def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -> xarray.Dataset:
-    """Read a far field from a file of a simulator, or the cuts of a planning tool.
+    """Read a radiation pattern from a file of a simulator or of a planning tool.
 
     ======  =====================================================================================
     suffix  content
@@ -82,18 +82,18 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
     .msi    MSI Planet, also .pln: gain and attenuations in two planes, without fields.
     ======  =====================================================================================
 
-    Headers specify the units: fields in V or V/m (rE, or E at 1 m), power in W/sr, W or W/m2 (at
-    1 m), with prefixes and in dB (dBuV/m, dBm/m2), gain and directivity as numbers, dBi or dBd, and
-    angles in deg or rad. Other units are errors. Columns that repeat the result (Abs(Dir.),
-    GainTotal) must agree with the components to 0.1 dB.
+    Headers specify the units. Fields are in V or V/m (rE, or E at 1 m), power in W/sr, W or W/m2
+    (at 1 m), both also with prefixes and in dB (dBuV/m, dBm/m2). Gain and directivity are ratios,
+    dBi or dBd, and angles are in deg or rad. Other units raise an error. Columns that repeat the
+    result, such as Abs(Dir.) and GainTotal, must agree with the components to 0.1 dB.
 
     Parameters
     ----------
     path : path
-        File, whose suffix specifies the format. Angles are evenly spaced, theta from 0 to 90 or to
-        180 degrees and phi around the full circle, or theta from -180 to 180 degrees. Files of the
-        format .cut may have fewer cuts. Without directions behind the plane, nothing is radiated
-        backwards.
+        File, whose suffix specifies the format. Angles are evenly spaced: theta from 0 to 90 or to
+        180 degrees and phi around the full circle, or theta from -180 to 180 degrees. A .cut file
+        may contain only a few cuts. If a file has no directions behind the plane, the backward
+        radiation is zero.
     frequency : float, optional
         Frequency in Hz to select from a file with several frequencies, or the frequency of a file
         that contains none (.csv, .txt, .cut).
@@ -101,32 +101,33 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
     Returns
     -------
     xarray.Dataset
-        As :func:`radiation_pattern` returns for a polarised source, in its time convention, with
-        theta of 0 or more. The beam is the largest sample. The radiated power is the integral of
-        the field over all directions, or follows from the directivity in the file. It is near 1 W
-        for files in dBi and .cut files. The aperture power is NaN. Frequency and wavelength are
-        NaN if the file contains none. For .msi and .pln files ``directivity`` is the gain over
-        theta from -180 to 180 degrees at phi = 0 (horizontal) and 90 degrees (vertical); there is
-        no ``field``, and the radiated power is NaN.
+        The same variables as :func:`radiation_pattern` returns for a polarised source, in its time
+        convention, with theta of 0 or more. The beam is the largest sample. The radiated power
+        follows from the directivity in the file, or is the integral of the field over all
+        directions; it is near 1 W for files in dBi and .cut files. The aperture power is NaN.
+        Frequency and wavelength are NaN if the file contains none. For .msi and .pln files
+        ``directivity`` is the gain over theta from -180 to 180 degrees at phi = 0 (horizontal) and
+        90 degrees (vertical); there is no ``field``, and the radiated power is NaN.
 
     Raises
     ------
     FileFormatError
-        If the file is missing, larger than 64 MiB, of another format, or damaged; for unsupported
-        units, contradictory columns, angles that do not cover the front, fields that are not finite
-        or all zero, several frequencies without ``frequency``, or a ``frequency`` that is not in
-        the file.
+        If the file is missing, larger than 64 MiB, of another format, or damaged; if units are not
+        supported, columns contradict each other, angles do not cover the front, or fields are not
+        finite or all zero; if there are several frequencies and ``frequency`` is not specified, or
+        if the file does not contain ``frequency``.
     ArgumentError
-        For an invalid path or frequency.
+        If the path or the frequency is invalid.
 
     Warns
     -----
     PolywignerWarning
-        If the directivity in the file, which is returned, differs by more than 0.1 dB from the
-        integral over its directions (above 1 dB this is an error, unless directions are missing);
-        if a gain exceeds the directivity; and if GAIN in a .msi file has no unit, and dBd is
-        assumed.
+        If the directivity in the file, which is used, differs by more than 0.1 dB from the integral
+        over its directions (above 1 dB this is an error, unless directions are missing); if a gain
+        exceeds the directivity; and if GAIN in an .msi file has no unit, so that dBd is assumed.
 
+    Examples
+    --------
     >>> import numpy as np, polywigner as pw
     >>> import pathlib, tempfile
     >>> angles = np.radians(np.arange(0, 91, 5)), np.radians(np.arange(0, 360, 10))
@@ -144,7 +145,7 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
 
 
 def read_nearest_pattern(path: str | os.PathLike[str], frequency: float) -> xarray.Dataset:
-    """Read the pattern of a file at the nearest frequency in the file."""
+    """Read the pattern of a file at the frequency in the file that is nearest to ``frequency``."""
     return _read(path, frequency, math.inf)
 
 
@@ -176,16 +177,18 @@ def _selected(
 ) -> FarFieldTable:
     """Return the table of the requested frequency, or the only table."""
     if not tables:
-        raise FileFormatError("expected a far field, got none")
+        raise FileFormatError("the file contains no far field")
     known = np.array([table.frequency for table in tables])
     if len(tables) == 1 and (frequency is None or math.isnan(known[0])):
         return tables[0] if frequency is None else replace(tables[0], frequency=frequency)
     listed = ", ".join(f"{value:g}" for value in known[:6]) + ", ..." * (len(known) > 6)
     if np.isnan(known).any() or len(np.unique(known)) < len(known):
-        raise FileFormatError("expected one far field for each frequency, got several; keep one")
+        raise FileFormatError(
+            "expected one far field for each frequency, got several; keep one of them"
+        )
     if frequency is None:
         raise FileFormatError(
-            f"expected one frequency, got {len(known)}; give frequency= as one of {listed} Hz"
+            f"the file contains {len(known)} frequencies; pass frequency= as one of {listed} Hz"
         )
     nearest = int(np.abs(known - frequency).argmin())
     if not abs(known[nearest] / frequency - 1) <= tolerance:
@@ -194,9 +197,9 @@ def _selected(
 
 
 def _dataset(table: FarFieldTable) -> xarray.Dataset:
-    """Return the pattern of all directions, or of a few cuts if the power is known."""
+    """Return the pattern of a table, whose directions may be a few cuts if the power is known."""
     if len(np.unique(np.stack([table.theta, table.phi]).round(6), axis=1).T) < len(table.theta):
-        raise FileFormatError("expected each direction once, got some several times")
+        raise FileFormatError("some directions occur several times; keep one row for each")
     fields = table.fields.conj() / math.sqrt(2 * FREE_SPACE)
     flat = _folded(table.theta, table.phi, fields)
     axes = np.unique(flat[0]), np.unique(flat[1])
@@ -204,7 +207,7 @@ def _dataset(table: FarFieldTable) -> xarray.Dataset:
     if table.has_unit_power and few:
         theta, phi, (polar, azimuthal) = _gridded(table.theta.round(6), table.phi.round(6), fields)
         if not fields.any():
-            raise FileFormatError("expected a far field other than zero, got zeros only")
+            raise FileFormatError("the far field is zero in all directions; export it again")
         power = 1.0
     else:
         theta, phi, (polar, azimuthal) = _gridded(*flat)
@@ -239,8 +242,9 @@ def _about(
 def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
     """Convert directions to theta from 0 to 180 degrees and phi from 0 to below 360 degrees.
 
-    The unit vectors of theta and phi have opposite signs at (-theta, phi) and (theta, phi + 180).
-    At the poles the same holds for phi and phi + 180: rows for phi + 180 are added there.
+    (-theta, phi) and (theta, phi + 180) are the same direction, but their unit vectors along theta
+    and phi have opposite signs, and so have the field components. If theta was negative, rows for
+    phi + 180 are added at the poles.
     """
     theta = theta.round(6) % 360
     beyond = theta > 180
@@ -268,8 +272,8 @@ def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Float
         )
     if np.abs(grid[:, row, column] - fields).max() > _SAME_FIELD * np.abs(fields).max():
         raise FileFormatError(
-            "expected one field in each direction, got two in some; compare the rows of phi = 0 "
-            "and 360 degrees, and of theta and -theta"
+            "expected one field in each direction, got different fields in some; compare the rows "
+            "of phi = 0 and 360 degrees, and of theta and -theta"
         )
     return np.radians(polar), np.radians(azimuth), grid
 
@@ -289,22 +293,22 @@ def _radiated_power(table: FarFieldTable, integral: float) -> float:
         f"the file has a directivity of {stated:.2f} dBi, but the integral over its directions "
         f"gives {level:.2f} dBi"
     )
-    # missing directions can only increase the level from the integral
+    # missing directions reduce the integral of the power, so they can only increase ``level``
     if (abs(level - stated) if is_sphere else stated - level) > _CONTRADICTION:
         raise FileFormatError(
             f"{contradiction}; check the units in the header, or export finer steps"
         )
     if abs(level - stated) > SAME_LEVEL:
         warn_caller(
-            f"{contradiction}: directions are missing, or steps are too coarse; the directivity in "
-            "the file is used"
+            f"{contradiction}, so directions are missing or steps are too coarse; the directivity "
+            "in the file is used"
         )
     column, gain = totals.get("gain", (None, 0.0))
     if column is not None and 4 * math.pi * gain > 10 ** ((stated + SAME_LEVEL) / 10):
         warn_caller(
-            f"column {column.title} has a gain of {10 * math.log10(4 * math.pi * gain):.2f} dBi, "
-            f"which exceeds the directivity of {stated:.2f} dBi: directions are missing, steps are "
-            "too coarse, or its unit is wrong"
+            f"the gain of {10 * math.log10(4 * math.pi * gain):.2f} dBi in column {column.title} "
+            f"exceeds the directivity of {stated:.2f} dBi, so directions are missing, steps are "
+            "too coarse, or the unit is wrong"
         )
     return power
 
@@ -325,7 +329,8 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
     gain = float(match[1]) + (DIPOLE_GAIN if (match[2] or "dBd").lower() == "dbd" else 0.0)
     if match[2] is None:
         warn_caller(
-            f"GAIN has no unit: dBd is assumed, as in the format, {gain:.2f} dBi; add dBi or dBd"
+            f"GAIN has no unit; dBd is assumed, the default of the format, which gives {gain:.2f} "
+            "dBi; add dBi or dBd"
         )
     text = values.get("FREQUENCY", "")
     is_band = not text or "-" in text
@@ -334,9 +339,9 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
     cuts = [_planning_cut(name, words, lines) for name in ("HORIZONTAL", "VERTICAL")]
     angles = cuts[0][0]
     if not np.array_equal(angles, cuts[1][0]):
-        raise FileFormatError("expected the same angles in both cuts, got others")
-    # Seen from behind with y up, x points to the left. Angles of the file increase to the right
-    # and downwards.
+        raise FileFormatError("expected the same angles in both cuts, got different ones")
+    # Angles of the file increase to the right and downwards, as seen from behind the antenna. With
+    # y up, x points to the left.
     theta = np.where(angles > 180, 360 - angles, -angles)
     levels = gain - np.stack([attenuation for _, attenuation in cuts], axis=1)
     back = np.flatnonzero(theta == -180)
@@ -349,16 +354,16 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
 
 
 def _planning_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
-    """Return the angles (n,) in degrees, from 0 to below 360, and attenuations in dB of a cut."""
+    """Return angles (n,) from 0 to below 360 degrees and attenuations (n,) in dB of a cut."""
     at = [k for k, word in enumerate(words) if word[:1] and word[0].upper() == name]
     if len(at) != 1 or not words[at[0]][1:2] or not words[at[0]][1].isdecimal():
-        raise FileFormatError(f"expected one line {name} with a number of angles, got others")
+        raise FileFormatError(f"expected one line with {name} and a number of angles")
     start, count = at[0], int(words[at[0]][1])
     table = numbers_of(lines[start + 1 : start + 1 + count], start + 2, 2)
     angles, rows = np.unique(table[:, 0] % 360, return_index=True)
     if len(table) != count or count < 4 or np.ptp(np.diff(angles, append=360.0)) > 1e-6:
         raise FileFormatError(
-            f"expected {count} evenly spaced angles around the full circle after {name}, got others"
+            f"expected {count} lines with evenly spaced angles around the full circle after {name}"
         )
     return angles, table[rows, 1]
 
@@ -370,20 +375,24 @@ Lines = Iterator[str]
 
 # Largest attenuation in dB in files of planning tools.
 _MOST_ATTENUATION = 99.9
-# Axial ratio in dB that represents infinity.
+# Axial ratio in dB that represents infinity in files of CST.
 _AXIAL_RATIO = 40.0
 
 
 @dataclass(frozen=True)
 class _Pattern:
-    """Values to write: angles in degrees, levels in dBi, fields in V, Hz and W."""
+    """Content of a file to write."""
 
     theta: Floats
+    """Angles (n,) in degrees."""
     phi: Floats
+    """Angles (m,) in degrees."""
     directivity: Floats
+    """Directivity (n, m) in dBi."""
     components: tuple[Complex, Complex]
-    """E_theta and E_phi (n, m), complex."""
+    """E_theta and E_phi (n, m) in V, with the phases of the files."""
     about: dict[str, float]
+    """Numerical attributes of the pattern, in Hz, W and dBi."""
 
     def rows(self, *columns: Floats) -> Iterator[tuple[float, ...]]:
         """Yield phi, theta and the values of each direction; theta varies fastest."""
@@ -399,7 +408,7 @@ def write_pattern(
     polarisation: Polarisation | None = None,
     efficiency: float = 1.0,
 ) -> None:
-    """Write a :func:`radiation_pattern` to a file of angles, directivity and field components.
+    """Write a radiation pattern to a file of angles, directivity and field components.
 
     =======  =====================================================================================
     suffix   content
@@ -417,31 +426,36 @@ def write_pattern(
              degrees with theta from -90 to 90 degrees, or their halves.
     =======  =====================================================================================
 
-    A scalar field becomes the co-polar component by Ludwig's third definition, E_theta = E
-    cos(phi), E_phi = -E sin(phi) for an aperture polarised along x, E sin(phi) and E cos(phi) along
-    y. Phases are conjugates, exp(+j omega t - j k r). rE is in V, with |rE|^2/(2 Z0) in W/sr.
-    Directions without radiation have -300 dBi.
+    A scalar field E becomes the co-polar component by Ludwig's third definition: E_theta =
+    E cos(phi) and E_phi = -E sin(phi) for an aperture polarised along x, E_theta = E sin(phi) and
+    E_phi = E cos(phi) for one polarised along y. Files use the phases exp(+j omega t - j k r), so
+    fields are conjugated. rE is in V, with |rE|^2/(2 Z0) in W/sr. Directions without radiation have
+    -300 dBi.
 
     Parameters
     ----------
     pattern : xarray.Dataset
-        Result of :func:`radiation_pattern`, or a part of it. Files have angles in ascending order.
+        Result of :func:`radiation_pattern`, or a selection of its angles. Files have angles in
+        ascending order.
     path : path
-        Path of the file, whose suffix selects the format. The file appears complete or not at all.
-    polarisation : {"y", "x"}, optional
-        Direction of the electric field on the aperture of a scalar pattern. A pattern with a
-        polarisation has its own.
+        Path of the file, whose suffix selects the format. The file is written completely or not at
+        all.
+    polarisation : {"y", "x"}, default "y"
+        Direction of the electric field on the aperture of a scalar pattern. Not allowed for a
+        polarised pattern.
     efficiency : float, default 1
         Radiated over accepted power, for the gain in .msi and .pln files.
 
     Raises
     ------
     FileFormatError
-        For another suffix.
+        If the suffix is unknown.
     ArgumentError
-        If ``pattern`` is not a pattern, for another polarisation, for angles that the format does
-        not support, and if the file cannot be written.
+        If an argument is invalid, the format does not support the angles, or the file cannot be
+        written.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> import pathlib, tempfile
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, [0.0, 0.1], [0.0])
@@ -463,8 +477,8 @@ def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
     checked_pattern(pattern)
     if "field" not in pattern:
         raise ArgumentError(
-            "expected a pattern with directivity and field over theta and phi, got one without a "
-            "field; use a result of polywigner.radiation_pattern"
+            "expected a pattern with directivity and field over theta and phi, got a pattern "
+            "without a field; use a result of polywigner.radiation_pattern"
         )
     if "cross_field" not in pattern:
         name = "y" if polarisation is None else polarisation
@@ -473,8 +487,7 @@ def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
         pattern = pattern.assign_attrs(polarisation=jones.view(np.float64))
     elif polarisation is not None:
         raise ArgumentError(
-            f"expected no polarisation for a pattern that has its own, got {polarisation!r}; leave "
-            "it out"
+            f"expected no polarisation for a polarised pattern, got {polarisation!r}; leave it out"
         )
     theta, phi, x, y, _ = linear_components(pattern, "pattern")
     levels, about = checked_pattern(pattern.sortby(["theta", "phi"]))[2:]
@@ -526,7 +539,7 @@ def _ffd(pattern: _Pattern) -> Lines:
 
 def _grasp(pattern: _Pattern) -> Lines:
     step = _step("theta", pattern.theta, ".cut")
-    # rE in V, 4 pi |rE|^2/(2 Z0)/P is the directivity
+    # squares are directivities, 4 pi |rE|^2/(2 Z0)/P with rE in V
     scale = math.sqrt(4 * math.pi / (2 * FREE_SPACE * pattern.about["radiated_power"]))
     for j, phi in enumerate(pattern.phi):
         yield f"polywigner, {pattern.about['frequency']:.12g} Hz, phi = {phi:.9g} deg"
@@ -547,7 +560,7 @@ def _msi(pattern: _Pattern) -> Lines:
     yield f"GAIN {pattern.about['gain']:.3f} dBi"
     yield "TILT ELECTRICAL"
     yield "COMMENT far field of an aperture, y axis up"
-    # angles increase to the right and downwards, as in _planning_cuts
+    # angles increase to the right and downwards, as _planning_cuts reads them
     for name, phi in (("HORIZONTAL", 0.0), ("VERTICAL", 90.0)):
         theta, levels = _full_cut(pattern, phi)
         yield f"{name} 360"
@@ -558,11 +571,11 @@ def _msi(pattern: _Pattern) -> Lines:
 
 
 def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
-    """Return theta in degrees, from -90 or less to 90 or more, and levels in dBi of a meridian."""
+    """Return theta in degrees and levels in dBi of a meridian from horizon to horizon."""
     meridians = cuts_of(np.radians(pattern.theta), np.radians(pattern.phi), pattern.directivity)
     for angle, theta, levels in meridians:
-        turn = (math.degrees(angle) - phi) % 360.0
-        same, opposite = min(turn, 360.0 - turn) < 1e-6, abs(turn - 180.0) < 1e-6
+        offset = (math.degrees(angle) - phi) % 360.0
+        same, opposite = min(offset, 360.0 - offset) < 1e-6, abs(offset - 180.0) < 1e-6
         reach = np.degrees(theta)
         if (same or opposite) and reach.min() <= -90 + 1e-6 and reach.max() >= 90 - 1e-6:
             return (reach, levels) if same else (-reach[::-1], levels[::-1])
@@ -574,7 +587,7 @@ def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
 
 
 def _step(name: str, angles: Floats, suffix: str) -> float:
-    """Return the step of evenly spaced angles in degrees, or raise ArgumentError."""
+    """Return the step of evenly spaced angles in degrees; raise ArgumentError for others."""
     steps = np.diff(angles)
     if steps.size and np.ptp(steps) > 1e-6 * abs(angles[-1] - angles[0]):
         raise ArgumentError(

@@ -1,4 +1,4 @@
-"""Radiation patterns over angles and along great circles, and their cuts."""
+"""Radiation patterns over angles or along great circles, and the cuts of both."""
 
 from __future__ import annotations
 
@@ -39,16 +39,18 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Values = NDArray[Any]
 
-# Tolerances in rad, due to the rounding of degrees: of the horizon, and of opposite meridians.
+# Tolerances in rad for the horizon and for opposite meridians, since degrees are rounded.
 _SAME_ANGLE = 1e-9
 _OPPOSITE = 1e-6
-# Samples of a lobe of width lambda/D, which resolve nulls down to some 30 dB below the lobe, and
-# limits of the number of samples of a half circle.
-_STEPS_PER_LOBE, _LEAST_STEPS, _MOST_STEPS = 64, 360, 32768
-# Interpolated samples per step of a table.
+# Samples per lobe of width lambda/D, enough to resolve nulls some 30 dB below the lobe.
+_STEPS_PER_LOBE = 64
+# Limits of the number of samples of a half circle.
+_LEAST_STEPS, _MOST_STEPS = 360, 32768
+# Number of interpolated samples per step of a table.
 _STEPS_PER_ANGLE = 4
 # If the level along the normal is within this value in dB of the beam, cuts go along x and y.
 _NORMAL = 0.1
+# Smallest number of meridians for an interpolation over phi.
 _LEAST_MERIDIANS = 8
 # Rounding error of the cosine of directions on the horizon.
 _HORIZON = 1e-15
@@ -66,13 +68,14 @@ def radiation_pattern(
     phi: ArrayLike,
     **options: Unpack[FarFieldOptions],
 ) -> xarray.Dataset:
-    """Compute the far field and the directivity of a source over angles from its normal.
+    """Compute the far field and the directivity of a source over the angles theta and phi.
 
-    E is the sum of sqrt(g) F/(i lambda) over the waves of the field, with F from :func:`fourier`.
-    The directivity is 4 pi |E|^2/P, where P is the integral of |E|^2 over the hemisphere
-    (docs/patterns.md). |E|^2 is in W/sr for |u|^2 in W/m^2. There is no backward radiation. With a
-    ``polarisation``, E is the electric field (VP2), split into a co- and a cross-polar part by
-    Ludwig's third definition (VP3); the directivity includes both parts.
+    The far field E is the sum of sqrt(g) F/(i lambda) over the plane waves of the source's field,
+    where g is the obliquity factor and F the transform of :func:`fourier`. The directivity is
+    4 pi |E|^2/P, where P is the integral of |E|^2 over the hemisphere (docs/patterns.md). |E|^2 is
+    in W/sr for |u|^2 in W/m^2. There is no backward radiation. With a ``polarisation``, E is the
+    electric field (VP2), split into a co- and a cross-polar part by Ludwig's third definition
+    (VP3); the directivity includes both parts.
 
     Parameters
     ----------
@@ -86,19 +89,20 @@ def radiation_pattern(
     phi : array_like, shape (m,) or ()
         Angles from the x axis in rad.
     obliquity : str, default "rayleigh-sommerfeld-1"
-        Boundary condition for g: cos^2 ("rayleigh-sommerfeld-1"), ((1 + cos)/2)^2 ("kirchhoff"), 1
-        ("rayleigh-sommerfeld-2"), or cos ("paper"). It applies to each wave of tapers and steering
-        (docs/theory.md, (D2), (D3)). Polarised sources have none.
+        Boundary condition, which determines g: cos^2(theta) for "rayleigh-sommerfeld-1",
+        ((1 + cos(theta))/2)^2 for "kirchhoff", 1 for "rayleigh-sommerfeld-2", or cos(theta) for
+        "paper". It applies to each plane wave of tapers and steering (docs/theory.md, (D2), (D3)).
+        Polarised sources have no obliquity.
     polarisation : str or array_like, optional
-        Polarisation of the source, as of :func:`polywigner.field`. Without it the field is scalar.
+        Polarisation of the source, as in :func:`polywigner.field`. By default the field is scalar.
     method : {"huygens", "magnetic", "electric"}
         Equivalent currents of a polarised source.
     element : xarray.Dataset, optional
         Far field of the elements of a :func:`phased_array`, which replaces their aperture, field
         and obliquity: a result of :func:`read_pattern`, or of this function with a polarisation.
-        Its origin is at the positions. The radiated power includes backward radiation of the
-        element, and the aperture power is NaN. The co-polar part refers to ``polarisation``, by
-        default to the polarisation of the beam.
+        The positions of the array are the origins of this far field. The radiated power includes
+        backward radiation of the element, and the aperture power is NaN. ``polarisation`` then only
+        defines the co-polar part; its default is the polarisation of the beam.
     precision, engine : str, optional
         See :func:`fourier`.
 
@@ -108,28 +112,30 @@ def radiation_pattern(
         ``directivity`` (n, m) in dBi, minus infinity without radiation, and complex ``field``
         (n, m) in m times the unit of u, accurate to 1e-12 of the largest |E|. Attributes are the
         wavelength, the frequency, the obliquity, the radiated power, the aperture power int |u|^2,
-        the largest directivity at these angles, and ``peak_directivity`` in dBi of the beam in all
-        directions, at ``peak_theta`` and ``peak_phi``. A source with linear phases also has
-        ``steered_theta`` and ``steered_phi``.
+        and the largest directivity at these angles. ``peak_directivity`` in dBi, ``peak_theta`` and
+        ``peak_phi`` describe the beam, the maximum over all directions. A source with linear phases
+        also has ``steered_theta`` and ``steered_phi``.
 
-        For a polarised source ``field`` is the co-polar part, and there are complex
-        ``cross_field``, ``cross_polar_discrimination`` (co- over cross-polar) and ``axial_ratio``,
-        both in dB. The attributes contain the method instead of the obliquity; ``polarisation``,
-        the Jones vector of the co-polar part (real and imaginary part along x, then y; the
-        polarisation of the beam if elements differ); and ``peak_axial_ratio`` and
-        ``peak_cross_polar_discrimination`` of the beam.
+        For a polarised source ``field`` is the co-polar part. Further variables are the complex
+        ``cross_field``, and in dB ``cross_polar_discrimination`` (co- over cross-polar) and
+        ``axial_ratio``. The attributes contain ``method`` instead of the obliquity, and
+        ``peak_axial_ratio`` and ``peak_cross_polar_discrimination`` of the beam. The attribute
+        ``polarisation`` is the Jones vector of the co-polar part: real and imaginary part along x,
+        then along y. If the polarisations of elements differ, it is the polarisation of the beam.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type, shape or range.
+        If an argument has the wrong type, shape or range.
     IlluminationError
-        For a source that does not radiate.
+        If the source does not radiate.
     GeometryError
-        For an Array whose elements do not lie in the plane z = 0.
+        If elements of an Array do not lie in the plane z = 0.
     EngineError
         If the engine is not available.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, 0.0, 0.0)
     >>> round(pattern.attrs["largest_directivity"], 2)  # dBi
@@ -143,16 +149,13 @@ def radiation_pattern(
 
 @takes_frequency
 def beam_cuts(
-    source: PlaneSource | Wavefront,
-    wavelength: float,
-    **options: Unpack[FarFieldOptions],
+    source: PlaneSource | Wavefront, wavelength: float, **options: Unpack[FarFieldOptions]
 ) -> xarray.Dataset:
-    """Compute far field and directivity along two orthogonal great circles through the beam.
+    """Compute the far field and the directivity along two great circles through the beam.
 
-    The first circle is the meridian of the beam; the second crosses it at a right angle. If the
-    directivity along the normal is within 0.1 dB of the beam, the circles go along the axes, "x"
-    and "y". The result is input of :func:`beam_metrics` and
-    :func:`polywigner.figures.draw_pattern`.
+    The first circle is the meridian of the beam, and the second one is perpendicular to it. If the
+    directivity along the normal is within 0.1 dB of the beam, the circles go along x and y. Pass
+    the result to :func:`beam_metrics` or :func:`polywigner.figures.draw_pattern`.
 
     Parameters
     ----------
@@ -166,17 +169,20 @@ def beam_cuts(
     Returns
     -------
     xarray.Dataset
-        The variables and attributes of :func:`radiation_pattern`, over ``cut`` (2,) and ``angle``
-        (n,) from the beam in rad, positive towards larger theta on the "meridian" and towards
-        larger phi on the circle "across", with 64 steps per lobe. Coordinates ``theta`` and ``phi``
-        (2, n) are the directions in rad, and ``azimuth`` (2,) the azimuths of the tangents at the
-        beam. Values behind the plane are NaN.
+        The variables and attributes of :func:`radiation_pattern` over ``cut`` and ``angle``.
+        ``cut`` (2,) is "meridian" and "across", or "x" and "y". ``angle`` (n,) is the angle from
+        the beam in rad, with 64 steps per lobe; it is positive towards larger theta on the
+        meridian, and towards larger phi across. Coordinates ``theta`` and ``phi`` (2, n) are the
+        directions in rad, and ``azimuth`` (2,) the azimuths of the tangents at the beam. Values
+        behind the plane are NaN.
 
     Raises
     ------
     PolywignerError
         As :func:`radiation_pattern`.
 
+    Examples
+    --------
     >>> import numpy as np, polywigner as pw
     >>> wave = pw.steering((0.5, 0.0, np.sqrt(0.75)), 3.2e-3)
     >>> square = pw.shapes.square(20e-3).with_illumination(wave)
@@ -200,13 +206,13 @@ def _great_circles(far: FarField, step: float) -> xarray.Dataset:
     reach = math.pi if far.goes_backwards else math.pi / 2 + theta
     beam, outwards = unit_vectors(np.array([theta, theta + math.pi / 2]), np.array([phi]))[:, 0]
     around = np.array([-math.sin(phi), math.cos(phi), 0.0])
-    turn = -phi if is_normal else 0.0
-    sine, cosine = math.sin(turn), math.cos(turn)
+    rotation = -phi if is_normal else 0.0
+    sine, cosine = math.sin(rotation), math.cos(rotation)
     tangents = np.array([cosine * outwards + sine * around, cosine * around - sine * outwards])
     count = math.ceil(reach / step - 1e-9)
     angle = np.asarray(step * np.arange(-count, count + 1), np.float64)
     directions = np.cos(angle)[:, None] * beam + np.sin(angle)[:, None] * tangents[:, None]
-    azimuths = (turn + phi + np.array([0.0, math.pi / 2])) % (2 * math.pi)
+    azimuths = (rotation + phi + np.array([0.0, math.pi / 2])) % (2 * math.pi)
     ahead = (directions[..., 2] >= -_HORIZON) | far.goes_backwards
     values = np.full(directions.shape[: 3 if far.is_vector else 2], np.nan, np.complex128)
     values[ahead] = far.at(directions[ahead])
@@ -229,9 +235,9 @@ def _great_circles(far: FarField, step: float) -> xarray.Dataset:
 def _dataset(
     far: FarField, values: Values, directions: Values, axes: dict[str, xarray.Variable]
 ) -> xarray.Dataset:
-    """Return the pattern of a far field at unit vectors (..., 3).
+    """Return the pattern of a far field, whose values are known at unit vectors (..., 3).
 
-    ``values``: the field (...), or its three components (..., 3).
+    ``values``: the scalar field (...), or the components of the electric field (..., 3).
     """
     power, energy = far.powers
     largest, theta, phi = far.beam
@@ -252,19 +258,20 @@ def _dataset(
         about |= {"steered_theta": steered[0], "steered_phi": steered[1]}
     if not far.is_vector:
         return described(far.source, axes, {"directivity": levels, "field": values}, about)
-    ahead = unit_vectors(np.array([theta]), np.array([phi]))[0, 0]
-    of_beam = ludwig_components(far.at(ahead), ahead)
+    beam = unit_vectors(np.array([theta]), np.array([phi]))[0, 0]
+    beam_components = ludwig_components(far.at(beam), beam)
     jones = far.jones
     if jones is None or jones.ndim > 1:
-        jones = jones_of(of_beam)
-    about["peak_axial_ratio"] = float(axial_ratios(of_beam))
-    about["peak_cross_polar_discrimination"] = float(_discrimination(*co_and_cross(of_beam, jones)))
+        jones = jones_of(beam_components)
+    beam_parts = co_and_cross(beam_components, jones)
+    about["peak_axial_ratio"] = float(axial_ratios(beam_components))
+    about["peak_cross_polar_discrimination"] = float(_discrimination(*beam_parts))
     along = ludwig_components(values, directions)
     return vector_dataset(axes, levels, along, jones, about, far.source)
 
 
 def jones_of(components: tuple[Values, Values]) -> Values:
-    """Return the Jones vector of components along x and y; the larger component is real."""
+    """Return the Jones vector of field components along x and y; the larger component is real."""
     larger = components[int(abs(components[1]) > abs(components[0]))]
     return checked_polarisation(np.stack(components) / larger)
 
@@ -277,7 +284,7 @@ def vector_dataset(
     about: dict[str, Any],
     source: PlaneSource | Wavefront | None = None,
 ) -> xarray.Dataset:
-    """Return the pattern of a polarised source, from levels in dBi and components along x and y."""
+    """Return the pattern of a polarised source from levels in dBi and components along x and y."""
     co, cross = co_and_cross(along, jones)
     variables = {
         "directivity": levels,
@@ -322,7 +329,7 @@ def described(
     variables: dict[str, Values],
     about: dict[str, Any],
 ) -> xarray.Dataset:
-    """Return a dataset of variables over axes, with units, names, and the source."""
+    """Return a dataset of variables over axes, with their units and long names, and the source."""
     from polywigner import __version__
 
     convention = {
@@ -351,7 +358,7 @@ class Cut(NamedTuple):
     phi: float
     """Azimuth in rad of the meridian at theta > 0, or of the tangent of a great circle."""
     angles: Floats
-    """Theta in rad; on a great circle the angle from the beam."""
+    """Angles theta in rad, or angles from the beam on a great circle."""
     levels: Floats
     """Directivity in dBi."""
     kind: CutKind
@@ -360,7 +367,7 @@ class Cut(NamedTuple):
 
 
 def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, float]]:
-    """Return theta (n,), phi (m,), directivity (n, m) in dBi, and attributes that are numbers."""
+    """Return theta (n,), phi (m,), directivity (n, m) in dBi, and the numerical attributes."""
     levels, about = _checked_levels(pattern, ("theta", "phi"))
     theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
     if np.isnan(levels).any():
@@ -369,7 +376,7 @@ def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, flo
 
 
 def _checked_levels(pattern: Any, axes: tuple[str, str]) -> tuple[Floats, dict[str, float]]:
-    """Return the directivity in dBi over two axes, and attributes that are numbers."""
+    """Return the directivity in dBi over two axes, and the numerical attributes."""
     try:
         for name in axes:
             len(pattern[name].values)
@@ -388,7 +395,7 @@ def _checked_levels(pattern: Any, axes: tuple[str, str]) -> tuple[Floats, dict[s
 def _cross_polar(
     pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
 ) -> Floats:
-    """Return the directivity of the cross-polar part in dBi; ``levels`` for a scalar pattern."""
+    """Return the directivity of the cross-polar part in dBi, or ``levels`` of a scalar pattern."""
     if "cross_field" not in pattern:
         return levels
     values = pattern["cross_field"].transpose(*axes).values
@@ -396,16 +403,16 @@ def _cross_polar(
 
 
 def front_of(theta: Floats, levels: Floats) -> tuple[Floats, Floats]:
-    """Return the angles theta in front of the plane, and the levels (theta, phi) there."""
+    """Return the angles theta in front of the plane, and the levels (theta, phi) at these."""
     front = np.abs(theta) <= math.pi / 2 + _SAME_ANGLE
     return theta[front], levels[front]
 
 
 def cuts_of(theta: Floats, phi: Floats, levels: Floats) -> Iterator[tuple[float, Floats, Floats]]:
-    """Yield phi, the angles theta and the levels of meridians, from one horizon to the other.
+    """Yield phi, the angles theta and the levels of each meridian, from horizon to horizon.
 
-    Columns of levels (theta, phi) at opposite phi are joined. A column without an opposite one is
-    half a meridian.
+    The columns of ``levels`` (theta, phi) at phi and phi + pi are joined to one meridian. If there
+    is no column at phi + pi, the meridian starts at theta = 0.
     """
     order = np.argsort(theta)
     has_both_signs = theta.min() < -_SAME_ANGLE
@@ -457,15 +464,15 @@ def cuts_in(pattern: Any) -> list[Cut]:
 def circles_through_beam(pattern: Any) -> list[Cut]:
     """Interpolate a pattern along the great circles through its beam.
 
-    The list is empty if the pattern has no field over the hemisphere in even steps.
+    The list is empty unless the pattern has a field over the hemisphere in even steps.
     """
     theta, phi, _, about = checked_pattern(pattern)
-    polar, turns = np.unique(theta), np.unique(phi.round(12) % (2 * math.pi))
-    fine_enough = _LEAST_MERIDIANS <= len(turns) <= MOST_PHI and 3 <= len(polar) <= MOST_THETA
-    if "field" not in pattern or not fine_enough or not covers_front(polar, turns):
+    polar, azimuths = np.unique(theta), np.unique(phi.round(12) % (2 * math.pi))
+    fine_enough = _LEAST_MERIDIANS <= len(azimuths) <= MOST_PHI and 3 <= len(polar) <= MOST_THETA
+    if "field" not in pattern or not fine_enough or not covers_front(polar, azimuths):
         return []
     is_scalar = "cross_field" not in pattern
-    if is_scalar:  # as a field along x by Ludwig's third definition, which is smooth at the pole
+    if is_scalar:  # interpolated as a field along x (Ludwig's third definition): smooth at the pole
         pattern = pattern.assign(cross_field=0 * pattern["field"])
         pattern = pattern.assign_attrs(polarisation=[1.0, 0.0, 0.0, 0.0])
     element = element_pattern_of(pattern, "pattern")
@@ -477,6 +484,6 @@ def circles_through_beam(pattern: Any) -> list[Cut]:
         jones=jones, goes_backwards=element.covers_sphere,
         known_beam=(largest, about["peak_theta"], about["peak_phi"]),
     )  # fmt: skip
-    step = min(polar[1] - polar[0], turns[1] - turns[0]) / _STEPS_PER_ANGLE
+    step = min(polar[1] - polar[0], azimuths[1] - azimuths[0]) / _STEPS_PER_ANGLE
     circles = cuts_in(_great_circles(far, step))
     return [cut._replace(cross_levels=None) for cut in circles] if is_scalar else circles

@@ -1,4 +1,4 @@
-"""Points, angles, grids and methods of propagation, checked once at the public edge."""
+"""Checks of points, angles, methods and tolerances, and grids of points."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def checked_phi(values: Any) -> Angles:
 
 
 def angle_axes(theta: Angles, phi: Angles) -> dict[str, xarray.Variable]:
-    """Return the coordinates theta and phi in rad of a dataset."""
+    """Return the coordinates theta and phi of a dataset, in rad."""
     axes = {"theta": (theta, "angle from z"), "phi": (phi, "angle from x")}
     return {
         name: labelled_array(values, (name,), {"units": "rad", "long_name": meaning})
@@ -56,7 +56,7 @@ def angle_axes(theta: Angles, phi: Angles) -> dict[str, xarray.Variable]:
 def unit_vectors(theta: Angles, phi: Angles) -> NDArray[np.float64]:
     """Return unit vectors (n, m, 3) at angles (n,) from the z axis and (m,) from the x axis."""
     sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
-    # cos(pi/2) is 6e-17, and the horizon belongs to both sides
+    # cos(pi/2) is 6e-17 in floating point, but the horizon must count as both front and back
     cosine = np.where(np.abs(cosine) < 1e-15, 0.0, cosine)
     parts = np.broadcast_arrays(sine * np.cos(phi), sine * np.sin(phi), cosine)
     return np.stack(parts, axis=-1)
@@ -69,8 +69,7 @@ def checked_angles(values: Any, name: str, largest: float) -> Angles:
     if not np.isfinite(angles).all() or np.abs(angles).max() > largest * (1 + 1e-12):
         raise ArgumentError(
             f"{expected}, finite and from -{largest:.4g} to {largest:.4g}, "
-            f"got {value_text(values)}; use "
-            "numpy.radians for degrees"
+            f"got {value_text(values)}; convert degrees by numpy.radians"
         )
     return angles
 
@@ -78,12 +77,12 @@ def checked_angles(values: Any, name: str, largest: float) -> Angles:
 Method = Literal[BoundaryCondition, "fresnel", "fraunhofer"]
 
 METHODS: tuple[str, ...] = get_args(Method)
-"""Methods for a field, an amplitude with a phase."""
+"""Methods that compute the complex field."""
 
 DEFAULT_TOLERANCE = 1e-9
-"""Relative error of fields."""
+"""Default relative error of fields."""
 
-# Smallest tolerance, some tens of rounding errors.
+# Smallest tolerance of fields: some tens of rounding errors.
 _LEAST = 1e-13
 
 
@@ -124,24 +123,21 @@ def checked_amplitude_tolerance(tolerance: float | None) -> float:
 def tolerance_from(tolerance: float | None, default: float, least: float, where: str = "") -> float:
     """Return a number from ``least`` to 0.1, or the default; raise ArgumentError for others.
 
-    The message contains ``where`` this range applies.
+    ``where``: words of the message that say when this range applies, such as " with obstacles".
     """
     if tolerance is None:
         return default
     meaning = f"a number from {least:g} to 0.1{where}"
-    number = checked_number(tolerance, "tolerance", meaning)
-    if not least <= number <= 0.1:
-        raise ArgumentError(f"expected tolerance as {meaning}, got {value_text(tolerance)}")
-    return number
+    return checked_number(tolerance, "tolerance", meaning, lambda x: least <= x <= 0.1)
 
 
 def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
-    """Return the name of a method; raise ArgumentError with all allowed names for others."""
+    """Return the name of a method; raise ArgumentError, which lists the names, for others."""
     return checked_choice(method, "method", allowed)
 
 
 def warn_of_missed(errors: NDArray[np.float64], allowed: NDArray[np.float64], what: str) -> None:
-    """Warn of results (``what``) whose errors exceed the allowed ones."""
+    """Warn if errors exceed the allowed errors; ``what``: the results, in the plural."""
     missed = ~(errors <= allowed)
     if missed.any():
         worst = float((errors[missed] / allowed[missed]).max())
@@ -156,14 +152,17 @@ def warn_of_missed(errors: NDArray[np.float64], allowed: NDArray[np.float64], wh
 
 @dataclass(frozen=True, eq=False)
 class StraightGrid:
-    """Points origin + sum of a_k e_k, for every value a_k of each axis k with direction e_k."""
+    """Points of a line, a plane or a volume: origin + sum of a_k e_k over axes k.
+
+    Each axis k has the direction e_k, and a_k takes each of its coordinates.
+    """
 
     coords: dict[str, xarray.Variable]
-    """Axis -> its values a_k (n_k,) in m, in the order of the dimensions."""
+    """Coordinates a_k (n_k,) in m by the name of the axis, in the order of the dimensions."""
     origin: Values
-    """(3,) in m."""
+    """Origin (3,) in m."""
     directions: Values
-    """(axes, 3)."""
+    """Directions e_k (axes, 3)."""
 
     def points(self, first: Index, shape: Index) -> Values:
         """Return points (*shape, 3) in m, from the indices ``first`` on."""
@@ -175,12 +174,14 @@ class StraightGrid:
 
 @dataclass(frozen=True, eq=False)
 class Hemisphere:
-    """Points at one distance from a centre, for all angles of two lists."""
+    """Points on a sphere, for all pairs of angles theta and phi."""
 
     coords: dict[str, xarray.Variable]
-    """"theta" and "phi", in rad."""
+    """Angles "theta" and "phi" in rad."""
     centre: Values
+    """Centre (3,) in m."""
     radius: float
+    """Radius in m."""
 
     def points(self, first: Index, shape: Index) -> Values:
         """Return points (*shape, 3) in m, from the indices ``first`` on."""
@@ -195,7 +196,7 @@ Grid = StraightGrid | Hemisphere
 
 
 def box_grid(box: Any, shape: Any) -> StraightGrid:
-    """Return a volume: ``shape`` points along x, y and z, both faces of the box included."""
+    """Return a volume with ``shape`` points along x, y and z, which includes all faces of a box."""
     low, high = _corners("box", box, "lowest and the highest")
     if (high < low).any():
         raise ArgumentError(
@@ -208,8 +209,8 @@ def box_grid(box: Any, shape: Any) -> StraightGrid:
 
 
 def plane_grid(where: Any, shape: Any) -> StraightGrid:
-    """Return a plane: a box of zero thickness along one axis, or three corners of a rectangle."""
-    expected = "expected a plane as a box (2, 3) of no thickness, or as three corners (3, 3)"
+    """Return a plane, from a box of zero thickness or from three corners of a rectangle."""
+    expected = "expected a plane as a box (2, 3) of zero thickness, or as three corners (3, 3)"
     corners = _checked(where, expected, 3)
     counts = _counts(shape, 2)
     if corners.shape == (2, 3):
@@ -231,14 +232,14 @@ def plane_grid(where: Any, shape: Any) -> StraightGrid:
     if not lengths.all() or abs(along[0] @ along[1]) > 1e-9 * lengths.prod():
         raise ArgumentError(
             "expected three corners of a rectangle, the first between the others, got sides "
-            f"{along[0].tolist()} and {along[1].tolist()}, which are not at right angles"
+            f"{along[0].tolist()} and {along[1].tolist()} that are not perpendicular"
         )
     spans = {name: (0.0, lengths[k], counts[k]) for k, name in enumerate(("u", "v"))}
     return _straight_grid(spans, corners[0], along / lengths[:, None])
 
 
 def line_grid(ends: Any, samples: Any) -> StraightGrid:
-    """Return a line, both ends included, with the distance from its first end as coordinate."""
+    """Return a line with both ends; its coordinate is the distance from the first end."""
     start, end = _corners("line", ends, "first and the last")
     length = float(np.linalg.norm(end - start))
     if length == 0:
@@ -248,7 +249,7 @@ def line_grid(ends: Any, samples: Any) -> StraightGrid:
 
 
 def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Hemisphere:
-    """Return points at angles theta from the z axis and phi from the x axis about a centre."""
+    """Return points around a centre at angles theta from the z axis and phi from the x axis."""
     length = checked_length(radius, "radius")
     origin = _checked(centre, "expected a centre (3,)", 3)
     if origin.ndim != 1:
@@ -277,7 +278,7 @@ def _straight_grid(
 
 
 def _span(low: float, high: float, count: int) -> Values:
-    """Return values with both ends included; the midpoint if ``count`` is 1."""
+    """Return evenly spaced values with both ends; the midpoint if ``count`` is 1."""
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 

@@ -26,22 +26,23 @@ Complex = NDArray[np.complex128]
 Position = tuple[float, float, float]
 
 _OPS = NumpyOperations()
-# Largest error of the waves of edges by this rule, as a fraction of the incident field: 40,000
-# random edges, half of the points within 10 wavelengths of the boundary of the shadow, had 1e-13.
+# Rule for the waves that edges diffract, and its largest error as a fraction of the incident field.
+# The largest error of 40,000 random edges was 1e-13; half of the points were within 10 wavelengths
+# of the shadow boundary.
 _RULE, _ERROR = EdgeRule.of(8.0, 100, 14), 2e-13
-# Shift of points, as a fraction of their distance from the source, that decides on which side of
-# the boundary of the shadow they are.
+# Points exactly on a shadow boundary are shifted in this direction, by this fraction of their
+# distance from the source, to assign them to one side.
 _SHIFT, _ASIDE = 1e-14, np.array([0.57, 0.31, 0.76])
-# Points this close to a line through the source and a corner, as a fraction of their distance from
-# the source, have the mean field of two points that far on either side: the waves of both edges
-# diverge there, and their sum loses digits.
+# On a line through the source and a corner, the waves of both edges diverge and their sum loses
+# digits. Points within _AT_CORNER of such a line get the mean field of two points at the distance
+# _BESIDE_CORNER on opposite sides. Both are fractions of the distance from the source.
 _AT_CORNER, _BESIDE_CORNER = 1e-10, 1e-9
 # Pairs of a point and an edge per block: temporary arrays of a few MB.
 _PAIRS = 1 << 15
 
 
 def incident_of_point(source: Position | Floats, points: Floats, wavelength: float) -> Complex:
-    """exp(ikR)/R at points (n, 3), R the distance from the source (3,)."""
+    """Return exp(ikR)/R at points (n, 3), where R is the distance from the source (3,)."""
     distance = np.linalg.norm(points - source, axis=1)
     return np.asarray(waves_of_turns(distance / wavelength) / distance)
 
@@ -51,7 +52,7 @@ def waves_through(
 ) -> tuple[Complex, Floats]:
     """Return the field of a point source behind an opening at points (n, 3), and its error (B9).
 
-    ``mirrored``: factor of the waves of the edges from the mirror image of the source.
+    ``mirrored``: factor of the edge waves that the mirror image of the source excites.
     """
     begin = np.concatenate(opening.rings) / wavelength
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in opening.rings]) / wavelength
@@ -68,28 +69,28 @@ def waves_through(
         return (sides[0][0] + sides[1][0]) / 2, np.maximum(sides[0][1], sides[1][1])
     field, errors = np.empty(len(points), np.complex128), np.empty(len(points))
     step = max(1, _PAIRS // len(begin))
-    for some in (slice(low, low + step) for low in range(0, len(points), step)):
-        at = points[some] / wavelength
+    for block in (slice(low, low + step) for low in range(0, len(points), step)):
+        at = points[block] / wavelength
         shift = _SHIFT * np.linalg.norm(at - position, axis=1)[:, None] * _ASIDE
         incident = incident_of_point(position, at, 1.0) / wavelength
         path = tuple(position), tuple(at.T), start, stop
         aside = tuple((at + shift).T)
         real, imag = edge_wave(_OPS, _RULE, *path, aside)
         angle = angle_about(_OPS, path[0], aside, start, stop)
-        field[some] = incident * (angle - real - 1j * imag).sum(axis=0) / (2 * math.pi)
-        errors[some] = _ERROR * abs(incident)
+        field[block] = incident * (angle - real - 1j * imag).sum(axis=0) / (2 * math.pi)
+        errors[block] = _ERROR * abs(incident)
         if mirrored:
             at = np.where((at == image).all(axis=1)[:, None], at + shift, at)
             reflected = incident_of_point(image, at, 1.0) / wavelength
             real, imag = edge_wave(_OPS, _RULE, tuple(image), tuple(at.T), start, stop)
             waves = (real + 1j * imag).sum(axis=0)
-            field[some] += mirrored * reflected * waves / (2 * math.pi)
-            errors[some] += _ERROR * abs(mirrored * reflected) * len(begin)
+            field[block] += mirrored * reflected * waves / (2 * math.pi)
+            errors[block] += _ERROR * abs(mirrored * reflected) * len(begin)
     return field, errors
 
 
 def _on_corner_lines(corners: Floats, source: Floats, points: Floats) -> NDArray[np.bool_]:
-    """Return which points (n, 3) lie on lines through a source (3,) and corners (m, 2)."""
+    """Return whether each point (n, 3) lies on a line through a source (3,) and a corner (m, 2)."""
     near = np.zeros(len(points), np.bool_)
     away = points - source
     lengths = np.linalg.norm(away, axis=1)
@@ -103,12 +104,12 @@ def _on_corner_lines(corners: Floats, source: Floats, points: Floats) -> NDArray
 @final
 @dataclass(frozen=True)
 class PointSource:
-    """A point source: the field amplitude exp(ikR)/R at the distance R.
+    """A point source with the field ``amplitude`` exp(ikR)/R at the distance R.
 
     Parameters
     ----------
     position : array_like, shape (3,)
-        Position in m; z < 0 in front of a :class:`Screen`, which lies in the plane z = 0.
+        Position in m. A source that illuminates a :class:`Screen` lies at z < 0.
     amplitude : complex, default 1.0
         Amplitude in the unit of the field times m.
 
@@ -135,14 +136,14 @@ class PointSource:
 @final
 @dataclass(frozen=True)
 class PlaneWave:
-    """A plane wave amplitude exp(ik s.x), s its direction of travel.
+    """A plane wave ``amplitude`` exp(ik s.x) that travels in the direction s.
 
     Parameters
     ----------
     direction : array_like, shape (3,)
-        Direction of travel, of any length, z > 0: towards the far side of the screen.
+        Direction of travel, of any length, with z > 0: from the front to the back of the screen.
     amplitude : complex, default 1.0
-        Amplitude in the unit of the field; its phase is the phase at the origin.
+        Amplitude in the unit of the field, with the phase at the origin.
 
     Raises
     ------
@@ -163,7 +164,8 @@ class PlaneWave:
         ahead = _three(direction, "direction", "of any length")
         if not ahead[2] > 0:
             raise ArgumentError(
-                f"expected direction with z > 0, through the screen at z = 0, got {ahead}"
+                "expected direction with z > 0, from the front to the back of the screen, got "
+                f"{ahead}"
             )
         x, y, z = (c / math.hypot(*ahead) for c in ahead)
         object.__setattr__(self, "direction", (x, y, z))
@@ -176,9 +178,9 @@ class Screen:
     """An opaque screen in the plane z = 0, illuminated from z < 0, for :func:`amplitude`.
 
     Behind a plate the field is the incident field minus the field behind an opening of the same
-    outline (Babinet). The ``method`` of :func:`amplitude` selects the boundary condition:
-    Kirchhoff's screen is black; on the back of the screen, the field is zero for Rayleigh and
-    Sommerfeld's first condition, and its normal derivative for their second one.
+    outline (Babinet). The ``method`` of :func:`amplitude` selects the boundary condition on the
+    back of the screen. For "kirchhoff" the screen is black, for "rayleigh-sommerfeld-1" the field
+    is zero there, and for "rayleigh-sommerfeld-2" its normal derivative is zero.
 
     Parameters
     ----------
@@ -193,7 +195,8 @@ class Screen:
     Raises
     ------
     ArgumentError
-        For other types, for an aperture with an illumination, and for a point source with z >= 0.
+        If an argument has the wrong type, the outline has an illumination, or a point source lies
+        at z >= 0.
 
     Examples
     --------
@@ -217,13 +220,13 @@ class Screen:
             )
         if not isinstance(self.illuminated_by, (PointSource, PlaneWave)):
             raise ArgumentError(
-                f"expected illuminated_by as a PointSource or a PlaneWave, "
-                f"got {type(self.illuminated_by).__name__}"
+                "expected illuminated_by as a PointSource or a PlaneWave, got "
+                f"{type(self.illuminated_by).__name__}"
             )
         light = self.illuminated_by
         if isinstance(light, PointSource) and not light.position[2] < 0:
             raise ArgumentError(
-                "point source of a screen must lie in front of it, at z < 0, got "
+                "the point source of a screen must lie in front of the screen, at z < 0, got "
                 f"{light.position}; the screen lies in the plane z = 0"
             )
         checked_choice(self.kind, "kind", ("plate", "opening"))
@@ -237,7 +240,7 @@ def field_of_screen(
     tolerance: float,
     engine: str,
 ) -> tuple[Complex, NDArray[np.float64]]:
-    """The field at points (n, 3), z > 0, and an estimate of its error, both (n,)."""
+    """Return the field (n,) at points (n, 3) with z > 0, and an estimate of its error (n,)."""
     if method not in CONDITIONS:
         raise ArgumentError(
             f"expected method to be one of {', '.join(CONDITIONS)} behind a screen, got {method!r}"
@@ -251,8 +254,8 @@ def field_of_screen(
     else:
         wave = Illumination([1.0], [np.array(light.direction[:2]) / wavelength])
         radiator = radiator_of(screen.outline.with_illumination(wave))
-        turns = (points / wavelength) @ np.array(light.direction)
-        incident = light.amplitude * waves_of_turns(turns)
+        cycles = (points / wavelength) @ np.array(light.direction)
+        incident = light.amplitude * waves_of_turns(cycles)
         field, *bounds = boundary_field(radiator, points, wavelength, method, tolerance, engine)
         through = light.amplitude * field
         errors, allowed = (abs(light.amplitude) * bound for bound in bounds)

@@ -1,4 +1,4 @@
-"""Sampling advice: numbers of samples from the bands of transforms and fields."""
+"""Suggested numbers of samples, from the bands of transforms and fields."""
 
 from __future__ import annotations
 
@@ -33,14 +33,15 @@ SampledQuantity = Literal[
 _PHASE_SPACE = ("fourier", "intensity", "wigner", "ambiguity")
 _FIELDS = ("amplitude", "irradiance")
 
-# Nyquist step of positions relative to the width of the narrowest part: W of a strip is a triangle
-# of this width, which then has several samples.
+# Nyquist step of positions relative to the width of the narrowest part. W of a strip is a triangle
+# of this width along x, which is then sampled several times.
 _OF_WIDTH = 0.5
-# A larger grid is due to wrong units.
+# Largest number of samples along an axis; larger numbers are due to wrong units.
 _MOST_SAMPLES = 1 << 53
-# Largest theta of hemispheres: fields are not computed in the plane z = 0.
+# Largest theta of hemispheres, since fields are not computed in the plane z = 0.
 _GRAZING = math.radians(89.5)
-# Number of points along each axis at which local frequencies, which vary slowly, are evaluated.
+# Numbers of points along the axes of a box and of a hemisphere at which local frequencies are
+# evaluated; the frequencies vary slowly.
 _POINTS, _THETA, _PHI = 17, 31, 24
 
 
@@ -48,6 +49,8 @@ _POINTS, _THETA, _PHI = 17, 31, 24
 class AxisSampling:
     """An evenly spaced axis of a grid.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> axis = pw.suggest_sampling(pw.shapes.square(10e-3), 3.2e-3).axes[0]
     >>> axis.name, axis.unit, axis.count
@@ -67,8 +70,8 @@ class AxisSampling:
     nyquist: float
     """Nyquist step, the largest step that determines the values between samples; may be inf."""
     band_limited: bool
-    """Whether a sampling theorem holds exactly. Otherwise weak detail lies beyond the band, due to
-    kinks at edges and to waves from points that are not stationary."""
+    """Whether the sampling theorem holds exactly. Otherwise there is weak detail beyond the band,
+    because of kinks at edges and of waves from points of the source without stationary phase."""
 
     @property
     def step(self) -> float:
@@ -85,6 +88,8 @@ class AxisSampling:
 class Sampling:
     """Result of :func:`suggest_sampling`; ``sampling["nu_x"]`` is the axis of that name.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> pw.suggest_sampling(pw.shapes.square(10e-3), 3.2e-3).samples
     729
@@ -117,10 +122,10 @@ def suggest_sampling(
     radius: float | None = None,
     oversampling: float = 2.0,
 ) -> Sampling:
-    """Suggest a grid for a quantity of a source.
+    """Return a grid with enough samples for a quantity of a source.
 
-    The widths b of the source's bounding box and the largest frequency N of the grid bound the
-    bands:
+    The Nyquist steps depend on the widths b of the source's bounding box and on the largest
+    frequency N of the grid:
 
     ============  =======================  =========================================================
     quantity      axes                     Nyquist step
@@ -128,35 +133,35 @@ def suggest_sampling(
     "fourier"     nu                       1/b for F without the linear phase of the box centre
     "intensity"   nu                       1/(2 b) for \\|F\\|^2, the transform of lags up to b
     "wigner"      x, nu                    1/(2 b) along nu; 1/(4 (N + K)), at most w/2, along x
-    "ambiguity"   upsilon, xi              1/b along upsilon, as for F; twice that of x along xi
+    "ambiguity"   upsilon, xi              1/b along upsilon; twice the step of x along xi
     "pattern"     theta, phi               wavelength/(2 D), D the diagonal of the box
     "amplitude"   x, y, z or theta, phi    1/(2 largest local frequency)
     "irradiance"  x, y, z or theta, phi    1/(2 largest difference of two local frequencies)
     ============  =======================  =========================================================
 
-    K is the largest frequency of the waves on the source, and w the width of its narrowest part,
-    2 area/perimeter. Local frequencies are direction cosines, divided by the wavelength, of the
-    rays from the source's box to a point. See docs/sampling.md, (N1) to (N6).
+    K is the largest frequency of the plane waves on the source, and w = 2 area/perimeter is the
+    width of its narrowest part. Local frequencies are the direction cosines of the rays from the
+    source's box to a point, divided by the wavelength. See docs/sampling.md, (N1) to (N6).
 
     Parameters
     ----------
     source : Aperture, Array, Slits or Wavefront
-        Source in one plane. Slits have the first four quantities only, and a Wavefront the last
-        three, which depend on the box only.
+        Source in one plane. Slits have only the first four quantities. A Wavefront has only the
+        last three, which depend on nothing but the bounding box.
     wavelength : float, optional
         Wavelength in m. The first four quantities require it or ``reach``.
     quantity : str, default "intensity"
         Quantity to sample. "amplitude" and "irradiance" require ``box``, ``line`` or ``radius``.
     reach : float, default 1/wavelength
-        N in 1/m, half the extent of the axes of nu, and a quarter of the extent of the axes of
-        upsilon. Waves beyond the default are evanescent.
+        N in 1/m: axes of nu extend from -N to N, and axes of upsilon from -2 N to 2 N. Waves beyond
+        the default are evanescent.
     box : array_like, shape (2, 3), optional
-        Opposite corners in m as of :func:`volume`. Two equal coordinates make the box flat along
+        Opposite corners in m, as in :func:`volume`. Two equal coordinates make the box flat along
         that axis. At z below a wavelength, evanescent waves add finer detail.
     line : array_like, shape (2, 3), optional
-        End points in m as of :func:`line`. The axis is "distance".
+        End points in m, as in :func:`line`. The axis is "distance".
     radius : float, optional
-        Radius in m of a hemisphere around the origin, up to theta = 89.5 degrees.
+        Radius in m of a hemisphere about the origin, which ends at theta = 89.5 degrees.
     oversampling : float, default 2
         Ratio of the Nyquist step to the step, at least 1. Use 1 for sinc interpolation on an
         infinite grid, and 2 for images and for interpolation from a dozen neighbours.
@@ -169,33 +174,34 @@ def suggest_sampling(
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type, shape or range, and for a reach, box, line or radius that
-        the quantity does not use.
+        If an argument has the wrong type, shape or range, or if the quantity does not use the
+        specified reach, box, line or radius.
     GeometryError
-        For an Array whose elements do not lie in the plane z = 0.
+        If elements of an Array do not lie in the plane z = 0.
 
+    Examples
+    --------
     >>> import polywigner as pw
     >>> axes = pw.suggest_sampling(pw.shapes.square(10e-3), 3.2e-3).axes
     >>> [axis.count for axis in axes]
     [27, 27]
     """
     checked_choice(quantity, "quantity", get_args(SampledQuantity))
-    finer = checked_number(oversampling, "oversampling", "a number of at least 1")
-    if not finer >= 1:
-        raise ArgumentError(f"expected oversampling as a number of at least 1, got {oversampling}")
+    meaning = "a number of at least 1"
+    finer = checked_number(oversampling, "oversampling", meaning, lambda x: x >= 1)
     regions = {"box": box, "line": line, "radius": radius}
     for name, value in {"reach": reach, **regions}.items():
         kinds = _PHASE_SPACE if name == "reach" else _FIELDS
         if value is not None and quantity not in kinds:
             raise ArgumentError(
-                f'expected no {name} for "{quantity}", got {value_text(value)}; give quantity as '
+                f'expected no {name} for "{quantity}", got {value_text(value)}; pass quantity as '
                 "one of " + ", ".join(f'"{kind}"' for kind in kinds)
             )
     if isinstance(source, Wavefront):
         if quantity not in (*_FIELDS, "pattern"):
             raise ArgumentError(
-                f'expected a flat, coherent wave to suggest samples for "{quantity}", got a '
-                "Wavefront; use its .source, and finer steps if its phase varies faster"
+                f'expected a source with a flat, coherent wave for "{quantity}", got a Wavefront; '
+                "pass its .source, and use finer steps if its phase varies faster"
             )
         source = source.source
     if quantity in _PHASE_SPACE:
@@ -210,8 +216,8 @@ def suggest_sampling(
             chosen = {name: region for name, region in regions.items() if region is not None}
             if len(chosen) != 1:
                 raise ArgumentError(
-                    f"expected one of {', '.join(regions)}, got {' and '.join(chosen) or 'none'}; "
-                    "specify the points of the field"
+                    f"expected one of {', '.join(regions)} to specify the points of the field, got "
+                    f"{' and '.join(chosen) or 'none'}"
                 )
             bands = _field_bands(plane.bounds, length, quantity == "amplitude", *chosen.popitem())
     axes = tuple(_axis(band, finer) for band in bands)
@@ -227,7 +233,7 @@ def _phase_space_bands(source: Any, wavelength: Any, quantity: str, reach: Any) 
     if reach is not None:
         most = checked_length(reach, "reach")
     elif wavelength is None:
-        raise ArgumentError("expected a wavelength or a reach, got neither; give one in m or 1/m")
+        raise ArgumentError("expected a wavelength in m or a reach in 1/m, got neither")
     else:
         most = 1 / checked_wavelength(wavelength)
     elements = source.elements_in_plane
@@ -253,7 +259,7 @@ def _phase_space_bands(source: Any, wavelength: Any, quantity: str, reach: Any) 
 
 
 def _narrowest(element: Aperture | Slits) -> float:
-    """Return the width of the narrowest strip, ring or slit; half the side of a square."""
+    """Return the width of the narrowest strip, ring or slit; for a square half of its side."""
     if isinstance(element, Slits):
         return float(np.diff(element.intervals, axis=1).min())
     return min(2 * part.area / part.length for part in element.polygons.geoms)
@@ -284,14 +290,14 @@ def _field_bands(
     if kind == "box":
         axes = [np.unique(axis.values) for axis in box_grid(region, 3 * (_POINTS,)).coords.values()]
         ends = [(n, "m", float(a[0]), float(a[-1])) for n, a in zip("xyz", axes, strict=True)]
-        # rays cross at the largest angles straight in front of the source
+        # the angles between rays are largest at points exactly in front of the source
         for k in (0, 1):
             centre = (bounds[k] + bounds[k + 2]) / 2
             axes[k] = np.unique(np.append(axes[k], np.clip(centre, axes[k][0], axes[k][-1])))
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         tangents = list(np.eye(3))
     elif kind == "line":
-        # many points: directions change fast if the line passes close to the source
+        # many points, since directions change fast where the line passes close to the source
         grid = line_grid(region, _POINTS**2)
         points, tangents = grid.points((0,), (_POINTS**2,)), [grid.directions]
         ends = [("distance", "m", 0.0, float(grid.coords["distance"].values[-1]))]
@@ -315,7 +321,7 @@ def _field_bands(
 
 
 def _rays(points: Values, bounds: tuple[float, ...]) -> Values:
-    """Return unit vectors (n, 9, 3) to points (n, 3) from nine points of the source's box."""
+    """Return unit vectors (n, 9, 3) from nine points of the source's box to points (n, 3)."""
     x, y = (
         np.stack(np.broadcast_arrays(low, np.clip(points[:, k], low, high), high), axis=-1)
         for k, (low, high) in enumerate(zip(bounds[:2], bounds[2:], strict=True))

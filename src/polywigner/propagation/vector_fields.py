@@ -1,13 +1,15 @@
 """Electric fields of polarised sources, by three models of equivalent currents. Source: (VP1).
 
-A field u p in the plane z = 0, p = (p_x, p_y), stands for magnetic currents alone (an opening in a
-metal screen), for electric ones alone, or for half of both (Huygens). With q = (p_x, p_y, 0) and
-Phi = int u exp(ikR)/(i lambda R) dx
+The field u p in the plane z = 0 with the polarisation p = (p_x, p_y) is replaced by magnetic
+currents alone (an opening in a metal screen), by electric currents alone, or by half of both
+(Huygens). With q = (p_x, p_y, 0) and Phi = int u exp(ikR)/(i lambda R) dx
 
     magnetic E = (q d/dz - z q.grad) Phi/(ik),   electric E = q Phi + grad (q.grad Phi)/k^2
 
-Phi is Rayleigh and Sommerfeld's second integral of waves over their p_z, its derivative d/dz/(ik)
-the first. Derivatives along the plane are carried by the waves; at edges they leave line integrals.
+Phi is the second Rayleigh-Sommerfeld integral of the plane waves of u, each divided by its
+direction cosine p_z. The derivative dPhi/dz/(ik) is the first Rayleigh-Sommerfeld integral.
+Derivatives along the plane become factors of the plane waves, and integrals along the edges of the
+source.
 """
 
 from __future__ import annotations
@@ -71,12 +73,13 @@ Complex = NDArray[np.complex128]
 _OPS = execution.NumpyOperations()
 
 SECOND = DERIVATIVE_OF[DEFAULT]
-# Phi is the second integral of a wave over its p_z. For small |p_z| it is the mean of neighbouring
-# waves: the field is analytic in their frequencies. The error is its fourth derivative, 1e-11 for
-# this phase difference in radians across half of the source.
+# Waves are divided by p_z, which is not possible for |p_z| near zero. The field is analytic in the
+# frequency of a wave, so such a wave is replaced by a weighted mean of four neighbouring waves,
+# whose phases differ by this value in radians across half of the source. The relative error, from
+# the fourth derivative, is 1e-11.
 _ASIDE = 3e-3
 _MEANS = ((-2.0, -1 / 6), (-1.0, 4 / 6), (1.0, 4 / 6), (2.0, -1 / 6))
-# Smallest tolerance of parts of a field, their rounding error.
+# Smallest tolerance of the parts of a field, their rounding error.
 _LEAST = 1e-13
 
 
@@ -106,8 +109,9 @@ def field(
 ) -> Complex:
     """Compute the electric field E(x, y, z) of a polarised source in the plane z = 0.
 
-    Currents in the plane replace the field u p on the source (VP1). |E|^2 has the unit of |u|^2,
-    W/m^2: E is the electric field over the root of twice the impedance of free space.
+    Equivalent currents in the plane replace the field u p on the source (VP1). |E|^2 has the unit
+    of |u|^2, W/m^2: E is the electric field divided by the square root of twice the impedance of
+    free space.
 
     Parameters
     ----------
@@ -118,30 +122,32 @@ def field(
     wavelength : float
         Wavelength in m.
     polarisation : str or array_like
-        "x", "y", a slant from x towards y such as "45 deg", "right" or "left" (IEEE, waves
+        "x", "y", an angle from x towards y such as "45 deg", "right" or "left" (IEEE, for waves
         exp(-i omega t)); or a complex Jones vector, shape (2,), of any length. For an Array of n
         elements also shape (n, 2), or a list of n names.
-    method : {"huygens", "magnetic", "electric"}
+    method : {"huygens", "magnetic", "electric"}, default "huygens"
         "magnetic": magnetic currents, for an opening in a metal screen, where u p is the
         tangential electric field. "electric": electric currents, where u z x p is the tangential
-        magnetic field. "huygens" (default): half of both, for black surroundings, horns and
-        waveguide openings in free space.
-    tolerance : float, optional
-        Allowed error of each component, as in :func:`amplitude`; default 1e-9, at least 1e-13.
-        Within a wavelength of an edge the field of the electric model grows as the inverse
-        distance, and its error with it.
+        magnetic field. "huygens": half of both, for black surroundings, horns and waveguide
+        openings in free space.
+    tolerance : float, default 1e-9
+        Allowed error of each component, as in :func:`amplitude`, at least 1e-13. Within a
+        wavelength of an edge, the field of "electric" and its error are inversely proportional to
+        the distance.
 
     Returns
     -------
     ndarray of complex128, shape (..., 3)
-        Field in the unit of the source's field. A DataArray of points gives a DataArray.
+        Field in the unit of the source's field. If ``points`` is a DataArray, the result is a
+        DataArray.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type, shape or range, Dr.Jit arrays, points behind the source.
+        If an argument has the wrong type, shape or range or is a Dr.Jit array, or if a point lies
+        behind the source.
     IlluminationError
-        For partially coherent light.
+        If the light is partially coherent.
     GeometryError
         If elements of an Array do not lie in the plane z = 0.
 
@@ -152,7 +158,7 @@ def field(
 
     References
     ----------
-    C. A. Balanis, "Antenna theory", 3rd ed. (2005), ch. 12; the near fields are derived in
+    C. A. Balanis, "Antenna theory", 3rd ed. (2005), ch. 12. Near fields are derived in
     docs/theory/polarisation.md.
 
     Examples
@@ -189,7 +195,7 @@ def _dipole_terms(
     wave: Wavefront, q: Complex, currents: Currents,
     part: Any, cells: Floats, points: Floats, wavelength: float,
 ) -> Complex:  # fmt: skip
-    """Fields (k, nodes, 3) of the currents at the nodes of cells, weights included."""
+    """Return the fields (k, nodes, 3) of currents at the nodes of k cells, times the weights."""
     nodes, weights, _ = field_at_nodes(wave, part, cells, wavelength)
     ahead = np.empty((*nodes.shape[:2], 3))
     ahead[..., :2] = points[:, None, :2] - nodes
@@ -198,7 +204,10 @@ def _dipole_terms(
 
 
 def dipole_fields(ahead: Floats, q: Complex, currents: Currents) -> Complex:
-    """Field (..., 3) at ``ahead`` (..., 3) of currents of one square wavelength, in wavelengths."""
+    """Return the field (..., 3) of currents in one square wavelength at the origin.
+
+    ``ahead`` (..., 3): positions relative to the currents, in wavelengths.
+    """
     distance = np.linalg.norm(ahead, axis=-1, keepdims=True)
     s, a = ahead / distance, 0.5j / (math.pi * distance)
     wave = np.exp(2j * math.pi * (distance - np.round(distance))) / (1j * distance)
@@ -221,14 +230,17 @@ def _near_field(
     q: Complex,
     currents: Currents,
 ) -> tuple[Complex, Floats, Floats]:
-    """Field E (n, 3) of currents along q (3,) at points (n, 3), estimated and allowed errors."""
+    """Return the field E (n, 3) of currents along q (3,), estimated and allowed errors (n,)."""
     radiator, (m, e) = radiator_of(source), currents
     without_grazing = _not_grazing(radiator, wavelength)
     field = np.zeros((len(points), 3), np.complex128)
     errors, limits = np.zeros((2, len(points)))
 
     def integral(method: str, factor: Any) -> Complex:
-        """Phi, or dPhi/dz/(ik), (n,), of waves times ``factor`` of their cosines (m, 2)."""
+        """Return Phi (n,) if ``method`` is SECOND, otherwise dPhi/dz/(ik) (n,).
+
+        The waves are multiplied by ``factor``, a function of p_x and p_y (m, 2).
+        """
         base, elements = without_grazing if method == SECOND else radiator, []
         for element in base.elements:
             factors = factor(element.frequencies * wavelength)
@@ -257,14 +269,14 @@ def _near_field(
 
 
 def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
-    """Return line integrals (n, 3) along edges, from derivatives along the plane (VP4)."""
+    """Return the line integrals (n, 3) that derivatives along the plane leave at edges (VP4)."""
     m, e = currents
     n, field = sums.normal @ q[:2], np.zeros((len(sums.where), 3), np.complex128)
     if m:
         field[:, 2] -= m / (2 * math.pi) * (sums.wave @ n)
     if e:
         scale = -1j * e / (4 * math.pi**2)
-        # - (1/i) of the gradient of u G, (P - Q) times minus the rise, and of the waves' part
+        # the gradient of u G: (Q - P) times ``rise`` from G, plus the wave vector of u
         weighted, grown = sums.rise * n, sums.rise_by_length * n
         total = weighted.sum(axis=1)
         for a in range(2):
@@ -277,7 +289,7 @@ def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
 
 
 def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
-    """Replace waves whose p_z consists of rounding errors by means of neighbouring waves."""
+    """Replace waves whose p_z is a rounding error by means of neighbouring waves."""
     half = max(1.0, float(np.linalg.norm(radiator.high - radiator.low)) / (2 * wavelength))
     step = _ASIDE / (2 * math.pi * half)
     elements = []
@@ -292,8 +304,8 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
         amplitudes, frequencies = [element.amplitudes[~grazing]], [element.frequencies[~grazing]]
         for offset, weight in _MEANS:
             shifted = element.frequencies[grazing] * (1.0 + offset * step)
-            turns = (element.frequencies[grazing] - shifted) @ centre
-            amplitudes.append(weight * element.amplitudes[grazing] * np.exp(2j * math.pi * turns))
+            cycles = (element.frequencies[grazing] - shifted) @ centre
+            amplitudes.append(weight * element.amplitudes[grazing] * np.exp(2j * math.pi * cycles))
             frequencies.append(shifted)
         elements.append(
             replace(
@@ -309,21 +321,22 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
 
 # Pairs of a point and a panel per block, and panels per block.
 _PAIRS, _PANELS = 1 << 17, 1 << 14
-# Cost of a pair in terms of other kernels, for the choice of an engine.
+# Cost of a pair relative to a term of an edge sum, for the choice of an engine.
 _TERMS = 16
-# Tolerance of integrals along edges over the tolerance of the field, since they may cancel.
+# Tolerance of integrals along edges, as a fraction of the field's tolerance, since the integrals of
+# different edges may cancel.
 _FRACTION = 1e-2
 
 
 @dataclass(frozen=True)
 class EdgeIntegrals:
-    """Integrals of u times functions of R along m panels for n points, (n, m) each.
+    """Integrals of u times functions of R along m panels of edges for n points.
 
-    Lengths in wavelengths, G = exp(2 pi i R)/R.
+    Lengths are in wavelengths, and G = exp(2 pi i R)/R.
     """
 
     where: NDArray[np.intp]
-    """Numbers of the points (n,)."""
+    """Indices of the points (n,)."""
     points: Floats
     """Points (n, 3), relative to the centre of the source."""
     begin: Floats
@@ -331,15 +344,15 @@ class EdgeIntegrals:
     along: Floats
     """Directions of the panels (m, 2)."""
     plane: Floats
-    """Direction cosines p_x and p_y of the waves (m, 2)."""
+    """Direction cosines p_x and p_y (m, 2) of the wave on each panel."""
     cosine: Complex
-    """Direction cosines p_z (m,)."""
+    """Direction cosines p_z (m,) of the waves."""
     wave: Complex
-    """Integrals of u G."""
+    """Integrals (n, m) of u G."""
     rise: Complex
-    """Integrals of h = u (1/R - 2 pi i) G/R."""
+    """Integrals (n, m) of h = u (1/R - 2 pi i) G/R."""
     rise_by_length: Complex
-    """Integrals of t h, with t the length from the first end."""
+    """Integrals (n, m) of t h, where t is the distance from the first end."""
 
     @property
     def normal(self) -> Floats:
@@ -350,7 +363,7 @@ class EdgeIntegrals:
 def edge_integrals(
     radiator: Radiator, points: Floats, wavelength: float, tolerance: float
 ) -> Iterator[EdgeIntegrals]:
-    """Yield integrals along all panels of a source, for blocks of points (n, 3) in m."""
+    """Yield integrals along the panels of a source's edges for blocks of points (n, 3) in m."""
     digits = -math.log(max(tolerance * _FRACTION, 1e-14))
     x, y = radiator.centre.tolist()
     entered = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
@@ -364,25 +377,25 @@ def edge_integrals(
             columns = [*rows[:, :5].T, along, rows[:, 11]]
             step = max(1, _PAIRS // len(rows))
             for start in range(0, len(where), step):
-                some = where[start : start + step]
-                pairs = [*relative[some].T[..., None], *(column[None] for column in columns)]
+                block = where[start : start + step]
+                pairs = [*relative[block].T[..., None], *(column[None] for column in columns)]
                 sums = execution.evaluate(
                     STRIPS,
                     None,
                     [*pairs, np.full((1, 1), digits)],
                     double=True,
-                    engine=resolved("auto", len(some) * len(rows), _TERMS),
+                    engine=resolved("auto", len(block) * len(rows), _TERMS),
                     outputs=6,
                 )
                 yield EdgeIntegrals(
-                    some,
-                    relative[some],
+                    block,
+                    relative[block],
                     rows[:, :2],
                     rows[:, 2:4],
                     rows[:, 5:7],
                     np.where(evanescent, 1j, 1.0) * rows[:, 7].astype(np.complex128),
                     *(
-                        (real + 1j * imag) * amplitudes * waves[some]
+                        (real + 1j * imag) * amplitudes * waves[block]
                         for real, imag in zip(sums[::2], sums[1::2], strict=True)
                     ),
                 )
@@ -402,7 +415,7 @@ def far_vectors(
 ) -> Complex:
     """Return lim r exp(-ikr) E(r s) (..., 3) of polarised parts at unit vectors s: (VP2).
 
-    In m times the unit of u; zero where z < 0.
+    The unit is m times the unit of u. The field is zero at z < 0.
     """
     nu = directions[..., :2] / wavelength
     total = np.zeros(directions.shape, np.complex128)
@@ -413,7 +426,7 @@ def far_vectors(
 
 
 def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
-    """Return far fields (..., 3) over the scalar F/(i lambda), for currents along q (3,): (VP2)."""
+    """Return far fields (..., 3) of currents along q (3,), divided by F/(i lambda): (VP2)."""
     m, e = MODELS[model]
     up, along = np.array([0.0, 0.0, 1.0]), directions @ q[:, None]
     far = m * (directions[..., 2:] * q - along * up) + e * (q - along * directions)
@@ -429,13 +442,13 @@ def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Comple
 
 
 def co_and_cross(components: tuple[Complex, Complex], jones: Complex) -> tuple[Complex, Complex]:
-    """Return co- and cross-polar parts of components along x and y, for a Jones vector: (VP3)."""
+    """Convert components along x and y to co- and cross-polar parts for a Jones vector: (VP3)."""
     (x, y), (p, q) = components, jones
     return p.conjugate() * x + q.conjugate() * y, p * y - q * x
 
 
 def of_co_and_cross(co: Complex, cross: Complex, jones: Complex) -> tuple[Complex, Complex]:
-    """Return components along x and y from co- and cross-polar parts."""
+    """Convert co- and cross-polar parts to components along x and y; see :func:`co_and_cross`."""
     p, q = jones
     return p * co - q.conjugate() * cross, q * co + p.conjugate() * cross
 

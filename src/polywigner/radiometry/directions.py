@@ -1,8 +1,8 @@
 """Checks of sources and directions, and integrals over all directions in front of a source.
 
 W(x, nu) and |F(nu)|^2 are sums of waves exp(i k rho sin(theta) cos(phi - phi0)) with rho up to the
-source's diameter. Gauss-Legendre points in theta and equidistant points in phi integrate such waves
-exactly, except for rounding, if there are a few more points than half periods of the wave.
+source's diameter. Gauss-Legendre nodes in theta and evenly spaced nodes in phi integrate such waves
+exactly, except for rounding errors, if there are a few more nodes than half periods of the wave.
 """
 
 from __future__ import annotations
@@ -32,13 +32,14 @@ from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 
 Floats = NDArray[np.float64]
 
-# Largest bandwidth times the propagation time across the source: about the number of wavelengths.
+# Largest product of the bandwidth and the propagation time across the source, which is about the
+# number of wavelengths that a mean over the band requires.
 _MOST_SPREAD = 500.0
 _MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"
 
 
 def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
-    """Return a valid bandwidth in Hz about a wavelength in m. Raises ArgumentError."""
+    """Return a bandwidth in Hz about a wavelength in m; raise ArgumentError for other values."""
     width = checked_number(bandwidth, "bandwidth", _MEANING)
     carrier = SPEED_OF_LIGHT / wavelength
     if not 0 < width < 2 * carrier:
@@ -52,12 +53,15 @@ def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
 def wavelengths_of_band(
     wavelength: float, bandwidth: float, lag: float, error: float
 ) -> list[tuple[float, float]]:
-    """Return (wavelength, weight) pairs for means over a band, for a source ``lag`` m across."""
+    """Return pairs of a wavelength in m and a weight, whose weighted sum is a mean over a band.
+
+    ``lag``: size of the source in m; ``error``: allowed error of the mean.
+    """
     spread = bandwidth * lag / SPEED_OF_LIGHT
     if not spread <= _MOST_SPREAD:
         raise ArgumentError(
             f"expected a bandwidth of at most {_MOST_SPREAD * SPEED_OF_LIGHT / lag:.4g} Hz for a "
-            f"source of {lag:.4g} m, got {bandwidth:g}, which requires about {spread:.3g} "
+            f"source of {lag:.4g} m, got {bandwidth:g} Hz, which requires about {spread:.3g} "
             "wavelengths; check its unit, or compute parts of the band"
         )
     nodes, weights = flat_rule(math.pi * spread, error)
@@ -69,9 +73,9 @@ PlaneSource = Aperture | Array
 
 
 def checked_radiator(source: Any, partly: bool = False) -> PlaneSource | Wavefront:
-    """Return a source of :func:`checked_source`, or one with a curved wave.
+    """Return an aperture, an array or a curved wave; raise errors as :func:`checked_source`.
 
-    Unless ``partly`` is true, a partly coherent source raises IlluminationError.
+    A partially coherent source raises IlluminationError unless ``partly`` is true.
     """
     if not isinstance(source, Wavefront):
         return checked_source(source)
@@ -82,7 +86,7 @@ def checked_radiator(source: Any, partly: bool = False) -> PlaneSource | Wavefro
 def checked_source(source: Any) -> PlaneSource:
     """Return an aperture, or an array of apertures in the plane z = 0.
 
-    Raises ArgumentError for other objects, GeometryError for elements outside of this plane.
+    Raises ArgumentError for other objects, and GeometryError for elements outside of this plane.
     """
     if isinstance(source, Aperture):
         return source
@@ -91,11 +95,11 @@ def checked_source(source: Any) -> PlaneSource:
         flat = source.repeated[0] if source.repeated is not None else source.elements_in_plane[0]
     if not isinstance(source, Array) or isinstance(flat, Slits):
         advice = {
-            "Slits": "make rectangles of slits, power needs an area",
+            "Slits": "use rectangles instead, since power requires an area",
             "PlacedAperture": "use its .aperture, and directions relative to it",
-            "Polyhedron": "a body has a Fourier transform only",
+            "Polyhedron": "only Fourier transforms of bodies are available",
             "Wavefront": "use its .source, whose wave is flat and coherent",
-        }.get(type(flat).__name__, "make one by Aperture(...) of a ring or of shapely polygons")
+        }.get(type(flat).__name__, "create an Aperture from a ring or from shapely polygons")
         raise ArgumentError(
             "expected an Aperture, or an Array of apertures in the plane z = 0, got "
             f"{type(flat).__name__}; {advice}"
@@ -105,20 +109,20 @@ def checked_source(source: Any) -> PlaneSource:
 
 
 def checked_directions(direction: Any) -> Floats:
-    """Return unit vectors (..., 3) with z >= 0. Raises ArgumentError for other vectors."""
+    """Return unit vectors (..., 3) with z >= 0; raise ArgumentError for other vectors."""
     check_no_drjit(direction=direction)
     array = checked_unit_vectors("direction", direction)
     back = array[..., 2] < 0
     if back.any():
         raise ArgumentError(
-            "expected a direction into z >= 0, to which the aperture radiates, got "
+            "expected a direction with z >= 0, since sources radiate to +z, got "
             f"{array[back][0].tolist()}"
         )
     return array
 
 
 def checked_positions(x: Any) -> Floats:
-    """Return finite positions (..., 2) on the aperture in m. Raises ArgumentError."""
+    """Return finite positions (..., 2) on the aperture in m; raise ArgumentError for others."""
     check_no_drjit(x=x)
     array = checked_vectors(x, "expected finite positions x of shape (..., 2)", (2,))
     if not np.isfinite(array).all():
@@ -128,30 +132,38 @@ def checked_positions(x: Any) -> Floats:
 
 # ---- integrals over directions -------------------------------------------------------------------
 
-# Largest width of a source in wavelengths: its power takes 1.5e11 directions, half a day for a
-# square on two cores.
+# Largest width of a source in wavelengths. Its power is a sum over 1.5e11 directions, which takes
+# half a day for a square on two cores.
 _MOST_WAVELENGTHS = 1e5
-# Directions per block: a few MB.
+# Directions per block, a few MB.
 _BLOCK = 1 << 17
 # Number of values of F or W, a few seconds of work, above which a terminal shows progress.
 _LONG = 1 << 25
-# Integrals over lags: smallest width of the source in wavelengths, since smaller sources take
-# seconds at most by directions; largest difference of the results for two cut-offs of the lags, as
-# a fraction of the power; and largest frequency of the field, as a fraction of 1/wavelength.
-_WIDE, _SAME, _STEEP = 600.0, 1e-6, 0.8
-# Smooth cut-off of the lags: its width in wavelengths for waves along the normal, which reduces the
-# contribution of the rim of the hemisphere to exp(-32); its two positions, and the end of the
-# integral behind it, in units of this width. 1e-14 is left beyond the end.
-_SOFT, _ENDS, _BEYOND = 1.8, (4.5, 6.5), 5.5
-# Largest number of directions of edges that separate panels of the angle of the lag; Gauss nodes of
-# a panel, and of one wavelength of lag.
-_MOST_KINKS, _ON_PANEL, _ON_PERIOD = 48, 8, 12
-# Largest phase of a wave on one panel of theta: the cost of Gauss nodes grows with their cube.
+
+# The power of wide sources is an integral over lags with a smooth cut-off.
+# Smallest width of these sources in wavelengths; sums over directions take seconds for others.
+_WIDE = 600.0
+# Largest relative difference of the powers with two cut-offs.
+_SAME = 1e-6
+# Largest frequency of the field, as a fraction of 1/wavelength.
+_STEEP = 0.8
+# Width of the cut-off in wavelengths for waves along the normal, which reduces the contribution of
+# the rim of the hemisphere to exp(-32).
+_SOFT = 1.8
+# Positions of the two cut-offs, and distance from the cut-off to the end of the integral, beyond
+# which 1e-14 of the power is left; all in units of the width of the cut-off.
+_ENDS, _BEYOND = (4.5, 6.5), 5.5
+# Largest number of directions of edges at which the angle of the lag is divided into panels.
+_MOST_KINKS = 48
+# Gauss nodes of a panel, and of a wavelength of the lag's length.
+_ON_PANEL, _ON_PERIOD = 8, 12
+# Largest phase in radians on one panel of theta, since the time to compute Gauss nodes grows as the
+# cube of their number.
 _PANEL = 400.0
 
 
 def largest_lag(source: PlaneSource | Wavefront) -> float:
-    """Return the largest distance of two points of the source in m, or an upper bound."""
+    """Return the largest distance in m between two points of the source, or an upper bound."""
     flat: Any = flat_source(source)
     if isinstance(flat, Aperture):
         return flat.diameter
@@ -166,9 +178,10 @@ def largest_lag(source: PlaneSource | Wavefront) -> float:
 
 
 def longest_path(source: PlaneSource | Wavefront) -> float:
-    """Return a bound in m on the difference of two paths from the source to a point.
+    """Return a bound in m on the difference of two path lengths to any point.
 
-    The bound is the largest lag plus the largest difference of the path lengths on the source.
+    The paths start at two points of the source. Differences of path lengths before the source, such
+    as in curved waves and feed networks, are included.
     """
     lag, flat = largest_lag(source), flat_source(source)
     paths = getattr(flat, "paths", None)
@@ -188,9 +201,10 @@ def check_width(lag: float, wavelength: float) -> None:
     """Raise ArgumentError for a source that is too large for integrals over directions."""
     if not lag / wavelength <= _MOST_WAVELENGTHS:
         raise ArgumentError(
-            f"expected a source at most {_MOST_WAVELENGTHS:.0e} wavelengths across, for integrals "
-            f"over directions, got one of {lag / wavelength:.3g}; check the unit of the "
-            "wavelength (of wide sources, all but about perimeter wavelength/area is radiated)"
+            f"expected a source at most {_MOST_WAVELENGTHS:.0e} wavelengths wide for integrals "
+            f"over directions, got {lag / wavelength:.3g} wavelengths; check the unit of the "
+            "wavelength (wide sources radiate all power but the fraction perimeter "
+            "wavelength/area)"
         )
 
 
@@ -199,9 +213,10 @@ def directions_and_weights(
 ) -> Iterator[tuple[Floats, Floats]]:
     """Yield blocks of unit vectors (n, 3) with z > 0 and solid angles (n,).
 
-    The sums integrate functions band-limited by ``lag`` in m, times polynomials of the direction's
-    components, to 1e-14 of the largest value. They have about 15 (lag/wavelength)^2 points, at
-    least a hundred. Terminals show a progress bar for long computations; ``positions`` is the
+    The solid angles are the weights of a quadrature rule. The rule integrates functions that are
+    band-limited by ``lag`` in m, also times polynomials of the direction's components, with errors
+    of 1e-14 of the largest value. It has about 15 (lag/wavelength)^2 nodes, at least a hundred.
+    Terminals show a progress bar for long computations; ``positions`` is the
     number of positions at which the caller evaluates each direction. Raises ArgumentError for lags
     of too many wavelengths.
     """
@@ -233,18 +248,19 @@ def _rings(theta: Floats, weight: Floats, counts: NDArray[np.intp]) -> tuple[Flo
 def _azimuths(phase: Floats) -> NDArray[np.intp]:
     """Return the numbers of azimuths that integrate exp(i phase cos(phi)) cos(phi)^m to 3e-15.
 
-    m is 0, 1 or 2. The error of n azimuths is 2 J_n(phase), negligible if n exceeds the phase by a
-    few phase^(1/3). The constants were determined with phases from 0.1 to 3000.
+    m is 0, 1 or 2. The error of n azimuths is 2 J_n(phase), which is negligible if n exceeds the
+    phase by a few phase^(1/3). The constants were fitted to phases from 0.1 to 3000.
     """
     return np.ceil(phase + 11.0 * np.cbrt(phase) + 9.0).astype(np.intp)
 
 
 @lru_cache(maxsize=8)
 def _polar(phase: float) -> tuple[Floats, Floats]:
-    """Return polar angles (n,) in (0, pi/2) and weights; constants as in `_azimuths`.
+    """Return polar angles (n,) between 0 and pi/2, and their weights.
 
-    On half a panel the phase of the wave changes by at most pi/4 of its amplitude, and n points
-    integrate phases below 2 n minus a few cube roots of n.
+    ``phase`` is the largest phase of the wave. On half a panel the phase changes by at most pi/4 of
+    its largest value, and n nodes integrate phases below 2 n minus a few cube roots of n. The
+    constants were fitted as in `_azimuths`.
     """
     panels = max(1, math.ceil(phase / _PANEL))
     along = phase / panels
@@ -261,9 +277,10 @@ def power_by_lags(
 ) -> float | None:
     """Return the power of a wide source in W (E5); None if a sum over directions is required.
 
-    The obliquity factor is smooth except at the horizon, so lags beyond some wavelengths contribute
-    only through parallel sides: (wavelength/width)^(5/2) of the power, or the power 3/2 of this
-    ratio for obliquities with a normal derivative. A smooth cut-off leaves these lags out.
+    The obliquity factor is smooth except at the horizon. Lags of more than some wavelengths
+    therefore contribute only through parallel sides: (wavelength/width)^(5/2) of the power, or
+    (wavelength/width)^(3/2) for obliquities with a normal derivative. A smooth cut-off omits these
+    lags.
     """
     slope = steepest(source, wavelength)
     soft = _SOFT / (1.0 - min(slope, _STEEP))
@@ -276,60 +293,60 @@ def power_by_lags(
     count = math.ceil(reach)
     rho = ((np.arange(count)[:, None] + (node + 1) / 2) * (reach / count)).ravel()
     ring = np.tile(weight * (reach / count / 2), count) * rho
-    ends = [[0.5 * math.erfc((r - off * soft) / soft) for r in rho.tolist()] for off in _ENDS]
+    cut_offs = [[0.5 * math.erfc((r - end * soft) / soft) for r in rho.tolist()] for end in _ENDS]
     lags = wavelength * rho[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
     powers = np.zeros(len(_ENDS))
-    for one, forms in OBLIQUITIES[obliquity].terms(flat_source(source), wavelength):
-        part = source.on(one) if isinstance(source, Wavefront) else one
+    for flat, forms in OBLIQUITIES[obliquity].terms(flat_source(source), wavelength):
+        part = source.on(flat) if isinstance(source, Wavefront) else flat
         mean = np.real(lag_marginal(part, lags)) @ around
-        powers += np.array(ends) @ (ring * mean * forms.at_lags(2.0 * math.pi * rho))
+        powers += np.array(cut_offs) @ (ring * mean * forms.at_lags(2.0 * math.pi * rho))
     return float(powers[1]) if abs(powers[1] - powers[0]) <= _SAME * abs(powers[1]) else None
 
 
 def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
-    """Return the largest spatial frequency of the field of a source, times the wavelength."""
+    """Return the highest spatial frequency of a source's field, times the wavelength."""
     flat: Any = flat_source(source)
-    result = float(np.linalg.norm(normal_form(flat).frequencies, axis=1).max())
+    highest = float(np.linalg.norm(normal_form(flat).frequencies, axis=1).max())
     if isinstance(source, Wavefront):
         box = np.array(flat.bounds).reshape(2, 2)
         corners = np.array([(x, y) for x in box[:, 0] for y in box[:, 1]]) - source.centre
-        result += float(np.linalg.norm(corners @ source.curvature, axis=1).max())
-    return float(wavelength * result)
+        highest += float(np.linalg.norm(corners @ source.curvature, axis=1).max())
+    return float(wavelength * highest)
 
 
-def _lag_angles(source: PlaneSource | Wavefront, turns: float) -> tuple[Floats, Floats]:
-    """Return the angles (n,) of lags over half a circle, and weights for the whole circle.
+def _lag_angles(source: PlaneSource | Wavefront, rate: float) -> tuple[Floats, Floats]:
+    """Return angles (n,) of lags over half a circle, and weights of an integral over the circle.
 
-    R_xi has kinks at lags along edges, which separate panels of angles. ``turns`` is a bound on the
-    derivative of its phase in the angle.
+    R_xi has kinks at lags along edges, where the angle is divided into panels. ``rate`` is a bound
+    on the derivative of the phase of R_xi with respect to the angle.
     """
     flat: Any = flat_source(source)
     rings = [ring for element in getattr(flat, "distinct", (flat,)) for ring in element.rings]
     along = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])
     kinks = np.unique(np.round(np.arctan2(along[:, 1], along[:, 0]) % math.pi, 12) % math.pi)
     if len(kinks) > _MOST_KINKS:
-        width = math.pi / math.ceil(128 + turns)
+        width = math.pi / math.ceil(128 + rate)
         centres = np.arange(0.5 * width, math.pi, width)
         return centres, np.full_like(centres, 2.0 * width)
     widths = np.diff(kinks, append=kinks[0] + math.pi)
     nodes, weights = [], []
     for start, width in zip(kinks.tolist(), widths.tolist(), strict=True):
-        node, weight = np.polynomial.legendre.leggauss(_ON_PANEL + math.ceil(turns * width))
+        node, weight = np.polynomial.legendre.leggauss(_ON_PANEL + math.ceil(rate * width))
         nodes.append(start + width * (node + 1) / 2)
         weights.append(width * weight)
     return np.concatenate(nodes), np.concatenate(weights)
 
 
-# Smallest radiated fraction of the energy: rounding errors are 1e-13 of the energy, so the
-# directivity of a source that radiates less has no correct digit.
+# Smallest radiated fraction of int |u|^2. Rounding errors are 1e-13 of int |u|^2, so the
+# directivity of a source that radiates less would have no correct digit.
 _DARK = 1e-12
 
 
 def checked_powers(power: float, energy: float, wavelength: float) -> tuple[float, float]:
-    """Return power and energy. Raises IlluminationError for a source that radiates nothing."""
+    """Return power and energy; raise IlluminationError for a source that does not radiate."""
     if not power > _DARK * max(0.0, energy):
         raise IlluminationError(
-            f"source radiates only {power:.3g} W at a wavelength of {wavelength:g} m; check the "
-            "unit of the wavelength, and whether waves graze the aperture or cancel"
+            f"the source radiates only {power:.3g} W at a wavelength of {wavelength:g} m; check "
+            "the unit of the wavelength, and whether waves graze the aperture or cancel"
         )
     return power, energy

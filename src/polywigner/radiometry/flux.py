@@ -44,20 +44,20 @@ def radiance(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[np.float64]:
-    """Compute the radiance L(x, s) = W(x, s_par/lambda)/lambda^2 at positions, into directions.
+    """Compute the radiance L(x, s) = W(x, s_par/lambda)/lambda^2 at positions x in directions s.
 
-    The radiance can be negative, as W: only integrals over position or direction are measurable.
-    Integrated over both, with the projected solid angle, it gives the power (docs/radiometry.md,
-    (E1)). In the paper's W/(4 pi A lambda^2) the 4 pi is spurious, and A makes it a mean over the
-    aperture (docs/corrections.md).
+    The radiance can be negative, as W can: only integrals over position or direction are
+    measurable. Its integral over positions and projected solid angle is the power
+    (docs/radiometry.md, (E1)). The paper's definition is W/(4 pi A lambda^2), where 4 pi is an
+    error, and the division by the area A makes it a mean over the aperture (docs/corrections.md).
 
     Parameters
     ----------
     source : Aperture, Array or Wavefront
-        Apertures in the plane z = 0, |u|^2 on them in W/m^2; a Wavefront may be curved or partly
+        Source in the plane z = 0 with |u|^2 in W/m^2. A Wavefront may be curved or partially
         coherent.
     x : array_like, shape (..., 2)
-        Positions in m, also outside the source: the support is its automean.
+        Positions in m. They may lie outside the source, since the support of W is the automean.
     direction : array_like, shape (..., 3)
         Unit vectors with z >= 0; they broadcast against ``x``.
     wavelength : float
@@ -68,8 +68,8 @@ def radiance(
     Returns
     -------
     ndarray of float, shape (...)
-        Radiance in W/(m^2 sr), accurate to 1e-12 (single precision: 5e-6) int |u|^2/lambda^2. A
-        DataArray gives a DataArray, as in :func:`fourier`.
+        Radiance in W/(m^2 sr), accurate to 1e-12 int |u|^2/lambda^2, or in single precision to
+        5e-6 int |u|^2/lambda^2. DataArrays give a DataArray, as in :func:`fourier`.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def radiant_intensity(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[np.float64]:
-    """Compute the radiant intensity cos(theta) |F(s_par/lambda)|^2/lambda^2 into directions.
+    """Compute the radiant intensity cos(theta) |F(s_par/lambda)|^2/lambda^2 in directions s.
 
     Its integral over the hemisphere is :func:`power` (docs/radiometry.md, (E2)).
 
@@ -115,15 +115,15 @@ def radiant_intensity(
     direction : array_like, shape (..., 3)
         Unit vectors with z >= 0.
     bandwidth : float, optional
-        Bandwidth in Hz: the result is the mean over all frequencies that differ from the frequency
-        of the wavelength by at most half the bandwidth (docs/coherence.md, (PC6)). Default: one
-        wavelength.
+        Bandwidth in Hz. The result is the mean over all frequencies that differ from the frequency
+        of the wavelength by at most half of the bandwidth (docs/coherence.md, (PC6)). By default
+        the source has one wavelength.
 
     Returns
     -------
     ndarray of float, shape (...)
-        Radiant intensity in W/sr, not negative. A DataArray gives a DataArray, as
-        in :func:`fourier`.
+        Radiant intensity in W/sr, zero or more. A DataArray gives a DataArray, as in
+        :func:`fourier`.
 
     Raises
     ------
@@ -143,22 +143,22 @@ def radiant_intensity(
         band = checked_bandwidth(bandwidth, length)
         parts = wavelengths_of_band(length, band, longest_path(radiator), _BAND_ERROR)
         how: dict[str, Any] = {"precision": precision, "engine": engine}
-        # Each call uses the phases of path lengths at its wavelength.
-        total = sum(w * radiant_intensity(radiator, directions, one, **how) for one, w in parts)
+        # radiant_intensity updates phases that depend on path lengths to each wavelength
+        total = sum(w * radiant_intensity(radiator, directions, node, **how) for node, w in parts)
         return np.asarray(total)[()]
 
-    def per_frequency(source: PlaneSource | Wavefront, nu: NDArray[np.float64]) -> Any:
-        """|F|^2/lambda^2."""
+    def squared_spectrum(source: PlaneSource | Wavefront, nu: NDArray[np.float64]) -> Any:
+        """Return |F|^2/lambda^2."""
         return np.square(np.abs(fourier(source, nu, precision=precision, engine=engine)) / length)
 
     nu = directions[..., :2] / length
     if isinstance(radiator, Wavefront) and not radiator.is_coherent:
         double = checked_precision(precision) != "single"
-        of_coherent: Any = partial(per_frequency, radiator.coherent)
-        result = mean_over_tilts(of_coherent, radiator, nu, double=double)
+        of_coherent: Any = partial(squared_spectrum, radiator.coherent)
+        squares = mean_over_tilts(of_coherent, radiator, nu, double=double)
     else:
-        result = per_frequency(radiator, nu)
-    return (directions[..., 2] * result).astype(result.dtype, copy=False)[()]
+        squares = squared_spectrum(radiator, nu)
+    return (directions[..., 2] * squares).astype(squares.dtype, copy=False)[()]
 
 
 # Values of the radiance per block: 32 MB.
@@ -172,15 +172,12 @@ _BLOCK = 1 << 22
 def flux_vector(
     source: PlaneSource | Wavefront, x: ArrayLike, wavelength: float, *, engine: Engine = "auto"
 ) -> NDArray[np.float64]:
-    """Compute the flux vector J(x) = int L(x, s) s dOmega over the directions of z > 0.
+    """Compute the flux vector J(x) = int L(x, s) s dOmega over the directions s with z > 0.
 
     J_z is the radiated power per area, the part of |u|^2 with |nu| < 1/lambda (docs/radiometry.md,
     (E3)). It can be negative, and is not zero outside the source. The components along the plane
-    are zero for fields that are real up to a constant phase. The paper leaves out the z component
-    of the direction.
-
-    The cost is W in some 15 (diameter/wavelength)^2 + 1000 directions for each position; memory is
-    bounded. Terminals show a progress bar for computations of more than some seconds.
+    are zero for fields that are real up to a constant phase. In the paper the z component of the
+    direction is missing.
 
     Parameters
     ----------
@@ -200,6 +197,11 @@ def flux_vector(
     ArgumentError, GeometryError, EngineError
         As :func:`radiance`.
 
+    Notes
+    -----
+    The time is the time of W in about 15 (diameter/wavelength)^2 + 1000 directions for each
+    position. Memory is bounded. Terminals show a progress bar for computations of some seconds.
+
     Examples
     --------
     >>> import polywigner as pw
@@ -215,9 +217,9 @@ def flux_vector(
         weighted = directions * solid_angle[:, None]
         size = max(1, _BLOCK // len(directions))
         for first in range(0, len(rows), size):
-            some = slice(first, first + size)
-            result = radiance(radiator, rows[some], directions, length, engine=engine)
-            total[some] += result @ weighted
+            block = slice(first, first + size)
+            values = radiance(radiator, rows[block], directions, length, engine=engine)
+            total[block] += values @ weighted
     return total.reshape(*positions.shape[:-1], 3)
 
 
@@ -225,13 +227,8 @@ def flux_vector(
 def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine = "auto") -> float:
     """Compute the power through a far hemisphere, int |F|^2 d nu over |nu| < 1/lambda.
 
-    It is the integral of :func:`radiant_intensity`, and int |u|^2 dx minus its evanescent part
-    (docs/radiometry.md, (E4)).
-
-    The cost is F in some 15 (diameter/wavelength)^2 + 1000 directions. Sources wider than 600
-    wavelengths are integrated over lags (docs/radiometry.md, (E5)), within a second and with an
-    accuracy of 1e-8, unless they have small parts, many elements or steep waves. Terminals show a
-    progress bar for computations of more than some seconds.
+    It is the integral of :func:`radiant_intensity`, and equals int |u|^2 dx without the evanescent
+    part (docs/radiometry.md, (E4)).
 
     Parameters
     ----------
@@ -247,6 +244,13 @@ def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine 
     ------
     ArgumentError, GeometryError, EngineError
         As :func:`radiance`.
+
+    Notes
+    -----
+    The time is the time of F in about 15 (diameter/wavelength)^2 + 1000 directions. For sources
+    wider than 600 wavelengths the power is an integral over lags (docs/radiometry.md, (E5)), which
+    takes less than a second and is accurate to 1e-8, unless the source has small parts, many
+    elements or steep waves. Terminals show a progress bar for computations of some seconds.
 
     Examples
     --------
@@ -278,11 +282,11 @@ class EnergyBudget:
     total: float
     """int |u|^2 dx = int |F|^2 d nu."""
     propagating: float
-    """The part at |nu| < 1/lambda, which reaches the far hemisphere."""
+    """Part of ``total`` at |nu| < 1/lambda, which reaches the far hemisphere."""
 
     @property
     def evanescent(self) -> float:
-        """The part at |nu| > 1/lambda, which stays at the aperture, in W."""
+        """Part of ``total`` at |nu| > 1/lambda in W, which stays near the aperture."""
         return self.total - self.propagating
 
     @property
@@ -302,7 +306,7 @@ def energy_budget(
 ) -> EnergyBudget:
     """Compute the radiated and the evanescent power of a source (docs/radiometry.md, (E4)).
 
-    The cost is the cost of :func:`power`.
+    It takes as long as :func:`power`.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Rays that carry the Wigner function through ray optics, and back (docs/signed_rays.md).
+"""Rays that carry the Wigner function through ray optics (docs/signed_rays.md).
 
 A ray has a position, a direction and a weight in watts, which is negative where W is negative. Only
-sums over many rays have a meaning. Rays carry W exactly through first-order systems, such as free
+sums over many rays are meaningful. Rays carry W exactly through first-order systems, such as free
 space and thin lenses, and approximately through aberrations.
 
 ===================  ==========================================================================
@@ -10,7 +10,7 @@ module               content
 ``sampling``         rays drawn from W of a source: :func:`sample_rays`
 ``bundles``          rays as a dataset, before and after a ray tracer, and the irradiance in the
                      pixels of a plane, with its standard error
-``files``            .npz, .csv, NetCDF and source files of OpticStudio
+``files``            source files of OpticStudio
 ===================  ==========================================================================
 """
 

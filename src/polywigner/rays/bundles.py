@@ -1,4 +1,4 @@
-"""Rays as a dataset of positions, directions and weights in watts, and irradiance from rays."""
+"""Rays as a dataset of positions, directions and weights in watts, and the irradiance of rays."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def bundle(
     batch: NDArray[Any] | None,
     attrs: dict[str, Any],
 ) -> xarray.Dataset:
-    """Return the dataset of rays (n, 3), (n, 3), (n,); ``batch`` (n,): numbers of sets."""
+    """Return the dataset of n rays; ``batch`` (n,) is the number of each ray's independent set."""
     import xarray
 
     dataset = xarray.Dataset(coords={"component": list("xyz")}, attrs=attrs)
@@ -58,15 +58,12 @@ def bundle(
 
 
 def traced(
-    rays: xarray.Dataset,
-    position: ArrayLike,
-    direction: ArrayLike,
-    weight: ArrayLike | None = None,
+    rays: xarray.Dataset, position: ArrayLike, direction: ArrayLike, weight: ArrayLike | None = None
 ) -> xarray.Dataset:
     """Return rays with new positions, directions and powers from a ray tracer.
 
-    Use the result in :func:`rebuild`. The order must not change. A lost ray has the position NaN,
-    or a weight of zero.
+    Pass the result to :func:`rebuild`. The order of the rays must not change. Set the position of a
+    lost ray to NaN, or its weight to zero.
 
     Parameters
     ----------
@@ -78,7 +75,7 @@ def traced(
     direction : array_like, shape (n, 3)
         Unit vectors along the rays.
     weight : array_like, shape (n,), optional
-        Powers in W, if the optics absorb power; default: unchanged.
+        Powers in W, if the optics absorb power. By default powers do not change.
 
     Returns
     -------
@@ -88,7 +85,7 @@ def traced(
     Raises
     ------
     ArgumentError
-        If the rays are another object, or an array has another shape.
+        If ``rays`` is not a dataset of rays, or an array has the wrong shape.
 
     Examples
     --------
@@ -109,29 +106,30 @@ def traced(
 def checked_bundle(rays: Any) -> tuple[Values, Values, Values, NDArray[Any] | None]:
     """Return positions, directions, weights and batches of a dataset of rays.
 
-    Lost rays have NaN. Raises ArgumentError for anything but such a dataset, and for directions
-    that are not unit vectors.
+    Values of lost rays are NaN. Raises ArgumentError for other objects, and for directions that are
+    not unit vectors.
     """
     import xarray
 
     if not isinstance(rays, xarray.Dataset) or not set(_VARIABLES) <= set(rays.variables):
         raise ArgumentError(
             "expected rays as a dataset with position, direction and weight, got "
-            f"{type(rays).__name__}; draw them by sample_rays, or read them by rays.load"
+            f"{type(rays).__name__}; use sample_rays or rays.load"
         )
     axes, variables = ("ray", "component"), [rays[name] for name in _VARIABLES]
     try:
         arrays = [variable.transpose(*axes[: variable.ndim]).values for variable in variables]
     except ValueError as error:
         raise ArgumentError(
-            f"expected position and direction over ray and component, weight over ray: {error}"
+            "expected position and direction over ray and component, and weight over ray, got "
+            f"other axes: {error}"
         ) from None
     batch = rays["batch"].values if "batch" in rays.coords else None
     return *_columns(len(arrays[2]), *arrays), batch
 
 
 def count_of(rays: xarray.Dataset) -> int:
-    """Return the number of rays drawn, including rays missing from a selection."""
+    """Return the number of rays that were drawn; the dataset may be a selection of them."""
     count = rays.attrs.get("count", 0)
     return max(int(count) if isinstance(count, (int, np.integer)) else 0, rays.sizes["ray"])
 
@@ -148,19 +146,17 @@ def _columns(count: int, *values: Any) -> tuple[Values, Values, Values]:
         wrong = np.abs(np.linalg.norm(direction, axis=1) - 1) > _UNIT  # False for lost rays
     if wrong.any():
         raise ArgumentError(
-            f"expected direction as unit vectors, got {direction[wrong][0].tolist()}; divide by "
-            "their lengths"
+            f"expected direction as unit vectors, got {direction[wrong][0].tolist()}; divide each "
+            "vector by its length"
         )
     return position, direction, weight
 
 
-# Limits of pixels along an axis and in total, and of pixels times batches: 1 GB.
-_MOST_PIXELS = 1 << 14
-_MOST_IN_ALL = 1 << 22
-_MOST_SUMS = 1 << 26
-# Rays per block: some 100 MB.
+# Largest number of pixels along an axis, in total, and in total times batches (1 GB).
+_MOST_ALONG_AXIS, _MOST_PIXELS, _MOST_SUMS = 1 << 14, 1 << 22, 1 << 26
+# Rays per block, some 100 MB.
 _BLOCK = 1 << 20
-# Distance from the plane, as a fraction of the largest coordinate, at which rays still end on it.
+# Rays that start behind the plane by less than this fraction of the largest coordinate count.
 _ON_PLANE = 1e-9
 
 
@@ -172,33 +168,35 @@ def rebuild(
     *,
     virtual: bool = False,
 ) -> xarray.Dataset:
-    """Return the irradiance on a plane: the sum of ray weights in each pixel over its area.
+    """Return the irradiance of rays on a plane: the sum of weights in a pixel, over its area.
 
-    It is an unbiased estimate of the pixel mean of |U|^2 of Wigner rays times the cosine between
-    ray and plane normal (docs/signed_rays.md, (Y2)). Rays continue in straight lines.
+    The irradiance is an unbiased estimate of |U|^2 by Wigner rays, times the cosine between ray and
+    plane normal, as a mean over each pixel (docs/signed_rays.md, (Y2)). Rays continue in straight
+    lines to the plane.
 
     Parameters
     ----------
     rays : xarray.Dataset
         From :func:`polywigner.sample_rays`, :func:`polywigner.rays.load` or :func:`traced`.
     plane : float or array_like, shape (4, 4)
-        z in m of a plane parallel to x and y; or the pose of the plane.
+        Plane: its z in m if it is parallel to x and y, otherwise its pose.
     bounds : array_like, shape (4,)
-        (xmin, ymin, xmax, ymax) in m of the grid of pixels, in the frame of the plane.
+        Bounds (xmin, ymin, xmax, ymax) of all pixels in m, in the frame of the plane.
     shape : (int, int)
         Numbers of pixels along x and y.
     virtual : bool, default False
-        Whether to include rays that meet the plane backwards, as in a virtual image.
+        Whether to include rays that meet the plane only if they are extended backwards, as in a
+        virtual image.
 
     Returns
     -------
     xarray.Dataset
-        ``irradiance`` (y, x) and its ``standard_error`` (y, x) in W/m^2, over y and x of the pixel
-        centres in m: rows are along x, the first at the bottom (``origin="lower"``). The error of
-        independent rays follows from their weights. The error of quasi-random rays follows from
-        the scatter of 16 batches, within a fifth. Attributes: ``power`` and ``power_error``, the
-        sum over the grid in W; ``lost``, the number of rays with NaN; ``missed``, the number of
-        rays that do not meet the grid.
+        ``irradiance`` (y, x) and its ``standard_error`` (y, x) in W/m^2, over the y and x of pixel
+        centres in m. Rows are along x, the first at the bottom (``origin="lower"``). The error of
+        independent rays is computed from their weights. The error of quasi-random rays is the
+        scatter of 16 batches, accurate to a fifth. Attributes are ``power`` and its standard error
+        ``power_error`` of all pixels in W; ``lost``, the number of lost rays; and ``missed``, the
+        number of rays that do not meet the pixels.
 
     Raises
     ------
@@ -221,37 +219,39 @@ def rebuild(
     pose = _pose(plane)
     checked_flag(virtual, "virtual")
     edges = _edges(bounds, shape)
-    pixels = math.prod(len(axis) - 1 for axis in edges)
-    # A selection of rays may lack some batches.
+    size = len(edges[1]) - 1, len(edges[0]) - 1
+    pixels = math.prod(size)
+    # numbers of batches may have gaps, since the rays may be a selection
     known, number = np.unique([0] if batch is None else batch, return_inverse=True)
     batches = max(1, len(known))
     if batches * pixels > _MOST_SUMS:
         raise ArgumentError(
-            f"expected at most {_MOST_SUMS} pixels of all batches, got {batches} batches of "
-            f"{pixels} pixels; use fewer pixels"
+            f"expected at most {_MOST_SUMS} pixels times batches, got {pixels} pixels and "
+            f"{batches} batches; use fewer pixels"
         )
-    # The last entry is the sum over all pixels.
+    # the last entry is the sum over all pixels
     sums, squares = np.zeros((batches, pixels + 1)), np.zeros(pixels + 1)
     lost = missed = 0
     for start in range(0, len(weight), _BLOCK):
-        some = slice(start, start + _BLOCK)
-        pixel = _pixels(position[some], direction[some], pose, edges, virtual)
-        is_valid = np.isfinite(weight[some]) & (pixel >= -1)
-        lost += int((~is_valid).sum())
-        missed += int((pixel[is_valid] < 0).sum())
-        is_valid &= pixel >= 0
-        pixel, carried = pixel[is_valid], weight[some][is_valid]
-        group = 0 if batch is None else number[some][is_valid]
-        added = np.bincount(group * squares.size + pixel, carried, sums.size)
-        sums += added.reshape(sums.shape)
+        block = slice(start, start + _BLOCK)
+        columns = np.column_stack([position[block], direction[block], weight[block]])
+        is_lost = ~np.isfinite(columns).all(axis=1)
+        x, y = _pixel_coordinates(position[block], direction[block], pose, edges, virtual).T
+        is_inside = ~is_lost & (x >= 0) & (x < size[1]) & (y >= 0) & (y < size[0])
+        lost += int(is_lost.sum())
+        missed += int((~is_lost & ~is_inside).sum())
+        pixel = y[is_inside].astype(np.intp) * size[1] + x[is_inside].astype(np.intp)
+        power = weight[block][is_inside]
+        group = 0 if batch is None else number[block][is_inside]
+        block_sums = np.bincount(group * squares.size + pixel, power, sums.size)
+        sums += block_sums.reshape(sums.shape)
         if batches == 1:
-            squares += np.bincount(pixel, carried**2, squares.size)
+            squares += np.bincount(pixel, power**2, squares.size)
     sums[:, -1] = sums[:, :-1].sum(axis=1)
     squares[-1] = squares[:-1].sum()
     total, error = _errors(sums, squares, count_of(rays))
     area = math.prod(float(axis[-1] - axis[0]) for axis in edges) / pixels
-    size = len(edges[1]) - 1, len(edges[0]) - 1
-    columns = {
+    variables = {
         "irradiance": (total, "irradiance, mean over a pixel"),
         "standard_error": (error, "standard error of the irradiance"),
     }
@@ -261,7 +261,7 @@ def rebuild(
             (values[:-1] / area).reshape(size),
             {"units": "W m-2", "long_name": text},
         )
-        for name, (values, text) in columns.items()
+        for name, (values, text) in variables.items()
     }
     coords = {
         name: ((name,), (axis[1:] + axis[:-1]) / 2, {"units": "m"})
@@ -272,36 +272,33 @@ def rebuild(
 
 
 def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
-    """Return sums over all rays, and their standard errors."""
+    """Return the sums (pixel,) over all rays, and their standard errors.
+
+    ``sums`` (batch, pixel) and ``squares`` (pixel,): sums of weights and of squared weights.
+    """
     total = sums.sum(axis=0)
     batches = len(sums)
     if batches > 1:
         return total, math.sqrt(batches) * np.std(sums, axis=0, ddof=1)
-    # n times the variance of the power of one ray; rays that miss a pixel contribute zero.
+    # n times the variance of the power of one ray, which is zero for rays that miss the pixel
     variance = squares - total**2 / count
     return total, np.sqrt(np.maximum(variance, 0.0) * count / max(1, count - 1))
 
 
-def _pixels(
+def _pixel_coordinates(
     position: Values, direction: Values, pose: Values, edges: tuple[Values, Values], virtual: bool
-) -> NDArray[np.intp]:
-    """Return the number of the pixel that each ray meets, -1 for a miss, -2 for a lost ray."""
+) -> Values:
+    """Return where rays meet a plane, (n, 2) in pixels along x and y; NaN if they do not."""
+    low, high = np.transpose([(axis[0], axis[-1]) for axis in edges])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         local = (position - pose[:3, 3]) @ pose[:3, :3]
         along = direction @ pose[:3, :3]
         reach = -local[:, 2] / along[:, 2]
         point = local[:, :2] + reach[:, None] * along[:, :2]
-        largest = np.maximum(np.abs(local).max(axis=1), max(map(np.ptp, edges)))
-        meets = np.isfinite(point).all(axis=1) & (virtual | (reach >= -_ON_PLANE * largest))
-    index = np.zeros(len(position), np.intp)
-    for k, axis in reversed([*enumerate(edges)]):  # rows of x
-        n = len(axis) - 1
-        with np.errstate(invalid="ignore", over="ignore"):  # NaN and infinity count as misses
-            step = (point[:, k] - axis[0]) / (axis[-1] - axis[0]) * n
-        meets &= (step >= 0) & (step < n)
-        index = index * n + np.where(meets, step, 0).astype(np.intp)
-    is_lost = ~(np.isfinite(position).all(axis=1) & np.isfinite(direction).all(axis=1))
-    return np.where(is_lost, -2, np.where(meets, index, -1))
+        largest = np.maximum(np.abs(local).max(axis=1), (high - low).max())
+        meets = virtual | (reach >= -_ON_PLANE * largest)
+        pixels = (point - low) / (high - low) * [len(axis) - 1 for axis in edges]
+    return np.where(meets[:, None], pixels, np.nan)
 
 
 def _pose(plane: Any) -> Values:
@@ -320,7 +317,7 @@ def _edges(bounds: Any, shape: Any) -> tuple[Values, Values]:
         raise ArgumentError(f"{expected}, got {np.asarray(bounds).tolist()}")
     if not isinstance(shape, (tuple, list)) or len(shape) != 2:
         raise ArgumentError(f"expected shape as two numbers of pixels, got {shape!r}")
-    nx, ny = (checked_count(n, "shape", 1, _MOST_PIXELS) for n in shape)
-    if nx * ny > _MOST_IN_ALL:
-        raise ArgumentError(f"expected at most {_MOST_IN_ALL} pixels, got {nx} x {ny}")
+    nx, ny = (checked_count(n, "shape", 1, _MOST_ALONG_AXIS) for n in shape)
+    if nx * ny > _MOST_PIXELS:
+        raise ArgumentError(f"expected at most {_MOST_PIXELS} pixels, got {nx} x {ny}")
     return np.linspace(row[0], row[2], nx + 1), np.linspace(row[1], row[3], ny + 1)

@@ -1,4 +1,4 @@
-"""Rays in the source files of Ansys Zemax OpticStudio (.dat)."""
+"""Readers and writers of rays in source files of Ansys Zemax OpticStudio (.dat)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Values = NDArray[np.float64]
 _METRES = (1.0, 0.0254, 0.01, 0.3048, 0.001)
 _MM = 4
 
-_IDENTIFIERS = 1010, 8675309  # the second in files of old versions
+_IDENTIFIERS = 1010, 8675309  # current and older versions of the format
 _HEADER = np.dtype(
     [("Identifier", "<i4"), ("NbrRays", "<u4"), ("Description", "S100")]
     + [(name, "<f4") for name in ("SourceFlux", "RaySetFlux", "Wavelength")]
@@ -34,13 +34,13 @@ _HEADER = np.dtype(
     + [("unused", "<f4", 4), ("ray_format_type", "<i4"), ("flux_type", "<i4")]
     + [("reserved", "<i4", 2)]
 )
-# Numbers per ray, by the header field ray_format_type.
+# Count of numbers per ray, by the header field ray_format_type.
 _NUMBERS = {0: 7, 2: 8}
 _MICROMETRE = 1e-6
-# Sign of the powers, suffix of the file name, and description of each file.
+# Sign of the powers, suffix of the file's name, and description in the header, of each file.
 _SIGNED = 1, "", "signed"
 _SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
-# Description in files of polywigner: the number of rays drawn, and the sign of their powers.
+# Description in files written by polywigner: number of rays drawn, and sign of their powers.
 _OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
 
 
@@ -50,31 +50,32 @@ def save(
     """Write rays to a binary source file of OpticStudio.
 
     The file has a header of 208 bytes, then x, y, z (mm), l, m, n and power (W) of each ray in
-    single precision. To keep rays for polywigner, use :func:`polywigner.write_netcdf` and
+    single precision. To store rays for polywigner, use :func:`polywigner.write_netcdf` and
     ``xarray.load_dataset``.
 
-    Programs expect positive powers and may clip, ignore or reject negative powers: a warning
-    reports their fraction. ``split`` writes two files with positive powers, NAME_positive.dat and
-    NAME_negative.dat: trace each, and subtract the second irradiance from the first.
+    Other programs expect positive powers, and may clip, ignore or reject negative ones; a warning
+    reports the fraction of negative powers. With ``split`` two files with positive powers are
+    written, NAME_positive.dat and NAME_negative.dat. Trace the rays of both files, and subtract the
+    irradiance of the second file from the irradiance of the first one.
 
     Parameters
     ----------
     rays : xarray.Dataset
         From :func:`polywigner.sample_rays`, :func:`polywigner.rays.load` or :func:`traced`.
     path : str or path
-        The file, with the suffix ``.dat``; an existing file is replaced.
+        Path of the file, with the suffix ``.dat``. An existing file is replaced.
     split : bool, default False
         Whether to write positive and negative rays to separate files.
 
     Returns
     -------
     tuple of pathlib.Path
-        The paths written.
+        Paths of the written files.
 
     Raises
     ------
     ArgumentError
-        If the rays are another object, or the path has another suffix or cannot be written.
+        If ``rays`` is not a dataset of rays, or the path has another suffix or cannot be written.
 
     Examples
     --------
@@ -104,21 +105,16 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
     file = checked_path(path)
     if file.suffix.lower() != ".dat":
         raise ArgumentError(
-            f"expected a file of rays ending with .dat, got {file.name!r}; use "
-            "polywigner.write_netcdf and xarray.load_dataset to keep rays for polywigner"
+            f"expected a file with the suffix .dat, got {file.name!r}; use polywigner.write_netcdf "
+            "and xarray.load_dataset to store rays for polywigner"
         )
     return file
 
 
 def _write_part(
-    rays: xarray.Dataset,
-    columns: Values,
-    path: Path,
-    sign: int,
-    suffix: str,
-    description: str,
+    rays: xarray.Dataset, columns: Values, path: Path, sign: int, suffix: str, description: str
 ) -> Path:
-    """Write rays (n, 7), with a suffix only the rays of one sign, and return the path."""
+    """Write rays (n, 7) and return the path; a suffix selects the rays of one sign."""
     if suffix:
         columns = columns[columns[:, 6] * sign > 0] * ([1.0] * 6 + [sign])
         path = path.with_stem(path.stem + suffix)
@@ -140,25 +136,24 @@ def _warn_of_negative(weight: Values) -> None:
     if below.any():
         fraction = float(np.abs(weight[below]).sum() / np.nansum(np.abs(weight)))
         warn_caller(
-            f"got negative powers in {100 * below.mean():.0f} % of the rays of a .dat file, "
-            f"{100 * fraction:.0f} % of all power by modulus, which programs may ignore or refuse; "
-            "try a small file, or write positive and negative rays to two files with split=True",
+            f"{100 * below.mean():.0f} % of the rays in the .dat file have negative powers, "
+            f"{100 * fraction:.0f} % of the total absolute power; other programs may ignore or "
+            "reject them, so test with a small file, or write positive and negative rays to two "
+            "files with split=True",
             stacklevel=4,
         )
 
 
 def load(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Read rays from a source file of OpticStudio.
+    """Read rays from a source file of OpticStudio, of :func:`save` or of another program.
 
-    Such files come from :func:`polywigner.rays.save` or from another program.
-
-    The negative part of a split file gets negative weights:
-    ``xarray.concat([positive, negative], "ray", combine_attrs="override")`` joins both parts.
+    Rays from the negative part of a split file have negative weights. Join both parts by
+    ``xarray.concat([positive, negative], "ray", combine_attrs="override")``.
 
     Parameters
     ----------
     path : str or path
-        A ``.dat`` file with powers in watts and one wavelength.
+        Path of a ``.dat`` file with powers in watts and one wavelength.
 
     Returns
     -------
@@ -218,7 +213,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
         raise wrong("directions or powers that are NaN")
     if not direction.any(axis=1).all():
         raise wrong("directions of length zero")
-    # Unit vectors in single precision have an error of 6e-8.
+    # unit vectors in single precision have errors of 6e-8
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if ours := _OURS.match(header["Description"].decode("utf-8", "replace")):
         attrs["count"] = int(ours[1])

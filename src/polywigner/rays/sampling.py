@@ -1,4 +1,4 @@
-"""Rays drawn from the Wigner function of a source."""
+"""Rays that are drawn from the Wigner function of a source."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, require, value_text
+from polywigner.errors import ArgumentError, require
 from polywigner.execution import Engine
 from polywigner.geometry import PlacedAperture, Wavefront
 from polywigner.geometry.arguments import (
@@ -43,23 +43,24 @@ RaySampling = Literal["uniform", "quasi-random"]
 
 Values = NDArray[np.float64]
 
-# Rays of one step: some 200 MB.
+# Rays per block, some 200 MB.
 _BLOCK = 1 << 20
-# Independent sets of quasi-random numbers, whose scatter gives the error within a fifth.
+# Number of independent sets of quasi-random numbers. Their scatter is the error, to a fifth.
 BATCHES = 16
-# Cones may reach this fraction of pi/2 behind the source: axes may have single precision.
+# Cones may extend behind the source by this fraction of pi/2, since axes may be given in single
+# precision.
 _UNIT = 1e-6
-# Smallest cosine of the hemisphere after rounding, so that factors such as 1/cos^2 stay finite.
+# Smallest cosine of a direction, so that factors such as 1/cos^2 remain finite.
 _LEAST_COSINE = 1e-8
 
 
 def _numbers(
     sampling: str, count: int, seed: Any, tilts: int
 ) -> Iterator[tuple[Values, int | None]]:
-    """Yield uniform numbers (m, k) in [0, 1), and the batch of quasi-random numbers.
+    """Yield uniform numbers (m, 4 + tilts) in [0, 1), and the batch of quasi-random numbers.
 
-    Two columns are for the direction, two for the position, and ``tilts`` for the tilt. Raises
-    MissingExtraError for quasi-random numbers without scipy.
+    The first two columns are for the direction, the next two for the position, and the remaining
+    ones for the tilt. Raises MissingExtraError if quasi-random numbers are requested without scipy.
     """
     generator = checked_generator(seed)
     if sampling != "quasi-random":
@@ -79,36 +80,44 @@ def _numbers(
 def _normal_numbers(numbers: Values) -> Values:
     """Map uniform numbers (n, 2) continuously to standard normal numbers (n, 2).
 
-    The square of the radius is exponential (Box and Muller 1958).
+    The square of the radius is exponentially distributed (Box and Muller 1958).
     """
     plane = _disc(numbers)
-    before = (plane**2).sum(axis=1)
-    # The rim of the disc is mapped to infinity, so the largest value is just below 1.
-    after = -2 * np.log1p(-np.minimum(before, 1 - np.finfo(np.float64).epsneg))
-    outward = np.sqrt(np.divide(after, before, out=np.full_like(before, 2.0), where=before > 0))
-    return np.asarray(plane * outward[:, None])
+    square = (plane**2).sum(axis=1)
+    # the rim of the disc would be mapped to infinity, so squares are limited to just below 1
+    normal_square = -2 * np.log1p(-np.minimum(square, 1 - np.finfo(np.float64).epsneg))
+    unset = np.full_like(square, 2.0)
+    return np.asarray(plane * _root_of_ratio(normal_square, square, unset)[:, None])
+
+
+def _root_of_ratio(numerator: Values, divisor: Values, limit: Values) -> Values:
+    """Return sqrt(numerator/divisor), or sqrt(limit) if the divisor is zero."""
+    return np.sqrt(np.divide(numerator, divisor, out=limit, where=divisor > 0))
 
 
 @dataclass(frozen=True)
 class Cone:
-    """Directions in a cone, concentrated about a beam in the solid angle projected on its axis."""
+    """Random directions in a cone, most of them within a beam.
+
+    Their density refers to the solid angle projected on the axis of the cone.
+    """
 
     frame: Values
     """Rotation (3, 3), whose last column is the axis."""
     radius: float
-    """Sine of the half angle."""
+    """Sine of the half angle of the cone."""
     width: float
-    """Sine of the half width of the beam; infinity: uniform directions."""
+    """Sine of the half width of the beam; infinite for uniform directions."""
 
     def directions(self, numbers: Values, slope: Values | None = None) -> tuple[Values, Values]:
-        """Return unit vectors (n, 3) for numbers (n, 2), and the inverse of their density.
+        """Return unit vectors (n, 3) for uniform numbers (n, 2), and the inverse of their density.
 
-        The density is per solid angle projected on z. ``slope`` (n, 2): direction cosines of the
-        beam of each ray relative to the axis, or None for the axis.
+        The density is per solid angle projected on z. ``slope`` (n, 2) are the direction cosines of
+        each ray's beam, relative to the axis. If it is None, the beam is along the axis.
         """
         centre = None if slope is None or math.isinf(self.width) else self._beam_centres(slope)
         ratio = self.width / self.radius
-        # ratio * ratio overflows to infinity, but ratio**2 raises an error.
+        # ratio * ratio overflows to infinity, but ratio**2 would raise an error
         plane, area = _concentrated(_disc(numbers), ratio * ratio, centre)
         plane *= self.radius
         along = np.sqrt(np.maximum(1.0 - (plane**2).sum(axis=1), 0.0))
@@ -118,23 +127,24 @@ class Cone:
         return vectors, area * solid
 
     def _beam_centres(self, slope: Values) -> Values:
-        """Return the beam centres in the unit disc of directions, or the nearest points of it."""
+        """Return the centres (n, 2) of beams, moved into the unit disc of directions."""
         cosines = self.frame[:2, 2] + slope
-        cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]  # at most along the plane
+        cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]  # not behind the plane
         along = np.sqrt(np.maximum(1.0 - (cosines**2).sum(axis=1), 0.0))
         plane = np.column_stack([cosines, along]) @ self.frame[:, :2] / self.radius
         return np.asarray(plane / np.maximum(np.hypot(*plane.T), 1.0)[:, None])
 
 
 def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
-    """Return the cone of a half angle in rad about a direction; None: the hemisphere about z.
+    """Return the cone of a half angle in rad about an axis; the default is the hemisphere about z.
 
-    Raises ArgumentError for other arguments, and for cones that reach behind the source.
+    ``width``: sine of the beam's half width. Raises ArgumentError for invalid arguments, and for
+    cones that extend behind the source.
     """
     meaning = "a half angle in rad, above 0 and up to pi/2"
-    angle = math.pi / 2 if half_angle is None else checked_number(half_angle, "cone", meaning)
-    if not 0 < angle <= math.pi / 2:
-        raise ArgumentError(f"expected cone as {meaning}, got {value_text(half_angle)}")
+    angle = math.pi / 2
+    if half_angle is not None:
+        angle = checked_number(half_angle, "cone", meaning, lambda x: 0 < x <= math.pi / 2)
     vector = checked_unit_vectors("axis", axis)
     if vector.ndim > 1:
         raise ArgumentError(f"expected axis as one unit vector (3,), got {vector.shape}")
@@ -143,47 +153,51 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
     if tilt + angle > math.pi / 2 * (1 + _UNIT):
         raise ArgumentError(
             f"expected a cone in front of the source, got {angle:.4g} rad about an axis "
-            f"{tilt:.4g} rad from the normal; use a narrower cone, or none for all directions"
+            f"{tilt:.4g} rad from the normal; use a narrower cone, or leave cone and axis out for "
+            "all directions"
         )
     return Cone(_frame(vector), math.sin(angle), width)
 
 
 def _frame(axis: Values) -> Values:
-    """Return a rotation whose last column is the axis, the identity for z."""
+    """Return a rotation whose last column is the axis; for z it is the identity."""
     x, y, z = axis
-    # The axis has z >= 0, so the denominator is not zero (Duff and others 2017).
+    # the axis has z >= 0, so the denominator is not zero (Duff and others 2017)
     a = -1.0 / (1.0 + z)
     b = x * y * a
     return np.array([[1 + x * x * a, b, x], [b, 1 + y * y * a, y], [-x, -y, z]])
 
 
 def _concentrated(plane: Values, core: float, centre: Values | None) -> tuple[Values, Values]:
-    """Move points of the unit disc towards centres; return points and area weights (n,).
+    """Concentrate points of the unit disc about centres; return points and area weights (n,).
 
-    With t the square of the distance from the centre, None for the disc's centre, the density is
-    proportional to 1/(core + t), the decay of W across the edges of a polygon. Its integral
-    ln(1 + t/core) is inverted on each line from the centre to the rim.
+    The density is proportional to 1/(core + t), where t is the squared distance from the centre. W
+    decays in the same way across the edges of a polygon. The integral ln(1 + t/core) of the density
+    is inverted on each line from the centre to the rim. If ``centre`` is None, the points are
+    concentrated about the centre of the disc.
     """
-    before = (plane**2).sum(axis=1)
+    square = (plane**2).sum(axis=1)
     if math.isinf(core):
-        return plane, np.ones_like(before)
+        return plane, np.ones_like(square)
     integral = np.log1p((1.0 if centre is None else _reach(plane, centre)) / core)
-    after = core * np.expm1(integral * before)
-    least = np.broadcast_to(core * integral, before.shape).copy()
-    inward = np.sqrt(np.divide(after, before, out=least, where=before > 0))
-    points = plane * inward[:, None]
-    return points if centre is None else centre + points, (core + after) * integral
+    new_square = core * np.expm1(integral * square)
+    limit = np.broadcast_to(core * integral, square.shape).copy()
+    points = plane * _root_of_ratio(new_square, square, limit)[:, None]
+    return points if centre is None else centre + points, (core + new_square) * integral
 
 
 def _reach(plane: Values, centre: Values) -> Values:
-    """Return squared distances (n,) from centres in the unit disc to its rim, along ``plane``."""
+    """Return squared distances (n,) from centres (n, 2) to the rim of the unit disc.
+
+    ``plane`` (n, 2): directions in which the distances are measured.
+    """
     length = np.hypot(*plane.T)
     along = np.divide(
         (plane * centre).sum(axis=1), length, out=np.zeros_like(length), where=length > 0
     )
     inside = np.maximum(1.0 - (centre**2).sum(axis=1), 0.0)
     chord = np.sqrt(along**2 + inside)
-    # The quotient avoids the cancellation in chord - along for positive values.
+    # the quotient avoids the cancellation in chord - along for positive values
     reach = np.divide(inside, chord + along, out=chord - along, where=along > 0)
     return np.asarray(reach**2)
 
@@ -191,7 +205,7 @@ def _reach(plane: Values, centre: Values) -> Values:
 def _disc(numbers: Values) -> Values:
     """Map the unit square to the unit disc, continuously and with constant density.
 
-    Shirley and Chiu 1997: squares about the centre become circles.
+    Concentric squares become circles (Shirley and Chiu 1997).
     """
     a, b = 2 * numbers.T - 1
     is_wide = np.abs(a) > np.abs(b)
@@ -204,9 +218,9 @@ def _disc(numbers: Values) -> Values:
 
 Directions = Literal["beam", "uniform"]
 
-# 12 GB of rays.
+# Largest number of rays, 12 GB.
 _MOST = 100_000_000
-# The squares of powers in W are summed for the error.
+# Largest power, whose square is still a floating-point number.
 _MOST_WATTS = 1e100
 
 
@@ -226,44 +240,46 @@ def sample_rays(
     power: float | None = None,
     engine: Engine = "auto",
 ) -> xarray.Dataset:
-    """Draw rays of a source, weighted by its Wigner function: positions, directions and watts.
+    """Draw rays from the Wigner function of a source, with positions, directions and weights.
 
-    Each of n rays has the weight ``W(x, s_par/lambda) h/(lambda^2 p n)``, with h = g/cos and p the
-    density of rays per area and projected solid angle. The sum of weights is an unbiased estimate
-    of the power in the cone, without ``cone`` of :func:`radiated_power`: docs/signed_rays.md, (Y1).
-    Trace the rays through ray optics, then :func:`polywigner.rays.rebuild` the irradiance.
+    Each of n rays has the weight ``W(x, s_par/lambda) h/(lambda^2 p n)``, where h = g/cos, and p is
+    the density of rays per area and projected solid angle. The sum of weights is an unbiased
+    estimate of the power in the cone, which without ``cone`` is :func:`radiated_power`
+    (docs/signed_rays.md, (Y1)). Trace the rays through ray optics, and compute the irradiance by
+    :func:`polywigner.rays.rebuild`.
 
     Parameters
     ----------
     source : Aperture, PlacedAperture, Array or Wavefront
-        Apertures in the plane z = 0 with any fields, |u|^2 in W/m^2; a Wavefront may be curved or
-        partially coherent. Each ray of a partially coherent wave has a random tilt. The source
-        radiates to +z.
+        Source in the plane z = 0 with |u|^2 in W/m^2, which radiates to +z. A Wavefront may be
+        curved or partially coherent. Each ray of a partially coherent wave has a random tilt.
     wavelength : float
-        In m; or ``frequency=`` in Hz.
+        Wavelength in m, or ``frequency=`` in Hz.
     count : int
         Number of rays, up to 100 million.
     seed : int or numpy.random.Generator, default 0
         Seed of the random numbers.
     sampling : {"uniform", "quasi-random"}, default "uniform"
-        Positions uniform in the automean: from independent random numbers, or from Sobol sequences
-        with about half the noise. Sobol sequences need scipy, of the extra ``arrays``; the rays are
-        16 independent sets, numbered by the coordinate ``batch``.
+        Source of random numbers; positions are uniform in the automean in both cases. "uniform":
+        independent random numbers. "quasi-random": Sobol sequences, with about half of the noise;
+        they require scipy, of the extra ``arrays``, and the rays are 16 independent sets, which the
+        coordinate ``batch`` numbers.
     cone : float, optional
         Half angle in rad of the cone of directions; default: the hemisphere.
     axis : array_like, shape (3,), default (0, 0, 1)
         Unit vector along the axis of the cone in the frame of the source; use the beam direction of
         a steered source.
     directions : {"beam", "uniform"}, default "beam"
-        "beam" draws most rays within wavelength/diameter of the axis, or of the local wave of a
-        Wavefront; "uniform" is uniform in projected solid angle.
+        "beam": most rays are within wavelength/diameter of the axis, or of the local direction of a
+        Wavefront. "uniform": rays are uniform in projected solid angle.
     to_world : array_like, shape (4, 4), optional
-        Rigid pose of the source, translation in m; default: the pose of a placed aperture, or the
-        identity.
+        Rigid pose of the source, with the translation in m. Default: the pose of a placed aperture,
+        or the identity.
     obliquity : str, optional
-        As in :func:`irradiance`; None: h = cos; "paper": h = 1. Wavefronts support these two.
+        As in :func:`irradiance`. The default has h = cos, and "paper" has h = 1. Wavefronts support
+        only these two.
     power : float, optional
-        Radiated power in W over all directions; default: the power of the unscaled source.
+        Radiated power in W over all directions. Default: the power of the unscaled source.
     engine : str, default "auto"
         See :func:`fourier`.
 
@@ -271,7 +287,7 @@ def sample_rays(
     -------
     xarray.Dataset
         ``position`` (ray, component) in m, ``direction`` (ray, component) and ``weight`` (ray) in
-        W. The settings are in its attributes.
+        W. The attributes contain the settings.
 
     Raises
     ------
@@ -280,7 +296,7 @@ def sample_rays(
     GeometryError
         If a pose is not rigid, or an Array has elements outside the plane z = 0.
     IlluminationError
-        If a power is requested of a source that radiates none.
+        If ``power`` is specified for a source that does not radiate.
     MissingExtraError
         If xarray or scipy is not installed.
 
@@ -314,13 +330,13 @@ def sample_rays(
     batch = np.empty(n, np.int32) if sampling == "quasi-random" else None
     start = 0
     for numbers, number in _numbers(sampling, n, seed, tilts):
-        some = slice(start, start + len(numbers))
+        block = slice(start, start + len(numbers))
         first, tilt = np.split(numbers, [numbers.shape[1] - tilts], axis=1)
         points, per_area = sample_automean(flat, first[:, 2:])
         slope = None
         if isinstance(radiator, Wavefront):
-            # A curved wave shifts W of the flat source by its slope Q (x - c), (Q2); a partially
-            # coherent wave is a mean over normal tilts, (PC4).
+            # curvature shifts W of the flat source by Q (x - c), (Q2); partially coherent light is
+            # a mean over normally distributed tilts, (PC4)
             slope = (points - radiator.centre) @ radiator.curvature
             if tilts:
                 slope += _normal_numbers(tilt) / (2 * math.pi * radiator.coherence_width)
@@ -332,11 +348,11 @@ def sample_rays(
             wigner(part, points, nu, engine=engine) * forms.radiance(vectors[:, 2])
             for part, forms in parts
         )
-        weight[some] = radiance * (scale / n / length**2) * solid_angle / per_area
-        position[some] = points @ pose[:3, :2].T + pose[:3, 3]
-        direction[some] = vectors @ pose[:3, :3].T
+        weight[block] = radiance * (scale / n / length**2) * solid_angle / per_area
+        position[block] = points @ pose[:3, :2].T + pose[:3, 3]
+        direction[block] = vectors @ pose[:3, :3].T
         if batch is not None and number is not None:
-            batch[some] = number
+            batch[block] = number
         start += len(numbers)
     attrs = {
         "wavelength": length,
@@ -356,17 +372,15 @@ def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Values
         return radiator, np.eye(4) if to_world is None else rigid_pose(to_world)
     if to_world is not None:
         raise ArgumentError(
-            "expected a placed aperture or to_world, got both; a placed aperture has a pose"
+            "expected no to_world with a placed aperture, which has a pose; leave it out"
         )
     return source.aperture, source.pose
 
 
 def _scale(source: Any, wavelength: float, obliquity: str, power: Any) -> float:
-    """Return the requested power over the power of the unscaled source."""
+    """Return the requested power divided by the power of the unscaled source."""
     if power is None:
         return 1.0
     meaning = f"a number in W above zero and below {_MOST_WATTS:g}"
-    watts = checked_number(power, "power", meaning)
-    if not 0 < watts < _MOST_WATTS:
-        raise ArgumentError(f"expected power as {meaning}, got {value_text(power)}")
+    watts = checked_number(power, "power", meaning, lambda x: 0 < x < _MOST_WATTS)
     return watts / radiated_power(source, wavelength, obliquity)  # type: ignore[call-overload]

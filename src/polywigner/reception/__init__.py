@@ -3,10 +3,10 @@
 ===================  ==========================================================================
 module               content
 ===================  ==========================================================================
-``couplings``        the coupling of a transmitter and a receiver in any pose, by fields or W
-``cell_pairs``       sums over pairs of cells of both sources by an interpolated kernel, to a
+``couplings``        the coupling of a transmitter and a receiver in any pose, and the powers of
+                     both by which it is divided
+``cell_pairs``       sums over pairs of cells of both sources, with an interpolated kernel, to a
                      tolerance
-``norms``            the power by which couplings are divided
 ===================  ==========================================================================
 """
 

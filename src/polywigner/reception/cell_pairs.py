@@ -1,13 +1,13 @@
-"""Sums of the link kernel over two sources, split into cells.
+"""Integrals of a link kernel over two sources, which are split into cells.
 
-Between cells that are small compared with their distance the kernel is the product of two plane
-waves along the line s of their centres and a slowly varying function of both points. That function
-is interpolated at Gauss nodes, q along each side of both boxes:
+If two cells are small compared with their distance, the kernel is the product of two plane waves
+along the line s of their centres and a slowly varying function of both points. This function is
+interpolated between Gauss nodes, q along each side of both cells' boxes:
 
     int int u_t K u_r = sum_ij M_i K_ij M'_j,    M_i = int u_t(x) exp(-ik s.x) L_i(x) dx       (RX3)
 
-A pair of cells costs q^4 values of K, for any number of wavelengths in the cells, and sums over the
-nodes in each cell. For rectangular cells this is the Gauss rule of twice the order.
+A pair of cells requires q^4 values of K, whatever the size of the cells in wavelengths, and sums
+over nodes in each cell. For rectangular cells, (RX3) is the Gauss rule of twice the order.
 """
 
 from __future__ import annotations
@@ -25,37 +25,31 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.parts import polygons_in
-from polywigner.propagation.quadrature import (
-    NODES_PER_CYCLE,
-    areas,
-    rule_by_triangles,
-    triangulated,
-)
+from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, rule_by_triangles, triangulated
 from polywigner.radiometry.directions import steepest
 from polywigner.source.normal_form import normal_form
-from polywigner.source.obliquities import Obliquity
-from polywigner.source.polarisation import Currents
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
-# Area of the slivers that rounding leaves of a cut polygon, as a fraction of the cell's area.
+# Parts of a cut polygon below this fraction of the cell's area are due to rounding.
 _SLIVER = 1e-14
-# Sides of at least this fraction of the longest side are halved with it: the nodes along the short
-# side of an elongated box are too many.
+# The shorter side of a box is halved with the longer one if it is at least this fraction of it.
+# Otherwise boxes become elongated, which wastes nodes along the short side.
 _SQUARE = 0.7
-# Nodes per cycle of a wave, as a fraction of the nodes for rays: 2.5, while Gauss rules need pi/2.
-# With 4 more nodes, moments of triangles have errors of 1e-11 of the area.
+# Nodes per cycle of a wave, as a fraction of NODES_PER_CYCLE: 2.5 nodes, while Gauss rules require
+# pi/2. With 4 additional nodes, moments of triangles have errors of 1e-11 of the area.
 _NODE_RATIO = 0.7
-# Cached rules for other poses and orders, at most some hundred kB each.
+# Number of cached rules of other poses and orders, at most some hundred kB each.
 _MOST_CACHED = 256
 
 
 class Cells:
-    """A tree of boxes around parts of a source, cut as needed; cell 0 is all of it.
+    """A tree of cells, the parts of a source in boxes; cell 0 is the entire source.
 
-    Lengths are in wavelengths, relative to the centre of the source's bounds.
+    Cells are divided when they are needed. Lengths are in wavelengths, relative to the centre of
+    the source's bounding box.
     """
 
     def __init__(self, source: Any, wavelength: float) -> None:
@@ -67,8 +61,8 @@ class Cells:
         self.low, self.high = np.empty((0, 2)), np.empty((0, 2))
         self._parts: list[tuple[NDArray[np.object_], Indices]] = []
         self._children: dict[int, list[int]] = {}
-        self._nodes: dict[tuple[int, float, int, float], tuple[Floats, Complex]] = {}
-        self._triangles: dict[int, tuple[Floats, Indices]] = {}
+        self.nodes = lru_cache(_MOST_CACHED)(self._nodes)
+        self._triangles_of = lru_cache(None)(self._triangles)
         outlines = [element.shape.polygons for element in self._source.elements]
         polygons = np.array(outlines, dtype=object)
         hull = shapely.GeometryCollection(polygons.tolist()).convex_hull
@@ -77,33 +71,28 @@ class Cells:
         self._add(polygons, np.arange(len(polygons)))
 
     def halved(self, cells: Indices) -> tuple[Indices, Indices]:
-        """Return numbers (m,) of halves or quarters of cells (n,), and the index of their cell."""
+        """Divide cells (n,); return numbers (m,) of their parts, and the index of each part's cell.
+
+        A part is a half or a quarter of the cell's box.
+        """
         distinct, number = np.unique(cells, return_inverse=True)
         halves = [self._halves(int(cell)) for cell in distinct]
-        counts = np.array([len(pair) for pair in halves], dtype=np.intp)[number]
-        parts = np.array([half for k in number for half in halves[k]], dtype=np.intp)
-        return parts, np.repeat(np.arange(len(cells)), counts)
+        counts = np.array([len(parts) for parts in halves], dtype=np.intp)[number]
+        numbers = np.array([part for k in number for part in halves[k]], dtype=np.intp)
+        return numbers, np.repeat(np.arange(len(cells)), counts)
 
-    def nodes(self, cell: int, rate: float, order: int, extra: float) -> tuple[Floats, Complex]:
-        """Return points (n, 2) in a cell, and weights (n,) times the field, in square wavelengths.
+    def _nodes(self, cell: int, rate: float, order: int, extra: float) -> tuple[Floats, Complex]:
+        """Return nodes (n, 2) in a cell, and weights (n,) times the field, in square wavelengths.
 
-        The rule suits integrands of ``rate`` cycles per wavelength times a polynomial of an
+        The rule integrates waves of ``rate`` cycles per wavelength times a polynomial of the given
         ``order`` over the cell. ``extra``: additional nodes along a side.
         """
-        key = cell, rate, order, extra
-        if key not in self._nodes:
-            if len(self._nodes) >= _MOST_CACHED:
-                self._nodes.clear()
-            longest = float((self.high[cell] - self.low[cell]).max())
-            # adds ``order`` nodes along the longest side
-            cycles = _NODE_RATIO * (rate + self.highest_frequency)
-            self._nodes[key] = self._rule(cell, cycles + order / (NODES_PER_CYCLE * longest), extra)
-        return self._nodes[key]
-
-    def _rule(self, cell: int, rate: float, extra: float) -> tuple[Floats, Complex]:
+        longest = float((self.high[cell] - self.low[cell]).max())
+        cycles = _NODE_RATIO * (rate + self.highest_frequency)
+        cycles += order / (NODES_PER_CYCLE * longest)  # ``order`` nodes along the longest side
         triangles, owners = self._triangles_of(cell)
-        nodes, weights, numbers = rule_by_triangles(triangles, rate / self.wavelength, extra)
-        owners = owners[numbers]
+        nodes, weights, triangle = rule_by_triangles(triangles, cycles / self.wavelength, extra)
+        owners = owners[triangle]
         values = self._source.weights[owners] * (weights / self.wavelength**2)
         for owner in np.unique(owners):
             field = self._source.elements[owner].illumination
@@ -117,16 +106,14 @@ class Cells:
             )
         return (nodes - self.centre) / self.wavelength, values
 
-    def _triangles_of(self, cell: int) -> tuple[Floats, Indices]:
-        """Return triangles (n, 3, 2) of a cell in metres, and the numbers of their elements."""
-        if cell not in self._triangles:
-            polygons, numbers = self._parts[cell]
-            parts = [triangulated([polygon]) for polygon in polygons]
-            owners = np.repeat(numbers, [len(triangles) for triangles in parts])
-            triangles = np.concatenate(parts)
-            wide = areas(triangles) > 0
-            self._triangles[cell] = triangles[wide], owners[wide]
-        return self._triangles[cell]
+    def _triangles(self, cell: int) -> tuple[Floats, Indices]:
+        """Return triangles (n, 3, 2) of a cell in metres, and the indices of their elements."""
+        polygons, numbers = self._parts[cell]
+        parts = [triangulated([polygon]) for polygon in polygons]
+        owners = np.repeat(numbers, [len(triangles) for triangles in parts])
+        triangles = np.concatenate(parts)
+        wide = areas(triangles) > 0
+        return triangles[wide], owners[wide]
 
     def _halves(self, cell: int) -> list[int]:
         if cell not in self._children:
@@ -159,97 +146,26 @@ class Cells:
 
 @lru_cache(maxsize=16)
 def cells_of(source: Any, wavelength: float) -> Cells:
-    """Return the cells of a source at a wavelength in m; equal sources share them."""
+    """Return the cells of a source at a wavelength in m; equal sources share their cells."""
     return Cells(source, wavelength)
 
 
-def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
-    """Return real and imaginary part of K (...) with a boundary condition at both ends: (RX1)."""
-    cosine, sine = sight.wave
-    nr, mr, nm = sight.rise, sight.away, sight.lean
-    # real and imaginary parts are computed separately, since all factors are real, and in place:
-    # couplings take a third to a fifth of the time of complex arrays
-    a, b = condition.field, condition.slope
-    inverse = 1.0 / sight.distance
-    near = inverse * (0.5 / math.pi)
-    both = inverse * ((a * a) * nr)
-    both *= inverse
-    both *= mr
-    imag = -3.0 * both
-    imag += (a * a) * nm
-    imag *= near
-    real = imag * near
-    real += both
-    np.subtract(b * b, real, out=real)
-    if a * b:
-        mixed = inverse * ((a * b) * (nr - mr))
-        real += mixed
-        mixed *= near
-        imag += mixed
-    # times -i exp(ikR)/R
-    real *= inverse
-    imag *= inverse
-    first = real * sine
-    first += np.multiply(imag, cosine, out=near)
-    imag *= sine
-    real *= cosine
-    imag -= real
-    return first, imag
-
-
-def polarised_kernel(
-    currents: Currents, sent: Complex, taken: Complex, sight: Sight
-) -> tuple[Floats, Floats]:
-    """Return real and imaginary part of K (...) of currents along q (3,) and q' (3,): (RX9).
-
-    Both are unit vectors along the fields, in the axes of the transmitter and of the receiver.
-    """
-    rotation = sight.rotation
-    taken, normal = rotation @ taken, rotation[:, :, 2]
-    m, e = currents
-    inverse = 1.0 / sight.distance
-    a = 0.5j / math.pi * inverse
-    r = sight.r
-
-    def along(v: Complex) -> Complex:
-        v = np.broadcast_to(v, taken.shape)
-        return np.asarray(sum(v[:, k, None, None] * r[k] for k in range(3)) * inverse)
-
-    def dyad(first: Complex, second: Complex) -> Complex:
-        both = np.broadcast_to(first * second, taken.shape).sum(axis=1)[:, None, None]
-        first_term = (1 + a * (1 + a)) * both
-        return np.asarray(first_term - (1 + 3 * a * (1 + a)) * along(first) * along(second))
-
-    turned, turned_there = np.cross([0.0, 0.0, 1.0], sent), np.cross(normal, taken)
-    total: Any = 0.0
-    if e:
-        total = e * e * dyad(sent, taken)
-    if m:
-        total = total - m * m * dyad(turned, turned_there)
-    if e and m:
-        mixed = np.cross(taken, turned) - np.cross(sent, turned_there)
-        total = total + e * m * (1 + a) * along(mixed)
-    wave = sight.wave[0] + 1j * sight.wave[1]
-    values = np.asarray(total * wave * inverse / 1j)
-    return values.real, values.imag
-
-
-# Values of the kernel, or of fields at nodes, in one step: their arrays stay in the cache.
+# Values of the kernel, or of fields at nodes, per block: their arrays stay in the cache.
 _BLOCK = 1 << 14
-# Terms of a matrix product in one step: for more terms BLAS starts threads, which are slower.
+# Terms of a matrix product per block. For more terms BLAS starts threads, which are slower.
 _PRODUCT = 1 << 18
-# Moments in one step: 64 MiB.
+# Moments per block, 64 MiB.
 _MOMENTS = 1 << 21
-# Step to which the rates of waves are rounded up, so that poses share their nodes.
+# Rates of waves are rounded up to multiples of this value, so that poses share their nodes.
 _RATE_STEP = 0.125
 
 Pairs: TypeAlias = Any
-"""Record array of pairs of cells: pose, transmitter and receiver are indices."""
+"""Record array of pairs of cells: indices of the pose and of the cells of both sources."""
 
 
 def _table(names: str, *columns: NDArray[Any]) -> Pairs:
     """Return a record array of columns (n,)."""
-    make: Any = np.rec.fromarrays  # NumPy's types require formats
+    make: Any = np.rec.fromarrays  # NumPy's type hints require formats
     return make(columns, names=names)
 
 
@@ -257,40 +173,42 @@ _PAIR = "pose,transmitter,receiver"
 
 
 class Sight:
-    """Distances and cosines (n, i, j) between nodes x (n, i, 2) and y (n, j, 3) of two cells.
+    """Distances and cosines (n, i, j) between nodes x (n, i, 2) and y (n, j, 3) of pairs of cells.
 
-    Nodes are relative to the centres of their sources, which are ``offset`` (n, 3) apart.
-    ``rotation`` (n, 3, 3): rotation of the receiver's frame.
+    Nodes x of the transmitter and y of the receiver are in the transmitter's frame, relative to the
+    centres of their sources, which are ``offset`` (n, 3) apart. ``rotation`` (n, 3, 3) is the
+    rotation of the receiver's frame. r is the unnormalised vector from x to y, and n and m are the
+    normals of transmitter and receiver.
     """
 
     def __init__(self, x: Floats, y: Floats, offset: Floats, rotation: Floats) -> None:
         self._x, self._y, self._offset, self.rotation = x, y, offset, rotation
         normal = rotation[:, :, 2]
-        straight = np.sqrt((offset * offset).sum(axis=1))[:, None, None]
+        centre_distance = np.sqrt((offset * offset).sum(axis=1))[:, None, None]
         ones = np.ones((*x.shape[:2], 1)), np.ones((len(y), 1, y.shape[1]))
         # |offset + y - x|^2 - |offset|^2 = (|x|^2 - 2 offset.x) + (|y|^2 + 2 offset.y) - 2 x.y
         of_x = (x * x).sum(axis=2) - 2 * (x @ offset[:, :2, None])[..., 0]
         of_y = (y * y).sum(axis=2) + 2 * (y @ offset[:, :, None])[..., 0]
         left = np.concatenate([-2 * x, of_x[..., None], ones[0]], axis=2)
         right = np.concatenate([np.swapaxes(y[..., :2], 1, 2), ones[1], of_y[:, None]], axis=1)
-        longer = left @ right
-        self.distance = longer + straight * straight
+        excess = left @ right
+        self.distance = excess + centre_distance * centre_distance
         np.sqrt(self.distance, out=self.distance)
-        longer /= self.distance + straight
-        longer *= 2 * np.pi
-        self.wave = np.cos(longer), np.sin(longer)
-        """exp(ik(R - |offset|))."""
+        excess /= self.distance + centre_distance
+        excess *= 2 * np.pi
+        self.wave = np.cos(excess), np.sin(excess)
+        """Real and imaginary part of exp(ik(R - |offset|))."""
         self.rise = (offset[:, None, 2] + y[..., 2])[:, None, :]
-        """n.r, (n, 1, j)."""
+        """Products n.r, (n, 1, j)."""
         away = (offset * normal).sum(axis=1)[:, None] - (x @ normal[:, :2, None])[..., 0]
         self.away = away[..., None]
-        """m.r, (n, i, 1)."""
+        """Products m.r, (n, i, 1)."""
         self.lean = normal[:, 2, None, None]
-        """n.m, (n, 1, 1)."""
+        """Products n.m, (n, 1, 1)."""
 
     @property
     def r(self) -> list[Floats]:
-        """The components of r, (n, i, j) or (n, 1, j)."""
+        """Components of r, each (n, i, j) or (n, 1, j)."""
         across = [
             (self._offset[:, axis, None] + self._y[..., axis])[:, None, :]
             - self._x[..., axis, None]
@@ -301,7 +219,7 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """A transmitter and a receiver in n poses, lengths in wavelengths."""
+    """A transmitter and a receiver in n poses; lengths are in wavelengths."""
 
     transmitter: Cells
     receiver: Cells
@@ -310,18 +228,18 @@ class Links:
     offset: Floats
     """Vectors (n, 3) from the transmitter's centre to the receiver's centre."""
     kernel: Callable[[Sight], tuple[Floats, Floats]]
-    """Real and imaginary part of K, such as :func:`link_kernel` with a boundary condition."""
+    """Function that returns real and imaginary part of K, such as ``link_kernel``."""
     extra: float
-    """Nodes along a side of a cell, in addition to the number that waves and polynomials need."""
+    """Nodes along a side of a cell in addition to the nodes that waves and polynomials require."""
 
     def sizes(self, pairs: Pairs) -> tuple[Floats, Floats, Floats]:
-        """Return half the diagonals of both cells of pairs, and their distance, (n,) each."""
+        """Return half of the diagonals of both cells of pairs (n,), and the cells' distance."""
         ends = (self.transmitter, pairs.transmitter), (self.receiver, pairs.receiver)
         half = [np.linalg.norm(cells.high[k] - cells.low[k], axis=1) / 2 for cells, k in ends]
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
 
     def _between(self, pairs: Pairs) -> Floats:
-        """Return vectors (n, 3) from the centres of the transmitter's boxes to the receiver's."""
+        """Return vectors (n, 3) from the centre of the first to the centre of the second cell."""
         vectors = self.offset[pairs.pose].copy()
         there = _centre(self.receiver, pairs.receiver)
         vectors += np.einsum("nij,nj->ni", self.rotation[pairs.pose][:, :, :2], there)
@@ -329,21 +247,21 @@ class Links:
         return vectors
 
     def sums(self, pairs: Pairs, order: int) -> tuple[Complex, Floats]:
-        """Return (RX3) of pairs (n,) without the phase of the sources' distance, and its size.
+        """Return (RX3) of pairs (n,) without the phase of the sources' distance, and sizes (n,).
 
-        The size is about the sum of the moduli of all terms.
+        The size is about the sum of the moduli of all terms, to which rounding errors are relative.
         """
         values, size = np.zeros(len(pairs), np.complex128), np.zeros(len(pairs))
         for rows, here, there, sight in self._blocks(pairs, order):
             real, imag = self.kernel(sight)
             values[rows] += _contracted(here, real, imag, there)
-            some = np.s_[:, :: order + 1, :: order + 1]
-            largest = np.hypot(real[some], imag[some]).max(axis=(1, 2))
+            sample = np.s_[:, :: order + 1, :: order + 1]
+            largest = np.hypot(real[sample], imag[sample]).max(axis=(1, 2))
             size[rows] += largest * np.abs(here).sum(axis=1) * np.abs(there).sum(axis=1)
         return values, size
 
     def _blocks(self, pairs: Pairs, order: int) -> Iterator[tuple[slice, Complex, Complex, Sight]]:
-        """Yield blocks of pairs, moments at nodes of both cells, and the geometry between them."""
+        """Yield slices of pairs, moments at nodes of both cells, and the geometry between them."""
         count = order * order
         most = max(1, _MOMENTS // count)
         step = max(1, _BLOCK // count**2)
@@ -356,16 +274,17 @@ class Links:
             here = self._moments(self.transmitter, part.transmitter, -towards[:, :2], order)
             there = self._moments(self.receiver, part.receiver, back[:, :2], order)
             for start in range(0, len(part), step):
-                rows_here = slice(start, min(start + step, len(part)))
-                some = part[rows_here]
-                ahead = towards[rows_here, :, None]
-                x, from_x = _nodes(self.transmitter, some.transmitter, order)
-                axes = np.swapaxes(self.rotation[some.pose][:, :, :2], 1, 2)
-                y, from_y = (nodes @ axes for nodes in _nodes(self.receiver, some.receiver, order))
-                left = here[rows_here] * exp_cycles((from_x @ ahead[:, :2])[..., 0])
-                right = there[rows_here] * exp_cycles(-(from_y @ ahead)[..., 0])
-                offset, rotation = self.offset[some.pose], self.rotation[some.pose]
-                block = slice(begin + rows_here.start, begin + rows_here.stop)
+                local = slice(start, min(start + step, len(part)))
+                block_pairs = part[local]
+                ahead = towards[local, :, None]
+                x, from_x = _nodes(self.transmitter, block_pairs.transmitter, order)
+                offset, rotation = self.offset[block_pairs.pose], self.rotation[block_pairs.pose]
+                axes = np.swapaxes(rotation[:, :, :2], 1, 2)
+                receiver_nodes = _nodes(self.receiver, block_pairs.receiver, order)
+                y, from_y = (nodes @ axes for nodes in receiver_nodes)
+                left = here[local] * exp_cycles((from_x @ ahead[:, :2])[..., 0])
+                right = there[local] * exp_cycles(-(from_y @ ahead)[..., 0])
+                block = slice(begin + local.start, begin + local.stop)
                 for first in range(0, count, rows):
                     row = slice(first, first + rows)
                     yield block, left[:, row], right, Sight(x[:, row], y, offset, rotation)
@@ -387,11 +306,11 @@ class Links:
                 part = slice(start, start + step)
                 first, second = _basis(relative[part] / half, order)
                 size = 1 + len(rows) * first.size // _BLOCK
-                for some in np.array_split(rows, min(len(rows), size)):
-                    field = exp_cycles(waves[some] @ relative[part].T) * weights[part]
-                    # as pairs of real numbers: BLAS has no product of real and complex matrices
+                for block in np.array_split(rows, min(len(rows), size)):
+                    field = exp_cycles(waves[block] @ relative[part].T) * weights[part]
+                    # as pairs of real numbers, since BLAS cannot multiply real by complex matrices
                     terms = (field[:, :, None] * second).view(np.float64)
-                    moments[some] += (first.T @ terms).view(np.complex128)
+                    moments[block] += (first.T @ terms).view(np.complex128)
         return moments.reshape(len(numbers), order * order)
 
 
@@ -404,14 +323,14 @@ def exp_cycles(cycles: Floats) -> Complex:
 
 
 def _nodes(cells: Cells, numbers: Indices, order: int) -> tuple[Floats, Floats]:
-    """Return Gauss nodes in boxes (n, q^2, 2), and the same relative to the boxes' centres."""
+    """Return Gauss nodes in boxes (n, q^2, 2), and these nodes relative to the boxes' centres."""
     half = (cells.high[numbers] - cells.low[numbers]) / 2
     relative = half[:, None] * _rule(order)[0]
     return relative + _centre(cells, numbers)[:, None], relative
 
 
 def _contracted(left: Complex, real: Floats, imag: Floats, right: Complex) -> Complex:
-    """Return sum_ij left_i kernel_ij right_j of each pair."""
+    """Return sum_ij left_i kernel_ij right_j for each pair; the kernel is real + i imag."""
     columns = np.stack([right.real, right.imag], axis=2)
     of_real, of_imag = real @ columns, imag @ columns
     inner = of_real[..., 0] - of_imag[..., 1] + 1j * (of_real[..., 1] + of_imag[..., 0])
@@ -425,7 +344,10 @@ def _centre(cells: Cells, numbers: Indices | int) -> Floats:
 
 @lru_cache(maxsize=32)
 def _rule(order: int) -> tuple[Floats, Floats]:
-    """Return Gauss nodes (q^2, 2) of the square [-1, 1]^2, and values to Legendre series (q, q)."""
+    """Return Gauss nodes (q^2, 2) of the square [-1, 1]^2, and a matrix (q, q).
+
+    The matrix converts values at the nodes of one axis to coefficients of a Legendre series.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(order)
     x, y = np.meshgrid(nodes, nodes, indexing="ij")
     series = np.polynomial.legendre.legvander(nodes, order - 1).T * weights
@@ -434,40 +356,44 @@ def _rule(order: int) -> tuple[Floats, Floats]:
 
 
 def _basis(points: Floats, order: int) -> Floats:
-    """Return polynomials (2, n, q) in x and in y at points (n, 2): 1 at one node, 0 at others."""
+    """Return the Lagrange polynomials (2, n, q) of the Gauss nodes along x and y at (n, 2)."""
     return np.asarray(np.polynomial.legendre.legvander(points.T, order - 1) @ _rule(order)[1])
 
 
 # ---- links to a tolerance -----------------------------------------------------------------------
 
-# Orders of interpolation. The difference between two orders is the error of the lower one. Pairs
-# beyond the last order are split. Splitting earlier costs more: for 10 wavelengths at a distance of
-# 10, one pair of order 22 has 2e5 values, and its parts of order 18 have twice as many.
+# Orders of interpolation. The difference of the values of two orders is the error of the lower one.
+# Pairs that require more than the last order are split. Splitting earlier takes more time: sources
+# of 10 wavelengths at a distance of 10 wavelengths are one pair of order 22 with 2e5 values, or
+# pairs of order 18 with twice as many values.
 _ORDERS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 32, 38, 46, 56])
-# Pairs are split at once if the phase across them exceeds this limit in radians, ...
+# Pairs are split without evaluation if the phase across them exceeds this limit in radians, ...
 _MOST_PHASE = 70.0
-# ... or if both cells together exceed their distance by this factor.
+# ... or if half the diagonals of both cells, added, exceed this multiple of their distance.
 _MOST_RATIO = 4.0
-# Orders per radian below which rules have no accuracy: less than 1/2, the number for Gauss rules.
+# Orders per radian of phase below which interpolation has no accuracy. Gauss rules require 1/2.
 _IDLE = 0.25
 # Rounding error of a pair's sum, relative to the sum of moduli.
 _ROUNDING = 1e-15
-# Limits per pose: values of the kernel, some minutes' work, and pairs that need as many in the end.
+# Limits per pose: number of values of the kernel, which take some minutes, and number of pairs.
 _MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 
 
 class LinkSums(NamedTuple):
-    """Couplings of n poses without the phase of the distance and the norms, and errors."""
+    """Couplings of n poses, without the phase of the sources' distance and without the norms."""
 
     values: Complex
     errors: Floats
+    """Estimated errors (n,)."""
     allowed: Floats
+    """Allowed errors (n,)."""
 
 
 def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
-    """Return int int u_t K u_r of n poses to ``tolerance`` of the value or of ``floor`` (n,).
+    """Return int int u_t K u_r of n poses.
 
-    The larger of both counts. Raises ArgumentError if the sums would take longer than minutes.
+    The allowed error is ``tolerance`` times the value, or times ``floor`` (n,) if that is larger.
+    Raises ArgumentError if the sums would take longer than minutes.
     """
     count = len(links.offset)
     first = np.zeros(count, np.intp)
@@ -484,19 +410,21 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
             break
         per_pair = (allowed / 2 / np.maximum(np.bincount(pose[open_], minlength=count), 1))[pose]
         halved = open_ & (_expected_error(links, parts) > per_pair)
-        raised = open_ & ~halved
-        fresh = _first(links, _feasible(links, _halves(links, parts[halved])), digits)
-        again = _raised(links, parts[raised])
-        work += sum(float((_ORDERS[part.orders] ** 4.0).sum()) for part in (fresh, again))
+        smaller = _first(links, _feasible(links, _halves(links, parts[halved])), digits)
+        raised = _raised(links, parts[open_ & ~halved])
+        work += sum(float((_ORDERS[part.orders] ** 4.0).sum()) for part in (smaller, raised))
         if work > _MOST_VALUES * count:
             raise _too_much(links, parts)
-        parts = _joined(parts[~open_], fresh, again)
+        parts = _joined(parts[~open_], smaller, raised)
     errors = np.bincount(pose, parts.errors, count).astype(np.float64)
     return LinkSums(total, errors, allowed)
 
 
 def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
-    """Select pairs with the largest errors; all other errors add up to ``allowed`` per pose."""
+    """Select the pairs with the largest errors, which have to be refined.
+
+    The errors of all other pairs of a pose add up to at most ``allowed``, one value per pose.
+    """
     pose = parts.pose
     ordered = np.lexsort((parts.errors, pose))
     sums = np.cumsum(parts.errors[ordered])
@@ -508,7 +436,7 @@ def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
 
 
 def _expected_error(links: Links, parts: Pairs) -> Floats:
-    """Return the expected error of pairs at the highest order; infinite at that order."""
+    """Return the error of pairs expected at the highest order; infinite for pairs at that order."""
     idle = _IDLE * _phase(links, parts)
     falling = np.maximum(_ORDERS[np.maximum(parts.orders - 1, 0)] - idle, 1.0)
     size = np.maximum(np.maximum(np.abs(parts.values), parts.errors), 1e-300)
@@ -520,7 +448,7 @@ def _expected_error(links: Links, parts: Pairs) -> Floats:
 def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
     """Evaluate pairs at the first two orders with any accuracy."""
     phase = _phase(links, pairs)
-    # the lowest sufficient order for squares at any distance, from trials
+    # fitted to the lowest sufficient orders of squares at all distances
     likely = 1 + digits / 3 + 0.8 * np.sqrt(phase)
     least = np.minimum(np.maximum(2 + _IDLE * phase, likely), _ORDERS[-2])
     orders = np.searchsorted(_ORDERS, least)
@@ -533,8 +461,13 @@ def _raised(links: Links, parts: Pairs) -> Pairs:
 
 
 def _evaluated(links: Links, pairs: Pairs, orders: Indices, before: Complex | Floats) -> Pairs:
-    """Evaluate pairs at orders (n,); errors are differences to values ``before``."""
-    values, sizes = _at(links, pairs, orders)
+    """Evaluate pairs at orders (n,); the error is the difference from the values ``before``."""
+    if (_ORDERS[orders] ** 4.0).sum() > _MOST_VALUES * len(links.offset):
+        raise _too_much(links, pairs)
+    values, sizes = np.empty(len(pairs), np.complex128), np.empty(len(pairs))
+    for order in np.unique(orders):
+        rows = np.flatnonzero(orders == order)
+        values[rows], sizes[rows] = links.sums(pairs[rows], int(_ORDERS[order]))
     columns = pairs.pose, pairs.transmitter, pairs.receiver, values, orders
     names = f"{_PAIR},values,orders,errors,sizes"
     return _table(names, *columns, np.abs(values - before), sizes)
@@ -544,36 +477,25 @@ def _joined(*pairs: Pairs) -> Pairs:
     return np.concatenate(pairs).view(np.recarray)
 
 
-def _at(links: Links, pairs: Pairs, orders: Indices) -> tuple[Complex, Floats]:
-    work = float((_ORDERS[orders].astype(np.float64) ** 4).sum())
-    if work > _MOST_VALUES * len(links.offset):
-        raise _too_much(links, pairs)
-    values, sizes = np.empty(len(pairs), np.complex128), np.empty(len(pairs))
-    for order in np.unique(orders):
-        rows = np.flatnonzero(orders == order)
-        values[rows], sizes[rows] = links.sums(pairs[rows], int(_ORDERS[order]))
-    return values, sizes
-
-
 def _too_much(links: Links, pairs: Pairs) -> ArgumentError:
     _, _, distance = links.sizes(pairs)
     nearest = int(distance.argmin())
     return ArgumentError(
-        "expected sources of fewer wavelengths, or farther from each other, got a link with "
-        f"{len(pairs)} pairs of parts, {distance[nearest]:.3g} wavelengths apart at pose "
-        f"{int(pairs.pose[nearest])}; allow a larger tolerance, or check the units"
+        f"a link requires more than {len(pairs)} pairs of cells, the nearest of which are "
+        f"{distance[nearest]:.3g} wavelengths apart at pose {int(pairs.pose[nearest])}; use "
+        "smaller sources, a larger distance or a larger tolerance, or check the units"
     )
 
 
 def _phase(links: Links, pairs: Pairs) -> Floats:
-    """Return the largest phase in radians along one coordinate, beyond the two plane waves."""
+    """Return the largest phase in radians along one coordinate, relative to the plane waves."""
     here, there, distance = links.sizes(pairs)
     result: Floats = 2 * math.pi * np.maximum(here, there) * (here + there) / distance
     return result
 
 
 def _feasible(links: Links, pairs: Pairs) -> Pairs:
-    """Split pairs until interpolation is feasible."""
+    """Split pairs until all are within the limits of interpolation."""
     small = pairs[:0]
     while len(pairs):
         here, there, distance = links.sizes(pairs)
@@ -589,9 +511,9 @@ def _feasible(links: Links, pairs: Pairs) -> Pairs:
 def _halves(links: Links, pairs: Pairs) -> Pairs:
     """Halve the larger cell of each pair."""
     here, there, _ = links.sizes(pairs)
-    first = here >= there
-    one, other = pairs[first], pairs[~first]
-    cells, row = links.transmitter.halved(one.transmitter)
-    halved = _table(_PAIR, one.pose[row], cells, one.receiver[row])
-    cells, row = links.receiver.halved(other.receiver)
-    return _joined(halved, _table(_PAIR, other.pose[row], other.transmitter[row], cells))
+    at_transmitter = here >= there
+    first, second = pairs[at_transmitter], pairs[~at_transmitter]
+    cells, row = links.transmitter.halved(first.transmitter)
+    halved = _table(_PAIR, first.pose[row], cells, first.receiver[row])
+    cells, row = links.receiver.halved(second.receiver)
+    return _joined(halved, _table(_PAIR, second.pose[row], second.transmitter[row], cells))

@@ -1,11 +1,11 @@
-"""Coupling of two sources, each in the plane z = 0 of its frame."""
+"""Coupling of two sources, each in the plane z = 0 of its frame, and the powers of sources."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from itertools import product
 from typing import Any, Literal, get_args, overload
 
@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError, GeometryError, value_text
+from polywigner.errors import ArgumentError, GeometryError, IlluminationError, PolywignerError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
     checked_flag,
-    checked_number,
     checked_wavelength,
     rigid_poses,
     takes_frequency,
@@ -26,38 +25,31 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
-from polywigner.propagation.far_fields import far_field
-from polywigner.propagation.point_grids import checked_method, warn_of_missed
-from polywigner.propagation.vector_fields import polarised_parts
-from polywigner.radiometry.directions import checked_radiator
-from polywigner.reception.cell_pairs import (
-    Links,
-    cells_of,
-    link_kernel,
-    link_sums,
-    polarised_kernel,
-)
-from polywigner.reception.norms import checked_normalise, root_of_norm
+from polywigner.propagation.far_fields import far_field, powers_of
+from polywigner.propagation.point_grids import checked_method, tolerance_from, warn_of_missed
+from polywigner.propagation.vector_fields import polarised_parts, vector_powers
+from polywigner.radiometry.directions import checked_radiator, directions_and_weights, largest_lag
+from polywigner.reception.cell_pairs import Links, Sight, cells_of, link_sums
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
-from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition
-from polywigner.source.polarisation import MODELS, CurrentModel, checked_pair
+from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition, Obliquity
+from polywigner.source.polarisation import MODELS, CurrentModel, Currents, checked_pair
+from polywigner.transforms import fourier
+from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import flat_source
 
 Floats = NDArray[np.float64]
-
+Complex = NDArray[np.complex128]
 LinkMethod = Literal[BoundaryCondition, "fraunhofer", CurrentModel]
 
-Complex = NDArray[np.complex128]
-
 _OPS = execution.NumpyOperations()
-# Smallest tolerance: some hundred rounding errors of the sums.
-_LEAST = 1e-12
-# Errors are relative to at least this fraction of the largest coupling of sources of these areas:
-# no digits are left in a null of a pattern.
+# Default tolerance, and the smallest one: some hundred rounding errors of the sums.
+_TOLERANCE, _LEAST = 1e-6, 1e-12
+# Errors of small couplings are relative to this fraction of the largest coupling of sources of the
+# same areas, since couplings in a null of a pattern have no correct digits.
 _FLOOR = 1e-3
-# Poses of one step: their pairs of cells are refined together.
+# Number of poses whose pairs of cells are refined together.
 _BLOCK = 64
 # Relative error of closed forms.
 _ROUNDING = 1e-12
@@ -104,23 +96,25 @@ def coupling(
     to_transmitter: ArrayLike,
     wavelength: float,
     method: LinkMethod | None = None,
-    tolerance: float = 1e-6,
+    tolerance: float = _TOLERANCE,
     *,
     polarisation: str | Sequence[str | ArrayLike] | None = None,
     return_error: bool = False,
     normalise: Literal["radiated", "aperture"] = "radiated",
 ) -> Any:
-    """Return the amplitude b received from a source, |b|^2 = received/transmitted power.
+    """Return the complex coupling b of two sources; |b|^2 is received over transmitted power.
 
-    Both are radiated powers, so that far away Friis' formula holds with directivities. b is the
-    overlap of the transmitter's field with the field that the receiver would transmit, without a
-    conjugate, so it is the same in both directions (docs/links.md, (RX1) to (RX3)):
+    Both powers are radiated powers, so at large distances |b|^2 follows from Friis' formula with
+    directivities. b is the overlap of the transmitter's field with the field that the receiver
+    would transmit, without a complex conjugate, so it is the same in both directions
+    (docs/links.md, (RX1) to (RX3)):
 
         b = 1/sqrt(N_t N_r) int int u_t(x) K(x, y) u_r(y) dx dy,   N = int g |F|^2 dOmega/lambda^2
 
-    K is exp(ikR)/(i wavelength R) ("rayleigh-sommerfeld-2"), or this times the cosines at both
-    ends ("rayleigh-sommerfeld-1"), or the mean of both at each end ("kirchhoff"), with near-field
-    terms. The integral is a sum over pairs of cells, whose number grows at short distances.
+    For "rayleigh-sommerfeld-2" the kernel K is exp(ikR)/(i wavelength R). For
+    "rayleigh-sommerfeld-1" it is multiplied by the cosines at both ends, and for "kirchhoff" by
+    (1 + cosine)/2 at each end; both include near-field terms. The integral is a sum over pairs of
+    cells, whose number increases at short distances.
 
     Parameters
     ----------
@@ -131,22 +125,22 @@ def coupling(
         Rigid poses that map the receiver's frame into the transmitter's frame, translations in m.
         The nearest rigid pose is used.
     wavelength : float
-        Wavelength in m. Pass ``frequency`` in Hz instead if that is known.
+        Wavelength in m, or ``frequency=`` in Hz.
     method : str, optional
         "rayleigh-sommerfeld-1" (default), "rayleigh-sommerfeld-2" or "kirchhoff"; or
         "fraunhofer": Friis' formula with phase and the patterns of "rayleigh-sommerfeld-1".
         For polarised sources "huygens" (default), "magnetic" or "electric", as in
         :func:`polywigner.field`, with the kernel (RX9).
     tolerance : float, default 1e-6
-        Allowed error, from 1e-12 to 0.1, relative to |b| or to a thousandth of the largest
-        coupling of sources of these areas at that distance, min(1, sqrt(A_t A_r)/(wavelength R)),
-        whichever is larger. Not used by "fraunhofer".
+        Allowed error, from 1e-12 to 0.1, relative to the larger of |b| and a thousandth of
+        min(1, sqrt(A_t A_r)/(wavelength R)), the largest coupling of sources of these areas at that
+        distance. "fraunhofer" ignores it.
     polarisation : str, array_like or pair, optional
-        Polarisations of transmitter and receiver, or one for both, as in
-        :func:`polywigner.field`: along the axes of each frame, and as if the end transmitted.
-        Default: scalar fields.
+        Polarisations of transmitter and receiver, or one polarisation for both, as in
+        :func:`polywigner.field`. Each refers to the axes of its frame; specify the receiver as if
+        it transmitted. By default fields are scalar.
     return_error : bool, default False
-        Whether to return also the estimated absolute error of each value; for "fraunhofer" this
+        Whether to return also the estimated absolute error of each value. For "fraunhofer" this
         is the rounding error only.
     normalise : {"radiated", "aperture"}, default "radiated"
         "radiated": N is the power radiated with the boundary condition of the method.
@@ -155,7 +149,7 @@ def coupling(
     Returns
     -------
     b : complex or ndarray of complex, shape (...)
-        Amplitude of each pose. With ``return_error`` a pair of amplitudes and errors.
+        Coupling for each pose. With ``return_error`` a pair of couplings and errors.
 
     Warns
     -----
@@ -165,18 +159,18 @@ def coupling(
     Raises
     ------
     ArgumentError
-        If an argument has the wrong type or range, is a Dr.Jit array, or if the sum would take
+        If an argument has the wrong type or range or is a Dr.Jit array, or if the sum would take
         longer than minutes.
     GeometryError
-        If a pose is not rigid, if part of a source is not in front of the other's plane, or if an
-        Array has elements outside its plane.
+        If a pose is not rigid, if part of a source is behind the plane of the other source, or if
+        an Array has elements outside its plane.
     IlluminationError
         If the elements of a source cancel.
 
     Notes
     -----
-    Source: J. H. Richmond, IRE Trans. Antennas Propag. 9, 515 (1961). The paper of polywigner has
-    no links.
+    Source: J. H. Richmond, IRE Trans. Antennas Propag. 9, 515 (1961). Links are not part of the
+    paper of polywigner.
 
     Examples
     --------
@@ -210,7 +204,7 @@ def coupling(
 
 @dataclass(frozen=True, eq=False)
 class _Link:
-    """Two sources and the method of their coupling."""
+    """Two sources and the settings of their coupling; arguments of :func:`coupling`."""
 
     sources: tuple[Any, Any]
     wavelength: float
@@ -229,10 +223,10 @@ class _Link:
         )
 
     def summed(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
-        """Return couplings (n,) of poses, their errors and the allowed errors.
+        """Return couplings (n,) for poses (n, 4, 4), their errors and the allowed errors.
 
-        Each source is the sum of its parts: elements of one polarisation each, or the complete
-        source of scalar fields.
+        A polarised source is the sum of its parts with one polarisation each; a scalar source is
+        one part.
         """
         values: Complex = np.zeros(len(poses), np.complex128)
         errors, limits = np.zeros((2, len(poses)))
@@ -243,28 +237,28 @@ class _Link:
         for sent, received in product(*parts):
             with with_progress("links", range(0, len(poses), _BLOCK)) as starts:
                 for start in starts:
-                    some = slice(start, start + _BLOCK)
-                    terms = self._between(sent, received, poses[some], floor)
-                    values[some] += terms[0]
-                    errors[some] += terms[1]
-                    limits[some] += terms[2]
-        # the norm comes last: sums that would take too long raise at once
+                    block = slice(start, start + _BLOCK)
+                    terms = self._between(sent, received, poses[block], floor)
+                    values[block] += terms[0]
+                    errors[block] += terms[1]
+                    limits[block] += terms[2]
+        # the norm comes last, so that sums that would take too long raise their error at once
         norm = self.norm(self.normalise)
         return values / norm, errors / norm, limits / norm
 
     def _between(
         self, sent: Any, received: Any, poses: Floats, floor: float
     ) -> tuple[Complex, Floats, Floats | float]:
-        """Return couplings of two sources with their polarisations, before both norms."""
+        """Return couplings of two parts before the division by the norms, and both errors."""
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
         # from the transmitter's centre to the receiver's centre
         offset = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre
         offset[:, :2] -= cells[0].centre
         point = point_in_wavelengths(_OPS, (0.0, 0.0), self.wavelength, *offset.T)
-        turn = np.exp(2j * np.pi * reduced(_OPS, distance_of(_OPS, point)))
+        phase = np.exp(2j * np.pi * reduced(_OPS, distance_of(_OPS, point)))
         if self.method == "fraunhofer":
-            values = turn * self._far(sources, [c.centre for c in cells], poses, offset)
+            values = phase * self._far(sources, [c.centre for c in cells], poses, offset)
             return values, _ROUNDING * np.abs(values), np.inf
         if self.jones is None:
             kernel: Any = partial(link_kernel, CONDITIONS[self.method])
@@ -281,12 +275,12 @@ class _Link:
         )
         scale = self.wavelength**2
         sums = link_sums(links, self.tolerance, floor * self._largest(sources, offset) / scale)
-        return scale * turn * sums.values, scale * sums.errors, scale * sums.allowed
+        return scale * phase * sums.values, scale * sums.errors, scale * sums.allowed
 
     def _far(
         self, sources: tuple[Any, ...], centres: list[Floats], poses: Floats, offset: Floats
     ) -> Complex:
-        """Return Friis' formula (RX4) without the phase of the distance of the centres."""
+        """Return couplings by Friis' formula (RX4) without the phase of the centres' distance."""
         distance = np.linalg.norm(offset, axis=1)
         towards = offset / distance[:, None]
         back = -np.einsum("nji,nj->ni", poses[:, :3, :3], towards)
@@ -304,23 +298,28 @@ class _Link:
 
 
 def _check_facing(poses: Floats, transmitter: Floats, receiver: Floats) -> None:
-    """Check that both sources, with hulls (k, 2), are in front of each other's plane.
+    """Raise GeometryError unless each source is in front of the other source's plane.
 
-    All lines between them then leave and arrive on the front sides. Raises GeometryError otherwise.
+    The hulls (k, 2) of the sources are sufficient: all lines between both sources then leave and
+    arrive on the front sides.
     """
-    turned = poses[:, :3, :3]
-    faces = turned[:, 2, 2] < 0.0
-    there = np.einsum("nj,kj->nk", turned[:, 2, :2], receiver) + poses[:, 2, 3, None]
+    rotation = poses[:, :3, :3]
+    faces = rotation[:, 2, 2] < 0.0
+    there = np.einsum("nj,kj->nk", rotation[:, 2, :2], receiver) + poses[:, 2, 3, None]
     _check_heights(there, faces, receiver, "receiver", "transmitter")
-    height = np.einsum("ni,ni->n", turned[:, :, 2], poses[:, :3, 3])
-    here = np.einsum("nj,kj->nk", turned[:, :2, 2], transmitter) - height[:, None]
+    height = np.einsum("ni,ni->n", rotation[:, :, 2], poses[:, :3, 3])
+    here = np.einsum("nj,kj->nk", rotation[:, :2, 2], transmitter) - height[:, None]
     _check_heights(here, faces, transmitter, "transmitter", "receiver")
 
 
 def _check_heights(
-    heights: Floats, faces: NDArray[np.bool_], corners: Floats, one: str, other: str
+    heights: Floats, faces: NDArray[np.bool_], corners: Floats, name: str, other: str
 ) -> None:
-    """Check heights (n, k) of corners above the other's plane; ``faces``: axes are opposed."""
+    """Raise GeometryError unless heights (n, k) above the plane of the other source are positive.
+
+    ``corners`` (k, 2) are the positions with these heights. ``faces`` (n,): whether the z axes of
+    both sources are opposed.
+    """
     behind = ~(heights > 0)
     if not behind.any():
         return
@@ -331,14 +330,16 @@ def _check_heights(
     if not behind[pose].all():
         advice = "move it forwards, or cut off the part behind the plane"
     elif not faces[pose]:
-        advice = "both radiate along their own +z; rotate one by 180 degrees about its x or y axis"
+        advice = (
+            "sources radiate along their own +z; rotate one by 180 degrees about its x or y axis"
+        )
     elif heights[pose].any():
-        advice = "the axes are opposed already; change the sign of the distance along z"
+        advice = "the z axes are opposed already; change the sign of the distance along z"
     else:
-        advice = "both lie in one plane; add a distance along z to the pose"
+        advice = "both sources lie in one plane; add a distance along z to the pose"
     number = f" in pose {pose}" if len(heights) > 1 else ""
     raise GeometryError(
-        f"expected all of the {one} in front of the {other}'s plane, got its point ({x:.6g}, "
+        f"expected the entire {name} in front of the {other}'s plane, got its point ({x:.6g}, "
         f"{y:.6g}) at z = {z:.6g} m of the {other}'s frame{number}; {advice}"
     )
 
@@ -348,13 +349,157 @@ def _checked_method(method: Any, is_polarised: bool) -> str:
     if method is None:
         return "huygens" if is_polarised else DEFAULT
     if not is_polarised and isinstance(method, str) and method in MODELS:
-        raise ArgumentError(f"expected a polarisation with method={method!r}, got none; give one")
+        raise ArgumentError(f"method={method!r} requires a polarisation; pass polarisation=")
     return checked_method(method, allowed)
 
 
 def checked_tolerance(tolerance: Any) -> float:
-    meaning = f"a number from {_LEAST:g} to 0.1"
-    number = checked_number(tolerance, "tolerance", meaning)
-    if not _LEAST <= number <= 0.1:
-        raise ArgumentError(f"expected tolerance as {meaning}, got {value_text(tolerance)}")
-    return number
+    """Return a tolerance that :func:`coupling` can meet; raise ArgumentError for others."""
+    return tolerance_from(tolerance, _TOLERANCE, _LEAST)
+
+
+# ---- kernels ------------------------------------------------------------------------------------
+
+
+def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
+    """Return real and imaginary part of K (...) with a boundary condition at both ends: (RX1)."""
+    cosine, sine = sight.wave
+    nr, mr, nm = sight.rise, sight.away, sight.lean
+    # All factors except the wave are real, so real and imaginary part are computed separately. This
+    # takes a third to a fifth of the time of complex arrays.
+    a, b = condition.field, condition.slope
+    inverse = 1.0 / sight.distance
+    near = inverse * (0.5 / math.pi)
+    both = inverse * ((a * a) * nr)
+    both *= inverse
+    both *= mr
+    imag = -3.0 * both
+    imag += (a * a) * nm
+    imag *= near
+    real = imag * near
+    real += both
+    np.subtract(b * b, real, out=real)
+    if a * b:
+        mixed = inverse * ((a * b) * (nr - mr))
+        real += mixed
+        mixed *= near
+        imag += mixed
+    # times -i exp(ikR)/R
+    real *= inverse
+    imag *= inverse
+    first = real * sine
+    first += np.multiply(imag, cosine, out=near)
+    imag *= sine
+    real *= cosine
+    imag -= real
+    return first, imag
+
+
+def polarised_kernel(
+    currents: Currents, sent: Complex, received: Complex, sight: Sight
+) -> tuple[Floats, Floats]:
+    """Return real and imaginary part of K (...) of currents along two unit vectors: (RX9).
+
+    ``sent`` (3,) is q in the axes of the transmitter, and ``received`` (3,) is q' in the axes of
+    the receiver.
+    """
+    rotation = sight.rotation
+    received, normal = rotation @ received, rotation[:, :, 2]
+    m, e = currents
+    inverse = 1.0 / sight.distance
+    a = 0.5j / math.pi * inverse
+    r = sight.r
+
+    def along(v: Complex) -> Complex:
+        v = np.broadcast_to(v, received.shape)
+        return np.asarray(sum(v[:, k, None, None] * r[k] for k in range(3)) * inverse)
+
+    def dyad(first: Complex, second: Complex) -> Complex:
+        product = np.broadcast_to(first * second, received.shape).sum(axis=1)[:, None, None]
+        transverse = (1 + a * (1 + a)) * product
+        return np.asarray(transverse - (1 + 3 * a * (1 + a)) * along(first) * along(second))
+
+    dual, received_dual = np.cross([0.0, 0.0, 1.0], sent), np.cross(normal, received)
+    total: Any = 0.0
+    if e:
+        total = e * e * dyad(sent, received)
+    if m:
+        total = total - m * m * dyad(dual, received_dual)
+    if e and m:
+        mixed = np.cross(received, dual) - np.cross(sent, received_dual)
+        total = total + e * m * (1 + a) * along(mixed)
+    wave = sight.wave[0] + 1j * sight.wave[1]
+    values = np.asarray(total * wave * inverse / 1j)
+    return values.real, values.imag
+
+
+# ---- powers of sources --------------------------------------------------------------------------
+
+NORMALISATIONS = ("radiated", "aperture")
+"""Powers by which links are normalised: power radiated into the half space in front, or the power
+int |u|^2 on the aperture."""
+
+# The elements of a source cancel if its power is below this fraction of the sum of their powers.
+_DARK = 1e-12
+
+
+def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -> str:
+    """Return one of `NORMALISATIONS`; raise ``error`` for other values."""
+    if not isinstance(name, str) or name not in NORMALISATIONS:
+        names = " or ".join(f'"{known}"' for known in NORMALISATIONS)
+        raise error(f"expected normalise to be {names}, got {name!r}")
+    return str(name)
+
+
+def root_of_norm(
+    source: Any, wavelength: float, method: str, normalise: str, jones: Complex | None = None
+) -> float:
+    """Return the square root of a source's power in W, by which couplings are divided.
+
+    If ``normalise`` is "radiated", this is the radiated power with the boundary condition of the
+    method, for which u is the field or its normal derivative, as in (RX1). For a polarised source
+    with Jones vectors (2,) or (k, 2) it is the power that the equivalent currents radiate. If
+    ``normalise`` is "aperture", the power is int |u|^2.
+
+    Raises IlluminationError for a source whose elements cancel, or that does not radiate.
+    """
+    key = None if jones is None else (jones.tobytes(), jones.shape)  # arrays have no hash
+    return _root_of_norm(source, wavelength, method, normalise, key)
+
+
+@lru_cache(maxsize=128)
+def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, jones: Any) -> float:
+    if jones is not None:
+        parts = polarised_parts(source, np.frombuffer(jones[0], complex).reshape(jones[1]))
+        if normalise == "aperture":
+            return math.sqrt(sum(energy_of(part) for part, _ in parts))
+        return math.sqrt(vector_powers(parts, wavelength, method)[0])
+    _check_field(source)
+    if normalise == "aperture":
+        return math.sqrt(energy_of(source))
+    condition = CONDITIONS[method if method in CONDITIONS else DEFAULT]
+    form = normal_form(source)
+    if not condition.needs_normal_derivative or (form.is_flat and not form.frequencies.any()):
+        return math.sqrt(powers_of(source, wavelength, condition.name)[0])
+    return math.sqrt(_radiated(source, wavelength, condition))
+
+
+def _check_field(source: Any) -> None:
+    norm = energy_of(flat_source(source))  # a curved wave has the same modulus
+    parts: float = sum(
+        (abs(e.weight) * float(np.abs(e.amplitudes).max())) ** 2 * e.shape.area
+        for e in normal_form(source).in_plane.elements
+    )
+    if not norm > _DARK * parts:
+        raise IlluminationError(
+            f"expected a source with a field, got elements that cancel, int |u|^2 = {norm:.3g}"
+        )
+
+
+def _radiated(source: Any, wavelength: float, condition: Obliquity) -> float:
+    """Return int g |F|^2 dOmega/lambda^2 in W; u is the field or its normal derivative."""
+    power = 0.0
+    for directions, solid_angle in directions_and_weights(largest_lag(source), wavelength):
+        factor = condition.amplitude(directions[:, 2]) ** 2 * solid_angle / wavelength**2
+        power += float(np.square(np.abs(fourier(source, directions[:, :2] / wavelength))) @ factor)
+    return power

@@ -1,4 +1,4 @@
-"""Radar cross sections of conducting bodies and plates by physical optics, and patterns."""
+"""Radar cross sections of conducting bodies and plates by physical optics, also over angles."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import (
+    checked_choice,
     checked_count,
     checked_flag,
     checked_vectors,
@@ -24,19 +25,12 @@ from polywigner.geometry.arguments import (
 from polywigner.propagation.point_grids import checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.scattering.facet_beams import sums_of_beams
-from polywigner.scattering.facets import (
-    Body,
-    Facets,
-    axes_across,
-    facets_of,
-    warn_of_reflections,
-)
+from polywigner.scattering.facets import Body, Facets, axes_across, facets_of, warn_of_reflections
 from polywigner.scattering.near_fields import (
     Channel,
     Polarisation,
     Source,
     broadcast_shape,
-    checked_channel,
     checked_polarisations,
     checked_unit_vectors,
     near_sections,
@@ -50,8 +44,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-
-# Three mirrors at right angles return a wave; each further reflection multiplies the beams.
+# Largest number of reflections. Three perpendicular mirrors return a wave to its source, and the
+# number of beams is multiplied at each reflection.
 MOST_BOUNCES = 3
 
 
@@ -108,93 +102,94 @@ def rcs(
 ) -> Any:
     """Return the radar cross section of a perfect conductor by physical optics (docs/rcs.md).
 
-    The current on an illuminated face is 2 n x H, as on an infinite plane; the field of each face
+    The current on an illuminated face is 2 n x H, as on an infinite plane. The field of each face
     is its Fourier transform in closed form, (SC1). The parts visible from transmitter and receiver
-    are exact polygons. Valid near specular directions for faces of several wavelengths or more, or
-    fine meshes of smooth bodies. Edge diffraction is not included.
+    are exact polygons. Physical optics is valid near specular directions, for faces of several
+    wavelengths or more and for fine meshes of smooth bodies. Edge diffraction is not included.
 
     Arrays broadcast against each other.
 
     Parameters
     ----------
     body : Polyhedron, Aperture, PlacedAperture, Array or list
-        Body, or plate with two sides, which may have holes; or several of them, which shadow each
-        other. The weights of an Array must be 1.
+        A body, or a plate with two sides, which may have holes; or several of these, which shadow
+        each other. The weights of an Array must be 1.
     to_radar : array_like, shape (..., 3)
         Unit vectors from the body towards the radar's receiver.
     wavelength : array_like, shape (...)
-        Wavelengths in m. Pass ``frequency``, one number in Hz, instead if that is known.
+        Wavelengths in m, or ``frequency=``, one number in Hz.
     to_transmitter : array_like, shape (..., 3), optional
         Unit vectors towards the transmitter. Default: ``to_radar`` (monostatic).
     polarisation : str or pair, optional
         Received part of the scattered field, and incident polarisation:
 
-        - None: the total scattered field, mean over incident polarisations. For a monostatic radar
-          this is the co-polar cross section, which does not depend on the polarisation.
+        - None: the power of the total scattered field, as a mean over incident polarisations. For a
+          monostatic radar this is the co-polar cross section, which does not depend on the
+          polarisation.
         - "vv", "hh", "vh" or "hv", receiver first: v is along the polar angle from +z of the body's
           frame, h along the azimuth, at the direction of each end (along z at azimuth 0).
         - Without ``source`` a pair of unit vectors (..., 3), receiver first, normal to the
-          direction of each end; complex for circular polarisations, as the receiver's antenna
-          would radiate them.
+          direction of each end. They are complex for circular polarisations; specify the receiver
+          as if its antenna radiated.
         - With ``source`` a polarisation of the antennas: "x", "45 deg", "right" or a Jones vector,
           as in :func:`polywigner.field` along the axes of the source, or a pair of these, receiver
-          first. The vector fields of Huygens' currents are then used.
+          first. Fields are then electric fields of Huygens' currents.
     source : Aperture or Array, optional
-        Antenna of a radar near the body, in the plane z = 0 of its frame. Its exact field
-        (:func:`amplitude`) illuminates the body and receives, as in :func:`coupling` (docs/rcs.md,
-        (SC3)). ``to_radar`` and ``to_transmitter`` are then vectors (..., 3) in m from the centre
-        of the body's bounding box to the source, which faces the centre with its y axis upwards
-        (towards +z of the body); or poses (..., 4, 4) that map the body's frame into the source's
-        frame. The source radiates along its +z. Default: antennas far away.
+        Antenna of a radar near the body, in the plane z = 0 of its frame, which radiates along its
+        +z. Its exact field (:func:`amplitude`) illuminates the body and weights the received field,
+        as in :func:`coupling` (docs/rcs.md, (SC3)). ``to_radar`` and ``to_transmitter`` are then
+        vectors (..., 3) in m from the centre of the body's bounding box to the source, which faces
+        the centre with its y axis upwards (towards +z of the body); or poses (..., 4, 4) that map
+        the body's frame into the source's frame. By default antennas are far away.
     receiver : Aperture or Array, optional
         Receiving antenna. Default: ``source``.
     tolerance : float, default 1e-3
-        With ``source``: error due to splitting the illuminated parts into pieces of plane waves,
-        relative to the amplitude of all illuminated parts in phase, from 1e-6 to 0.1.
+        With ``source``: allowed error from 1e-6 to 0.1, relative to the amplitude of all
+        illuminated parts in phase. The illuminated parts are split into pieces on which the fields
+        are plane waves.
     return_power : bool, default False
-        With ``source``: whether to return also the received over the transmitted power.
+        With ``source``: whether to return also the ratio of received to transmitted power.
     normalise : {"radiated", "aperture"}, default "radiated"
-        Power of an antenna that counts as transmitted, as in :func:`coupling`.
+        With ``source``: power of an antenna that counts as transmitted, as in :func:`coupling`.
     bounces : {1, 2, 3}, default 1
-        Maximum number of reflections; corner reflectors need 2 or 3. Reflected beams illuminate
-        exact polygons on other faces (docs/rcs.md, (SC6)). Not with ``source``.
+        Maximum number of reflections; corner reflectors require 2 or 3. Reflected beams illuminate
+        exact polygons on other faces (docs/rcs.md, (SC6)). Must be 1 with ``source``.
 
     Returns
     -------
     rcs : float or ndarray, shape (...)
-        Cross section in m^2; NaN, with a warning, in directions whose polygons cannot be computed.
-        With ``source``, the cross section of a small body at the centre of the bounding box that
-        would return the same power; it tends to the far-field cross section. With ``return_power``
-        a pair of cross section and power ratio |b|^2.
+        Cross section in m^2. It is NaN, with a warning, in directions whose polygons cannot be
+        computed. With ``source`` it is the cross section of a small body at the centre of the
+        bounding box that would return the same power, which tends to the far-field cross section at
+        large distances. With ``return_power`` a pair of cross section and power ratio |b|^2.
 
     Warns
     -----
     PolywignerWarning
-        If a face is smaller than a square wavelength (facets that join smoothly count as one
-        face), or with ``bounces=1`` if the wave goes from one face to another, as in corner
-        reflectors.
+        If a face is smaller than a square wavelength, where triangles that join smoothly count as
+        one face; or with ``bounces=1`` if faces illuminate each other, as in corner reflectors.
 
     Raises
     ------
     ArgumentError
-        If ``body`` is of another kind, a vector is not of unit length, a polarisation is not
-        normal to its direction, or there are too many beams.
+        If ``body`` has the wrong type, a vector is not of unit length, a polarisation is not normal
+        to its direction, or there are too many beams.
     GeometryError
         If a pose is not rigid, or part of the body is behind the plane of an antenna.
 
     Notes
     -----
-    The error is about 1e-15 of the amplitude of a plate of all illuminated faces, times the body's
-    size in wavelengths if that is above 1; for partly shadowed faces 1e-12 of it. A face within
-    1e-12 rad of edge-on counts as dark.
+    The rounding error is about 1e-15 of the amplitude of a flat plate with the area of all
+    illuminated faces, times the body's size in wavelengths if that is above 1. For partly shadowed
+    faces it is 1e-12 of that amplitude. A face within 1e-12 rad of edge-on counts as dark.
 
-    The time is linear in the triangles that faces are split into, times directions and wavelengths.
-    Concave bodies need polygon operations for each direction; each further reflection of 500
-    triangles takes about 0.1 s per direction (docs/rcs.md).
+    The time is proportional to the number of triangles of all faces, times directions and
+    wavelengths. Concave bodies require polygon operations for each direction. Each further
+    reflection of 500 triangles takes about 0.1 s per direction (docs/rcs.md).
 
     Source: E. F. Knott, "Radar cross section", ch. 14 of M. I. Skolnik (ed.), "Radar Handbook", 3rd
-    ed. (2008); W. B. Gordon, IEEE Trans. Antennas Propag. 23, 590 (1975). The paper of polywigner
-    has no cross sections.
+    ed. (2008); W. B. Gordon, IEEE Trans. Antennas Propag. 23, 590 (1975). Cross sections are not
+    part of the paper of polywigner.
 
     Examples
     --------
@@ -229,8 +224,8 @@ def rcs(
     if source is not None:
         if reflections > 1:
             raise ArgumentError(
-                "expected bounces=1 with a source, whose waves are not plane, got "
-                f"{reflections}; leave the source out for antennas far away"
+                f"expected bounces=1 with a source, whose waves are not plane, got {reflections}; "
+                "leave the source out for antennas far away"
             )
         radar = source, receiver, polarisation, tolerance, normalise
         area, power = near_sections(facets, to_radar, to_transmitter, lengths, *radar)
@@ -250,7 +245,7 @@ def sections(
     *,
     warns: bool = True,
 ) -> Floats:
-    """Return cross sections (...) in m^2 of a body; parameters as for :func:`rcs`.
+    """Return cross sections (...) in m^2 of a body; parameters as in :func:`rcs`.
 
     ``warns``: whether to warn of faces that illuminate each other.
     """
@@ -279,17 +274,19 @@ def warn_of_small(facets: Facets, wavelength: float) -> None:
     """Warn if a face is smaller than a square wavelength."""
     if facets.least_face < wavelength:
         warn_caller(
-            f"got a face of {facets.least_face:.3g} m, the root of its area, at a wavelength of "
-            f"{wavelength:.3g} m: physical optics requires faces of several wavelengths or more"
+            "physical optics requires faces of several wavelengths or more, but the smallest face "
+            f"is {facets.least_face:.3g} m wide (the square root of its area) at a wavelength of "
+            f"{wavelength:.3g} m"
         )
 
 
 def _power(
     sums: Complex, later: Complex | None, k: Floats, s: Floats, polarisations: list[Complex]
 ) -> Floats:
-    """Return |q.(N x h + M h)|^2 (m,) for a receiver q and h = k x p.
+    """Return |q.(N x h + M h)|^2 (m,) for the polarisations q of the receiver and h = k x p.
 
-    Without polarisations return the total, mean over incident polarisations.
+    ``sums`` is N, ``later`` is M, and ``polarisations`` is q and p. Without polarisations the
+    result is the total power, as a mean over incident polarisations.
     """
 
     def field(h: Floats | Complex) -> Complex:
@@ -310,13 +307,14 @@ def _power(
 # ---- patterns -----------------------------------------------------------------------------------
 
 _REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections"}
-# Directions computed together: beams of several directions are traced at once.
+# Number of directions that are computed together, since their beams are traced at once.
 _TOGETHER = 200
-# Number of directions, approximately, that are searched for further reflections.
+# Approximate number of directions that are searched for further reflections.
 _MOST_WARNED = 4096
-# cos(pi/2) is 6e-17. Along the z axis backscatter of one reflection is independent of azimuth.
-# Other cross sections depend on it through polarisations and visible walls. They are computed at
-# this angle in rad from the axis, where walls are not edge-on.
+# Cosines of the elevation below _AT_POLE are zero, since cos(pi/2) is 6e-17 in floating point.
+# Along the z axis, backscatter after one reflection does not depend on azimuth. Other cross
+# sections do, through polarisations and visible walls; they are computed at the angle _NEAR_POLE in
+# rad from the axis, where walls are not edge-on.
 _AT_POLE, _NEAR_POLE = 1e-15, 1e-8
 
 
@@ -332,29 +330,27 @@ def rcs_pattern(
     bounces: int = 1,
     progress: bool | None = None,
 ) -> xarray.Dataset:
-    """Return the radar cross section of a body over azimuth and elevation of the radar.
-
-    The values are the values of :func:`rcs`.
+    """Return the radar cross section :func:`rcs` of a body over azimuth and elevation.
 
     Parameters
     ----------
     body : Polyhedron, Aperture, PlacedAperture, Array or list
-        As for :func:`rcs`.
+        As in :func:`rcs`.
     wavelength : float
-        Wavelength in m. Pass ``frequency`` in Hz instead if that is known.
+        Wavelength in m, or ``frequency=`` in Hz.
     azimuth : array_like, shape (n,), or float
         Angles in rad about z, from +x towards +y.
     elevation : array_like, shape (m,), or float
         Angles in rad above the plane z = 0, from -pi/2 to pi/2. At -pi/2 and pi/2 the value is the
-        limit for each azimuth, and polarisations follow the azimuth.
+        limit for each azimuth, and polarisations depend on the azimuth.
     to_transmitter : array_like, shape (3,), optional
-        Unit vector towards a fixed transmitter. Default: monostatic.
+        Unit vector towards a fixed transmitter. By default the radar is monostatic.
     polarisation : {"vv", "hh", "vh", "hv"}, optional
-        As for :func:`rcs`.
+        As in :func:`rcs`.
     bounces : {1, 2, 3}, default 1
-        Maximum number of reflections, as for :func:`rcs`.
+        Maximum number of reflections, as in :func:`rcs`.
     progress : bool, optional
-        Whether to show a progress bar. Default: if stderr is a terminal.
+        Whether to show a progress bar. By default it is shown if stderr is a terminal.
 
     Returns
     -------
@@ -365,7 +361,7 @@ def rcs_pattern(
     Raises
     ------
     ArgumentError
-        If an argument has the wrong type, shape or range, as for :func:`rcs`.
+        If an argument has the wrong type, shape or range, as in :func:`rcs`.
 
     Examples
     --------
@@ -381,7 +377,7 @@ def rcs_pattern(
 
 @dataclass(eq=False)
 class Pattern:
-    """A pattern computed in parts. Parameters and errors: :func:`rcs_pattern`."""
+    """A pattern that can be computed in parts; fields are parameters of :func:`rcs_pattern`."""
 
     body: InitVar[Body]
     wavelength: float
@@ -397,7 +393,7 @@ class Pattern:
         self.azimuth = checked_angles(self.azimuth, "azimuth", math.inf)
         self.elevation = checked_angles(self.elevation, "elevation", math.pi / 2)
         if self.polarisation is not None:
-            checked_channel(self.polarisation)
+            checked_choice(self.polarisation, "polarisation", get_args(Channel))
         if self.to_transmitter is not None:
             self.to_transmitter = checked_unit_vectors("to_transmitter", self.to_transmitter)
             if self.to_transmitter.ndim > 1:
@@ -419,7 +415,7 @@ class Pattern:
         return max(1, _TOGETHER // max(1, len(self.elevation)))
 
     def values(self, advance: Callable[[int], None]) -> Floats:
-        """Return all cross sections (n, m) in m^2; ``advance`` is called with increments."""
+        """Return all cross sections (n, m) in m^2; call ``advance`` with numbers of new values."""
         self.warn()
         values, step = np.empty(self.shape), self.together
         for start in range(0, len(values), step):
@@ -429,13 +425,13 @@ class Pattern:
         return values
 
     def warn(self) -> None:
-        """Warn if physical optics is a rough approximation."""
+        """Warn if physical optics is a rough approximation for this body."""
         warn_of_small(self.facets, self.wavelength)
         if self.bounces == 1:
             warn_of_reflections(self.facets, self._some_directions())
 
     def settings(self) -> dict[str, Any]:
-        """Return the settings of the values, with a digest of the body."""
+        """Return the settings that determine the values, with a digest of the body."""
         from polywigner import __version__
 
         arrays = self.facets.corners, self.facets.is_plate
@@ -449,18 +445,18 @@ class Pattern:
         }
 
     def part(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> Floats:
-        """Return a block of cross sections in m^2, whose first indices are ``origin``."""
+        """Return a block of cross sections in m^2 of a shape, from the indices ``origin`` on."""
         rows, columns = (slice(o, o + n) for o, n in zip(origin, shape, strict=True))
         try:
             return self.at(self.azimuth[rows, None], self.elevation[columns])
         except ArgumentError as error:  # too many overlaps or beams in these directions
             if origin[0] == 0:
                 raise
-            warn_caller(f"all directions at some azimuths are NaN: {error}")
+            warn_caller(f"the cross sections at some azimuths are NaN: {error}")
             return np.full(shape, np.nan)
 
     def at(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Return cross sections (...) in m^2 at angles that broadcast."""
+        """Return cross sections (...) in m^2 at azimuths and elevations that broadcast."""
         lengths = np.asarray(self.wavelength)
         towards = self._towards(azimuth, elevation)
         how = self.to_transmitter, self.polarisation, self.bounces
@@ -498,14 +494,14 @@ class Pattern:
         return labelled_arrays(table, angles, about)
 
     def _some_directions(self) -> Floats:
-        """Return directions of travel (k, 3) of the incident waves, some thousand at most."""
+        """Return directions of travel (k, 3) of incident waves, at most some thousand."""
         if self.to_transmitter is not None:
             return -self.to_transmitter[None]
         step = math.ceil(math.sqrt(math.prod(self.shape) / _MOST_WARNED))
         return -self._towards(self.azimuth[::step, None], self.elevation[::step]).reshape(-1, 3)
 
     def _towards(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Return unit vectors (..., 3) of angles that broadcast."""
+        """Return unit vectors (..., 3) towards the radar at angles that broadcast."""
         across = np.cos(elevation)
         is_same_around = self.to_transmitter is None and self.bounces == 1
         pole = 0.0 if is_same_around else _NEAR_POLE

@@ -1,8 +1,8 @@
 """Sums over illuminated surfaces, for one reflection and for beams after several reflections.
 
 A flat face reflects a plane wave as a plane wave, in a beam whose cross section is the illuminated
-polygon. Unfolded at its mirrors, each beam continues along the incident direction, and its polygon
-in the transmitter's image only loses parts (docs/rcs.md, (SC6)).
+polygon. If space is unfolded at the mirrors, each beam continues along the incident direction, and
+its cross section in the transmitter's image can only become smaller (docs/rcs.md, (SC6)).
 """
 
 from __future__ import annotations
@@ -39,75 +39,78 @@ from polywigner.scattering.facets import (
     axes_across,
     facing,
     less_hidden,
-    lit_pieces,
     pieces_of,
-    seen_along,
     surface_sums,
     transforms,
+    visible_along,
+    visible_pieces,
 )
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
-# Limit of beams times triangles, some minutes; number compared in one step, 100 MB.
-_MOST_COMPARED, _BLOCK = 4e8, 1 << 19
+# Largest number of beams times triangles, which take some minutes.
+_MOST_COMPARED = 4e8
+# Beams times triangles per block, 100 MB.
+_BLOCK = 1 << 19
 # Errors of single directions: from GEOS, and from limits of memory and time.
 _ERRORS = GEOSException, ArgumentError
-# Triangles times pairs of directions of one step: many pairs for bodies of few triangles.
+# Number of triangles times pairs of directions whose beams are traced together.
 _AT_ONCE = 1 << 10
-# Margin of boxes placed side by side, as a fraction of the body's size: above the rounding of
-# coordinates at thousands of body sizes.
+# Margin of boxes that are placed side by side, as a fraction of the body's size. It exceeds the
+# rounding errors of coordinates up to thousands of body sizes.
 _SLACK = 1e-9
 
 
 def sums_of_beams(
     facets: Facets, k: Floats, s: Floats, lengths: Floats, monostatic: bool, bounces: int
 ) -> tuple[Complex, Complex | None]:
-    """Return N (m, 3) of surfaces lit along k and visible from s, and M (m, 3, 3) of later ones.
+    """Return N (m, 3) of the first reflection, and M (m, 3, 3) of later reflections.
 
-    The field towards s is N x h + M h with h = k x p: (SC6). M is None without later reflections.
-    N is NaN, with a warning, in directions whose illuminated polygons cannot be computed.
+    The incident waves travel along k (m, 3), and the receivers are in the directions s (m, 3). The
+    field towards s is N x h + M h with h = k x p: (SC6). M is None without later reflections. N is
+    NaN, with a warning, in directions whose illuminated polygons cannot be computed.
 
-    Raises ArgumentError if all directions have more beams than can be followed in minutes.
+    Raises ArgumentError if all directions have more beams than can be traced in minutes.
     """
     nu = (s - k) / lengths[:, None]
     if not facets.casts_shadows:
         pieces = Pieces(facets.corner, facets.first, facets.second, facets.vector)
-        return surface_sums(pieces, nu, lambda some, part: facing(facets, k[some], part)), None
+        return surface_sums(pieces, nu, lambda rows, block: facing(facets, k[rows], block)), None
     first = np.zeros((len(k), 3), np.complex128)
     later = None if bounces == 1 else np.zeros((len(k), 3, 3), np.complex128)
     failures = _Failures(first)
     views = _views(facets, k, s, monostatic, failures)
     at_once = max(1, _AT_ONCE // len(facets.corner))
 
-    def add(some: list[View]) -> None:
-        for view in some:
+    def add(group: list[View]) -> None:
+        for view in group:
             first[view.rows] = surface_sums(view.pieces, nu[view.rows])
         if later is None:
             return
-        ends = Ends(some, k, s)
+        ends = Ends(group, k, s)
         try:
             for hits in followed(facets, ends, bounces):
                 _add_fields(later, facets, hits, ends, lengths)
         except _ERRORS as error:
             later[ends.samples] = 0.0
-            if len(some) == 1:
+            if len(group) == 1:
                 failures.add(ends.samples, error)
             else:  # isolate the directions that fail
-                for view in some:
+                for view in group:
                     add([view])
 
     with slow_bar("radar cross sections", len(k)) as advance:
-        while some := list(islice(views, at_once)):
-            add(some)
-            advance(sum(len(view.rows) for view in some))
+        while group := list(islice(views, at_once)):
+            add(group)
+            advance(sum(len(view.rows) for view in group))
     failures.report()
     return first, later
 
 
 class _Failures:
-    """Samples of sums (m, ...) that cannot be computed."""
+    """Counter of the samples that cannot be computed, which sets their sums (m, ...) to NaN."""
 
     def __init__(self, sums: Complex) -> None:
         self._sums = sums
@@ -120,7 +123,7 @@ class _Failures:
         self._error = error
 
     def report(self) -> None:
-        """Warn of samples that are NaN; raise the error of a limit if all are."""
+        """Warn of samples that are NaN; if all are NaN because of a limit, raise its error."""
         if isinstance(self._error, ArgumentError) and self._count == len(self._sums):
             raise self._error
         if self._error is not None:
@@ -131,20 +134,20 @@ class _Failures:
 
 
 class View(NamedTuple):
-    """Surfaces of one pair of directions."""
+    """Illuminated and visible surfaces for one pair of incident and scattered directions."""
 
     rows: Indices
-    """Numbers (m,) of the samples with these directions, which differ in wavelength."""
+    """Indices (m,) of the samples with these directions, which differ in wavelength."""
     pieces: Pieces
     """Surfaces that are illuminated and visible from the receiver."""
     lit: Visible
     """Illuminated surfaces; the same object in all views of one transmitter."""
-    seen: Visible
+    visible: Visible
     """Surfaces visible from the receiver."""
 
 
 class Ends:
-    """Directions of views (n,), and their transmitters (m,) in order."""
+    """Transmitters (m,) and receivers (n,) of n views, which are sorted by transmitter."""
 
     def __init__(self, views: Sequence[View], k: Floats, s: Floats) -> None:
         before = [None, *(view.lit for view in views)]
@@ -157,21 +160,26 @@ class Ends:
         """Image axes (m, 2, 3) of each transmitter."""
         self.s: Floats = s[[view.rows[0] for view in views]]
         """Directions (n, 3) towards the receivers."""
-        self.seen: list[Visible] = [view.seen for view in views]
+        self.visible: list[Visible] = [view.visible for view in views]
         self.views: tuple[Indices, Indices] = _runs(np.diff([*of_transmitter, len(views)]))
-        """First views and numbers of views (m,) of each transmitter."""
+        """Index of the first view, and number of views, of each transmitter (m,)."""
         self.samples: Indices = np.concatenate([view.rows for view in views])
+        """Indices of the samples of all views."""
         self.of_view: tuple[Indices, Indices] = _runs([len(view.rows) for view in views])
-        """First samples and numbers of samples (n,) of each view."""
+        """Index of the first sample, and number of samples, of each view (n,)."""
 
 
 def _runs(counts: ArrayLike) -> tuple[Indices, Indices]:
+    """Return the first index and the length of consecutive runs of these lengths."""
     numbers = np.asarray(counts, np.intp)
     return np.cumsum(numbers) - numbers, numbers
 
 
 def _members(owner: Indices, runs: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
-    """Return pairs (m,) of the position in ``owner`` (n,) and the number of a member."""
+    """Return all members of the runs ``owner`` (n,): positions in ``owner`` and indices, (m,) each.
+
+    ``runs``: first indices and lengths, as :func:`_runs` returns them.
+    """
     begins, counts = (column[owner] for column in runs)
     pair = np.repeat(np.arange(len(owner)), counts)
     return pair, np.arange(len(pair)) + (begins - np.cumsum(counts) + counts)[pair]
@@ -189,25 +197,25 @@ def _views(
         try:
             if lit is None or (pair[:3] != last).any():  # pairs are sorted by transmitter
                 last, lit = pair[:3], None
-                lit = seen_along(facets, pair[:3])
-            both = seen = lit
+                lit = visible_along(facets, pair[:3])
+            both = visible = lit
             if not monostatic:
-                seen = seen_along(facets, -pair[3:])
-                both = less_hidden(lit, seen, facing(facets, -pair[3:]))
+                visible = visible_along(facets, -pair[3:])
+                both = less_hidden(lit, visible, facing(facets, -pair[3:]))
         except _ERRORS as error:
             failures.add(rows, error)
             continue
-        yield View(rows, lit_pieces(facets, both), lit, seen)
+        yield View(rows, visible_pieces(facets, both), lit, visible)
 
 
 @dataclass(frozen=True, eq=False)
 class Beams:
-    """Reflected waves (n,), and the polygon in the transmitter's image that each one fills."""
+    """Reflected plane waves (n,), each within a polygon in the image of its transmitter."""
 
     wave: Indices
-    """Number (n,) of the transmitter."""
-    turn: Floats
-    """Matrix G (n, 3, 3): unfolding maps a point x after the mirrors to G x + c."""
+    """Index (n,) of the transmitter."""
+    rotation: Floats
+    """Orthogonal matrix G (n, 3, 3). Unfolding maps a point x behind the mirrors to G x + c."""
     shift: Floats
     """Vector c (n, 3). The wave is exp(2 pi i k.(G x + c)/wavelength), and its field h is G^T h."""
     normal: Floats
@@ -215,7 +223,7 @@ class Beams:
     height: Floats
     """Height (n,) of the last mirror's plane along its normal."""
     polygon: Shapes
-    """Cross section (n,), across k."""
+    """Cross section (n,) of the beam in the transmitter's image."""
 
     def taken(self, rows: Indices | slice) -> Beams:
         return Beams(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
@@ -230,21 +238,21 @@ class Hits:
 
     beams: Beams
     beam: Indices
-    """Number (n,) of the beam."""
+    """Index (n,) of the beam."""
     facet: Indices
-    """Number (n,) of the triangle."""
+    """Index (n,) of the triangle."""
     signs: Sides
     """Illuminated side (n,)."""
     polygon: Shapes
-    """Illuminated part (n,) across k."""
+    """Illuminated part (n,) in the transmitter's image."""
     part: Shapes
-    """Illuminated part (n,) in coordinates of the triangle."""
+    """Illuminated part (n,) in coordinates of the triangle, as in :class:`Visible`."""
 
 
 def followed(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
-    """Yield the parts that beams illuminate after one reflection, then after each later one.
+    """Yield the parts that beams illuminate after the first, second, ... reflection.
 
-    Raises ArgumentError for more beams than can be followed in minutes.
+    Raises ArgumentError for more beams than can be traced in minutes.
     """
     beams = _first_beams(facets, ends)
     for number in range(2, bounces + 1):
@@ -252,9 +260,9 @@ def followed(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
             return
         if len(beams) * len(facets.corner) > _MOST_COMPARED:
             raise ArgumentError(
-                f"expected at most {_MOST_COMPARED:g} comparisons of beams with triangles, got "
-                f"{len(beams)} beams and {len(facets.corner)} triangles at reflection {number}; "
-                f"use bounces={number - 1}, or simplify the mesh"
+                f"{len(beams)} beams have to be compared with {len(facets.corner)} triangles at "
+                f"reflection {number}, but at most {_MOST_COMPARED:g} comparisons are allowed; use "
+                f"bounces={number - 1}, or simplify the mesh"
             )
         hits = _hits(facets, ends, beams)
         yield hits
@@ -287,7 +295,7 @@ def _first_beams(facets: Facets, ends: Ends) -> Beams:
 
 
 def _reflected(facets: Facets, hits: Hits) -> Beams:
-    """Return the reflected beams, one for each wave and plane."""
+    """Return the reflected beams, one for each beam and plane of illuminated triangles."""
     keys = np.column_stack([hits.beam, facets.plane[hits.facet], hits.signs])
     _, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(number.ravel(), kind="stable")
@@ -298,8 +306,8 @@ def _reflected(facets: Facets, hits: Hits) -> Beams:
     normal = facets.normal[facet] * hits.signs[first, None]
     height = (normal * facets.corner[facet]).sum(axis=1)
     mirror = np.eye(3) - 2 * normal[:, :, None] * normal[:, None, :]
-    shift = before.shift + 2 * height[:, None] * _times(before.turn, normal)
-    return Beams(before.wave, before.turn @ mirror, shift, normal, height, polygons)
+    shift = before.shift + 2 * height[:, None] * _times(before.rotation, normal)
+    return Beams(before.wave, before.rotation @ mirror, shift, normal, height, polygons)
 
 
 def _times(matrices: Floats, vectors: Floats) -> Floats:
@@ -308,28 +316,28 @@ def _times(matrices: Floats, vectors: Floats) -> Floats:
 
 
 def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
-    """Return the parts of triangles that beams meet first."""
+    """Return the parts of triangles that beams illuminate, without the parts in shadow."""
     beam, facet, signs = _candidates(facets, ends, beams)
-    some, corners = beams.taken(beam), facets.corners[facet]
-    unfolded = corners @ np.swapaxes(some.turn, 1, 2) + some.shift[:, None]
-    axes = np.concatenate([ends.across, ends.k[:, None]], axis=1)[some.wave]
+    pairs, corners = beams.taken(beam), facets.corners[facet]
+    unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
+    axes = np.concatenate([ends.across, ends.k[:, None]], axis=1)[pairs.wave]
     points = unfolded @ np.swapaxes(axes, 1, 2)  # across the incident direction, and along it
-    ahead = _heights(facets, some, corners)
-    backwards = (signs < 0) ^ (np.linalg.det(some.turn) < 0)  # clockwise in the image
+    ahead = _heights(facets, pairs, corners)
+    backwards = (signs < 0) ^ (np.linalg.det(pairs.rotation) < 0)  # clockwise in the image
     points[backwards], ahead[backwards] = points[backwards, ::-1], ahead[backwards, ::-1]
     beyond, number = _in_front(points, ahead)
-    seen = Projected(beyond[..., :2], beyond[..., 2], facets.size, np.ones(beyond.shape[:2]))
-    wide = seen.has_width
-    number, seen = number[wide], seen.subset(wide)
-    triangles = np.asarray(shapely.polygons(seen.points), dtype=object)
+    projected = Projected(beyond[..., :2], beyond[..., 2], facets.size, np.ones(beyond.shape[:2]))
+    wide = projected.has_width
+    number, projected = number[wide], projected.subset(wide)
+    triangles = np.asarray(shapely.polygons(projected.points), dtype=object)
     window = beams.polygon[beam[number]]
     meets = shapely.intersects(window, triangles)
-    number, seen, triangles = number[meets], seen.subset(meets), triangles[meets]
-    # without a grid GEOS sometimes loses whole polygons at edges that windows and triangles share
+    number, projected, triangles = number[meets], projected.subset(meets), triangles[meets]
+    # without a grid GEOS sometimes loses polygons whose edges coincide with edges of the window
     grid = GRID * facets.size
     lit = intersections(window[meets], triangles, grid)
-    boxes = _side_by_side(seen.points, beam[number], facets.size)
-    shadowed, left = less_shadows(seen, triangles, lit, boxes, grid)
+    boxes = _side_by_side(projected.points, beam[number], facets.size)
+    shadowed, left = less_shadows(projected, triangles, lit, boxes, grid)
     lit[shadowed] = left
     least = NOTHING * facets.size * shapely.length(triangles)
     number, lit = number[shapely.area(lit) > least], lit[shapely.area(lit) > least]
@@ -339,31 +347,38 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
-    """Return heights (n, 3) of corners (n, 3, 3) over the mirrors of beams, rounded to 0 there."""
+    """Return heights (n, 3) of corners (n, 3, 3) above the last mirrors of beams (n,).
+
+    Heights of corners on the mirror are exactly zero.
+    """
     heights = (corners @ beams.normal[:, :, None])[..., 0] - beams.height[:, None]
     heights[np.abs(heights) < NOTHING * facets.size] = 0.0
     return np.asarray(heights)
 
 
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
-    """Return numbers (n,) of beams and of triangles that they may meet, and the sides of these."""
+    """Return pairs of a beam and a triangle that it may meet.
+
+    The pairs are indices (n,) of beams, indices (n,) of triangles, and the facing sides (n,).
+    """
     points = facets.corners.reshape(-1, 3)
     step, columns = max(1, _BLOCK // len(points)), []
     for start in range(0, len(beams), step):
-        some = beams.taken(slice(start, start + step))
-        shape = len(some), len(facets.corner), 3
-        sides = facing(facets, _times(np.swapaxes(some.turn, 1, 2), ends.k[some.wave]))
-        may = sides != 0
-        heights = (some.normal @ points.T).reshape(shape) - some.height[:, None, None]
-        may &= heights.max(axis=2) >= NOTHING * facets.size
-        bounds = shapely.bounds(some.polygon)
+        block = beams.taken(slice(start, start + step))
+        shape = len(block), len(facets.corner), 3
+        sides = facing(facets, _times(np.swapaxes(block.rotation, 1, 2), ends.k[block.wave]))
+        may_meet = sides != 0
+        heights = (block.normal @ points.T).reshape(shape) - block.height[:, None, None]
+        may_meet &= heights.max(axis=2) >= NOTHING * facets.size
+        bounds = shapely.bounds(block.polygon)
         for axis in (0, 1):
-            across = ends.across[some.wave, axis]
-            rows, shift = (across[:, None] @ some.turn)[:, 0], (across * some.shift).sum(axis=1)
+            across = ends.across[block.wave, axis]
+            rows = (across[:, None] @ block.rotation)[:, 0]
+            shift = (across * block.shift).sum(axis=1)
             flat = (rows @ points.T).reshape(shape) + shift[:, None, None]
-            may &= flat.max(axis=2) > bounds[:, axis, None]
-            may &= flat.min(axis=2) < bounds[:, 2 + axis, None]
-        beam, facet = np.nonzero(may)
+            may_meet &= flat.max(axis=2) > bounds[:, axis, None]
+            may_meet &= flat.min(axis=2) < bounds[:, 2 + axis, None]
+        beam, facet = np.nonzero(may_meet)
         columns.append((beam + start, facet, sides[beam, facet]))
     beam, facet, signs = (np.concatenate(column) for column in zip(*columns, strict=True))
     return beam, facet, signs
@@ -372,7 +387,8 @@ def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indi
 def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
     """Return the parts of triangles (n, 3, 3) with heights above 0 as triangles (m, 3, 3).
 
-    Also returns the number (m,) of the triangle of each part.
+    ``heights`` (n, 3) are heights of the corners. The second return value is the index (m,) of the
+    triangle of each part.
     """
     below = (heights < 0).sum(axis=1)
     (complete,), (quadrangle,), (tip,) = (np.nonzero(below == count) for count in range(3))
@@ -396,7 +412,7 @@ def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
 
 
 def _side_by_side(points: Floats, beam: Indices, size: float) -> Shapes:
-    """Return boxes around triangles (n, 3, 2), with the images of beams side by side."""
+    """Return bounding boxes of triangles (n, 3, 2), with the images of all beams side by side."""
     slack = _SLACK * size
     low, high = points.min(axis=1) - slack, points.max(axis=1) + slack
     width = float(np.ptp(points[..., 0])) + 4 * slack if len(points) else 0.0
@@ -406,20 +422,20 @@ def _side_by_side(points: Floats, beam: Indices, size: float) -> Shapes:
 
 
 def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths: Floats) -> None:
-    """Add the fields of illuminated parts that receivers see to M (m, 3, 3) of all samples."""
+    """Add the fields of illuminated parts that are visible to receivers to M (m, 3, 3)."""
     hit, view = _members(hits.beams.wave[hits.beam], ends.views)
     facet, signs, parts = hits.facet[hit], hits.signs[hit], hits.part[hit]
-    seen = np.stack([seen.signs for seen in ends.seen])[view, facet]
-    sees = (signs == facing(facets, -ends.s)[view, facet]) & (seen != 0)
+    visible = np.stack([visible.signs for visible in ends.visible])[view, facet]
+    sees = (signs == facing(facets, -ends.s)[view, facet]) & (visible != 0)
     hit, view, facet, signs, parts = (a[sees] for a in (hit, view, facet, signs, parts))
-    limits = np.stack([seen.parts for seen in ends.seen])[view, facet]
+    limits = np.stack([visible.parts for visible in ends.visible])[view, facet]
     (cut,) = np.nonzero(~shapely.is_missing(limits))
     parts[cut] = intersections(mended(parts[cut]), mended(limits[cut]), GRID)
     pieces, owner = pieces_of(facets, facet, signs, parts)
     beams, view = hits.beams.taken(hits.beam[hit[owner]]), view[owner]
-    back = np.swapaxes(beams.turn, 1, 2)
+    back = np.swapaxes(beams.rotation, 1, 2)
     k = ends.k[beams.wave]
-    # phases of the wave in cycles, at a corner and along both sides, times the wavelength
+    # path lengths, the phases in cycles times the wavelength, at a corner and along both sides
     rate = ends.s[view] - _times(back, k)
     corner, first, second = (
         (rate * part).sum(axis=1) for part in (pieces.corner, pieces.first, pieces.second)
@@ -435,7 +451,7 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
 
 
 def _add_rows(total: Complex, numbers: Indices, rows: Complex) -> None:
-    """Add rows (n, j) to rows with numbers (n,), several times faster than ``np.add.at``."""
+    """Add rows (n, j) to the rows ``numbers`` (n,) of ``total``; faster than ``np.add.at``."""
     for column in range(total.shape[1]):
         for sums, terms in ((total.real, rows.real), (total.imag, rows.imag)):
             sums[:, column] += np.bincount(numbers, terms[:, column], len(total))

@@ -39,19 +39,20 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 Sides = NDArray[np.int8]
-"""Side of a triangle: 1 is the outer side, -1 the other side of a plate, 0 means none."""
+"""Side of a triangle: 1 is the outer side, -1 the other side of a plate, 0 is no side."""
 
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 
 _EXPECTED = "expected a body (Polyhedron, Aperture, placed Aperture, or an Array or list of these)"
-# Facets that meet at less than this angle belong to one curved face, as in meshes of smooth bodies.
+# Cosine of the angle between normals. Triangles that meet at smaller angles belong to one curved
+# face, as in meshes of smooth bodies.
 SMOOTH = math.cos(math.radians(30))
-# Depth of dents that are due to rounding, as a fraction of the body's size.
+# Dents up to this depth, as a fraction of the body's size, are due to rounding.
 _FLAT = 1e-9
-# Grid of normals and of heights over the body's size, by which planes are compared. The phase error
-# is this many cycles per wavelength of the body's size.
+# Triangles are in one plane if their normals, and their heights divided by the body's size, agree
+# to this value. The phase error is this value, in cycles, for each wavelength of the body's size.
 _ONE_PLANE = 1e-12
-# Vertices within this fraction of the size are the same: STL files round to 1e-7.
+# Vertices closer than this fraction of the body's size are equal, since STL files round to 1e-7.
 _ONE_VERTEX = 1e-6
 
 
@@ -91,19 +92,16 @@ class Facets:
 
     @cached_property
     def plane(self) -> Indices:
-        """Numbers (n,) of planes, equal for coplanar triangles."""
+        """Number (n,) of the plane of each triangle; coplanar triangles have the same number."""
         height = (self.normal * self.corner).sum(axis=1, keepdims=True) / self.size
         rows = np.round(np.concatenate([self.normal, height], axis=1) / _ONE_PLANE)
         return np.asarray(np.unique(rows + 0.0, axis=0, return_inverse=True)[1].ravel())
 
     @cached_property
     def neighbours(self) -> tuple[Indices, Indices]:
-        """Pairs (m,) of numbers of triangles that have an edge in common."""
+        """Pairs of triangles with a common edge: two arrays (m,) of indices."""
         points = np.round(self.corners.reshape(-1, 3) / (_ONE_VERTEX * self.size)).astype(np.int64)
-        number = np.zeros(len(points), np.int64)
-        for column in points.T:
-            _, rank = np.unique(column, return_inverse=True)
-            _, number = np.unique(number * len(points) + rank.ravel(), return_inverse=True)
+        _, number = np.unique(points, axis=0, return_inverse=True)
         begin = number.reshape(-1, 3)
         edges = np.sort(np.stack([begin, np.roll(begin, -1, axis=1)], axis=2), axis=2)
         keys = (edges[..., 0] * len(points) + edges[..., 1]).ravel()
@@ -113,21 +111,21 @@ class Facets:
 
     @cached_property
     def casts_shadows(self) -> bool:
-        """Whether one triangle may hide another."""
+        """Whether a triangle may hide another triangle."""
         return not (self.is_single and (self.is_plate.all() or _is_convex(self)))
 
     @cached_property
     def surface(self) -> Indices:
-        """Numbers (n,) of surfaces, equal for triangles that join smoothly at common edges."""
-        one, other = self.neighbours
-        cosine = (self.normal[one] * self.normal[other]).sum(axis=1)
-        both_sides = self.is_plate[one] & self.is_plate[other]
+        """Number (n,) of the surface of each triangle, equal for triangles that join smoothly."""
+        first, second = self.neighbours
+        cosine = (self.normal[first] * self.normal[second]).sum(axis=1)
+        both_sides = self.is_plate[first] & self.is_plate[second]
         smooth = np.where(both_sides, np.abs(cosine), cosine) > SMOOTH
-        return connected(len(self.corner), one[smooth], other[smooth])
+        return connected(len(self.corner), first[smooth], second[smooth])
 
     @cached_property
     def least_face(self) -> float:
-        """Square root of the area of the smallest surface in m."""
+        """Square root of the smallest surface's area in m."""
         areas = np.bincount(self.surface, np.linalg.norm(self.vector, axis=1) / 2)
         return math.sqrt(areas[np.bincount(self.surface) > 0].min())
 
@@ -141,7 +139,7 @@ class Facets:
 def facets_of(body: Any) -> Facets:
     """Return the triangles of a body; equal bodies share them.
 
-    Raises ArgumentError for anything but bodies and plates of uniform metal.
+    Raises ArgumentError for other objects, and for plates with a field.
     """
     return _facets(_parts(body))
 
@@ -161,13 +159,13 @@ def _parts(body: Any) -> tuple[Polyhedron | Aperture | PlacedAperture, ...]:
             raise ArgumentError(f"{_EXPECTED}, got {type(part).__name__}")
         if not isinstance(part, Polyhedron) and _outline(part).illumination is not None:
             raise ArgumentError(
-                "expected a plate without an illumination, got one with an illumination; the radar "
-                "illuminates it, so remove the illumination by with_illumination(None)"
+                "expected a plate without an illumination, since the radar illuminates it; remove "
+                "the illumination by with_illumination(None)"
             )
     return parts
 
 
-# Hashing a body of a million vertices takes some ms; building its triangles takes longer.
+# The cache pays: hashing a body of a million vertices takes some ms, computing its triangles more.
 @lru_cache(maxsize=16)
 def _facets(parts: tuple[Polyhedron | Aperture | PlacedAperture, ...]) -> Facets:
     corners, plates = [], []
@@ -204,17 +202,20 @@ def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
 
 
 def _is_convex(solid: Facets) -> bool:
-    """Return whether no face of a solid can hide another; False if rounding leaves it undecided."""
+    """Return whether a solid is convex, so that no face hides another; False if in doubt."""
     pairs = solid.neighbours
-    if 2 * len(pairs[0]) != 3 * len(solid.corner):  # each edge belongs to two triangles
+    if 2 * len(pairs[0]) != 3 * len(
+        solid.corner
+    ):  # an edge of a closed mesh belongs to two triangles
         return False
     for here, there in (pairs, pairs[::-1]):
         away = solid.corners[there] - solid.corner[here, None]
         if (away @ solid.normal[here, :, None]).max() > _FLAT * solid.size:  # a concave edge
             return False
     corners = solid.corners - solid.corners.mean(axis=(0, 1))
-    # the surface covers each direction once if a ray through the centroid of the first triangle,
-    # between three planes through the centre, meets no other triangle
+    # The surface covers each direction once if the ray from the centre through the centroid of the
+    # first triangle meets no other triangle. A ray meets a triangle if it lies between the three
+    # planes through the centre and a side.
     ray = corners[0].mean(axis=0)
     sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray >= 0 for k in range(3)]
     is_star_shaped = ((corners[:, 0] * solid.normal).sum(axis=1) > 0).all()
@@ -223,22 +224,23 @@ def _is_convex(solid: Facets) -> bool:
 
 # ---- visible parts ------------------------------------------------------------------------------
 
-# Cosine below which a face is seen edge-on and counts as dark.
+# A face counts as edge-on, and dark, if the cosine of its normal is below this value.
 _EDGE_ON = 1e-12
 _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """Parts of triangles as triangles (n,), each attribute (n, 3)."""
+    """Parts of the triangles of a body, which are n triangles."""
 
     corner: Floats
+    """First corners (n, 3) in m."""
     first: Floats
-    """Vectors to the second corners."""
+    """Vectors (n, 3) to the second corners."""
     second: Floats
-    """Vectors to the third corners."""
+    """Vectors (n, 3) to the third corners."""
     vector: Floats
-    """Normals on the illuminated side, times twice the areas."""
+    """Normals (n, 3) on the illuminated side, times twice the areas."""
 
     def taken(self, rows: Indices | slice) -> Pieces:
         return Pieces(self.corner[rows], self.first[rows], self.second[rows], self.vector[rows])
@@ -254,15 +256,19 @@ class Visible:
     signs: Sides
     """Visible side of each triangle (n,)."""
     parts: Shapes
-    """Visible part of each triangle (n,), None for all of it.
+    """Visible part of each triangle (n,); None for the entire triangle.
 
-    Coordinates are along the two vectors: the corners are at (0, 0), (1, 0) and (0, 1).
+    Coordinates are along the two sides from the first corner, so the corners of the triangle are at
+    (0, 0), (1, 0) and (0, 1).
     """
 
 
-def facing(facets: Facets, direction: Floats, some: slice = slice(None)) -> Sides:
-    """Return the sides (..., n) of triangles that face an observer looking along (..., 3)."""
-    return _sides(direction @ facets.normal[some].T, facets.is_plate[some])
+def facing(facets: Facets, direction: Floats, block: slice = slice(None)) -> Sides:
+    """Return the sides (..., n) of triangles that face observers who look along (..., 3).
+
+    ``block``: slice of the triangles, by default all of them.
+    """
+    return _sides(direction @ facets.normal[block].T, facets.is_plate[block])
 
 
 def facing_point(facets: Facets, point: Floats) -> Sides:
@@ -285,7 +291,7 @@ def axes_across(direction: Floats) -> Floats:
     return np.stack([first, np.cross(first, direction)], axis=-2)
 
 
-def seen_along(facets: Facets, direction: Floats) -> Visible:
+def visible_along(facets: Facets, direction: Floats) -> Visible:
     """Return the visible parts for an observer far away who looks along a direction (3,)."""
     across = axes_across(direction)
 
@@ -296,11 +302,11 @@ def seen_along(facets: Facets, direction: Floats) -> Visible:
     return _visible(facets, facing(facets, direction), projected)
 
 
-def seen_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
+def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
     """Return the visible parts for an observer at a point (3,) with all triangles in front.
 
-    ``frame``: rows x, y, z of the observer, who looks along z. A projective map makes lines
-    through the point parallel and preserves planes.
+    ``frame``: rows x, y, z of the observer, who looks along z. The image is projective: lines
+    through the point become parallel, and planes remain planes.
     """
     distance = float(((facets.corners - point) @ frame[2]).mean())
 
@@ -311,15 +317,16 @@ def seen_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
 
 
 def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected]) -> Visible:
-    """Return the visible parts of facing sides, which hide as much as a closed body.
+    """Return the visible parts of the sides that face an observer.
 
-    ``project``: maps corners (m, 3, 3) into the observer's image.
+    The facing sides of a closed body hide as much as all sides. ``project`` maps corners (m, 3, 3)
+    into the observer's image.
     """
     parts: Shapes = np.full(len(signs), None)
     (rows,) = np.nonzero(signs)
     corners = facets.corners[rows]
-    turned = signs[rows] < 0
-    corners[turned] = corners[turned][:, ::-1]  # counter-clockwise as well
+    is_reversed = signs[rows] < 0
+    corners[is_reversed] = corners[is_reversed][:, ::-1]  # to make all triangles counter-clockwise
     projected = project(corners)
     wide = projected.has_width  # triangles without width cast no shadow
     rows, projected = rows[wide], projected.subset(wide)
@@ -338,33 +345,35 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
     return Visible(signs, parts)
 
 
-def less_hidden(lit: Visible, seen: Visible, faces: Sides) -> Visible:
-    """Return illuminated parts without the parts hidden from an observer whom ``faces`` face.
+def less_hidden(lit: Visible, visible: Visible, faces: Sides) -> Visible:
+    """Return illuminated parts without the parts that are hidden from a receiver.
 
-    Illuminated sides that face away add to the forward field, which nothing hides.
+    ``faces`` (n,): the sides of triangles that face the receiver. Illuminated sides that face away
+    from the receiver contribute to the forward field, and are not hidden.
     """
     signs, parts = lit.signs.copy(), lit.parts.copy()
-    turned = (signs != 0) & (signs == faces)
-    signs[turned & (seen.signs == 0)] = 0
-    (cut,) = np.nonzero(turned & (seen.signs != 0) & ~shapely.is_missing(seen.parts))
+    faces_receiver = (signs != 0) & (signs == faces)
+    signs[faces_receiver & (visible.signs == 0)] = 0
+    (cut,) = np.nonzero(faces_receiver & (visible.signs != 0) & ~shapely.is_missing(visible.parts))
     before = parts[cut]
     before[shapely.is_missing(before)] = _TRIANGLE
-    parts[cut] = intersections(mended(before), mended(seen.parts[cut]), GRID)
+    parts[cut] = intersections(mended(before), mended(visible.parts[cut]), GRID)
     return Visible(signs, parts)
 
 
-def lit_pieces(facets: Facets, seen: Visible) -> Pieces:
+def visible_pieces(facets: Facets, visible: Visible) -> Pieces:
     """Return visible parts as triangles."""
-    (rows,) = np.nonzero(seen.signs)
-    return pieces_of(facets, rows, seen.signs[rows], seen.parts[rows])[0]
+    (rows,) = np.nonzero(visible.signs)
+    return pieces_of(facets, rows, visible.signs[rows], visible.parts[rows])[0]
 
 
 def pieces_of(
     facets: Facets, numbers: Indices, signs: Sides, parts: Shapes
 ) -> tuple[Pieces, Indices]:
-    """Return parts (m,) of triangles as triangles (n,), and the number (n,) of the part of each.
+    """Return parts (m,) of triangles as n triangles, and the index (n,) of the part of each.
 
-    Complete triangles stay as they are; other parts become fans around their boundaries.
+    Complete triangles are returned unchanged. Other parts become signed triangles from the first
+    corner to each edge of their boundaries.
     """
     (complete,) = np.nonzero(shapely.is_missing(parts))
     (cut,) = np.nonzero(~shapely.is_missing(parts))
@@ -393,14 +402,15 @@ Signs = Callable[[slice, slice], Sides]
 
 _OPS = execution.NumpyOperations()
 _TITLE = "radar cross sections"
-# Triangles times directions of one step: some twenty arrays of this size fit into the cache.
+# Triangles times directions per block: some twenty arrays of this size fit into the cache.
 _AT_ONCE = 1 << 14
 
 
 def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
-    """Return N (m, 3) at frequencies (m, 3) of triangles (n,), each with a sign, 0 if dark.
+    """Return the sum N (m, 3) over n triangles at frequencies (m, 3).
 
-    ``signs``: returns the signs (i, j) of slices of frequencies and triangles; None: all are 1.
+    ``signs``: function of a slice of frequencies and a slice of triangles that returns the sign of
+    each pair, 0 for dark triangles. By default all signs are 1.
     """
     result = np.zeros((len(nu), 3), np.complex128)
     columns = max(1, min(len(pieces), _AT_ONCE))
@@ -408,50 +418,52 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
     of_directions = [slice(k, k + rows) for k in range(0, len(nu), rows)]
     of_triangles = [slice(k, k + columns) for k in range(0, len(pieces), columns)]
     with with_progress(_TITLE, list(product(of_directions, of_triangles))) as blocks:
-        for some, part in blocks:
-            taken = pieces.taken(part)
-            shape = len(nu[some]), len(taken)
-            sides = np.ones(shape, np.int8) if signs is None else signs(some, part)
+        for rows_here, columns_here in blocks:
+            block = pieces.taken(columns_here)
+            shape = len(nu[rows_here]), len(block)
+            sides = np.ones(shape, np.int8) if signs is None else signs(rows_here, columns_here)
             lit = np.nonzero(sides)
-            cycles = [(nu[some] @ v.T)[lit] for v in (taken.corner, taken.first, taken.second)]
+            vectors = block.corner, block.first, block.second
             values = np.zeros(shape, np.complex128)
-            values[lit] = transforms(*cycles) * sides[lit]
-            result[some] += values @ taken.vector
+            values[lit] = transforms(*((nu[rows_here] @ v.T)[lit] for v in vectors)) * sides[lit]
+            result[rows_here] += values @ block.vector
     return result
 
 
 def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
-    """Return F over twice the area of triangles, from nu.p of corner and both vectors: (F5)."""
+    """Return F of triangles over twice their areas, from nu.p of corner and both sides: (F5)."""
     real, imag = rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second))
     return np.asarray(real + 1j * imag)
 
 
 # ---- mutual illumination of faces ---------------------------------------------------------------
 
-# Distance that counts as zero, as a fraction of the body's size: STL files round vertices to 1e-7.
+# Distances below this fraction of the body's size count as zero, since STL files round to 1e-7.
 _NEAR = 1e-6
-# Directions that are tested, and rays of each; rays of all directions times triangles, a second or
-# two, and of one step.
+# Largest number of tested directions, and limits of the number of rays of each direction.
 _MOST_DIRECTIONS, _FEWEST_RAYS, _MOST_RAYS = 256, 16, 128
+# Largest number of rays times triangles: of all directions, which take a second or two, and per
+# block.
 _MOST_TESTS, _BLOCK = 1 << 21, 1 << 18
-# Steps of points along both sides of a parallelogram, which fill it evenly: M. Roberts, "The
+# Multiples of these two numbers, modulo 1, fill the unit square evenly: M. Roberts, "The
 # unreasonable effectiveness of quasirandom sequences" (2018).
 _STEPS = 0.7548776662466927, 0.5698402909980532
 
 
 def warn_of_reflections(facets: Facets, travelling: Floats) -> None:
-    """Warn if waves that travel along k (m, 3) go from one face of a body to another."""
-    if lights_itself(facets, travelling):
+    """Warn if waves that travel along ``travelling`` (m, 3) are reflected from face to face."""
+    if illuminates_itself(facets, travelling):
         warn_caller(
-            "faces of the body illuminate each other: paths with two or three reflections are left "
-            "out, which dominate in corner reflectors; pass bounces=3 (docs/rcs.md)"
+            "faces of the body illuminate each other, but paths with two or three reflections, "
+            "which dominate in corner reflectors, are not included; pass bounces=3 (docs/rcs.md)"
         )
 
 
-def lights_itself(facets: Facets, travelling: Floats) -> bool:
-    """Return whether rays along one of k (m, 3) go from one face of a body to another.
+def illuminates_itself(facets: Facets, travelling: Floats) -> bool:
+    """Return whether rays along ``travelling`` (m, 3) are reflected from one face to another.
 
-    Up to 256 directions are tested, with 16 to 128 rays each; fewer for bodies of many triangles.
+    Up to 256 directions are tested with 16 to 128 rays each, and fewer if the body has many
+    triangles.
     """
     if not facets.casts_shadows or not len(travelling):
         return False
@@ -466,20 +478,21 @@ def lights_itself(facets: Facets, travelling: Floats) -> bool:
 
 
 def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -> bool:
-    """Return whether some of ``count`` rays along k (3,), spread over the body, meet two faces.
+    """Return whether one of ``count`` rays along k (3,), spread over the body, meets two faces.
 
-    Two faces that join smoothly, or whose planes are parallel within 30 degrees, count as one: they
-    are curved, or reflect the wave onwards rather than back.
+    Only the rays with the numbers ``rays`` are tested. Two faces that join smoothly count as one
+    curved face. Two faces whose planes are parallel within 30 degrees also count as one, since they
+    reflect the wave onwards rather than back.
     """
     signs = facing(facets, k)
     if not signs.any():
         return False
-    # half of the rays in proportion to the area, and the same number for each triangle
+    # half of the rays are in proportion to the area, and half are the same number per triangle
     area = np.abs((facets.vector @ k) * signs)
     weights = np.cumsum(area / area.sum() + (signs != 0) / np.count_nonzero(signs))
     facet = np.searchsorted(weights, (rays + 0.5) / count * weights[-1])
     a, b = (np.outer(_STEPS, rays + 0.5) % 1)[..., None]
-    a, b = np.where(a + b > 1, [1 - a, 1 - b], [a, b])  # from the parallelogram to the triangle
+    a, b = np.where(a + b > 1, [1 - a, 1 - b], [a, b])  # folded from parallelogram to triangle
     point = facets.corner[facet] + a * facets.first[facet] + b * facets.second[facet]
     lit = _first_met(facets, point, np.broadcast_to(-k, point.shape)) < 0
     facet, point, normal = facet[lit], point[lit], facets.normal[facet[lit]]
@@ -490,8 +503,11 @@ def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -
 
 
 def _first_met(facets: Facets, start: Floats, along: Floats) -> Indices:
-    """Return the number (n,) of the triangle that each ray (n, 3) meets first; -1: none."""
-    # duals: vectors whose products with a point are its coordinates along both sides of a triangle
+    """Return the index (n,) of the triangle that each ray meets first, or -1 for no triangle.
+
+    Rays have the origins ``start`` (n, 3) and the directions ``along`` (n, 3).
+    """
+    # the product of a dual vector and a point is the point's coordinate along a side of a triangle
     squared = np.square(facets.vector).sum(axis=1, keepdims=True)
     duals = np.cross(facets.second, facets.vector), np.cross(facets.vector, facets.first)
     vectors = facets.normal, *(dual / squared for dual in duals)

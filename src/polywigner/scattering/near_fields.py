@@ -1,7 +1,8 @@
-"""Cross sections near a radar's antennas, from their exact fields on the illuminated surfaces.
+"""Cross sections of bodies near a radar, from the exact fields of its antennas on the body.
 
-Physical optics with the field of the transmitter and, by reciprocity, the field of the receiver
-(docs/rcs.md, (SC3)). Illuminated parts are split until both fields are plane waves on each piece.
+This is physical optics with the field of the transmitter and, by reciprocity, the field of the
+receiver (docs/rcs.md, (SC3)). Illuminated parts are split until both fields are plane waves on each
+piece.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,12 +19,18 @@ from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_number, checked_vectors, rigid_poses, warn_caller
+from polywigner.geometry.arguments import (
+    checked_choice,
+    checked_vectors,
+    rigid_poses,
+    warn_caller,
+)
 from polywigner.propagation import amplitude_with_error, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
+from polywigner.propagation.point_grids import tolerance_from
 from polywigner.propagation.vector_fields import edge_integrals
 from polywigner.radiometry.directions import checked_source
-from polywigner.reception.norms import checked_normalise, root_of_norm
+from polywigner.reception.couplings import checked_normalise, root_of_norm
 from polywigner.scattering.facet_beams import sums_of_beams
 from polywigner.scattering.facets import (
     Facets,
@@ -31,9 +38,9 @@ from polywigner.scattering.facets import (
     Visible,
     facing_point,
     less_hidden,
-    lit_pieces,
-    seen_from,
     transforms,
+    visible_from,
+    visible_pieces,
     warn_of_reflections,
 )
 from polywigner.source import Array
@@ -48,33 +55,25 @@ Channel = Literal["vv", "hh", "vh", "hv"]
 Polarisation = Channel | str | Sequence[Any]
 Source = Aperture | Array
 
-_EXPECTED = "expected polarisation as None, or one of 'vv', 'hh', 'vh', 'hv' (receiver first)"
-# Tolerance of unit vectors: single precision passes.
+# Tolerance of unit vectors, large enough for single precision.
 _UNIT = 1e-6
 
 
 def checked_unit_vectors(name: str, vectors: Any) -> Floats:
-    """Return unit vectors (..., 3), normalised after rounding; ArgumentError for other values."""
+    """Return unit vectors (..., 3) without rounding errors; raise ArgumentError for others."""
     array = unit_vectors_as_given(name, vectors)
     return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))
 
 
 def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of results; ArgumentError if the arguments do not broadcast."""
+    """Return the shape of the result; raise ArgumentError if the arguments do not broadcast."""
     try:
         return np.broadcast_shapes(*shapes)
     except ValueError:
         raise ArgumentError(
-            "expected wavelengths, directions and polarisations that broadcast, got shapes "
-            f"{', '.join(map(str, shapes))}; add axes of length 1"
+            "expected wavelengths, directions and polarisations that broadcast against each other, "
+            f"got shapes {', '.join(map(str, shapes))}; add axes of length 1"
         ) from None
-
-
-def checked_channel(polarisation: Any) -> Channel:
-    """Return the name of a channel; ArgumentError for other values."""
-    if not isinstance(polarisation, str) or polarisation not in get_args(Channel):
-        raise ArgumentError(f"{_EXPECTED}, got {value_text(polarisation)}")
-    return cast(Channel, polarisation)
 
 
 def checked_polarisations(
@@ -82,14 +81,18 @@ def checked_polarisations(
 ) -> tuple[Complex, Complex]:
     """Return polarisations (..., 3) of receiver and transmitter, normal to their directions.
 
-    Raises ArgumentError for anything but names of channels and pairs of such vectors.
+    Raises ArgumentError unless ``polarisation`` is the name of a channel or a pair of such vectors.
     """
     ends = to_radar, to_transmitter
     if isinstance(polarisation, str):
-        names = zip(checked_channel(polarisation), ends, strict=True)
+        channel = checked_choice(polarisation, "polarisation", get_args(Channel))
+        names = zip(channel, ends, strict=True)
         q, p = (spherical_axes(towards)[name].astype(np.complex128) for name, towards in names)
         return q, p
-    expected = f"{_EXPECTED}, or a pair of unit vectors (..., 3) normal to the directions"
+    expected = (
+        "expected polarisation as None, one of 'vv', 'hh', 'vh', 'hv' (receiver first), or a pair "
+        "of unit vectors (..., 3) normal to the directions"
+    )
     try:
         q, p = (np.array(vectors, np.complex128) for vectors in polarisation)
         if q.shape[-1:] != (3,) or p.shape[-1:] != (3,):
@@ -109,9 +112,9 @@ def checked_polarisations(
 
 
 def spherical_axes(towards: Floats) -> dict[str, Floats]:
-    """Return unit vectors of the polar angle from +z (v) and of the azimuth (h) at (..., 3).
+    """Return unit vectors along the polar angle from +z ("v") and along the azimuth ("h").
 
-    Along z the azimuth counts as 0.
+    ``towards`` (..., 3) are the directions. Along z the azimuth is taken as 0.
     """
     x, y, z = np.moveaxis(towards, -1, 0)
     across = np.hypot(x, y)
@@ -126,22 +129,22 @@ def spherical_axes(towards: Floats) -> dict[str, Floats]:
 
 # ---- antennas -----------------------------------------------------------------------------------
 
-# Currents of polarised antennas.
+# Model of equivalent currents of polarised antennas.
 _MODEL = "huygens"
 
 
 @dataclass(frozen=True, eq=False)
 class Antenna:
-    """A source near a body; lengths in m in the body's frame, relative to the body's centre."""
+    """A source near a body. Lengths are in m, in the body's frame relative to the body's centre."""
 
     source: Source
     pose: Floats
     """Pose (4, 4) that maps the body's frame into the source's frame."""
     wavelength: float
     normalise: str
-    """Power by which fields are divided: "radiated" or "aperture"."""
+    """Power that counts as transmitted: "radiated" or "aperture"."""
     tolerance: float
-    """Error of fields, relative to a field whose parts all arrive in phase."""
+    """Allowed error of fields, relative to the field if all parts of the source were in phase."""
     jones: Complex | None = None
     """Jones vector (2,) in the source's axes, or (k, 2) of its elements; None: scalar fields."""
     condition: BoundaryCondition = DEFAULT
@@ -175,7 +178,7 @@ class Antenna:
         return np.asarray(points @ self.frame.T + self.pose[:3, 3])
 
     def field(self, points: Floats) -> Complex:
-        """Return the scalar field (n,) per square root of watts."""
+        """Return the scalar field (n,) for a power of 1 W."""
         return np.asarray(self._amplitude(points)[0] / self.root_of_power)
 
     def _amplitude(self, points: Floats) -> tuple[Complex, Floats]:
@@ -186,11 +189,11 @@ class Antenna:
         return np.asarray(field), np.asarray(error)
 
     def wave(self, points: Floats) -> tuple[Complex, Complex, Floats]:
-        """Return field, slope and direction of the wave per square root of watts at (n, 3).
+        """Return the field, its slope and the direction of the wave at points (n, 3), for 1 W.
 
-        Scalar antennas have a field (n,) and its gradient over ik (n, 3); polarised antennas have
-        E, and H times the impedance of free space, (n, 3). The direction (n, 3) has length 1, or
-        less near nulls and at crossing waves.
+        For scalar antennas these are the field (n,) and its gradient over ik (n, 3). For polarised
+        antennas these are E and H times the impedance of free space, both (n, 3). The length of the
+        direction (n, 3) is 1, but less near nulls and where waves cross.
         """
         if self.jones is None:
             how = self.wavelength, self.condition, self.tolerance
@@ -206,45 +209,46 @@ class Antenna:
 
     def _vectors(self, points: Floats) -> tuple[Complex, Complex]:
         assert self.jones is not None
-        # H of currents is E of the dual currents, and Huygens' currents are their own dual
-        turned = np.stack([-self.jones[..., 1], self.jones[..., 0]], axis=-1)
+        # H is E of the dual currents, which for Huygens' currents are the same model with a
+        # polarisation rotated by 90 degrees
+        dual = np.stack([-self.jones[..., 1], self.jones[..., 0]], axis=-1)
         electric, magnetic = (
             field(self.source, self.inside(points), self.wavelength, p, tolerance=self.tolerance)
-            for p in (self.jones, turned)
+            for p in (self.jones, dual)
         )
         scale = self.frame / self.root_of_power
         return electric @ scale, magnetic @ scale
 
     def power_at_centre(self) -> float:
-        """Return |U|^2 per watt at the body's centre; 0 if it is below its own error."""
+        """Return |U|^2 for 1 W at the body's centre; 0 if |U| does not exceed its error."""
         if self.jones is not None:
             return float(np.square(np.abs(self._vectors(np.zeros(3))[0])).sum())
         value, error = self._amplitude(np.zeros(3))
         return float(abs(value) / self.root_of_power) ** 2 if abs(value) > error else 0.0
 
     def check_in_front(self, facets: Facets, name: str) -> None:
-        """Raise GeometryError unless the complete body is in front of the source's plane."""
+        """Raise GeometryError unless the entire body is in front of the source's plane."""
         lowest = float(self.inside(facets.corners.reshape(-1, 3))[:, 2].min())
         if not lowest > 0:
             raise GeometryError(
-                f"expected all of the body in front of the {name}'s plane, got a part at z = "
-                f"{lowest:.6g} m of its frame; it radiates along its own +z, so turn it towards "
-                "the body, or move it back"
+                f"expected the entire body in front of the {name}'s plane, got a part at z = "
+                f"{lowest:.6g} m of the {name}'s frame, which radiates along +z; turn the {name} "
+                "towards the body, or move it back"
             )
 
 
-def checked_poses(name: str, given: ArrayLike, centre: Floats) -> Floats:
+def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
     """Return poses (..., 4, 4) that map the frame at the body's centre into the source's frame.
 
-    ``given``: rigid poses that map the body's frame into the source's; or vectors (..., 3) from the
-    body's centre to the source, which faces the centre with its y axis upwards.
+    ``positions`` are rigid poses that map the body's frame into the source's frame, or vectors
+    (..., 3) from the body's centre to the source, which faces the centre with its y axis upwards.
     Raises ArgumentError or GeometryError for other values.
     """
     expected = (
         f"expected {name} with a source as vectors (..., 3) in m from the body's centre to the "
         "source, or poses (..., 4, 4) that map the body's frame into the source's"
     )
-    array = checked_vectors(given, expected, ())
+    array = checked_vectors(positions, expected, ())
     if array.shape[-2:] == (4, 4):
         poses = rigid_poses(array, name)
         poses[..., :3, 3] += poses[..., :3, :3] @ centre
@@ -265,16 +269,16 @@ def checked_poses(name: str, given: ArrayLike, centre: Floats) -> Floats:
 def directions_of(poses: Any) -> Floats:
     """Return unit vectors (..., 3) from the body's centre towards the origins of source frames."""
     away = -np.einsum("...ji,...j->...i", poses[..., :3, :3], poses[..., :3, 3])
-    with np.errstate(invalid="ignore"):  # check_in_front refuses sources at the centre
+    with np.errstate(invalid="ignore"):  # check_in_front rejects sources at the centre
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
 
 def field_gradient(
     radiator: Radiator, points: Floats, wavelength: float, method: str, tolerance: float
 ) -> Complex:
-    """Return the gradient (n, 3) in 1/m of the exact field at points (n, 3): (G6), (G7).
+    """Return the gradient (n, 3) of the exact field at points (n, 3), per metre: (G6), (G7).
 
-    ``method``: a boundary condition; ``tolerance``: as for :func:`boundary_field`.
+    ``method`` is a boundary condition, and ``tolerance`` as in :func:`boundary_field`.
     """
     gradient = np.zeros((len(points), 3), np.complex128)
     for axis in range(3):
@@ -297,7 +301,7 @@ def field_gradient(
 
 
 def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
-    """Return a source with waves multiplied by 2 pi i times their frequencies along an axis."""
+    """Return a source whose waves are multiplied by 2 pi i times their frequency along an axis."""
     elements = []
     for element in radiator.elements:
         rates = (
@@ -311,14 +315,14 @@ def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
 
 # ---- sums over pieces ---------------------------------------------------------------------------
 
-# Pieces of one step, and their largest number: 4 GB.
+# Pieces per block, and largest number of pieces (4 GB).
 _BLOCK = 1 << 15
 _MOST = 1 << 24
-# The extrapolation from pieces and their quarters leaves an error of about the square of the
-# departure from plane waves, so this fraction of the root of the tolerance is allowed.
+# Allowed departure from plane waves, as a fraction of the square root of the tolerance. The error
+# of the extrapolation from pieces and their quarters is about the square of the departure.
 _OF_ROOT = 0.7
-# Variance of positions along an axis: over an equilateral triangle, divided by the square of its
-# side; over an antenna, divided by the square of its extent.
+# Variances of positions along an axis: in an equilateral triangle, relative to the square of its
+# side, and in an antenna, relative to the square of its extent.
 _OF_TRIANGLE, _OF_ANTENNA = 1 / 24, 1 / 12
 
 
@@ -329,11 +333,12 @@ def near_sums(
     polarisations: tuple[Complex, Complex],
     tolerance: float,
 ) -> Complex:
-    """Return received over transmitted amplitudes (...) of polarisations (..., 3): (SC3).
+    """Return received over transmitted amplitudes (...) for polarisations (..., 3): (SC3).
 
-    ``polarisations`` of the receiver and of the transmitter, normal to the directions from the
-    body's centre; elsewhere they are projected normal to the ray from each antenna's centre. Pass
-    one object for an antenna that transmits and receives: its fields are computed once.
+    ``polarisations`` of the receiver and of the transmitter are normal to the directions
+    from the body's centre. At other points they are projected normal to the ray from the antenna's
+    centre. For an antenna that transmits and receives pass the same object twice, so that its
+    fields are computed once.
     """
     try:
         lit = _lit(facets, transmitter, receiver)
@@ -357,10 +362,10 @@ def echo(
     tolerance: float,
     bounces: int,
 ) -> complex:
-    """Return received over transmitted amplitude by a body, with the phase of :func:`coupling`.
+    """Return the coupling of two scalar antennas by a body, as :func:`coupling` defines it.
 
-    ``polarisations`` (3,) as for :func:`near_sums`, of scalar antennas. The second and later of
-    ``bounces`` reflections use the plane waves at the body's centre, (SC6).
+    ``polarisations`` (3,) are as in :func:`near_sums`. The second and later of ``bounces``
+    reflections use the plane waves at the body's centre, (SC6).
     """
     total = near_sums(facets, transmitter, receiver, polarisations, tolerance)
     if bounces > 1:
@@ -386,27 +391,27 @@ def _summed(
     receiver: Antenna,
     polarisations: tuple[Complex, Complex],
 ) -> Complex:
-    """Return the sum over pieces, or over the quarters of each."""
+    """Return the sum over pieces, or over the quarters of the pieces."""
     q, p = polarisations
     total = np.zeros(np.broadcast_shapes(q.shape, p.shape)[:-1], np.complex128)
     for start in range(0, len(pieces), _BLOCK):
-        some = pieces.taken(slice(start, start + _BLOCK))
-        some = _quartered(some) if split else some
-        centre = some.corner + (some.first + some.second) / 3
+        block = pieces.taken(slice(start, start + _BLOCK))
+        block = _quartered(block) if split else block
+        centre = block.corner + (block.first + block.second) / 3
         sent, slope, ahead = transmitter.wave(centre)
         is_same = receiver is transmitter
         back, _, behind = (sent, slope, ahead) if is_same else receiver.wave(centre)
-        if transmitter.jones is not None:  # E of the receiver in currents n x H
-            parts = (back * np.cross(some.vector, slope)).sum(axis=-1)
+        if transmitter.jones is not None:  # E of the receiver times the currents n x H
+            parts = (back * np.cross(block.vector, slope)).sum(axis=-1)
         else:
             q_there = _across(q, centre - receiver.position)
             p_there = _across(p, centre - transmitter.position)
-            parts = (q_there * slope).sum(axis=-1) * (p_there * some.vector).sum(axis=-1)
-            parts -= (q_there * p_there).sum(axis=-1) * (slope * some.vector).sum(axis=-1)
+            parts = (q_there * slope).sum(axis=-1) * (p_there * block.vector).sum(axis=-1)
+            parts -= (q_there * p_there).sum(axis=-1) * (slope * block.vector).sum(axis=-1)
             parts = parts * back
         nu = -(ahead + behind) / transmitter.wavelength
-        phases = [(nu * part).sum(axis=1) for part in (some.first, some.second)]
-        weights = transforms(-(phases[0] + phases[1]) / 3, *phases)
+        cycles = [(nu * side).sum(axis=1) for side in (block.first, block.second)]
+        weights = transforms(-(cycles[0] + cycles[1]) / 3, *cycles)
         total += (parts * weights).sum(axis=-1)
     return total
 
@@ -414,16 +419,16 @@ def _summed(
 def _lit(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pieces:
     if not facets.casts_shadows:
         signs = facing_point(facets, transmitter.position)
-        return lit_pieces(facets, Visible(signs, np.full(len(signs), None)))
-    seen = seen_from(facets, transmitter.position, transmitter.frame)
+        return visible_pieces(facets, Visible(signs, np.full(len(signs), None)))
+    visible = visible_from(facets, transmitter.position, transmitter.frame)
     if receiver is not transmitter:
-        there = seen_from(facets, receiver.position, receiver.frame)
-        seen = less_hidden(seen, there, facing_point(facets, receiver.position))
-    return lit_pieces(facets, seen)
+        there = visible_from(facets, receiver.position, receiver.frame)
+        visible = less_hidden(visible, there, facing_point(facets, receiver.position))
+    return visible_pieces(facets, visible)
 
 
 def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
-    """Split pieces in four until the field of both antennas is a plane wave on each."""
+    """Split pieces in four until the fields of both antennas are plane waves on each piece."""
     done, count = [pieces.taken(slice(0))], 0
     while len(pieces):
         coarse = _departure(pieces, transmitter, receiver) > tolerance
@@ -432,7 +437,7 @@ def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: fl
         count += len(done[-1])
         if count + 4 * len(pieces) > _MOST:
             raise ArgumentError(
-                f"the illuminated parts split into more than {_MOST:g} pieces; raise the "
+                f"the illuminated parts require more than {_MOST:g} pieces; use a larger "
                 "tolerance, or move the source away from the body"
             )
         pieces = _quartered(pieces)
@@ -443,8 +448,8 @@ def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: fl
 def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:
     """Return the mean relative departure (n,) of the fields from plane waves (docs/rcs.md, (SC4)).
 
-    Curvature counts to first order. The angles between waves from different points of an antenna,
-    whose phases differ within a piece, count to second order.
+    The curvature of the waves contributes to first order. The angles between waves from different
+    points of an antenna, whose phase differences vary within a piece, contribute to second order.
     """
     sides = (pieces.first, pieces.second, pieces.second - pieces.first)
     longest = np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0)
@@ -454,7 +459,7 @@ def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
         wave_number = 2 * np.pi / antenna.wavelength
         to_centre = np.linalg.norm(centre - antenna.position, axis=1)
         height = np.abs(antenna.inside(centre)[:, 2])
-        # to the nearest point of the antenna
+        # distance of the antenna's nearest point
         distance = np.maximum(to_centre - antenna.extent / 2, height)
         total += wave_number * longest**2 * _OF_TRIANGLE / distance
         spread = antenna.extent / np.hypot(distance, antenna.extent)
@@ -463,7 +468,7 @@ def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
 
 
 def _quartered(pieces: Pieces) -> Pieces:
-    """Split each piece in four at the midpoints of its sides."""
+    """Divide each piece into four at the midpoints of its sides."""
     corner, first, second = pieces.corner, pieces.first / 2, pieces.second / 2
     return Pieces(
         np.concatenate([corner, corner + first, corner + second, corner + first + second]),
@@ -474,7 +479,7 @@ def _quartered(pieces: Pieces) -> Pieces:
 
 
 def _across(polarisation: Complex, ray: Floats) -> Complex:
-    """Return unit vectors (..., n, 3) of fields normal to rays (n, 3)."""
+    """Return unit vectors (..., n, 3): polarisations projected normal to rays (n, 3)."""
     along = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     vectors = polarisation[..., None, :]
     vectors = vectors - (vectors * along).sum(axis=-1, keepdims=True) * along
@@ -483,8 +488,9 @@ def _across(polarisation: Complex, ray: Floats) -> Complex:
 
 # ---- cross sections -----------------------------------------------------------------------------
 
-_LEAST, _LARGEST = 1e-6, 0.1
-# Tolerance of fields, as a fraction of the total tolerance.
+# Default tolerance, and the smallest one.
+_TOLERANCE, _LEAST = 1e-3, 1e-6
+# Tolerance of the antennas' fields, as a fraction of the total tolerance.
 _OF_FIELD = 1e-2
 
 
@@ -500,10 +506,7 @@ def near_sections(
     normalise: str,
 ) -> tuple[Floats, Floats]:
     """Return apparent cross sections (...) in m^2, and power ratios |b|^2 (...): (SC3)."""
-    meaning = f"a number from {_LEAST:g} to {_LARGEST:g}"
-    allowed = checked_number(tolerance, "tolerance", meaning)
-    if not _LEAST <= allowed <= _LARGEST:
-        raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}")
+    allowed = tolerance_from(tolerance, _TOLERANCE, _LEAST)
     checked_normalise(normalise)
     for antenna in (source, receiver):
         if antenna is not None:
@@ -542,8 +545,8 @@ def near_sections(
             sections[k] = 4 * np.pi / lengths[k] ** 2 * powers[k] / there_and_back
     if not np.isfinite(sections[np.isfinite(powers)]).all():
         warn_caller(
-            "the cross section is undefined: an antenna has a null at the centre of the body; use "
-            "the power, with return_power=True"
+            "the cross section is undefined, because an antenna has a null at the centre of the "
+            "body; use the power ratio, with return_power=True"
         )
     return sections, powers
 
@@ -554,10 +557,11 @@ Pair = tuple[Complex, Complex]
 def _polarisations(
     polarisation: Any, receiver: Source, transmitter: Source, to_radar: Floats, to_sender: Floats
 ) -> tuple[Pair | tuple[None, None], Pair]:
-    """Return the polarisations of receiver and transmitter.
+    """Return the polarisations of receiver and transmitter, as two pairs.
 
-    Jones vectors in the antennas' axes, None for scalar antennas; and vectors (..., k, 3) of scalar
-    antennas, two each without a polarisation.
+    The first pair contains Jones vectors in the axes of the antennas, or None for scalar antennas.
+    The second pair contains vectors (..., k, 3) of scalar antennas. Without a polarisation there
+    are two vectors for each antenna.
     """
     both = [spherical_axes(towards) for towards in (to_radar, to_sender)]
     q, p = (np.stack([axes["v"], axes["h"]], axis=-2).astype(np.complex128) for axes in both)
@@ -566,5 +570,5 @@ def _polarisations(
     if isinstance(polarisation, str) and polarisation in get_args(Channel):
         q, p = checked_polarisations(polarisation, to_radar, to_sender)
         return (None, None), (q[..., None, :], p[..., None, :])
-    # vector fields contain the directions of both polarisations: one sum is enough
+    # electric fields contain both components, so one sum is enough
     return checked_pair(polarisation, receiver, transmitter), (q[..., :1, :], p[..., :1, :])

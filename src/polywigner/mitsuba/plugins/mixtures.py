@@ -24,7 +24,7 @@ from polywigner.radiometry.directions import (
     longest_path,
     wavelengths_of_band,
 )
-from polywigner.reception.norms import NORMALISATIONS
+from polywigner.reception.couplings import NORMALISATIONS
 from polywigner.source import Array
 from polywigner.source.array import mutual_support
 from polywigner.source.normal_form import normal_form

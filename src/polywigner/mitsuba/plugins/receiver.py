@@ -50,7 +50,7 @@ from polywigner.mitsuba.plugins.source_parameters import (
 from polywigner.mitsuba.plugins.wigner import WignerRadiance
 from polywigner.mitsuba.scenes.surfaces import ROUNDING, largest, matrix_of
 from polywigner.quantities import parse_noise
-from polywigner.reception.norms import NORMALISATIONS
+from polywigner.reception.couplings import NORMALISATIONS
 from polywigner.source import Array
 from polywigner.source.obliquities import DEFAULT
 

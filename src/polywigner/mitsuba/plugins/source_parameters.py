@@ -48,7 +48,7 @@ from polywigner.quantities import (
     parse_power,
     wavelength_of,
 )
-from polywigner.reception.norms import NORMALISATIONS, checked_normalise
+from polywigner.reception.couplings import NORMALISATIONS, checked_normalise
 from polywigner.source import Array, read_source
 from polywigner.source.normal_form import PublicSource, normal_form
 from polywigner.source.obliquities import DEFAULT, OBLIQUITIES

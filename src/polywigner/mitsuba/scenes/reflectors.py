@@ -15,9 +15,9 @@ from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.geometry.arguments import checked_count
 from polywigner.geometry.shapes import square
 from polywigner.mitsuba.scenes.surfaces import faces_of, sorted_shapes, vertices_of
-from polywigner.reception.norms import NORMALISATIONS
+from polywigner.reception.couplings import NORMALISATIONS
 from polywigner.scattering.cross_sections import MOST_BOUNCES
-from polywigner.scattering.facets import Facets, facets_of, lights_itself
+from polywigner.scattering.facets import Facets, facets_of, illuminates_itself
 from polywigner.scattering.near_fields import Antenna
 
 if TYPE_CHECKING:
@@ -310,7 +310,7 @@ class Body:
         notes = []
         if self.facets.least_face < wavelength:
             notes.append(f"a face of {self.name!r} is smaller than a wavelength squared")
-        if self.bounces == 1 and lights_itself(self.facets, np.array(last)):
+        if self.bounces == 1 and illuminates_itself(self.facets, np.array(last)):
             notes.append(
                 f"faces of {self.name!r} illuminate each other: later reflections are left out, "
                 "unless you pass a pair (body, 3)"

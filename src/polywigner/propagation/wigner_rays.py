@@ -1,0 +1,327 @@
+"""Irradiance by Wigner rays, to a tolerance.
+
+The integral over positions on the automean is a Gauss rule on triangles that no kink of W crosses.
+Source: (R1), (T1), (T2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner import execution
+from polywigner.errors import ArgumentError
+from polywigner.execution import Engine
+from polywigner.geometry import Aperture, Wavefront
+from polywigner.geometry.arguments import warn_caller
+from polywigner.geometry.parts import grid_size, polygons_in
+from polywigner.kernels import Kernel, kernel_for
+from polywigner.kernels.functions.slices import SliceSum
+from polywigner.kernels.kernel import Values
+from polywigner.numerics.nodes import (
+    Triangles,
+    gauss_rule,
+    node_count,
+    quartered,
+    spacings,
+    triangulated,
+)
+from polywigner.propagation.boundary import radiator_of
+from polywigner.propagation.far_fields import check_slopes
+from polywigner.radiometry.directions import PlaneSource
+from polywigner.source import Array
+from polywigner.source.array import mutual_support
+from polywigner.source.normal_form import normal_form
+from polywigner.source.obliquities import DEFAULT, Forms, ObliquityName, obliquity_of
+from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
+
+Floats = NDArray[np.float64]
+
+# Irradiance below which errors are absolute, relative to the largest possible irradiance (T2).
+_FLOOR = 1e-3
+# Number of edges above which rays take seconds; the exact field takes a hundredth of the time.
+_MANY_EDGES = 50
+# Distance to the source in wavelengths below which rays are a rough approximation.
+_NEAREST = 2.0
+
+# Additional nodes along a side of a triangle for each successive rule. Two nodes integrate W
+# exactly on triangles far smaller than a wavelength, where W is a quadratic.
+_LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
+# Number of triangles above which a rule with one additional node is tried first.
+_MANY_TRIANGLES = 500
+# Largest number of nodes of a rule, 64 MiB.
+_MOST_NODES = 1 << 22
+# Points whose phase rates agree within this fraction of 1/wavelength share their rules.
+_RATE_STEP = 0.25
+# A point is settled, and not refined further, if its error is below this fraction of the allowed
+# error.
+_SETTLED = 0.03
+
+NodeSum = Callable[[tuple[Floats, Floats], Floats], Floats]
+"""Function of a rule (nodes, weights) and points (n, 3) that returns the irradiance (n,)."""
+
+
+def irradiance_by_rays(
+    source: PlaneSource | Wavefront,
+    points: Floats,
+    wavelength: float,
+    obliquity: ObliquityName | None,
+    allowed: float,
+    engine: Engine,
+) -> tuple[Floats, Floats]:
+    """Return the irradiance by Wigner rays and its estimated error, (n,), at points (n, 3).
+
+    ``allowed``: relative error, as the tolerance of :func:`irradiance`.
+    """
+    condition, flat = obliquity_of(obliquity), flat_source(source)
+    curved: tuple[float, ...] = ()
+    if isinstance(source, Wavefront) and not source.is_flat:
+        (xx, xy), (_, yy) = source.curvature.tolist()
+        curved = (xx, xy, yy, *source.centre.tolist())
+        check_slopes(source, condition.name)
+    execution.checked_engine(engine)
+    terms = []
+    for part, forms in condition.terms(flat, wavelength):
+        if is_partly_coherent(source):
+            part = Wavefront(part, coherence_width=normal_form(source).coherence_width)
+        kernel = _along_rays(kernel_for("wigner", part))
+        terms.append((kernel, part, (wavelength, *forms, *curved)))
+    radiator = radiator_of(flat)
+    clearance = radiator.distance(points)
+    if (clearance < _NEAREST * wavelength).any():
+        warn_caller(
+            "Wigner rays are a rough approximation at points less than "
+            f"{_NEAREST:g} wavelengths from the source; use method={DEFAULT!r}, which is exact"
+        )
+    edges = sum(len(ring) for ring in normal_form(flat).rings)
+    if edges > _MANY_EDGES:
+        warn_caller(
+            f"Wigner rays from {edges} edges take seconds; use method='auto' for the exact field, "
+            "which is about a hundred times faster"
+        )
+
+    def node_sum(rule: tuple[Floats, Floats], block: Floats) -> Floats:
+        total = np.zeros(len(block))
+        for kernel, part, constants in terms:
+            total += execution.evaluate_sums(
+                kernel, part, *rule, block, constants, double=True, engine=engine
+            )
+        return total
+
+    area = sum(element.area for element in flat.elements_in_plane)
+    reach = wavelength * radiator.distance_of_centre(points)
+    largest = energy_of(flat) / area * np.minimum(1.0, (area / reach) ** 2)  # (T2)
+    floor = _FLOOR * largest
+    values, errors = np.zeros(len(points)), np.zeros(len(points))
+    rates = _phase_rates(flat, wavelength, points, curved)
+    steps = np.ceil(rates * wavelength / _RATE_STEP)
+    if has_few_kinks(flat):
+        triangles = smooth_triangles(flat)
+    else:
+        # Kinks cross these triangles, but the gradient of W is continuous across most kinks. The
+        # errors of Gauss rules are proportional to the fourth power of the size of a triangle.
+        triangles = quartered(triangulated(list(mutual_support(flat).polygons.geoms)))
+    for step in np.unique(steps):
+        rate, group = float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
+        _check_nodes(triangles, rate, wavelength)
+        values[group], errors[group] = _refined_sums(
+            node_sum, triangles, rate, points[group], clearance[group], allowed, floor[group]
+        )
+    if not (errors <= allowed * np.maximum(np.abs(values), floor)).all():
+        warn_caller(
+            "the tolerance is not met at all points; use irradiance_with_error to get the errors, "
+            "or method='auto' for the exact field"
+        )
+    return values, errors
+
+
+@lru_cache(maxsize=64)
+def _along_rays(base: Kernel) -> Kernel:
+    """Return the integrand of (R1) for a kernel of W.
+
+    Its arguments are the position x, y on the source; the point X, Y, Z; the wavelength; the three
+    coefficients of the obliquity (D2); and for a curved wave, whose local frequency depends on the
+    position, Q_xx, Q_xy, Q_yy and the two coordinates of its centre.
+    """
+
+    def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
+        point, wavelength, forms, curved = rest[:3], rest[3], Forms(*rest[4:7]), rest[7:]
+        along_x, along_y = point[0] - x, point[1] - y
+        square = along_x * along_x + along_y * along_y + point[2] * point[2]
+        inverse = 1.0 / ops.sqrt(square)
+        scale = inverse / wavelength
+        nu: Values = (along_x * scale, along_y * scale)
+        if curved:
+            (xx, xy, yy), (dx, dy) = curved[:3], (x - curved[3], y - curved[4])
+            nu = nu[0] - (xx * dx + xy * dy), nu[1] - (xy * dx + yy * dy)
+        factor = forms.irradiance(point[2] * inverse) * scale * scale
+        return (factor, *base.enter(ops, frame, x, y, *nu))
+
+    base_sum = base.edge_sum
+
+    def edge_sum(ops: Any, tables: Any, _: Any, *inner: Any) -> Values:
+        return base_sum(ops, tables, *inner)
+
+    def leave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
+        return (inner[0] * base.leave(ops, frame, inner[1:], sums)[0],)
+
+    return replace(
+        base,
+        name=f"{base.name} along rays",
+        enter=enter,
+        edge_sum=base_sum.after(1) if isinstance(base_sum, SliceSum) else edge_sum,
+        leave=leave,
+    )
+
+
+def _refined_sums(
+    node_sum: NodeSum,
+    triangles: Triangles,
+    rate: float,
+    points: Floats,
+    clearance: Floats,
+    tolerance: float,
+    floor: Floats,
+) -> tuple[Floats, Floats]:
+    """Return irradiance and error estimates (n,), from rules refined until all points are settled.
+
+    The allowed error is ``tolerance`` times the irradiance, or times ``floor`` (n,) if that is
+    larger.
+
+    Notes
+    -----
+    A point at the distance d = ``clearance`` from the source causes singularities of the integrand
+    at complex positions, at the distance d from the real ones. Nodes with a spacing h then have a
+    relative error of exp(-2 pi d/h). If this exceeds 1/e, two rules may agree although both are
+    wrong, so the error estimate is infinite.
+    """
+    values, errors = np.zeros(len(points)), np.full(len(points), np.inf)
+    remaining = np.arange(len(points))
+    previous: Floats | None = None
+    for extra in (1.0, *_LEVELS) if len(triangles) > _MANY_TRIANGLES else _LEVELS:
+        if previous is not None and node_count(triangles, rate, extra) > _MOST_NODES:
+            break
+        sums = node_sum(gauss_rule(triangles, rate, extra), points[remaining])
+        values[remaining] = sums
+        if previous is None:
+            previous = sums
+            continue
+        change = np.abs(sums - previous)
+        change[clearance[remaining] < spacings(triangles, rate, extra).max() / (2 * np.pi)] = np.inf
+        errors[remaining] = change
+        allowed = tolerance * np.maximum(np.abs(sums), floor[remaining])
+        if (change <= allowed).all():
+            break
+        unsettled = change > _SETTLED * allowed
+        remaining, previous = remaining[unsettled], sums[unsettled]
+    return values, errors
+
+
+def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
+    count = node_count(triangles, rate, _LEVELS[0])
+    if not count <= _MOST_NODES:
+        across = float(np.ptp(triangles.reshape(-1, 2), axis=0).max()) / wavelength
+        raise ArgumentError(
+            f"a source of {across:.3g} wavelengths is too large for Wigner rays to these points, "
+            f"which require {count:.2g} nodes; use method={DEFAULT!r}, which is exact, and check "
+            "the unit of the wavelength"
+        )
+
+
+def _phase_rates(
+    source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
+) -> Floats:
+    """Return the largest |nu - kappa| (n,) in 1/m of rays nu to points (n, 3) and waves kappa."""
+    xmin, ymin, xmax, ymax = source.bounds
+    corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
+    rays = points[:, None, :2] - corners
+    length = np.sqrt((rays**2).sum(axis=-1) + points[:, None, 2] ** 2)
+    nu = rays / (wavelength * length[..., None])
+    bent = 0.0
+    if curved:
+        q = np.array([curved[:2], curved[1:3]])
+        nu = nu - (corners - np.array(curved[3:])) @ q
+        bent = float(np.linalg.norm(q, 2) * np.hypot(xmax - xmin, ymax - ymin))
+    rates = np.zeros(len(points))
+    for kappa in normal_form(source).frequencies:
+        rates = np.maximum(rates, np.linalg.norm(nu - kappa, axis=-1).max(axis=1))
+    return rates + bent
+
+
+# ---- triangles where W is smooth -----------------------------------------------------------------
+
+# Largest number of kink segments, which take some seconds, and of their intersections.
+_MOST_KINKS, _MOST_INTERSECTIONS = 1 << 16, 1 << 20
+# Number of segments from which the number of intersections is estimated.
+_SAMPLE = 256
+
+
+@lru_cache(maxsize=64)
+def _kinks(source: Aperture | Array) -> Floats | None:
+    """Return the ends (m, 2, 2) of the distinct kink segments (T1); None if there are too many."""
+    form = normal_form(source)
+    elements, means = form.in_plane.elements, np.zeros((1, 2))
+    grid = 0.0
+    if form.lattice is not None:
+        elements, positions = (form.lattice.element,), form.lattice.positions
+        means = (positions[:, None] / 2 + positions / 2).reshape(-1, 2)
+        grid = grid_size(positions) if positions.any() else 1.0
+        means = np.unique(np.rint(means / grid), axis=0) * grid
+    rings = [ring for element in elements for ring in element.rings]
+    vertices = np.concatenate(rings)
+    if len(means) * len(vertices) ** 2 > _MOST_KINKS:
+        return None
+    ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    first = vertices[:, None] / 2 + vertices / 2
+    second = vertices[:, None] / 2 + ends / 2
+    segments = np.stack([first, second], axis=-2).reshape(-1, 2, 2)
+    grid = max(grid, grid_size(vertices))
+    return _distinct((_distinct(segments, grid) + means[:, None, None]).reshape(-1, 2, 2), grid)
+
+
+def _distinct(segments: Floats, grid: float) -> Floats:
+    """Round segments (n, 2, 2) to a grid, and remove duplicates and segments of length zero.
+
+    Segments that differ in the order of their ends only are duplicates.
+    """
+    steps = np.rint(segments / grid)
+    order = np.lexsort((steps[..., 1], steps[..., 0]), axis=1)
+    steps = np.take_along_axis(steps, order[..., None], axis=1)
+    distinct = np.unique(steps.reshape(-1, 4), axis=0).reshape(-1, 2, 2) * grid
+    return np.asarray(distinct[(distinct[:, 0] != distinct[:, 1]).any(axis=-1)])
+
+
+@lru_cache(maxsize=64)
+def has_few_kinks(source: Aperture | Array) -> bool:
+    """Return whether W has at most 65,536 kink segments with at most about 1e6 intersections."""
+    segments = _kinks(source)
+    if segments is None:
+        return False
+    lines = shapely.linestrings(segments)
+    sample = lines[:: max(1, len(lines) // _SAMPLE)]
+    intersections = shapely.STRtree(lines).query(sample, predicate="intersects").shape[1]
+    return bool(intersections / len(sample) * len(lines) / 2 <= _MOST_INTERSECTIONS)
+
+
+@lru_cache(maxsize=64)
+def smooth_triangles(source: Aperture | Array) -> Triangles:
+    """Return triangles (n, 3, 2) that tile the automean of a source and that no kink of W crosses.
+
+    The source must satisfy :func:`has_few_kinks`.
+    """
+    segments = _kinks(source)
+    assert segments is not None
+    grid = grid_size(segments.reshape(-1, 2))
+    noded = shapely.union_all(shapely.linestrings(segments), grid_size=grid)
+    cells = np.array(polygons_in(shapely.polygonize([noded])), dtype=object)
+    support = mutual_support(source).polygons
+    shapely.prepare(support)
+    inside = shapely.contains_properly(support, shapely.point_on_surface(cells))
+    return triangulated(cells[inside])
