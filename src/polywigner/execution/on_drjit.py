@@ -243,9 +243,9 @@ def row_sums(
     return tuple(np.array(part) for part in ops.fold(0, end, start, step))
 
 
-# Sorting fewer samples, or samples of fewer edges, costs more than it saves
+# Sorting the samples of sources with fewer edges costs more than it saves
 # (benchmarks/call_rates.py).
-_LEAST_SAMPLES_SORTED, _LEAST_EDGES_SORTED = 1 << 15, 5
+_LEAST_EDGES_SORTED = 5
 # Dr.Jit records a function again if arrays of different sizes later have one size, or the reverse.
 # Sizes are therefore multiples of the first number, plus a different multiple of the second.
 _SIZES, _APART = 256, 8
@@ -347,7 +347,7 @@ class _Slices:
 
     def order(self, inner: Sequence[Array]) -> Order:
         """Return the order of samples by cells, in which neighbours read the same lists."""
-        if not self.sorts or inner[-1].size < _LEAST_SAMPLES_SORTED:
+        if not self.sorts:
             return ...
         x, y = inner[self.slices.position]
         (view, *_), grid = next(iter(self.pairs.items()))

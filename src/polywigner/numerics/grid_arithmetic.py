@@ -17,11 +17,6 @@ import numpy.typing as npt
 # Veltkamp's splitting constant, 2^ceil(p/2) + 1 for p = 53 bits.
 _SPLIT = 134217729.0
 
-# Spacing of the grid in double and in single precision. In the frame, vertices are within 1/2 of
-# the origin and offsets (2x or xi) within 1. So the largest combination of an offset and two
-# vertices is below 2, which has 53 (24) bits above the spacing.
-GRID = {True: 2.0**-52, False: 2.0**-23}
-
 Floats = npt.NDArray[np.float64]
 
 

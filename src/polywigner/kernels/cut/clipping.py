@@ -36,7 +36,6 @@ import numpy.typing as npt
 from polywigner.kernels.outline.tables import Tables
 from polywigner.numerics import Number
 from polywigner.numerics.grid_arithmetic import (
-    GRID,
     accurate_cross,
     rounded,
     signed_convex_pieces,
@@ -108,7 +107,8 @@ class Constants:
 @lru_cache(maxsize=128)
 def constants_of(tables: Tables) -> Constants:
     """Return the constants of tables; elements share lines."""
-    step, frame = GRID[tables.double], tables.frame
+    frame = tables.frame
+    step = frame.grid_step(tables.double)
     group_of = dict(zip(tables.names[:, 2].tolist(), tables.names[:, 3].tolist(), strict=True))
     edges: list[Edge] = []
     pieces: list[Piece] = []

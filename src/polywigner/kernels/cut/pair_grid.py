@@ -8,7 +8,6 @@ divided into square cells, whose lists ``cell_lists`` builds. This module cuts e
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
@@ -17,7 +16,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.kernels.outline.frame import power_of_two
 from polywigner.kernels.outline.tables import Tables
 from polywigner.numerics import Number
 from polywigner.numerics.grid_arithmetic import accurate_cross
@@ -79,9 +77,7 @@ def outline_of(tables: Tables, group: int, double: bool) -> Outline:
     names[:, :3] = tables.names[mine, :3]
     starts = np.flatnonzero(np.append(True, names[1:, 0] != names[:-1, 1])[: len(names)])
     vertices, weights = tables.edges[mine, :2], tables.edges[mine, 4:]
-    # offsets up to twice the reach, less two vertices, must be exact multiples of the step
-    reach = power_of_two(4.0 * max(abs(vertices).max(initial=0.0), 0.25))
-    step = math.ldexp(reach, -53 if double else -24)
+    step = tables.frame.grid_step(double)
     edges = np.zeros((len(vertices), 8))
     edges[:, :2] = np.rint(vertices / step) * step
     outline = Outline(step, edges, np.append(starts, len(edges)), names)

@@ -69,6 +69,15 @@ class Frame:
         """Whether the frame has the directions of the user's axes."""
         return _diagonal(self.matrix)
 
+    def grid_step(self, double: bool) -> float:
+        """Return the spacing of the grid of vertices and offsets, a power of two.
+
+        Offsets at which two copies meet are at most twice the reach. An offset less two vertices is
+        therefore below four times the reach, and exact in float64 (53 bits) or float32 (24 bits).
+        The margin is for offsets that miss by rounding.
+        """
+        return power_of_two(4.001 * max(self.reach)) * 2.0 ** (-53 if double else -24)
+
     @property
     def rows(self) -> Matrix:
         """The matrix that takes frequencies into the frame."""
