@@ -317,12 +317,12 @@ def evaluate_sums(
     step = min(len(positions), _BLOCK)
     width = max(1, _BLOCK // step)
     for start in range(0, len(positions), step):
-        some = slice(start, start + step)
+        block = slice(start, start + step)
         for low in range(0, len(points), width):
             columns = slice(low, low + width)
-            components = [*positions[some].T, *points[columns].T[:, :, None], *fixed]
+            components = [*positions[block].T, *points[columns].T[:, :, None], *fixed]
             (values,) = evaluate(kernel, source, components, **how)
-            total[columns] += values @ weights[some]
+            total[columns] += values @ weights[block]
     return total
 
 

@@ -21,7 +21,7 @@ from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.execution.operations import Drjit, Numbers
 from polywigner.geometry.arguments import real_numbers
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_cycles
 from polywigner.toolchain import llvm
 
 Points = Mapping[str, Any]
@@ -276,12 +276,12 @@ def matrix_times(matrix: NDArray[np.float64], components: Sequence[Any]) -> list
     ]
 
 
-def unit_wave(turns: Numbers) -> Numbers:
+def unit_wave(cycles: Numbers) -> Numbers:
     """Return exp(2 pi i turns), as NumPy's complex numbers or a ``Complex2f``."""
-    if not is_drjit(turns):
-        return np.exp(2j * np.pi * (turns - np.round(turns)))
-    cosine, sine = cos_sin_turns(DrjitOperations(type(turns)), turns)
-    return sibling(type(turns), "Complex2f")(cosine, sine)
+    if not is_drjit(cycles):
+        return np.exp(2j * np.pi * (cycles - np.round(cycles)))
+    cosine, sine = cos_sin_cycles(DrjitOperations(type(cycles)), cycles)
+    return sibling(type(cycles), "Complex2f")(cosine, sine)
 
 
 def times_complex(value: Numbers, factor: complex) -> Numbers:

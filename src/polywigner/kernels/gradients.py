@@ -29,7 +29,7 @@ from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.wave_pairs import WavePair
 from polywigner.numerics import Number
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_over_turns, cos_sin_turns, polynomial
+from polywigner.numerics.phases import cos_sin_cycles, cos_sin_over_cycles, polynomial
 
 _ZERO = Pair(0.0, 0.0)
 
@@ -86,7 +86,7 @@ class Axes:
         polygon, each over -dp, (G4).
         """
         ops = self.ops
-        cosine, sine = cos_sin_turns(ops, self.norm * p)
+        cosine, sine = cos_sin_cycles(ops, self.norm * p)
         m0, m1, m2 = _segment_moments(ops, 0.5 * self.norm * dp)
         wave = Pair(cosine, -sine)
         e0, e1, e2 = wave.scaled(m0), Pair(sine * m1, cosine * m1), wave.scaled(m2)
@@ -129,7 +129,7 @@ def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     x = 2 * math.pi * half
     small = abs(x) < _BELOW
     inverse = 1.0 / ops.select(small, 1.0, x)
-    cosine, sine, ratio = cos_sin_over_turns(ops, half)
+    cosine, sine, ratio = cos_sin_over_cycles(ops, half)
     j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
     square = ops.select(small, x * x, 0.0)  # no overflow in the branch not taken
     series = square * _over_power(ops, 2, square, _DOUBLE if ops.double else _SINGLE)
@@ -284,8 +284,8 @@ class _BeatGradients:
         self.rates = [Pair(*rate) for rate in pair.gradient(self.ops, position)]
         group, other = groups
         self.first, self.second = (other, group) if views[0][0] is AHEAD else (group, other)
-        self.one, self.two = weights[self.first], weights[self.second]
-        self.mutual = self.one * self.two.conjugate()
+        self.first_weight, self.second_weight = weights[self.first], weights[self.second]
+        self.mutual = self.first_weight * self.second_weight.conjugate()
         self.wave = Pair(*pair.amplitude(self.ops, position))
         self.amplitude = self.wave * self.mutual
 
@@ -342,8 +342,10 @@ class _BeatGradients:
             result.frequency[k] = result.frequency[k] + change
         if self.accumulator.needs_weights:
             value = area.scaled(self.scale) * self.wave
-            change = self.accumulator.weight(self.first, value * self.two.conjugate(), _ZERO)
-            change = change + self.accumulator.weight(self.second, _ZERO, value * self.one)
+            change = self.accumulator.weight(
+                self.first, value * self.second_weight.conjugate(), _ZERO
+            )
+            change = change + self.accumulator.weight(self.second, _ZERO, value * self.first_weight)
             result.shared = result.shared + change
 
 

@@ -63,7 +63,7 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
 
 # Over a smaller fraction of a cycle, a Gauss rule with 8 nodes is exact to rounding; over a larger
 # one, differences of Fresnel integrals lose at most a digit.
-_RULE, _FEW_TURNS = legendre.leggauss(8), 1 / 16
+_RULE, _FEW_CYCLES = legendre.leggauss(8), 1 / 16
 # Half cycles below which a curvature counts as 0.
 _FLAT = 1e-20
 
@@ -85,7 +85,7 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
     f = sign * f
     longest = float(abs(b).max(initial=0.0)) or 1.0
     c = np.maximum(abs(c), _FLAT / longest**2)
-    short = abs(b) * np.maximum(abs(f), abs(c * b - f)) < _FEW_TURNS
+    short = abs(b) * np.maximum(abs(f), abs(c * b - f)) < _FEW_CYCLES
     value = _by_tails(b, c, f)
     if short.any():
         value[short] = _by_rule(*(np.broadcast_to(v, short.shape)[short] for v in (b, c, f)))
@@ -94,9 +94,9 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
     return value
 
 
-def waves_of_turns(turns: Any) -> Complex:
+def waves_of_cycles(cycles: Any) -> Complex:
     """Return exp(2 pi i turns) for phases in cycles."""
-    angle = np.asarray(2 * math.pi * (turns - np.rint(turns)))
+    angle = np.asarray(2 * math.pi * (cycles - np.rint(cycles)))
     wave = np.empty(angle.shape, np.complex128)
     np.cos(angle, out=wave.real)
     np.sin(angle, out=wave.imag)
@@ -122,16 +122,16 @@ def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
     begin, side = -f * (root / c), (f > 0).astype(np.float64)
     first_step, first = fresnel_tail(begin, side)
     step, last = fresnel_tail(root * b + begin, side)
-    bend = waves_of_turns(-0.5 * f * (f / c))
-    value = first - last * waves_of_turns(0.5 * b * (c * b - 2 * f))
+    bend = waves_of_cycles(-0.5 * f * (f / c))
+    value = first - last * waves_of_cycles(0.5 * b * (c * b - 2 * f))
     value += bend * (first_step - step)
     return np.asarray(value * (np.exp(0.25j * math.pi) / np.sqrt(c)))
 
 
 # Largest number of cycles along an edge; nodes for more cycles take gigabytes per point.
-_MOST_TURNS = 1e5
+_MOST_CYCLES = 1e5
 # Cycles of phase on a piece of an edge, well within the range of the largest rule.
-_TURNS = 200.0
+_CYCLES = 200.0
 # Only every fourth rule is used, two rules per factor of two.
 _STRIDE = 4
 # Nodes in one block, which stay in the cache of a core, and pairs of a point and an edge.
@@ -158,53 +158,53 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
     begin, edge = begin[rises], edge[rises]
     step = max(1, _PAIRS // len(edge))
     blocks = [slice(k, k + step) for k in range(0, len(nu), step)]
-    return np.concatenate([_along(begin, edge, q[some], nu[some]) for some in blocks])
+    return np.concatenate([_along(begin, edge, q[block], nu[block]) for block in blocks])
 
 
 def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
     """Return sum over all edges, with a number of nodes chosen for each edge and point."""
-    turns = _turns(begin, edge, q, nu)
-    pieces = np.ceil(turns / _TURNS).clip(1.0).astype(np.intp)
-    points, edges = (np.repeat(n.ravel(), pieces.ravel()) for n in np.indices(turns.shape))
+    cycles = _cycles(begin, edge, q, nu)
+    pieces = np.ceil(cycles / _CYCLES).clip(1.0).astype(np.intp)
+    points, edges = (np.repeat(n.ravel(), pieces.ravel()) for n in np.indices(cycles.shape))
     count = pieces[points, edges]
     last = np.cumsum(pieces.ravel())
     number = np.arange(len(points)) - np.repeat(last - pieces.ravel(), pieces.ravel())
     extent = edge[edges] / count[:, None]
     start = begin[edges] + extent * number[:, None]
-    rules = _rules_for(turns[points, edges] / count)
+    rules = _rules_for(cycles[points, edges] / count)
     values = np.zeros(len(nu), np.complex128)
-    for rule, mine in _batches(rules):
+    for rule, members in _batches(rules):
         at, weights = gauss_rules()[rule].T[:2]
         step = max(1, _BLOCK // len(at))
-        for some in (mine[k : k + step] for k in range(0, len(mine), step)):
-            owners = points[some]
-            values_at_nodes = _at_nodes(start[some], extent[some], at, q[owners], nu[owners])
+        for block in (members[k : k + step] for k in range(0, len(members), step)):
+            owners = points[block]
+            values_at_nodes = _at_nodes(start[block], extent[block], at, q[owners], nu[owners])
             total = np.einsum(
                 "kn,n->k", values_at_nodes, weights
             )  # threads of BLAS would cost more
-            np.add.at(values, owners, total * (0.5 * extent[some, 1]))
+            np.add.at(values, owners, total * (0.5 * extent[block, 1]))
     return values
 
 
-def _turns(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
+def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
     """Return a bound (n, m) on the cycles along edges, of both chirps and of the chirp along y."""
     most = np.zeros((len(nu), len(edge)))
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
         most = np.maximum(most, np.maximum(abs(first + second), abs(second)))
     most = np.where(np.isfinite(most), most, 0.0)  # their values are NaN as well
-    if (most > _MOST_TURNS).any():
+    if (most > _MOST_CYCLES).any():
         raise ArgumentError(
-            f"expected a curved wave of up to {_MOST_TURNS:.0e} turns of phase along an edge, got "
+            f"expected a curved wave of up to {_MOST_CYCLES:.0e} turns of phase along an edge, got "
             f"{most.max():.2g}; take lower frequencies, points of Fresnel's field farther away, or "
             "behind a system a plane farther from a line in which the source is imaged"
         )
     return most
 
 
-def _rules_for(turns: Floats) -> NDArray[np.intp]:
-    """Return the numbers of the rules that integrate chirps of ``turns`` cycles (up to 400)."""
-    needed = 0.5 * math.pi * turns + 8.0 * np.cbrt(turns) + 4.0
+def _rules_for(cycles: Floats) -> NDArray[np.intp]:
+    """Return the numbers of the rules that integrate chirps of ``cycles`` cycles (up to 400)."""
+    needed = 0.5 * math.pi * cycles + 8.0 * np.cbrt(cycles) + 4.0
     sizes = [len(rule) for rule in gauss_rules()[::_STRIDE]]
     return np.asarray(np.searchsorted(sizes, needed) * _STRIDE)
 
@@ -212,12 +212,12 @@ def _rules_for(turns: Floats) -> NDArray[np.intp]:
 def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
     """Yield each rule with the indices of its pairs; few pairs take the next larger rule."""
     present = np.unique(rules).tolist()
-    mine = np.zeros(0, np.intp)
+    members = np.zeros(0, np.intp)
     for rule in present:
-        mine = np.concatenate([mine, np.flatnonzero(rules == rule)])
-        if len(mine) * len(gauss_rules()[rule]) >= _FEW or rule == present[-1]:
-            yield rule, mine
-            mine = mine[:0]
+        members = np.concatenate([members, np.flatnonzero(rules == rule)])
+        if len(members) * len(gauss_rules()[rule]) >= _FEW or rule == present[-1]:
+            yield rule, members
+            members = members[:0]
 
 
 def _at_nodes(start: Floats, extent: Floats, at: Floats, q: Floats, nu: Floats) -> Complex:
@@ -225,5 +225,5 @@ def _at_nodes(start: Floats, extent: Floats, at: Floats, q: Floats, nu: Floats) 
     x, y = (start[:, k, None] + (0.5 + 0.5 * at) * extent[:, k, None] for k in (0, 1))
     (q1, q2), (nu1, nu2) = (values.T[:, :, None] for values in (q, nu))
     value = chirp_integral(x, q1, nu1)
-    value *= waves_of_turns(y * (0.5 * q2 * y - nu2))
+    value *= waves_of_cycles(y * (0.5 * q2 * y - nu2))
     return value

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from polywigner.numerics import Number
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_cycles
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,9 @@ def select(ops: Any, condition: Any, a: Pair, b: Pair) -> Pair:
     return Pair(ops.select(condition, a.real, b.real), ops.select(condition, a.imag, b.imag))
 
 
-def unit_wave(ops: Any, turns: Any) -> Pair:
+def unit_wave(ops: Any, cycles: Any) -> Pair:
     """Return exp(2 pi i turns) for real turns."""
-    return Pair(*cos_sin_turns(ops, turns))
+    return Pair(*cos_sin_cycles(ops, cycles))
 
 
 def decaying_sinh(ops: Any, a: Any, decay: Any) -> Number:

@@ -52,12 +52,12 @@ def _is_convex(polygon: Floats) -> bool:
     """Return whether a ring turns left or goes straight on at every vertex, and runs round once."""
     before = polygon - np.roll(polygon, 1, axis=0)
     after = np.roll(polygon, -1, axis=0) - polygon
-    turns = accurate_cross(*before.T, *after.T)
+    crosses = accurate_cross(*before.T, *after.T)
     ahead = (before * after).sum(axis=1)
-    if (turns < 0).any() or ((turns == 0) & (ahead <= 0)).any():
+    if (crosses < 0).any() or ((crosses == 0) & (ahead <= 0)).any():
         return False
     return bool(
-        np.arctan2(turns, ahead).sum() < 3 * np.pi
+        np.arctan2(crosses, ahead).sum() < 3 * np.pi
     )  # a sum of 2 pi for one round, more for several rounds
 
 

@@ -131,10 +131,10 @@ def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tupl
     )  # fmt: skip
 
 
-def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], turns: Any) -> Number:
+def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: Any) -> Number:
     """Return an estimate of the error of a rule from sums of :func:`node_sums`, rounding included.
 
-    ``expected``: as :func:`nodes_needed` returns it. ``turns``: bound on the sum of all phases, in
+    ``expected``: as :func:`nodes_needed` returns it. ``cycles``: bound on the sum of all phases, in
     cycles.
     """
     size, a, b, c, d = sums[2:]
@@ -149,7 +149,7 @@ def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], turns: An
     least = ops.minimum(ops.sqrt(ratio), ops.exp(-digits))
     # the error is at most the size itself
     fraction = ops.minimum(_SAFETY * ops.maximum(estimate, least), 2.0)
-    return mean * (fraction + ulp * (4.0 + 2.0 * turns))
+    return mean * (fraction + ulp * (4.0 + 2.0 * cycles))
 
 
 Rule = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]

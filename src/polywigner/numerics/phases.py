@@ -49,34 +49,34 @@ def _sine_of_reduced(ops: Any, r: Any) -> Number:
     return _sine_over_reduced(ops, r) * r
 
 
-def sin_turns(ops: Any, turns: Any) -> Number:
+def sin_cycles(ops: Any, cycles: Any) -> Number:
     """Return sin(2 pi turns)."""
-    r = turns - ops.round(turns)
+    r = cycles - ops.round(cycles)
     return np.sin(2 * math.pi * r) if ops.target == "numpy" else _sine_of_reduced(ops, r)
 
 
-def cos_sin_turns(ops: Any, turns: Any) -> tuple[Any, Any]:
+def cos_sin_cycles(ops: Any, cycles: Any) -> tuple[Any, Any]:
     """Return cos(2 pi turns) and sin(2 pi turns)."""
-    if hasattr(ops, "cos_sin_turns"):  # jets: each function is the derivative of the other
-        cosine, sine = ops.cos_sin_turns(turns)
+    if hasattr(ops, "cos_sin_cycles"):  # jets: each function is the derivative of the other
+        cosine, sine = ops.cos_sin_cycles(cycles)
         return cosine, sine
-    r = turns - ops.round(turns)
+    r = cycles - ops.round(cycles)
     return _sine_of_reduced(ops, 0.25 - abs(r)), _sine_of_reduced(ops, r)
 
 
-def cos_sin_over_turns(ops: Any, turns: Any) -> tuple[Any, Any, Any]:
+def cos_sin_over_cycles(ops: Any, cycles: Any) -> tuple[Any, Any, Any]:
     """Return cos(2 pi turns), sin(2 pi turns), and sin(2 pi turns)/turns.
 
     The quotient holds for |turns| < 1/2, and also at 0.
     """
-    r = turns - ops.round(turns)
+    r = cycles - ops.round(cycles)
     ratio = _sine_over_reduced(ops, r)
     return _sine_of_reduced(ops, 0.25 - abs(r)), ratio * r, ratio
 
 
-def sinc(ops: Any, turns: Any) -> Any:
+def sinc(ops: Any, cycles: Any) -> Any:
     """Return sin(pi turns)/(pi turns), the modulus of the mean plane wave over that many cycles."""
-    half = 0.5 * turns
+    half = 0.5 * cycles
     reduced = half - ops.round(half)
     ratio = _sine_over_reduced(ops, reduced)
     # No division by a small number, because the derivatives of the quotient would cancel and err by
@@ -86,9 +86,9 @@ def sinc(ops: Any, turns: Any) -> Any:
     return ops.select(near, ratio, quotient) * (0.5 / math.pi)
 
 
-def sinc_less_one(ops: Any, turns: Any, terms: int) -> Any:
+def sinc_less_one(ops: Any, cycles: Any, terms: int) -> Any:
     """Return sinc(turns) - 1 by its series, for small arguments: no digits are lost to the 1."""
-    square = (math.pi * turns) * (math.pi * turns)
+    square = (math.pi * cycles) * (math.pi * cycles)
     series: Any = 0.0
     for k in range(terms, 0, -1):
         series = ops.fma(series, square, (-1.0) ** k / math.factorial(2 * k + 1))
@@ -101,7 +101,7 @@ def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
     Returns the parts of the value ``cosine - i sine`` = exp(-pi i (start + end)) sinc(end - start).
     """
     scale = sinc(ops, end - start)
-    cosine, sine = cos_sin_turns(ops, 0.5 * (start + end))
+    cosine, sine = cos_sin_cycles(ops, 0.5 * (start + end))
     return scale * cosine, scale * sine
 
 
@@ -124,15 +124,15 @@ def dot(ops: Any, nu: tuple[Any, ...], point: tuple[Any, ...]) -> Doubled:
     Good to about the square of an ulp of |nu| |point|, however much cancels.
     """
     total: Any = None
-    rest: Any = 0.0
+    low: Any = 0.0
     for component, coordinate in zip(nu, point, strict=True):
         product, lost = _product(ops, component, coordinate)
         if total is None:
-            total, rest = product, lost
+            total, low = product, lost
         else:
             total, lost_sum = _sum(total, product)
-            rest = rest + (lost + lost_sum)
-    return total, rest
+            low = low + (lost + lost_sum)
+    return total, low
 
 
 def _product(ops: Any, nu: Any, coordinate: Any) -> Doubled:
@@ -172,33 +172,33 @@ def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Number:
 
 def halves(ops: Any, number: Doubled) -> Doubled:
     """Return a sum of two floats with a first number that float32 can hold as well (Veltkamp)."""
-    total, rest = number
+    total, low = number
     if not ops.double:
         return number
     scaled = total * _SPLIT
     high = scaled - (scaled - total)
-    return high, (total - high) + rest
+    return high, (total - high) + low
 
 
-def reduced(ops: Any, turns: Doubled) -> Any:
+def reduced(ops: Any, cycles: Doubled) -> Any:
     """Return a ``Doubled`` modulo 1."""
-    total, rest = turns
-    return (total - ops.round(total)) + rest
+    total, low = cycles
+    return (total - ops.round(total)) + low
 
 
-def turns_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Number:
+def cycles_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Number:
     """Return nu.centre modulo 1."""
     return reduced(ops, dot(ops, nu, centre))
 
 
-def less_carrier(ops: Any, frame: Any, turns: Any, *xi: Any) -> Number:
+def less_carrier(ops: Any, frame: Any, cycles: Any, *xi: Any) -> Number:
     """Return cycles without the phase of the carrier of the frame along a lag, modulo 1."""
     if not any(frame.carrier):
-        return turns
-    return turns - turns_to_centre(ops, frame.carrier, *xi)
+        return cycles
+    return cycles - cycles_to_centre(ops, frame.carrier, *xi)
 
 
-def rotated(ops: Any, turns: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
+def rotated(ops: Any, cycles: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
     """Return (cosine - i sine) exp(-2 pi i turns) as (real, imaginary) parts."""
-    c, s = cos_sin_turns(ops, turns)
+    c, s = cos_sin_cycles(ops, cycles)
     return cosine * c - sine * s, -(cosine * s + sine * c)

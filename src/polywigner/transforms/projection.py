@@ -206,13 +206,13 @@ def _axes(
     """Return the values along every coordinate of the tiles."""
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
     count = checked_count(samples, "samples", 2, LARGEST_SAMPLES)
-    given = {} if coordinates is None else coordinates
-    if not isinstance(given, Mapping):
+    requested = {} if coordinates is None else coordinates
+    if not isinstance(requested, Mapping):
         raise ArgumentError(
             "expected coordinates as a mapping from the names of coordinates, got "
-            f"{type(given).__name__}"
+            f"{type(requested).__name__}"
         )
-    _check_names(given, names, "coordinates")
+    _check_names(requested, names, "coordinates")
     low, widths = np.reshape(source.bounds, (2, -1))[0], _widths(source)
     axes = {}
     for name in names:
@@ -222,8 +222,8 @@ def _axes(
         if name in ("x", "y"):
             centre, reach = low[axis] + width / 2, reach / 2
         axes[name] = (
-            _numbers(name, given[name])
-            if name in given
+            _numbers(name, requested[name])
+            if name in requested
             else np.linspace(centre - reach, centre + reach, count)
         )
     return axes
@@ -346,10 +346,10 @@ def _mirrored_overlap(field: PlaneField, x: Values, xi_y: Values) -> Array:
     return values
 
 
-def _of_columns(one: Values, other: Values) -> tuple[Values, Values]:
+def _of_columns(first: Values, second: Values) -> tuple[Values, Values]:
     """(P5): the columns at a and 2x - a, one of them moved up."""
-    shift = np.column_stack([one[:, 0] + other[:, 0], one[:, 1] - other[:, 1]])
-    return shift, np.column_stack([-2 * other[:, 0], other[:, 1]])
+    shift = np.column_stack([first[:, 0] + second[:, 0], first[:, 1] - second[:, 1]])
+    return shift, np.column_stack([-2 * second[:, 0], second[:, 1]])
 
 
 # --- Wigner function
@@ -372,10 +372,10 @@ def _wigner_of_rows(field: PlaneField, x: Values, nu_x: Values) -> Array:
     return mutual_spectra(field, regions, nu_x, x[:, None], _of_one_row).real
 
 
-def _of_one_row(one: Values, other: Values) -> tuple[Values, Values]:
+def _of_one_row(first: Values, second: Values) -> tuple[Values, Values]:
     """(P8): points of one row with their midpoint at x."""
-    shift = np.column_stack([(one[:, 0] + other[:, 0]) / 2, one[:, 1] - other[:, 1]])
-    return shift, one[:, :1] - other[:, :1]
+    shift = np.column_stack([(first[:, 0] + second[:, 0]) / 2, first[:, 1] - second[:, 1]])
+    return shift, first[:, :1] - second[:, :1]
 
 
 def _column_powers(field: PlaneField, x: Values, nu_y: Values) -> Array:
@@ -408,10 +408,10 @@ def _ambiguity_of_rows(field: PlaneField, upsilon_x: Values, xi_x: Values) -> Ar
     return 2 * (spectra * phase(x, upsilon_x)).T
 
 
-def _of_opposite_rows(one: Values, other: Values) -> tuple[Values, Values]:
+def _of_opposite_rows(first: Values, second: Values) -> tuple[Values, Values]:
     """(P12): points of the rows at eta and -eta, relative to the centre's x but not to its y."""
-    shift = np.column_stack([one[:, 0] - other[:, 0], one[:, 1] + other[:, 1]])
-    return shift, np.column_stack([(one[:, 0] + other[:, 0]) / 2, other[:, 1] - one[:, 1]])
+    shift = np.column_stack([first[:, 0] - second[:, 0], first[:, 1] + second[:, 1]])
+    return shift, np.column_stack([(first[:, 0] + second[:, 0]) / 2, second[:, 1] - first[:, 1]])
 
 
 def _opposite_columns(field: PlaneField, upsilon_y: Values, xi_x: Values) -> Array:

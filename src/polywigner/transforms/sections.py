@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
 from polywigner.numerics.divided_differences import simplex_plane_wave
-from polywigner.numerics.phases import cos_sin_turns, mean_plane_wave, turns_to_centre
+from polywigner.numerics.phases import cos_sin_cycles, cycles_to_centre, mean_plane_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import SourceElement, normal_form
 
@@ -200,7 +200,7 @@ def column_integrals(field: PlaneField, x: Floats) -> NDArray[Any]:
 
 def phase(centre: float, nu: Floats) -> Complex:
     """Return exp(-2 pi i nu centre), from error-free products."""
-    cosine, sine = cos_sin_turns(_OPS, turns_to_centre(_OPS, (centre,), nu))
+    cosine, sine = cos_sin_cycles(_OPS, cycles_to_centre(_OPS, (centre,), nu))
     return np.asarray(cosine - 1j * sine)
 
 
@@ -277,8 +277,8 @@ def _overlap_spectra(regions: Overlaps, nu: Floats, nu_y: float = 0.0) -> Comple
     factor = regions.weight * (begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0])
 
     def term(chosen: Indices) -> tuple[Floats, Floats]:
-        turns = [nu * v[chosen, :1] + nu_y * v[chosen, 1:] for v in (begin, end)]
-        cosine, sine = simplex_plane_wave(_OPS, *turns)
+        cycles = [nu * v[chosen, :1] + nu_y * v[chosen, 1:] for v in (begin, end)]
+        cosine, sine = simplex_plane_wave(_OPS, *cycles)
         return cosine * factor[chosen, None], sine * factor[chosen, None]
 
     return _row_sums(regions.row, regions.count, len(nu), term)
@@ -294,14 +294,14 @@ def mutual_spectra(
     if field.is_uniform:
         return _overlap_spectra(regions, nu)
     total = np.zeros((regions.count, len(nu)), np.complex128)
-    for some, first, second in _by_pair(regions, len(field.elements)):
-        one, other = field.elements[first], field.elements[second]
-        i, j = (k.ravel() for k in np.indices((len(one.amplitudes), len(other.amplitudes))))
-        shifts, rates = pairing(one.frequencies[i], other.frequencies[j])
-        amplitudes = one.amplitudes[i] * other.amplitudes[j].conj()
+    for mutual, first, second in _by_pair(regions, len(field.elements)):
+        ahead, behind = field.elements[first], field.elements[second]
+        i, j = (k.ravel() for k in np.indices((len(ahead.amplitudes), len(behind.amplitudes))))
+        shifts, rates = pairing(ahead.frequencies[i], behind.frequencies[j])
+        amplitudes = ahead.amplitudes[i] * behind.amplitudes[j].conj()
         for shift, members in _groups(shifts):
             envelope = np.exp(2j * np.pi * (points @ rates[members].T)) @ amplitudes[members]
-            weighted = replace(some, weight=some.weight * envelope[some.row])
+            weighted = replace(mutual, weight=mutual.weight * envelope[mutual.row])
             total += _overlap_spectra(weighted, nu - shift[0], -shift[1])
     return total
 

@@ -120,7 +120,7 @@ def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
         if is_separable(source):
             return compute("fourier of waves", source, {"nu": nu}, **how)
     if _field_of(source) is not None:
-        return in_blocks(lambda some: _sum_of_waves(source, some, how), nu)
+        return in_blocks(lambda block: _sum_of_waves(source, block, how), nu)
     return compute("fourier", source, {"nu": nu}, **how)
 
 

@@ -122,7 +122,7 @@ def _with_vertices(
             f"expected {ends[-1]} vertices, as many as the source has, got {len(points)}"
         )
     corners = np.split(points, ends[:-1])
-    moved = [_moved(element, some) for element, some in zip(elements, corners, strict=True)]
+    moved = [_moved(element, part) for element, part in zip(elements, corners, strict=True)]
     if isinstance(source, Aperture):
         return moved[0], vertices
     return Array(moved, source.weights), vertices

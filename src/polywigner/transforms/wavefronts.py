@@ -96,8 +96,8 @@ def _uniform(
     origin = np.atleast_1d(np.asarray(element.centre, dtype=np.float64))
     away = (origin - centre) @ axes
     inner = nu @ axes - q * away
-    turns = ((q * away) @ away) / 2 - nu @ origin
-    phase = np.exp(2j * math.pi * (turns - np.round(turns)))
+    cycles = ((q * away) @ away) / 2 - nu @ origin
+    phase = np.exp(2j * math.pi * (cycles - np.round(cycles)))
     values = np.empty(len(nu), np.complex128)
     largest = np.argmax(np.abs(q), axis=1)
     for axis in range(q.shape[1]):
@@ -114,10 +114,10 @@ def _bent(
     if isinstance(element, Slits):
         return chirp_over_intervals(element.intervals - origin, q[:, 0], nu[:, 0])
     order = [axis, 1 - axis]
-    turn = axes[:, order]
-    rings = tuple((ring - origin) @ turn for ring in element.rings)
+    rotation = axes[:, order]
+    rings = tuple((ring - origin) @ rotation for ring in element.rings)
     values = chirp_over_rings(rings, q[:, order], nu[:, order])
-    return values * np.sign(np.linalg.det(turn))  # exchanged axes reverse the orientation
+    return values * np.sign(np.linalg.det(rotation))  # exchanged axes reverse the orientation
 
 
 # --- partly coherent light

@@ -30,7 +30,7 @@ from polywigner.kernels.arrays.repeated import DeviceTable
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_turns, sin_turns
+from polywigner.numerics.phases import cos_sin_cycles, sin_cycles
 from polywigner.source.lattices import Profile, Sites, separated
 
 Floats = NDArray[np.float64]
@@ -101,21 +101,21 @@ class ProfileFactor:
 
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
-    def at(self, ops: Any, by_mean: bool, number: Any, turns: Any) -> Pair:
-        """Return the factor with the number of `partner` at t = ``turns``; real for means."""
+    def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
+        """Return the factor with the number of `partner` at t = ``cycles``; real for means."""
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
         if self.profile.is_uniform:
-            return Pair(_dirichlet(ops, pairs, turns), 0.0)
+            return Pair(_dirichlet(ops, pairs, cycles), 0.0)
         series = self.means if by_mean else self.differences
-        return series.value(ops, number, 2.0 * last, pairs, turns)
+        return series.value(ops, number, 2.0 * last, pairs, cycles)
 
-    def total(self, ops: Any, turns: Any) -> Pair:
-        """Return sum over i of a_i exp(-2 pi i turns (i - (n - 1)/2)); ``turns`` modulo 2."""
-        count = float(self.count) + 0.0 * turns
+    def total(self, ops: Any, cycles: Any) -> Pair:
+        """Return sum over i of a_i exp(-2 pi i turns (i - (n - 1)/2)); ``cycles`` modulo 2."""
+        count = float(self.count) + 0.0 * cycles
         if self.profile.is_uniform:
-            return Pair(_dirichlet(ops, count, turns), 0.0)
-        return self._all.value(ops, 0.0 * turns, 0.0, count, turns)
+            return Pair(_dirichlet(ops, count, cycles), 0.0)
+        return self._all.value(ops, 0.0 * cycles, 0.0, count, cycles)
 
 
 @lru_cache(maxsize=64)
@@ -124,19 +124,19 @@ def profile_factor(profile: Profile) -> ProfileFactor:
     return ProfileFactor(profile)
 
 
-def _dirichlet(ops: Any, count: Any, turns: Any) -> Number:
+def _dirichlet(ops: Any, count: Any, cycles: Any) -> Number:
     """Return sum_k exp(-2 pi i turns (k - (count - 1)/2)) over 0 <= k < count; 0 for count <= 0.
 
     It is sin(pi count t)/sin(pi t) with t reduced to half a cycle. N t is exact to an ulp of
     itself, so the quotient errs by an ulp of N.
     """
     floor = 1e-30 if ops.double else 1e-20
-    nearest = ops.round(turns)
-    left = turns - nearest
-    left = ops.select(abs(left) < floor, floor, left)
-    quotient = sin_turns(ops, 0.5 * count * left) / sin_turns(ops, 0.5 * left)
+    nearest = ops.round(cycles)
+    remainder = cycles - nearest
+    remainder = ops.select(abs(remainder) < floor, floor, remainder)
+    quotient = sin_cycles(ops, 0.5 * count * remainder) / sin_cycles(ops, 0.5 * remainder)
     odd = _odd(ops, (count - 1.0) * nearest)
-    return ops.select(count > 0.0, quotient * (1.0 - 2.0 * odd), 0.0 * turns)
+    return ops.select(count > 0.0, quotient * (1.0 - 2.0 * odd), 0.0 * cycles)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,24 +152,24 @@ class _Series:
     tables: tuple[DeviceTable | None, ...]
     """Real and imaginary part of p, then of q: (rows * packets of a row, terms of a packet)."""
 
-    def value(self, ops: Any, row: Any, last: float, pairs: Any, turns: Any) -> Pair:
-        """Return the sum of a row at ``turns``, or 0 for a row that does not exist.
+    def value(self, ops: Any, row: Any, last: float, pairs: Any, cycles: Any) -> Pair:
+        """Return the sum of a row at ``cycles``, or 0 for a row that does not exist.
 
         ``pairs``: number of pairs of sites, which is the number of terms of the row.
         """
         exists = (row >= 0.0) & (row <= last)
         # Indices are integers: float32 would round indices beyond 2^24 (rows of 8,200 sites).
         known = ops.select(exists, row, 0.0)
-        start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * turns
+        start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * cycles
         is_even = _odd(ops, ops.select(exists, pairs, 1.0)) < 0.5  # centre between two terms
-        basis = _Basis(ops, turns, is_even)
+        basis = _Basis(ops, cycles, is_even)
         ends = (basis.cosine, basis.cosine, basis.sine, basis.sine)
         p_real, p_imag, q_real, q_imag = (
             self._sum(ops, basis, table, start, nil, end)
             for table, end in zip(self.tables, ends, strict=True)
         )
         real, imag = p_real + q_imag, p_imag - q_real
-        zero = 0.0 * turns
+        zero = 0.0 * cycles
         return Pair(ops.select(exists, real + zero, zero), ops.select(exists, imag + zero, zero))
 
     def _sum(
@@ -179,16 +179,16 @@ class _Series:
             return 0.0
         memory, last = table.in_memory(ops), start + (self.packets - 1)
 
-        def step(packet: Any, after: Any, b: Any, d: Any) -> tuple[Any, ...]:
+        def step(packet: Any, previous: Any, b: Any, d: Any) -> tuple[Any, ...]:
             for coefficient in reversed(ops.gather(memory, last - packet)):
-                after = b
+                previous = b
                 d = ops.fma(basis.slope, b, ops.fma(basis.sign, d, coefficient))
                 b = ops.fma(basis.sign, b, d)
-            return after, b, d
+            return previous, b, d
 
-        after, _, d = ops.repeated(self.packets, (nil, nil, nil), step, basis.slope)
+        previous, _, d = ops.repeated(self.packets, (nil, nil, nil), step, basis.slope)
         first, second = ends
-        return first * d + second * after
+        return first * d + second * previous
 
 
 class _Basis:
@@ -198,8 +198,8 @@ class _Basis:
     ``sine`` are the factors of the last d and of the last b but one.
     """
 
-    def __init__(self, ops: Any, turns: Any, half: Any) -> None:
-        cos_half, sin_half = cos_sin_turns(ops, 0.5 * turns)
+    def __init__(self, ops: Any, cycles: Any, half: Any) -> None:
+        cos_half, sin_half = cos_sin_cycles(ops, 0.5 * cycles)
         cosine = cos_half * cos_half - sin_half * sin_half
         ahead = cosine >= 0.0
         self.sign = ops.select(ahead, 1.0, -1.0)
@@ -245,18 +245,18 @@ def _unless_zero(values: Complexes, part: str, packet: int) -> DeviceTable | Non
 
 
 def factor_of(
-    ops: Any, profiles: tuple[ProfileFactor, ProfileFactor], by_mean: bool, turns: Pair2
+    ops: Any, profiles: tuple[ProfileFactor, ProfileFactor], by_mean: bool, cycles: Pair2
 ) -> Callable[[Pair2, Pair2], Pair]:
-    """Return the factors of midpoints or differences at t = ``turns`` along both directions.
+    """Return the factors of midpoints or differences at t = ``cycles`` along both directions.
 
     The returned function takes the steps from the first contributing node and the numbers of
     `partner`, each along both directions.
     """
-    one, two = (
-        _remembered(partial(profile.at, ops, by_mean, turns=along))
-        for profile, along in zip(profiles, turns, strict=True)
+    first, second = (
+        _remembered(partial(profile.at, ops, by_mean, cycles=along))
+        for profile, along in zip(profiles, cycles, strict=True)
     )
-    return lambda steps, numbers: one(steps[0], numbers[0]) * two(steps[1], numbers[1])
+    return lambda steps, numbers: first(steps[0], numbers[0]) * second(steps[1], numbers[1])
 
 
 def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
@@ -302,7 +302,7 @@ class _Tables:
     empty for a lattice."""
     factors: tuple[ProfileFactor, ...] = ()
     constant: complex = 1.0
-    turns: tuple[float, ...] = ()
+    cycles: tuple[float, ...] = ()
 
     @property
     def terms(self) -> int:
@@ -321,11 +321,11 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
         # phases are 0 at the centre
         constant *= complex(np.exp(1j * np.pi * profile.cycles_per_element * (count - 1)))
-    factors, turns = (
+    factors, cycles = (
         map(profile_factor, profiles),
         (profile.cycles_per_element for profile in profiles),
     )
-    return _Tables(frame, (), tuple(factors), constant, tuple(turns))
+    return _Tables(frame, (), tuple(factors), constant, tuple(cycles))
 
 
 @lru_cache(maxsize=64)
@@ -342,28 +342,28 @@ def _table_of_sites(sites: Sites, double: bool) -> _Tables:
 
 
 def _enter(ops: Any, frame: _Frame, *nu: Any) -> Values:
-    turns = phases.turns_to_centre(ops, frame.centre, *nu)
+    cycles = phases.cycles_to_centre(ops, frame.centre, *nu)
     if not frame.basis:
-        return (turns, *nu)
+        return (cycles, *nu)
     # sites are half steps from the centre, so nu.b is reduced modulo 2
     half = [0.5 * component for component in nu]
-    return (turns, *(2.0 * phases.turns_to_centre(ops, b, *half) for b in frame.basis))
+    return (cycles, *(2.0 * phases.cycles_to_centre(ops, b, *half) for b in frame.basis))
 
 
-def _sum(ops: Any, tables: _Tables, turns: Any, *inner: Any) -> Values:
+def _sum(ops: Any, tables: _Tables, cycles: Any, *inner: Any) -> Values:
     def term(*row: Any) -> Values:
-        *both, real, imag = row
-        site = tuple(zip(both[0::2], both[1::2], strict=True))
+        *coordinates, real, imag = row
+        site = tuple(zip(coordinates[0::2], coordinates[1::2], strict=True))
         return phases.rotated(ops, phases.reduced(ops, phases.dot(ops, inner, site)), real, -imag)
 
     if tables.rows:
         real, imag = ops.sum_over(tables.rows, term, 2, like=inner[0])
         return real, -imag
-    one, two = (
-        factor.total(ops, along - turn)
-        for factor, along, turn in zip(tables.factors, inner, tables.turns, strict=True)
+    first, second = (
+        factor.total(ops, along - per_element)
+        for factor, along, per_element in zip(tables.factors, inner, tables.cycles, strict=True)
     )
-    total = one * two * Pair(tables.constant.real, tables.constant.imag)
+    total = first * second * Pair(tables.constant.real, tables.constant.imag)
     return total.real, -total.imag
 
 

@@ -77,15 +77,15 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     x, y = (shift + local.centre).tolist()
     frame = replace(local, centre=(x, y))
     # fields are relative to the carrier, whose phase depends on the whole position or lag
-    turns = positions @ np.array(local.carrier)
-    weights = copies.weights * np.exp(-2j * np.pi * (turns - np.rint(turns)))
-    high, rest = (
+    cycles = positions @ np.array(local.carrier)
+    weights = copies.weights * np.exp(-2j * np.pi * (cycles - np.rint(cycles)))
+    high, low = (
         vertices_for(local.inverse_transpose, (0.0, 0.0), part)
         for part in phases.difference(positions, shift)
     )
     scale = 1.0
     if view is None:
-        centre, across = (high, rest), (0.0 * high, 0.0 * high)
+        centre, across = (high, low), (0.0 * high, 0.0 * high)
     else:
         first, second = (index.ravel() for index in np.indices((len(weights),) * 2))
         if view is MIRRORED:  # each pair once: the reversed pair is the conjugate
@@ -94,9 +94,9 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         if view is MIRRORED:
             weights[first < second] *= 2.0
         total, lost = phases.difference(high[first], -high[second])
-        mean = total / 2, (lost + (rest[first] + rest[second])) / 2
+        mean = total / 2, (lost + (low[first] + low[second])) / 2
         total, lost = phases.difference(high[first], high[second])
-        apart = total, lost + (rest[first] - rest[second])
+        apart = total, lost + (low[first] - low[second])
         centre, across = (mean, apart) if view is MIRRORED else (apart, mean)
         # the copies meet at offsets below the sum of both half-widths
         scale = 1.0 if view is MIRRORED else 2.0
@@ -109,9 +109,9 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
 
 def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
     """Return x and y of vectors, each as a float of the kernel's precision and the rest."""
-    total, rest = vector
+    total, low = vector
     high = total if double else total.astype(np.float32).astype(np.float64)
-    low = (total - high) + rest
+    low = (total - high) + low
     return [high[:, 0], low[:, 0], high[:, 1], low[:, 1]]
 
 
@@ -181,15 +181,15 @@ Point = tuple[phases.Doubled, phases.Doubled]
 def _less(ops: Any, value: Any, constant: float) -> phases.Doubled:
     """Return value - constant without rounding."""
     high, low = phases.doubled(constant, ops.double)
-    total, rest = phases.difference(value, high)
-    return total, rest - low
+    total, low = phases.difference(value, high)
+    return total, low - low
 
 
 def _position(ops: Any, frame: Frame, *point: Any) -> Values:
     """Return a point relative to the centre in the frame, each component as two floats."""
     less = (_less(ops, c, m) for c, m in zip(point, frame.centre, strict=True))
-    total, rest = (frame.vector(ops, *part) for part in zip(*less, strict=True))
-    return _halves(ops, *zip(total, rest, strict=True))
+    total, low = (frame.vector(ops, *part) for part in zip(*less, strict=True))
+    return _halves(ops, *zip(total, low, strict=True))
 
 
 def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Values:
@@ -210,16 +210,16 @@ def _enter_wigner(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) 
 def _enter_ambiguity(
     ops: Any, frame: Frame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
-    turns = phases.turns_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
-    turns = phases.less_carrier(ops, frame, turns, xi_x, xi_y)
+    cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
+    cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)
     lag = _halves(ops, *((c, 0.0 * c) for c in frame.vector(ops, xi_x, xi_y)))
-    return (turns, *lag, *_frequency(ops, frame, (0.0, 0.0), upsilon_x, upsilon_y))
+    return (cycles, *lag, *_frequency(ops, frame, (0.0, 0.0), upsilon_x, upsilon_y))
 
 
 def _enter_both_ends(ops: Any, frame: Frame, x: Any, y: Any, xi_x: Any, xi_y: Any) -> Values:
-    turns = phases.less_carrier(ops, frame, 0.0 * xi_x, xi_x, xi_y)
+    cycles = phases.less_carrier(ops, frame, 0.0 * xi_x, xi_x, xi_y)
     ends = (_position(ops, frame, x + side * xi_x, y + side * xi_y) for side in (0.5, -0.5))
-    return (turns, *(number for end in ends for number in end))
+    return (cycles, *(number for end in ends for number in end))
 
 
 # ---- one pair --------------------------------------------------------------------------------
@@ -232,9 +232,9 @@ def _point(numbers: Sequence[Any]) -> Point:
 
 def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
     """Return the point relative to the pair's midpoint or difference."""
-    (x, x_rest), (y, y_rest) = _point(samples[:4])
-    (px, px_rest), (py, py_rest) = _point(record[:4])
-    return (x - px) + (x_rest - px_rest), (y - py) + (y_rest - py_rest)
+    (x, x_low), (y, y_low) = _point(samples[:4])
+    (px, px_low), (py, py_low) = _point(record[:4])
+    return (x - px) + (x_low - px_low), (y - py) + (y_low - py_low)
 
 
 def _of_element(
@@ -242,9 +242,9 @@ def _of_element(
 ) -> Pair:
     """Return the contribution of a pair of equal elements; for W only its real part counts."""
     nu, offset = _point(samples[4:]), _offset(record, samples)
-    turns = phases.reduced(ops, phases.dot(ops, nu, _point(record[4:8])))
-    factor = Pair(record[8], record[9]) * unit_wave(ops, turns).conjugate()
-    frequency = [total + rest for total, rest in nu]
+    cycles = phases.reduced(ops, phases.dot(ops, nu, _point(record[4:8])))
+    factor = Pair(record[8], record[9]) * unit_wave(ops, cycles).conjugate()
+    frequency = [total + low for total, low in nu]
     if view is MIRRORED:
         return factor.scaled(element_wigner(ops, element, *offset, *frequency))
     return factor * element_ambiguity(ops, element, *frequency, *offset)
@@ -293,12 +293,12 @@ def _wigner_sum(ops: Any, tables: PairTables, *samples: Any) -> Values:
     return tuple(_sum(ops, tables, 1, samples))
 
 
-def _ambiguity_sum(ops: Any, tables: PairTables, turns: Any, *samples: Any) -> Values:
+def _ambiguity_sum(ops: Any, tables: PairTables, cycles: Any, *samples: Any) -> Values:
     real, imag = _sum(ops, tables, 2, samples)
     return real, -imag
 
 
-def _fields(ops: Any, tables: PairTables, turns: Any, *positions: Any) -> Values:
+def _fields(ops: Any, tables: PairTables, cycles: Any, *positions: Any) -> Values:
     """Return u at both ends of a lag, without the carrier."""
     ends = positions[:4], positions[4:]
     return tuple(part for end in ends for part in _sum(ops, tables, 2, end, _field_of))

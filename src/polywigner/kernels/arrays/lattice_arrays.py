@@ -62,8 +62,8 @@ class _Nodes:
             for (low, high, start, steps), row in zip(self.windows, frame.inverse, strict=True)
         )
         (ax, ay), (bx, by) = ((self.scale * u, self.scale * v) for u, v in frame.basis)
-        left = x - (i * ax + j * bx), y - (i * ay + j * by)
-        return (i, j, *frame.element.vector(ops, *left))
+        offset = x - (i * ax + j * bx), y - (i * ay + j * by)
+        return (i, j, *frame.element.vector(ops, *offset))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
         """Return the steps from the first contributing node, and their vectors in the frame."""
@@ -89,7 +89,7 @@ class _ArrayFrame:
     basis: tuple[Pair2, Pair2]
     inverse: tuple[Pair2, Pair2]
     """From positions to lattice coordinates."""
-    turns: Pair2
+    cycles: Pair2
     """By which the phase of the weights grows from site to site, along each direction."""
     means: _Nodes
     differences: _Nodes
@@ -106,13 +106,13 @@ class _ArrayFrame:
     def slope(self) -> Pair2:
         """Turns from site to site without the carrier's."""
         one, two = (
-            turn - float(np.dot(self.carrier, b))
-            for turn, b in zip(self.turns, self.basis, strict=True)
+            cycles_per_site - float(np.dot(self.carrier, b))
+            for cycles_per_site, b in zip(self.cycles, self.basis, strict=True)
         )
         return one, two
 
 
-def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, turns: Pair2) -> _ArrayFrame:
+def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair2) -> _ArrayFrame:
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
     inverse = np.linalg.inv(basis.T)
     # W is nonzero within the hull of the element, A within lags of its size
@@ -133,7 +133,7 @@ def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, turns: Pair2
         pair(origin + (count / 2) @ basis),
         lattice.basis,
         (pair(inverse[0]), pair(inverse[1])),
-        turns,
+        cycles,
         nodes(0.5, 2 * low, 2 * high, 0 * count, 2 * count + 1),
         nodes(1.0, low - high, high - low, -count, 2 * count + 1),
     )
@@ -161,9 +161,9 @@ def _tables(array: Array, double: bool) -> ArrayTables:
     tables = element_tables(element, double)
     profiles = separated(lattice.weights)
     assert profiles is not None
-    turns = profiles[0].cycles_per_element, profiles[1].cycles_per_element
+    cycles = profiles[0].cycles_per_element, profiles[1].cycles_per_element
     factors = _scaled(profiles[0]), _scaled(profiles[1])
-    frame = _array_frame(lattice, element, tables.frame, turns)
+    frame = _array_frame(lattice, element, tables.frame, cycles)
     return RepeatedTables(frame, tables, factors)
 
 
@@ -176,28 +176,28 @@ def _scaled(profile: Profile) -> ProfileFactor:
     return profile_factor(Profile(amplitudes, profile.cycles_per_element, profile.factor / size))
 
 
-def _site_turns(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
+def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
     """Return nu.b modulo 1 along both directions."""
-    return [phases.turns_to_centre(ops, b, *nu) for b in frame.basis]
+    return [phases.cycles_to_centre(ops, b, *nu) for b in frame.basis]
 
 
 def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
     """Return the first midpoint in half steps, x from there, cycles per site, and nu."""
     nearest = frame.means.nearest(ops, frame, x - frame.origin[0], y - frame.origin[1])
-    turns = _site_turns(ops, frame, nu_x, nu_y)
-    along = (t - turn for t, turn in zip(turns, frame.turns, strict=True))
+    cycles = _site_cycles(ops, frame, nu_x, nu_y)
+    along = (t - cycles_per_site for t, cycles_per_site in zip(cycles, frame.cycles, strict=True))
     return (*nearest, *along, *frame.element.detuned(ops, nu_x, nu_y))
 
 
 def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
-    first, second, x, y, *turns, nu_x, nu_y = inner
+    first, second, x, y, *cycles, nu_x, nu_y = inner
     frame, element = tables.frame, tables.element
-    factor = factor_of(ops, tables.sites, True, (turns[0] + turns[0], turns[1] + turns[1]))
+    factor = factor_of(ops, tables.sites, True, (cycles[0] + cycles[0], cycles[1] + cycles[1]))
 
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any]:
-        left = (x - dx, y - dy)
+        offset = (x - dx, y - dy)
         weight = factor((k, m), (first + k, second + m)).real
-        return (weight * element_wigner(ops, element, *left, nu_x, nu_y),)
+        return (weight * element_wigner(ops, element, *offset, nu_x, nu_y),)
 
     total: Values = ops.sum_large_terms(frame.means.rows(frame), term, element.clips)
     return total
@@ -207,16 +207,16 @@ def _enter_ambiguity(
     ops: Any, frame: _ArrayFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
     """Return phase, first difference, xi from there, cycles per site, and upsilon."""
-    turns = phases.turns_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
-    turns = phases.less_carrier(ops, frame, turns, xi_x, xi_y)
+    cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
+    cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)
     nearest = frame.differences.nearest(ops, frame, xi_x, xi_y)
     inner = frame.element.frequency(ops, upsilon_x, upsilon_y)
     # midpoints are half steps, so upsilon.b is reduced modulo 2
-    along = (2.0 * t for t in _site_turns(ops, frame, 0.5 * upsilon_x, 0.5 * upsilon_y))
-    return (turns, *nearest, *along, *inner)
+    along = (2.0 * t for t in _site_cycles(ops, frame, 0.5 * upsilon_x, 0.5 * upsilon_y))
+    return (cycles, *nearest, *along, *inner)
 
 
-def _ambiguity_sum(ops: Any, tables: ArrayTables, turns: Any, *inner: Any) -> Values:
+def _ambiguity_sum(ops: Any, tables: ArrayTables, cycles: Any, *inner: Any) -> Values:
     first, second, x, y, *along, upsilon_x, upsilon_y = inner
     frame, element, slope = tables.frame, tables.element, tables.frame.slope
     factor = factor_of(ops, tables.sites, False, (along[0], along[1]))

@@ -224,17 +224,17 @@ def _other_rows(
     ring = (lead - count) // 2
     (used,) = led[lead_at, ring].nonzero()
     at, i, j = (part[~is_lead] for part in pairs)
-    whole_at, whole = changes.nonzero()
+    whole_at, whole_edge = changes.nonzero()
     is_first = np.diff(at * count + i, prepend=-1) != 0
     how = np.where(is_first & ~changes[at, i], START, CROSSING)
     rows = (
         _table(starts[led_ring], null, START),
         _table(lead[used], lead_other[used], LEAD),
-        _table(whole, null, WHOLE),
+        _table(whole_edge, null, WHOLE),
         _table(i, j, how),
     )
     first = 4 * starts
-    positions = first[led_ring] - 2, first[ring[used]] - 1, 4 * whole, 4 * i + 1
+    positions = first[led_ring] - 2, first[ring[used]] - 1, 4 * whole_edge, 4 * i + 1
     cell = np.concatenate([led_cell, lead_at[used], whole_at, at])
     order = np.lexsort((np.concatenate(positions), cell))
     values = np.zeros(len(cell), level.dtype)

@@ -72,11 +72,11 @@ class Outline:
 @lru_cache(maxsize=128)
 def outline_of(tables: Tables, group: int, double: bool) -> Outline:
     """Return the elements with one of the fields of a source, for float64 or float32 kernels."""
-    mine = tables.names[:, 3] == group
-    names = np.zeros((int(mine.sum()), 4), np.uint32)
-    names[:, :3] = tables.names[mine, :3]
+    in_group = tables.names[:, 3] == group
+    names = np.zeros((int(in_group.sum()), 4), np.uint32)
+    names[:, :3] = tables.names[in_group, :3]
     starts = np.flatnonzero(np.append(True, names[1:, 0] != names[:-1, 1])[: len(names)])
-    vertices, weights = tables.edges[mine, :2], tables.edges[mine, 4:]
+    vertices, weights = tables.edges[in_group, :2], tables.edges[in_group, 4:]
     step = tables.frame.grid_step(double)
     edges = np.zeros((len(vertices), 8))
     edges[:, :2] = np.rint(vertices / step) * step
@@ -230,10 +230,10 @@ def cut_edges(
     edge, against = grid.first.take(number, axis=0), grid.second.take(other, axis=0)
     p = t.take(owner) - against[:, 0] - edge[:, 0]
     e, f = edge[:, 1], against[:, 1]
-    levels, turn = np.empty((4, len(owner))), (e.conj() * f).imag
+    levels, edges_cross = np.empty((4, len(owner))), (e.conj() * f).imag
     levels[0], levels[2] = (e.conj() * p).imag, (f.conj() * p).imag
-    np.subtract(levels[0], turn, out=levels[1])
-    np.add(levels[2], turn, out=levels[3])
+    np.subtract(levels[0], edges_cross, out=levels[1])
+    np.add(levels[2], edges_cross, out=levels[3])
     near: Array = abs(levels) < ROUNDED  # sufficient for vectors shorter than 8
     if near.any():
         _make_exact(levels, np.flatnonzero(near.any(axis=0)), e, f, p)
@@ -242,7 +242,7 @@ def cut_edges(
         limit, other_limit = -NO_LEVEL - limit, -NO_LEVEL - other_limit
     enters = levels[3] > other_limit
     meets = ((levels[0] > limit) ^ (levels[1] > limit)) & ((levels[2] > other_limit) ^ enters)
-    slanted = meets & (abs(turn) < _SLANTED * edge[:, 2].imag * against[:, 2].imag)
+    slanted = meets & (abs(edges_cross) < _SLANTED * edge[:, 2].imag * against[:, 2].imag)
     if slanted.any():
         _make_exact(levels, slanted.nonzero()[0], e, f, p)
     jump: Array = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
@@ -296,11 +296,11 @@ def crossing(
     (ax, ay, ex, ey), (cx, cy, fx, fy) = edge[:4], other[:4]
     px, py = (tx - cx) - ax, (ty - cy) - ay
     before = ops.cross(ex, ey, px, py)
-    after = ops.cross(ex, ey, px - fx, py - fy)
+    end_level = ops.cross(ex, ey, px - fx, py - fy)
     start, end = ops.cross(fx, fy, px, py), ops.cross(fx, fy, px - ex, py - ey)
     limit, other_limit = _limit(ops, ex, ey, side), _limit(ops, fx, fy, side)
     at_start, at_end = start > other_limit, end > other_limit
-    return ((before > limit) ^ (after > limit)) & (at_start ^ at_end), at_end, start, end
+    return ((before > limit) ^ (end_level > limit)) & (at_start ^ at_end), at_end, start, end
 
 
 def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Number:

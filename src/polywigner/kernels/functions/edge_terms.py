@@ -17,7 +17,7 @@ from copy import copy
 from typing import Any
 
 from polywigner.numerics import Number
-from polywigner.numerics.phases import sin_turns, sinc_less_one
+from polywigner.numerics.phases import sin_cycles, sinc_less_one
 
 
 def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
@@ -30,12 +30,12 @@ def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
     small = abs(half) < 0.125
     series = sinc_less_one(ops, ops.select(small, 2.0 * half, 0.0), 8 if ops.double else 5)
     divisor = 2 * math.pi * ops.select(small, 1.0, half)
-    less_one = ops.select(small, series, sin_turns(ops, half) / divisor - 1.0)
-    half_sine = sin_turns(ops, 0.5 * midpoint)
+    less_one = ops.select(small, series, sin_cycles(ops, half) / divisor - 1.0)
+    half_sine = sin_cycles(ops, 0.5 * midpoint)
     cosine_less_one = -2.0 * half_sine * half_sine
-    sine = sin_turns(ops, midpoint)
-    both = ops.fma(less_one, cosine_less_one, less_one + cosine_less_one)
-    return ops.fma(less_one, sine, sine), both
+    sine = sin_cycles(ops, midpoint)
+    cosine = ops.fma(less_one, cosine_less_one, less_one + cosine_less_one)
+    return ops.fma(less_one, sine, sine), cosine
 
 
 def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
@@ -56,7 +56,7 @@ def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
 Values = tuple[Any, ...]
 
 
-def times(factor: Any, value: Any) -> Number:
+def scaled(factor: Any, value: Any) -> Number:
     """Return factor value; no multiplication if the factor is a constant 1 or -1."""
     if isinstance(factor, float) and abs(factor) == 1.0:
         return value if factor > 0 else -value
@@ -145,8 +145,8 @@ class EvenTerms(EdgeTerms):
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
-        size = times(weight[0], sin_turns(self.ops, half))
-        phase = sin_turns(self.ops, midpoint)
+        size = scaled(weight[0], sin_cycles(self.ops, half))
+        phase = sin_cycles(self.ops, midpoint)
         return (size * phase if sums is None else self.ops.fma(size, phase, sums[0]),)
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
@@ -180,14 +180,14 @@ class WaveTerms(EdgeTerms):
     ) -> Values:
         ops, (real, imag) = self.ops, weight
         sine, cosine = segment_wave(ops, half, midpoint)
-        waves = _with(ops, sums, times(real, extent), sine, cosine)
+        waves = _with(ops, sums, scaled(real, extent), sine, cosine)
         if isinstance(imag, float) and imag == 0.0:
             return waves
-        factor = times(extent, imag)
+        factor = scaled(extent, imag)
         return ops.fma(-factor, cosine, waves[0]), ops.fma(factor, sine, waves[1])
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
-        across = times(length, along[1])
+        across = scaled(length, along[1])
         return tuple(across * value for value in sums[: self.values])
 
     def total(self, sums: Values) -> Values:
@@ -215,5 +215,5 @@ def ambiguity_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) 
 def _with(ops: Any, sums: Values | None, factor: Any, *waves: Any) -> Values:
     """Return sums (or None) with a fraction of some waves added."""
     if sums is None:
-        return tuple(times(factor, wave) for wave in waves)
+        return tuple(scaled(factor, wave) for wave in waves)
     return tuple(ops.fma(factor, wave, total) for wave, total in zip(waves, sums, strict=True))

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.kernels.outline.frame import Frame, Matrix, frame_of, times
+from polywigner.kernels.outline.frame import Frame, Matrix, frame_of, matrix_times
 from polywigner.numerics import Number, phases
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.grid_arithmetic import accurate_cross
-from polywigner.numerics.phases import cos_sin_turns, sinc, sinc_less_one
+from polywigner.numerics.phases import cos_sin_cycles, sinc, sinc_less_one
 
 Values = tuple[Any, ...]
 Array = npt.NDArray[Any]
@@ -62,10 +62,10 @@ class LinearFrame:
     measure: float
 
     def frequency(self, ops: Any, *nu: Any) -> Values:
-        return times(ops, self.rows, *nu)
+        return matrix_times(ops, self.rows, *nu)
 
 
-def fan_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
+def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
     """Return the (cosine, sine) parts of F(nu) = cosine - i sine in the frame. Source: (F2), (F3).
 
     Each row of the tables is a simplex with one corner at the origin: its other corners, and their
@@ -151,8 +151,8 @@ def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) ->
     families = []
     for members in _clusters(vectors):
         ex, ey = vectors[members].mean(axis=0).tolist()
-        for some in (members[k : k + _MOST_EDGES] for k in range(0, len(members), _MOST_EDGES)):
-            families.append(Family(ex, ey, midpoints[some], weights[some]))
+        for block in (members[k : k + _MOST_EDGES] for k in range(0, len(members), _MOST_EDGES)):
+            families.append(Family(ex, ey, midpoints[block], weights[block]))
     return tuple(families)
 
 
@@ -234,8 +234,8 @@ class _FamilyTerm:
         self.ops = ops
         (nu_x, turns_x), (nu_y, turns_y) = x, y
         points = family.midpoints
-        cos_x, sin_x = cos_sin_turns(ops, nu_x[:, None] * points[:, 0] + turns_x[:, None])
-        cos_y, sin_y = cos_sin_turns(ops, nu_y[:, None] * points[:, 1] + turns_y[:, None])
+        cos_x, sin_x = cos_sin_cycles(ops, nu_x[:, None] * points[:, 0] + turns_x[:, None])
+        cos_y, sin_y = cos_sin_cycles(ops, nu_y[:, None] * points[:, 1] + turns_y[:, None])
         real, imag = family.weights.real, family.weights.imag
         cos_x, sin_x = cos_x * real + sin_x * imag, sin_x * real - cos_x * imag
         self.is_straight = family.is_straight
@@ -250,8 +250,8 @@ class _FamilyTerm:
         # nu.e and nu x e, and sin(pi nu.e) as a product of the axes
         self.q = nu_x * family.ex, nu_y * family.ey
         self.c = nu_x * family.ey, nu_y * family.ex
-        cos_x, sin_x = cos_sin_turns(ops, 0.5 * nu_x * family.ex)
-        cos_y, sin_y = cos_sin_turns(ops, 0.5 * nu_y * family.ey)
+        cos_x, sin_x = cos_sin_cycles(ops, 0.5 * nu_x * family.ex)
+        cos_y, sin_y = cos_sin_cycles(ops, 0.5 * nu_y * family.ey)
         self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:
@@ -268,13 +268,13 @@ class _FamilyTerm:
 
     def _waves(self, left: Array) -> Array:
         product = np.empty((len(left), self.right.shape[1]))
-        few = _SERIAL_PRODUCT // self.right.size // _LEAST_ROWS * _LEAST_ROWS
-        stacked = len(left) // few * few if few else 0
+        count = _SERIAL_PRODUCT // self.right.size // _LEAST_ROWS * _LEAST_ROWS
+        stacked = len(left) // count * count if count else 0
         if stacked:
             np.matmul(
-                left[:stacked].reshape(-1, few, left.shape[1]),
+                left[:stacked].reshape(-1, count, left.shape[1]),
                 self.right,
-                out=product[:stacked].reshape(-1, few, product.shape[1]),
+                out=product[:stacked].reshape(-1, count, product.shape[1]),
             )
         np.matmul(left[stacked:], self.right, out=product[stacked:])
         return product.reshape(len(product), 2, -1)
@@ -301,7 +301,7 @@ def fourier_on_grid(
     (F4).
     """
     x, y = (
-        (nu * scale, phases.turns_to_centre(ops, (centre,), nu))
+        (nu * scale, phases.cycles_to_centre(ops, (centre,), nu))
         for nu, scale, centre in zip((nu_x, nu_y), tables.scales, tables.frame.centre, strict=True)
     )
     if tables.frame.axes != (0, 1):

@@ -69,13 +69,13 @@ class SlitFrame:
         return self.scale
 
     def position(self, ops: Any, x: Any) -> tuple[Any]:
-        total, rest = self.exact_position(x)
-        return (total + rest,)
+        total, low = self.exact_position(x)
+        return (total + low,)
 
     def exact_position(self, x: Any) -> Doubled:
         """Return x' as the sum of two floats."""
-        total, rest = phases.difference(x, self.centre[0])
-        return total * (1 / self.scale), rest * (1 / self.scale)
+        total, low = phases.difference(x, self.centre[0])
+        return total * (1 / self.scale), low * (1 / self.scale)
 
     def vector(self, ops: Any, xi: Any) -> tuple[Any]:
         return (xi * (1 / self.scale),)
@@ -181,17 +181,17 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
 
 
 def _overlap(
-    ops: Any, shift: Doubled, gap: Any, rest: Any, half: Any, other: Any
+    ops: Any, shift: Doubled, gap: Any, gap_low: Any, half: Any, other: Any
 ) -> tuple[Any, Any]:
     """Return the length of the overlap of two intervals, and the offset of its centre.
 
-    The intervals have half-lengths ``half`` and ``other``. Their centres are ``gap`` + ``rest`` -
+    The intervals have half-lengths ``half`` and ``other``. Their centres are ``gap`` + ``gap_low`` -
     ``shift`` apart. The offset is relative to the mean of both centres. If the shorter interval
     lies inside the other one, the centre is that of the shorter one; otherwise the offset is
     constant.
     """
     apart, lost = phases.difference(gap, shift[0])
-    distance = apart + (lost + (rest - shift[1]))
+    distance = apart + (lost + (gap_low - shift[1]))
     shorter = ops.minimum(half, other)
     length = ops.minimum(2.0 * shorter, half + other - abs(distance))
     reach = 0.5 * abs(other - half)
@@ -203,10 +203,10 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
     """Return the transform of the slices, with their fields: (real, imaginary) part."""
 
     def term(
-        gap: Any, rest: Any, half: Any, other: Any, mean: Any, low: Any, real: Any, imag: Any,
-        *wave: Any,
+        gap: Any, gap_low: Any, half: Any, other: Any, mean: Any, mean_low: Any, real: Any,
+        imag: Any, *wave: Any,
     ) -> Values:  # fmt: skip
-        length, aside = _overlap(ops, shift, gap, rest, half, other)
+        length, aside = _overlap(ops, shift, gap, gap_low, half, other)
         detuned, mutual, width = nu, Pair(real, imag), tables.coherence_width
         if wave:
             detuning, rate = wave
@@ -215,13 +215,13 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
         frequency = detuned[0] + detuned[1]
         if width < math.inf:
             scale = 1.0 / width
-            centre, reach = (mean + (low + aside)) * scale, length * (0.5 * scale)
+            centre, reach = (mean + (mean_low + aside)) * scale, length * (0.5 * scale)
             ends = centre - reach, centre + reach
             value = Pair(*wave_over_interval(ops, *ends, frequency * width)).scaled(width)
         else:
-            turns = phases.reduced(ops, phases.dot(ops, (detuned,), ((mean, low),)))
-            turns = turns + frequency * aside
-            value = unit_wave(ops, -turns).scaled(sinc(ops, frequency * length) * length)
+            cycles = phases.reduced(ops, phases.dot(ops, (detuned,), ((mean, mean_low),)))
+            cycles = cycles + frequency * aside
+            value = unit_wave(ops, -cycles).scaled(sinc(ops, frequency * length) * length)
         value = value * mutual
         return value.real, value.imag
 
@@ -308,11 +308,11 @@ def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
 
     The doubled copies of two slits approach each other by 4x.
     """
-    total, rest = frame.exact_position(x)
-    return phases.halves(ops, (4.0 * total, 4.0 * rest))
+    total, low = frame.exact_position(x)
+    return phases.halves(ops, (4.0 * total, 4.0 * low))
 
 
-def _both_ends(ops: Any, tables: SlitTables, turns: Any, *ends: Any) -> Values:
+def _both_ends(ops: Any, tables: SlitTables, cycles: Any, *ends: Any) -> Values:
     fields = (
         reduce(
             Pair.__add__,
@@ -333,17 +333,17 @@ def _segment_tables(source: Slits, double: bool) -> SlitTables:
 
 def _enter_fourier(ops: Any, frame: SlitFrame, nu: Any) -> Values:
     """Return the phase of the centre, and nu in the frame as two floats."""
-    turns = phases.turns_to_centre(ops, frame.centre, nu)
-    return (turns, *phases.halves(ops, (*frame.frequency(ops, nu), 0.0)))
+    cycles = phases.cycles_to_centre(ops, frame.centre, nu)
+    return (cycles, *phases.halves(ops, (*frame.frequency(ops, nu), 0.0)))
 
 
-def _fourier(ops: Any, tables: SlitTables, turns: Any, *nu: Any) -> Values:
+def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
     """Return the (cosine, sine) parts of F = cosine - i sine. Source: (S1)."""
 
-    def term(begin: Any, begin_rest: Any, length: Any, length_rest: Any) -> Values:
-        total, rest = phases.dot(ops, (nu,), ((length, length_rest),))
-        wave = phases.mean_plane_wave(ops, 0.0, total + rest)
-        phase = phases.reduced(ops, phases.dot(ops, (nu,), ((begin, begin_rest),)))
+    def term(begin: Any, begin_low: Any, length: Any, length_low: Any) -> Values:
+        total, low = phases.dot(ops, (nu,), ((length, length_low),))
+        wave = phases.mean_plane_wave(ops, 0.0, total + low)
+        phase = phases.reduced(ops, phases.dot(ops, (nu,), ((begin, begin_low),)))
         real, imag = phases.rotated(ops, phase, *wave)
         return real * length, -imag * length
 
@@ -357,25 +357,25 @@ def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
 
 def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Values:
     """Return the phase of centre and carrier, and upsilon and xi as two floats each."""
-    turns = phases.turns_to_centre(ops, frame.centre, upsilon)
-    turns = phases.less_carrier(ops, frame, turns, xi)
+    cycles = phases.cycles_to_centre(ops, frame.centre, upsilon)
+    cycles = phases.less_carrier(ops, frame, cycles, xi)
     shift = phases.halves(ops, (*frame.frequency(ops, upsilon), 0.0))
-    return (turns, *shift, *_lag(ops, frame, xi))
+    return (cycles, *shift, *_lag(ops, frame, xi))
 
 
 def _lag(ops: Any, frame: SlitFrame, xi: Any) -> Values:
     return phases.halves(ops, (*frame.vector(ops, xi), 0.0))
 
 
-def _ambiguity(ops: Any, tables: PairTables, turns: Any, *inner: Any) -> Values:
+def _ambiguity(ops: Any, tables: PairTables, cycles: Any, *inner: Any) -> Values:
     """Return (cosine part, sine part), A = cosine - i sine."""
     real, imag = _sum(ops, tables, inner[2:], inner[:2])
     return real, -imag
 
 
-def _wigner(ops: Any, tables: PairTables, x: Any, rest: Any, *nu: Any) -> Values:
+def _wigner(ops: Any, tables: PairTables, x: Any, x_low: Any, *nu: Any) -> Values:
     """Return W, which is real because the lag slice is Hermitian."""
-    return _sum(ops, tables, (x, rest), nu)[:1]
+    return _sum(ops, tables, (x, x_low), nu)[:1]
 
 
 FOURIER = Kernel("fourier of slits", 1, _segment_tables, _enter_fourier, _fourier, leave_wave)

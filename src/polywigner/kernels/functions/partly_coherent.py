@@ -106,8 +106,8 @@ WIGNER_OF_SLITS = replace(
 def _product_of(source: Wavefront, double: bool) -> SeparableTables:
     tables = separable_tables(source.source, double)
     assert tables is not None
-    one, two = (source.coherence_width / math.hypot(*row) for row in tables.frame.rows)
-    return replace(tables, coherence_widths=(one, two))
+    width_x, width_y = (source.coherence_width / math.hypot(*row) for row in tables.frame.rows)
+    return replace(tables, coherence_widths=(width_x, width_y))
 
 
 WIGNER_OF_PRODUCT = replace(

@@ -102,25 +102,25 @@ def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
 
 def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
     """Return (phase of the centre, nu in the frame)."""
-    return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.frequency(ops, *nu))
+    return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.frequency(ops, *nu))
 
 
 def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
     """Return (phase of the centre and of the carrier, upsilon and xi in the frame)."""
     upsilon, xi = arguments[: len(arguments) // 2], arguments[len(arguments) // 2 :]
-    turns, *inner = enter_frequency(ops, frame, *upsilon)
-    turns = phases.less_carrier(ops, frame, turns, *xi)
-    return (turns, *inner, *frame.vector(ops, *xi))
+    cycles, *inner = enter_frequency(ops, frame, *upsilon)
+    cycles = phases.less_carrier(ops, frame, cycles, *xi)
+    return (cycles, *inner, *frame.vector(ops, *xi))
 
 
 def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
     """Return (phase of the carrier, x + xi/2 and x - xi/2 in the frame)."""
     count = len(arguments) // 2
     x, xi = arguments[:count], arguments[count:]
-    turns = phases.less_carrier(ops, frame, 0.0 * xi[0], *xi)
+    cycles = phases.less_carrier(ops, frame, 0.0 * xi[0], *xi)
     ahead = (p + 0.5 * lag for p, lag in zip(x, xi, strict=True))
     behind = (p - 0.5 * lag for p, lag in zip(x, xi, strict=True))
-    return (turns, *frame.position(ops, *ahead), *frame.position(ops, *behind))
+    return (cycles, *frame.position(ops, *ahead), *frame.position(ops, *behind))
 
 
 def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
@@ -141,9 +141,9 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
     """
 
     def term(ax: Any, ay: Any, bx: Any, by: Any, real: Any, imag: Any) -> tuple[Any, Any]:
-        left = ops.cross(bx - ax, by - ay, x - ax, y - ay)
-        up = (ay <= y) & (by > y) & (left > 0.0)
-        down = (ay > y) & (by <= y) & (left < 0.0)
+        side = ops.cross(bx - ax, by - ay, x - ax, y - ay)
+        up = (ay <= y) & (by > y) & (side > 0.0)
+        down = (ay > y) & (by <= y) & (side < 0.0)
         winding = ops.select(up, 1.0, 0.0) - ops.select(down, 1.0, 0.0)
         return real * winding, imag * winding
 
@@ -159,7 +159,7 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 
 def at_both_ends(field: Any) -> Callable[..., Values]:
     """Return the edge sum of an autocorrelation: ``field(ops, tables, x, y)`` at both ends."""
-    return lambda ops, tables, turns, *ends: (
+    return lambda ops, tables, cycles, *ends: (
         *field(ops, tables, *ends[:2]),
         *field(ops, tables, *ends[2:]),
     )

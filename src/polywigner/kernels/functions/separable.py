@@ -123,8 +123,10 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     if profiles is None:
         return None
     halves = np.abs(frame.vertices(corners)).mean(axis=0).tolist()
-    one, two = (LineField(half, waves) for half, waves in zip(halves, profiles, strict=True))
-    return SeparableTables(frame, (one, two))
+    along_x, along_y = (
+        LineField(half, waves) for half, waves in zip(halves, profiles, strict=True)
+    )
+    return SeparableTables(frame, (along_x, along_y))
 
 
 def _profiles(
@@ -144,11 +146,11 @@ def _profiles(
     product = column_and_row(table, _PRODUCT + phase_rounding)
     if product is None:
         return None
-    one, two = (
+    along_x, along_y = (
         tuple(Wave(a, (f,)) for a, f in zip(column.tolist(), rates.tolist(), strict=True))
         for column, rates in zip(product, (rates_x, rates_y), strict=True)
     )
-    return one, two
+    return along_x, along_y
 
 
 def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
@@ -163,28 +165,28 @@ def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.i
 
 def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
     """Return (phase of the centre, nu in the frame less the carrier)."""
-    return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
+    return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
 
 def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
     """Return W(x, nu) in the frame. Source: (I4)."""
-    one, two = tables.fields
+    along_x, along_y = tables.fields
     width_x, width_y = tables.coherence_widths
-    return one.wigner(ops, x, nu_x, width_x) * two.wigner(ops, y, nu_y, width_y)
+    return along_x.wigner(ops, x, nu_x, width_x) * along_y.wigner(ops, y, nu_y, width_y)
 
 
 def ambiguity(
     ops: Any, tables: SeparableTables, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> tuple[Any, Any]:
     """Return A(upsilon, xi) in the frame as (cosine part, sine part), A = cosine - i sine."""
-    one, two = tables.fields
-    return _parts(one.ambiguity(ops, upsilon_x, xi_x) * two.ambiguity(ops, upsilon_y, xi_y))
+    along_x, along_y = tables.fields
+    return _parts(along_x.ambiguity(ops, upsilon_x, xi_x) * along_y.ambiguity(ops, upsilon_y, xi_y))
 
 
 def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
     """Return F(nu) in the frame as (cosine part, sine part)."""
-    one, two = tables.fields
-    return _parts(one.fourier(ops, nu_x) * two.fourier(ops, nu_y))
+    along_x, along_y = tables.fields
+    return _parts(along_x.fourier(ops, nu_x) * along_y.fourier(ops, nu_y))
 
 
 def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
@@ -192,8 +194,8 @@ def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
 
     Lower ends of either axis belong to the rectangle, upper ends do not.
     """
-    one, two = tables.fields
-    value = one.field(ops, x) * two.field(ops, y)
+    along_x, along_y = tables.fields
+    value = along_x.field(ops, x) * along_y.field(ops, y)
     return value.real, value.imag
 
 
@@ -211,14 +213,14 @@ AMBIGUITY = replace(
     plane.AMBIGUITY,
     name="ambiguity of a product",
     tables=separable_tables,
-    edge_sum=lambda ops, tables, turns, *inner: ambiguity(ops, tables, *inner),
+    edge_sum=lambda ops, tables, cycles, *inner: ambiguity(ops, tables, *inner),
 )
 FOURIER = Kernel(
     "fourier of a product",
     2,
     separable_tables,
     _enter_frequency,
-    lambda ops, tables, turns, *nu: fourier(ops, tables, *nu),
+    lambda ops, tables, cycles, *nu: fourier(ops, tables, *nu),
     leave_wave,
 )
 AUTOCORRELATION = replace(

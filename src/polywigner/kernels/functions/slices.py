@@ -25,7 +25,7 @@ from polywigner.kernels.cut.winding import PairClipper, Pass, pairs_of
 from polywigner.kernels.functions.edge_terms import (
     EdgeTerms,
     ambiguity_terms,
-    times,
+    scaled,
     wigner_terms,
 )
 from polywigner.kernels.outline.tables import Tables
@@ -104,7 +104,7 @@ class SliceSum:
         views = {view.point: view for view in reversed(self.views)}.values()
         return [(view, field, other) for view in views for field in fields for other in fields]
 
-    def after(self, count: int) -> SliceSum:
+    def with_leading_arguments(self, count: int) -> SliceSum:
         """Return the sum for arguments that follow ``count`` others."""
         position, frequency = (
             slice(s.start + count, s.stop + count) for s in (self.position, self.frequency)
@@ -307,10 +307,10 @@ def _row_sums(
     begins, step = np.flatnonzero(np.diff(owner, prepend=-1)), max(1, _SUMMED // (len(owner) or 1))
     numbers = [p[:, None] if np.ndim(p) else p for p in part]
     for k in range(0, columns if len(owner) else 0, step):
-        some = slice(k, k + step)
-        at = terms.at_columns(owner if rows > 1 else None, some)
+        block = slice(k, k + step)
+        at = terms.at_columns(owner if rows > 1 else None, block)
         for result, value in zip(results, at.of_part(*numbers), strict=True):
-            result[owner[begins], some] = np.add.reduceat(value, begins, axis=0)
+            result[owner[begins], block] = np.add.reduceat(value, begins, axis=0)
     return results
 
 
@@ -318,7 +318,7 @@ def _with_amplitude(total: Values, amplitude: tuple[Any, Any]) -> Values:
     """Return a sum, real or complex, times the amplitude of its pair of waves."""
     real, imag = amplitude
     if isinstance(imag, float) and imag == 0.0:
-        return tuple(times(real, value) for value in total)
+        return tuple(scaled(real, value) for value in total)
     product = Pair(*total) * Pair(real, imag)
     return product.real, product.imag
 
@@ -358,8 +358,8 @@ class TermSum:
         self.scale, self.values = scale, terms.values
         if not terms.by_part:
             nu_x, nu_y = terms.nu
-            turns = self.ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
-            self.moved = {side: times(scale * side, turns) for side in (-0.5, 0.5)}
+            cycles = self.ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
+            self.moved = {side: scaled(scale * side, cycles) for side in (-0.5, 0.5)}
 
     def terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
         """Return the sums over the cuts of an edge on all sides."""
@@ -379,8 +379,8 @@ class TermSum:
             start = ops.fma(nu_y, scale * edge.ay, self.moved[side])
             start = ops.fma(nu_x, scale * edge.ax, start)
             for ends_sum, extent, *weight in cuts:
-                turns = ops.fma(ends_sum, per_edge, start)
-                sums = function.added(sums, extent * per_edge, turns, extent, weight)
+                cycles = ops.fma(ends_sum, per_edge, start)
+                sums = function.added(sums, extent * per_edge, cycles, extent, weight)
         if sums is None:
             return (0.0,) * self.values
         return function.of_edge(along, length, sums)

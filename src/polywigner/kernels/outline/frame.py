@@ -101,7 +101,7 @@ class Frame:
         """Return a spatial frequency in the frame."""
         if self.is_diagonal:
             return x * self.inverse_transpose[0][0], y * self.inverse_transpose[1][1]
-        return times(ops, self.inverse_transpose, x, y)
+        return matrix_times(ops, self.inverse_transpose, x, y)
 
     def detuned(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
         """Return a spatial frequency relative to the carrier, in the frame."""
@@ -131,12 +131,12 @@ def enter_position_and_frequency(
     return (*frame.position(ops, x, y), *frame.detuned(ops, nu_x, nu_y))
 
 
-def times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
+def matrix_times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
     """Return matrix nu, each component to about an ulp; across a needle almost all cancels."""
-    return tuple(total + rest for total, rest in times_doubled(ops, matrix, *nu))
+    return tuple(total + rest for total, rest in matrix_times_doubled(ops, matrix, *nu))
 
 
-def times_doubled(ops: Any, matrix: Matrix, *nu: Any) -> tuple[phases.Doubled, ...]:
+def matrix_times_doubled(ops: Any, matrix: Matrix, *nu: Any) -> tuple[phases.Doubled, ...]:
     """Return matrix nu, each component as the sum of two floats."""
     if _diagonal(matrix):
         diagonal = (row[k] for k, row in enumerate(matrix))

@@ -76,7 +76,8 @@ class Tables:
     def waves_per_cut(self) -> int:
         """Number of plane waves that are integrated over a part of an edge."""
         return max(
-            sum(len(difference_pairs(one, other)) for other in self.groups) for one in self.groups
+            sum(len(difference_pairs(waves, other)) for other in self.groups)
+            for waves in self.groups
         )
 
     @cached_property

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_cycles
 
 # Relative difference below which frequencies are equal: the same sums in another order of terms.
 _EQUAL = 1e-14
@@ -53,8 +53,10 @@ def waves_in_frame(illumination: Any, frame: Any) -> Waves:
         pairs = list(zip(illumination.amplitudes, illumination.frequencies.tolist(), strict=True))
     waves = []
     for amplitude, frequency in pairs:
-        turns = sum(Fraction(k) * Fraction(c) for k, c in zip(frequency, frame.centre, strict=True))
-        phase = np.exp(2j * np.pi * float(turns - round(turns)))
+        cycles = sum(
+            Fraction(k) * Fraction(c) for k, c in zip(frequency, frame.centre, strict=True)
+        )
+        phase = np.exp(2j * np.pi * float(cycles - round(cycles)))
         relative = (k - c for k, c in zip(frequency, frame.carrier, strict=True))
         waves.append(Wave(complex(amplitude * phase), tuple(frame.exact_frequency(*relative))))
     return tuple(waves)
@@ -137,8 +139,8 @@ def _summed(
         if all(map(_is_zero, frequency)):
             real, imag = real + amplitude.real, imag + amplitude.imag
             continue
-        turns = sum(f * p for f, p in zip(frequency, point, strict=True))
-        cosine, sine = cos_sin_turns(ops, turns)
+        cycles = sum(f * p for f, p in zip(frequency, point, strict=True))
+        cosine, sine = cos_sin_cycles(ops, cycles)
         real = real + (cosine * amplitude.real - sine * amplitude.imag)
         if imaginary:
             imag = imag + (cosine * amplitude.imag + sine * amplitude.real)
@@ -169,10 +171,10 @@ def difference_pairs(first: Waves, second: Waves) -> tuple[WavePair, ...]:
 
 def _products(first: Waves, second: Waves) -> Iterator[tuple[int, int, complex, Vector, Vector]]:
     """Yield m, n, c_m c_n*, and the mean and the difference of the frequencies of all pairs."""
-    for (m, one), (n, other) in product(enumerate(first), enumerate(second)):
-        components = list(zip(one.frequency, other.frequency, strict=True))
+    for (m, wave), (n, second_wave) in product(enumerate(first), enumerate(second)):
+        components = list(zip(wave.frequency, second_wave.frequency, strict=True))
         mean = tuple(0.5 * (a + b) for a, b in components)
-        amplitude = one.amplitude * complex(other.amplitude).conjugate()
+        amplitude = wave.amplitude * complex(second_wave.amplitude).conjugate()
         yield m, n, amplitude, mean, tuple(a - b for a, b in components)
 
 
