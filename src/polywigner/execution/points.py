@@ -30,7 +30,7 @@ Points = Mapping[str, Any]
 
 def is_drjit(value: object) -> bool:
     """Return whether a value is a Dr.Jit array, without an import of Dr.Jit."""
-    # While another thread imports it, the module exists without its names.
+    # While another thread imports Dr.Jit, the module exists without its names.
     is_array = getattr(sys.modules.get("drjit"), "is_array_v", None)
     return is_array is not None and bool(is_array(value))
 
@@ -277,7 +277,7 @@ def matrix_times(matrix: NDArray[np.float64], components: Sequence[Any]) -> list
 
 
 def unit_wave(cycles: Numbers) -> Numbers:
-    """Return exp(2 pi i turns), as NumPy's complex numbers or a ``Complex2f``."""
+    """Return exp(2 pi i cycles), as NumPy's complex numbers or a ``Complex2f``."""
     if not is_drjit(cycles):
         return np.exp(2j * np.pi * (cycles - np.round(cycles)))
     cosine, sine = cos_sin_cycles(DrjitOperations(type(cycles)), cycles)
@@ -290,7 +290,7 @@ def times_complex(value: Numbers, factor: complex) -> Numbers:
         return value * type(value)(factor.real, factor.imag)
     if factor.imag:
         return value * factor
-    # By parts: an infinite value times a complex number would be NaN.
+    # Real and imaginary parts separately: infinity times a complex number would be NaN.
     scaled = np.array(value)
     scaled.real *= factor.real
     scaled.imag *= factor.real
@@ -307,7 +307,8 @@ def numbers_of(name: str, value: Any, kind: str) -> Drjit:
     Raises ArgumentError for anything else.
     """
     is_complex, got = kind == "Complex2f", type(value).__name__
-    if is_drjit(value):  # only then may Dr.Jit be imported: an LLVM library has been chosen
+    # If the caller has a Dr.Jit array, an LLVM library is chosen and Dr.Jit may be imported.
+    if is_drjit(value):
         import drjit
 
         if _is_tensor(value):

@@ -42,9 +42,9 @@ _FARTHEST = 60.0
 def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return two parts of T(t) = (1/sqrt pi) exp(-i pi/4) int_t^inf exp(i s^2) ds.
 
-    T(t) is step + exp(i t^2) rest, and the parts are step - ``side`` and rest. ``side`` is 1 where
-    T is near 1, else 0. Each part is accurate relative to itself, and so are differences of T at
-    points far from its bend.
+    T(t) is step + exp(i t^2) rest. The function returns step - ``side`` and rest, each with a small
+    relative error. ``side`` is 1 where T is near 1, else 0. Differences of T at points far from its
+    step at t = 0 are therefore accurate as well.
     """
     exponent = 2 * _A * _TURN * np.clip(t, -_FARTHEST, _FARTHEST)
     # 1/(exp(z) + 1), less 1 if ``side`` is 1: -1/(exp(-z) + 1)
@@ -61,8 +61,8 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
     return step, (t / (_A * _TURN)) * (square * real + 1j * imag)
 
 
-# Over a smaller fraction of a cycle, a Gauss rule with 8 nodes is exact to rounding; over a larger
-# one, differences of Fresnel integrals lose at most a digit.
+# Below _FEW_CYCLES a Gauss rule with 8 nodes is exact to rounding. Above it, differences of Fresnel
+# integrals lose at most one digit.
 _RULE, _FEW_CYCLES = legendre.leggauss(8), 1 / 16
 # Half cycles below which a curvature counts as 0.
 _FLAT = 1e-20
@@ -95,7 +95,7 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
 
 
 def waves_of_cycles(cycles: Any) -> Complex:
-    """Return exp(2 pi i turns) for phases in cycles."""
+    """Return exp(2 pi i cycles)."""
     angle = np.asarray(2 * math.pi * (cycles - np.rint(cycles)))
     wave = np.empty(angle.shape, np.complex128)
     np.cos(angle, out=wave.real)
@@ -128,15 +128,15 @@ def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
     return np.asarray(value * (np.exp(0.25j * math.pi) / np.sqrt(c)))
 
 
-# Largest number of cycles along an edge; nodes for more cycles take gigabytes per point.
+# Largest number of cycles along an edge. More cycles would need gigabytes of nodes per point.
 _MOST_CYCLES = 1e5
 # Cycles of phase on a piece of an edge, well within the range of the largest rule.
 _CYCLES = 200.0
-# Only every fourth rule is used, two rules per factor of two.
+# Every fourth rule is used, which leaves two rules per factor of two.
 _STRIDE = 4
 # Nodes in one block, which stay in the cache of a core, and pairs of a point and an edge.
 _BLOCK, _PAIRS = 1 << 13, 1 << 16
-# Fewer nodes cost less than a separate call.
+# Fewer nodes join the batch of the next larger rule, which costs less than a separate call.
 _FEW = 1 << 9
 
 
@@ -162,7 +162,7 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
 
 
 def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
-    """Return sum over all edges, with a number of nodes chosen for each edge and point."""
+    """Return the sum over all edges, with a number of nodes for each edge and point."""
     cycles = _cycles(begin, edge, q, nu)
     pieces = np.ceil(cycles / _CYCLES).clip(1.0).astype(np.intp)
     points, edges = (np.repeat(n.ravel(), pieces.ravel()) for n in np.indices(cycles.shape))
@@ -179,20 +179,19 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
         for block in (members[k : k + step] for k in range(0, len(members), step)):
             owners = points[block]
             values_at_nodes = _at_nodes(start[block], extent[block], at, q[owners], nu[owners])
-            total = np.einsum(
-                "kn,n->k", values_at_nodes, weights
-            )  # threads of BLAS would cost more
+            # a product by BLAS would start threads, which cost more
+            total = np.einsum("kn,n->k", values_at_nodes, weights)
             np.add.at(values, owners, total * (0.5 * extent[block, 1]))
     return values
 
 
 def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
-    """Return a bound (n, m) on the cycles along edges, of both chirps and of the chirp along y."""
+    """Return a bound (n, m) on the cycles along edges, for the whole chirp and for its y factor."""
     most = np.zeros((len(nu), len(edge)))
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
         most = np.maximum(most, np.maximum(abs(first + second), abs(second)))
-    most = np.where(np.isfinite(most), most, 0.0)  # their values are NaN as well
+    most = np.where(np.isfinite(most), most, 0.0)  # such points have the value NaN
     if (most > _MOST_CYCLES).any():
         raise ArgumentError(
             f"expected a curved wave of up to {_MOST_CYCLES:.0e} turns of phase along an edge, got "
@@ -203,14 +202,14 @@ def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
 
 
 def _rules_for(cycles: Floats) -> NDArray[np.intp]:
-    """Return the numbers of the rules that integrate chirps of ``cycles`` cycles (up to 400)."""
+    """Return the indices of the rules that integrate chirps of up to 400 ``cycles``."""
     needed = 0.5 * math.pi * cycles + 8.0 * np.cbrt(cycles) + 4.0
     sizes = [len(rule) for rule in gauss_rules()[::_STRIDE]]
     return np.asarray(np.searchsorted(sizes, needed) * _STRIDE)
 
 
 def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Yield each rule with the indices of its pairs; few pairs take the next larger rule."""
+    """Yield each rule with the indices of its pairs of point and edge."""
     present = np.unique(rules).tolist()
     members = np.zeros(0, np.intp)
     for rule in present:

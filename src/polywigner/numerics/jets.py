@@ -12,7 +12,7 @@ from typing import Any
 from polywigner.numerics import Mask, Number
 from polywigner.numerics.phases import cos_sin_cycles
 
-# Floor of divisors, below which the derivatives of roots are not resolved.
+# Floor of divisors: derivatives of roots and angles closer to 0 are not resolved.
 _LEAST = 1e-150
 
 Slopes = tuple[Any, ...]
@@ -21,7 +21,7 @@ Slopes = tuple[Any, ...]
 class Jet:
     """A number and its derivatives in some variables, for arrays of any engine; () for a constant.
 
-    All arrays of a formula must be jets, because Dr.Jit arrays do not accept other operands.
+    All arrays in a formula must be jets, because Dr.Jit arrays do not accept jets as operands.
     """
 
     def __init__(self, ops: Any, value: Any, slopes: Slopes = ()) -> None:

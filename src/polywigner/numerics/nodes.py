@@ -2,10 +2,10 @@
 
 Let an integrand on [-1, 1] be analytic inside the ellipse with foci -1 and 1 and half-axes cosh u
 and sinh u, and bounded there by M. Its Legendre coefficients c_n are about M exp(-n u), and the
-error of n Gauss nodes is about M exp(-2 n u). A wave of w radians over half the interval has M =
-exp(w sinh u) on that ellipse. So the required number of nodes is known beforehand. Afterwards the
-error is estimated as c_n^2/M from the same values: larger coefficients than expected mean a larger
-error. Source: (B5).
+error of n Gauss nodes is about M exp(-2 n u). For a wave of w radians over half the interval, M =
+exp(w sinh u). The required number of nodes follows from these formulas before the integration.
+After it, the error is estimated as c_n^2/M from the values at the nodes: coefficients that are
+larger than expected indicate a larger error. Source: (B5).
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from polywigner.numerics import Number
 Rules = tuple[npt.NDArray[np.float64], ...]
 """Tables (n, 4) of node, weight, and the weights that give the last two Legendre coefficients."""
 
-# Rules per factor of two, and the smallest and the largest rule. On average a rule has a sixteenth
-# more nodes than necessary.
+# Number of rules per factor of two, and sizes of the smallest and the largest rule. On average a
+# rule has a sixteenth more nodes than necessary.
 _STEPS, _SMALLEST, _LARGEST = 8, 4, 724
 _SIZES = tuple(
     math.ceil(_SMALLEST * 2 ** (k / _STEPS))
     for k in range(math.ceil(_STEPS * math.log2(_LARGEST / _SMALLEST)) + 1)
 )
-# u of the ellipses that are tried. The smallest passes through i; a separate rule covers closer
-# singularities.
+# u of the ellipses that are tried. The smallest ellipse passes through i. For singularities closer
+# than that there is the bound with _CHORD and _GROWTH.
 _ELLIPSES = (math.asinh(1.0), 1.2, 1.6, 2.1, 2.8)
 # u >= 0.88 sinh u and sinh u <= 1.135 u for sinh u up to 1
 _CHORD, _GROWTH = 0.88, 1.135
-# Safety factor of the error estimate. With it the estimate exceeded the true error of each of
-# 270,000 panels, at distances from 1e-4 to 100 wavelengths, for travelling, grazing and evanescent
-# waves and tolerances from 0.1 to 1e-9. Without it, a few in 10,000 errors were larger than
-# estimated.
+# Safety factor of the error estimate. With this factor the estimate exceeded the true error on all
+# of 270,000 panels, at distances from 1e-4 to 100 wavelengths, for travelling, grazing and
+# evanescent waves and tolerances from 0.1 to 1e-9. Without it, a few errors in 10,000 were larger
+# than estimated.
 _SAFETY = 8.0
-# If squared coefficients exceed the expected ones by this factor, the model of the integrand is
-# wrong.
+# If squared coefficients exceed the expected ones by this factor, the estimate does not rely on the
+# expected size M.
 _SURPRISE = 1e3
 # Number of sums of :func:`node_sums`.
 SUMS = 7

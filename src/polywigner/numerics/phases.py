@@ -1,7 +1,7 @@
 """Phases nu.p in cycles from error-free products, and sine and cosine of cycles by polynomials.
 
-Large phases keep all digits. Numbers, spatial frequencies included, may be ``Doubled``: unrounded
-sums of two floats.
+Large phases keep all digits. A number, also a spatial frequency, may be ``Doubled``: the unrounded
+sum of two floats.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ def _sine_of_reduced(ops: Any, r: Any) -> Number:
 
 
 def sin_cycles(ops: Any, cycles: Any) -> Number:
-    """Return sin(2 pi turns)."""
+    """Return sin(2 pi cycles)."""
     r = cycles - ops.round(cycles)
     return np.sin(2 * math.pi * r) if ops.target == "numpy" else _sine_of_reduced(ops, r)
 
 
 def cos_sin_cycles(ops: Any, cycles: Any) -> tuple[Any, Any]:
-    """Return cos(2 pi turns) and sin(2 pi turns)."""
+    """Return cos(2 pi cycles) and sin(2 pi cycles)."""
     if hasattr(ops, "cos_sin_cycles"):  # jets: each function is the derivative of the other
         cosine, sine = ops.cos_sin_cycles(cycles)
         return cosine, sine
@@ -65,9 +65,9 @@ def cos_sin_cycles(ops: Any, cycles: Any) -> tuple[Any, Any]:
 
 
 def cos_sin_over_cycles(ops: Any, cycles: Any) -> tuple[Any, Any, Any]:
-    """Return cos(2 pi turns), sin(2 pi turns), and sin(2 pi turns)/turns.
+    """Return cos(2 pi cycles), sin(2 pi cycles), and sin(2 pi cycles)/cycles.
 
-    The quotient holds for |turns| < 1/2, and also at 0.
+    The quotient is valid for |cycles| < 1/2, including 0.
     """
     r = cycles - ops.round(cycles)
     ratio = _sine_over_reduced(ops, r)
@@ -75,19 +75,19 @@ def cos_sin_over_cycles(ops: Any, cycles: Any) -> tuple[Any, Any, Any]:
 
 
 def sinc(ops: Any, cycles: Any) -> Any:
-    """Return sin(pi turns)/(pi turns), the modulus of the mean plane wave over that many cycles."""
+    """Return sin(pi c)/(pi c), the modulus of the mean of a plane wave over c = ``cycles``."""
     half = 0.5 * cycles
     reduced = half - ops.round(half)
     ratio = _sine_over_reduced(ops, reduced)
-    # No division by a small number, because the derivatives of the quotient would cancel and err by
-    # an ulp over the cycles.
+    # No division by a small number: the error of derivatives of the quotient would be an ulp
+    # divided by the cycles.
     near = abs(half) < 0.5
     quotient = ratio * reduced / ops.select(near, 1.0, half)
     return ops.select(near, ratio, quotient) * (0.5 / math.pi)
 
 
 def sinc_less_one(ops: Any, cycles: Any, terms: int) -> Any:
-    """Return sinc(turns) - 1 by its series, for small arguments: no digits are lost to the 1."""
+    """Return sinc(cycles) - 1 by its series, to full relative accuracy for small arguments."""
     square = (math.pi * cycles) * (math.pi * cycles)
     series: Any = 0.0
     for k in range(terms, 0, -1):
@@ -107,21 +107,22 @@ def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
 
 Doubled = tuple[Any, Any]
 
-# Splits a float64 into a number of 24 bits, which float32 can hold, and the rest.
+# Splits a float64 into a number of 24 bits, which float32 represents, and a remainder.
 _SPLIT = 2.0**29 + 1
 
 
 def doubled(value: Fraction | float, double: bool = True) -> tuple[float, float]:
-    """Return a number as (nearest float, rest), of float64 or of float32."""
+    """Return a number as its nearest float64, or float32, and the remainder."""
     exact = Fraction(value)
     high = float(exact) if double else float(np.float32(float(exact)))
     return high, float(exact - Fraction(high))
 
 
 def dot(ops: Any, nu: tuple[Any, ...], point: tuple[Any, ...]) -> Doubled:
-    """Return nu.point as (sum, rest), both of them floats or ``Doubled`` by component.
+    """Return nu.point as (sum, low-order part).
 
-    Good to about the square of an ulp of |nu| |point|, however much cancels.
+    The components of both vectors are floats or ``Doubled``. The error is about the square of an
+    ulp of |nu| |point|, also if the products cancel.
     """
     total: Any = None
     low: Any = 0.0
@@ -165,13 +166,13 @@ def difference(a: Any, b: Any) -> Doubled:
 
 
 def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Number:
-    """Return a d - b c, good to the square of an ulp of the products, however much cancels."""
+    """Return a d - b c with an error of about the square of an ulp of the products."""
     lost = (a[0] * d[1] + a[1] * d[0]) - (b[0] * c[1] + b[1] * c[0])
     return ops.cross(a[0], b[0], c[0], d[0]) + lost
 
 
 def halves(ops: Any, number: Doubled) -> Doubled:
-    """Return a sum of two floats with a first number that float32 can hold as well (Veltkamp)."""
+    """Return a sum of two floats whose first number float32 represents exactly (Veltkamp)."""
     total, low = number
     if not ops.double:
         return number
@@ -192,13 +193,13 @@ def cycles_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Number:
 
 
 def less_carrier(ops: Any, frame: Any, cycles: Any, *xi: Any) -> Number:
-    """Return cycles without the phase of the carrier of the frame along a lag, modulo 1."""
+    """Return ``cycles`` less the phase of the frame's carrier along a lag, modulo 1."""
     if not any(frame.carrier):
         return cycles
     return cycles - cycles_to_centre(ops, frame.carrier, *xi)
 
 
 def rotated(ops: Any, cycles: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
-    """Return (cosine - i sine) exp(-2 pi i turns) as (real, imaginary) parts."""
+    """Return (cosine - i sine) exp(-2 pi i cycles) as (real, imaginary) parts."""
     c, s = cos_sin_cycles(ops, cycles)
     return cosine * c - sine * s, -(cosine * s + sine * c)

@@ -1,13 +1,13 @@
 """Sections of a field along y, and its overlap with its mirror image, as functions of x.
 
-These are the phase-space functions of a plane source after integration over two of their four
-coordinates (docs/projections.md). Everything here is along y or reflects x; the transposed field
-provides the other direction. Coordinates are relative to the centre of the field, so that positions
-far from the origin keep their digits.
+The phase-space functions of a plane source, integrated over two of their four coordinates, consist
+of these sections and overlaps (docs/projections.md). All functions here integrate along y or
+reflect x; the transposed field provides the other direction. Coordinates are relative to the centre
+of the field, so that sources far from the origin lose no digits.
 
-A wave on an outline shifts the frequency at which the transform of a section or an overlap is
-taken, and multiplies the transform by a phase (P16). Overlaps are therefore computed once for each
-pair of elements, and waves or pairs of waves with equal shifts are summed first.
+A plane wave on the source shifts the frequency of the transform of a section or an overlap, and
+multiplies the transform by a phase (P16). Each overlap is therefore computed once for all waves.
+Waves, or pairs of waves, with equal shifts are summed before the transform.
 """
 
 from __future__ import annotations
@@ -37,14 +37,15 @@ _OPS = NumpyOperations()
 # Values in a temporary array: some tens of megabytes with its intermediates.
 _BLOCK = 1 << 20
 
-# Shifts that differ by less than this fraction of the largest are equal: sums of the same terms in
-# another order.
+# Shifts that differ by less than this fraction of the largest count as equal: sums of the same
+# terms in another order differ by rounding.
 _EQUAL = 1e-12
 
 Pairing = Callable[[Floats, Floats], tuple[Floats, Floats]]
-"""From the frequencies (m, 2) of the first and (m, 2) of the second wave of m pairs to a shift, to
-subtract from the frequency of the overlap's transform (m, 2), and cycles (m, r) along r
-coordinates."""
+"""(frequencies (m, 2) of the first waves, frequencies (m, 2) of the second waves) -> shifts (m, 2)
+and rates (m, r). The transform of the overlap is taken at its frequency less the shift. The rates
+are frequencies of the pair's phase along r coordinates.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +128,7 @@ def _upright(field: PlaneField) -> _Upright:
 
 
 def _height(left: Floats, right: Floats, x: Floats) -> Floats:
-    """Return the y of edges at x, between the ends in spite of rounding."""
+    """Return the y of edges at x; rounding does not move it beyond the ends."""
     fraction = (x - left[..., 0]) / (right[..., 0] - left[..., 0])
     return left[..., 1] * (1 - fraction) + right[..., 1] * fraction
 
@@ -135,13 +136,13 @@ def _height(left: Floats, right: Floats, x: Floats) -> Floats:
 def sections(field: PlaneField, x: Floats) -> Sections:
     """Return the intervals of y in the outlines at abscissae x (n,), relative to the centre.
 
-    At the abscissa of a vertical edge: those to the right of it.
+    At the abscissa of a vertical edge, the intervals are those to the right of the edge.
     """
     edges = _upright(field)
     row, edge = np.nonzero((edges.left[:, 0] <= x[:, None]) & (x[:, None] < edges.right[:, 0]))
     height = _height(edges.left[edge], edges.right[edge], x[row])
     order = np.lexsort((height, edges.element[edge], row))
-    # Going up, edges enter and leave an outline in turn.
+    # with increasing y, edges alternately enter and leave an outline
     below, above = order[0::2], order[1::2]
     element = edges.element[edge[below]]
     weight = field.weights[element]
@@ -177,7 +178,7 @@ def column_spectra(field: PlaneField, x: Floats, nu: Floats) -> Complex:
     """Return the transform (n, m) along y at abscissae x (n,) from the centre, (P9)."""
     intervals = sections(field, x)
     at = x[intervals.row]
-    # Sections with the fields of all waves of one frequency along y.
+    # weights of the sections, summed over all waves with the same frequency along y
     weights: dict[float, Complex] = {}
     for k, element in enumerate(field.elements):
         inside = np.flatnonzero(intervals.element == k)
@@ -222,7 +223,7 @@ class Overlaps:
 
 
 Image = tuple[tuple[float, float], Floats]
-"""Scales along x and y, and shifts (n, 2) that are added then: n images of a field."""
+"""n images of a field: scales along x and y, and shifts (n, 2) that are added after scaling."""
 
 
 def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
@@ -245,7 +246,7 @@ def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
 
 
 def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> NDArray[Any]:
-    """Return polygons (n, elements)."""
+    """Return the polygons of n images of all elements, (n, elements)."""
     outlines: list[Any] = [element.outline for element in field.elements]
     polygons: NDArray[Any] = np.array([outline.polygons for outline in outlines], dtype=object)
     copies = np.tile(polygons, (len(shifts), 1))
@@ -257,7 +258,8 @@ def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> ND
 def edges_of(geometries: NDArray[Any]) -> tuple[Floats, Floats, Indices, Floats]:
     """Return the edges of the polygons among geometries, counter-clockwise but for holes.
 
-    Begins and ends (n, 2), numbers (n,) of the geometries, and first corners (n, 2) of the rings.
+    Returns the begins (n, 2) and ends (n, 2) of the edges, the index (n,) of the geometry of each
+    edge, and the first corner (n, 2) of its ring.
     """
     parts, index = shapely.get_parts(geometries, return_index=True)
     inner, outer = shapely.get_parts(parts, return_index=True)
@@ -319,7 +321,7 @@ def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, 
 
 
 def _groups(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
-    """Yield shifts that are equal except for rounding, and their indices."""
+    """Yield each group of shifts that are equal up to rounding: mean shift and indices."""
     unit = _EQUAL * max(float(np.abs(shifts).max()), np.finfo(np.float64).tiny / _EQUAL)
     _, number = np.unique(np.round(shifts / unit), axis=0, return_inverse=True)
     for k in range(number.max() + 1):
@@ -330,14 +332,14 @@ def _groups(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
 def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[Any]:
     """Return twice the product of a uniform field and its mirror image at x (n,) and lag (m,).
 
-    The image in the vertical line at x is moved up by the lag and conjugated: (P5), shape (n, m).
-    No edges are cut: the sum is continuous in all its arguments.
+    The image is reflected at the vertical line at x, moved up by the lag and conjugated, (P5). The
+    result has shape (n, m). No edges are cut, and the sum is continuous in all arguments.
     """
     edges = _upright(field)
     left, right = edges.left, edges.right
     values = np.zeros((len(x), len(lag)), edges.step.dtype)
     for row, abscissa in enumerate(x):
-        # Edge i of the field and edge j of the image lie above each other from low to high.
+        # edge i of the field and edge j of the image overlap for abscissae from low to high
         low = np.maximum(left[:, None, 0], 2 * abscissa - right[:, 0])
         high = np.minimum(right[:, None, 0], 2 * abscissa - left[:, 0])
         i, j = np.nonzero(low < high)

@@ -37,11 +37,11 @@ def differentiable(
     vertices: DrJitArray | None = None,
     weights: DrJitArray | None = None,
 ) -> Differentiable:
-    """Return a source with Dr.Jit arrays as some of its numbers, to differentiate by them.
+    """Return a source whose vertices or weights are Dr.Jit arrays, for derivatives in them.
 
-    `fourier`, `wigner` and `ambiguity` accept it instead of the source. They return Dr.Jit arrays,
-    which ``dr.backward`` and ``dr.forward`` differentiate in closed form (docs/gradients). The
-    source provides the other numbers and the rings of the vertices.
+    `fourier`, `wigner` and `ambiguity` accept the result as their source. They return Dr.Jit
+    arrays, which ``dr.backward`` and ``dr.forward`` differentiate in closed form (docs/gradients).
+    ``source`` provides all other numbers, and the division of vertices into rings.
 
     Parameters
     ----------
@@ -58,7 +58,8 @@ def differentiable(
     Returns
     -------
     Differentiable
-        Its ``source`` has the present values of all numbers.
+        Source with derivatives. Its attribute ``source`` is an Aperture or Array with the current
+        values.
 
     Raises
     ------

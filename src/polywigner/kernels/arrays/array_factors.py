@@ -1,9 +1,9 @@
 """Array factors: sums over the sites of an array, and over pairs of sites of a lattice.
 
-The Fourier transform of an array is its element's transform times the sum of
-w_k exp(-2 pi i nu.p_k) over the sites p_k (docs/theory.md, (L3)). On a lattice whose weights are a
-product of two profiles the factor is the product of two sums, one along each direction. Otherwise
-sites are rows of a table.
+The Fourier transform of an array is its element's transform times the sum of w_k exp(-2 pi i
+nu.p_k) over the sites p_k (docs/theory.md, (L3)). On a lattice whose weights are a product of two
+profiles, the factor is the product of two sums, one along each direction. For other arrays the sum
+runs over the sites one by one.
 
 W of equal elements on a lattice is a sum over midpoints of pairs of sites: W of the element at the
 midpoint, times the discrete Wigner function of the weights (L1). A is such a sum over differences
@@ -48,8 +48,9 @@ def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
     """Return the index of the other site of a pair, along a direction of ``count`` sites.
 
     ``number``, 0 to 2 count - 2, is the sum of both indices (``by_mean``), or their difference plus
-    count - 1. In both cases there are count - |number - (count - 1)| pairs, and the waves of a
-    factor are exp(-2 pi i t (index - number/2)) with t = 2 nu.b or upsilon.b.
+    count - 1. In both cases count - |number - (count - 1)| pairs of sites share a number. The array
+    factor of these pairs is a sum of the waves exp(-2 pi i t (index - number/2)), with t = 2 nu.b
+    or upsilon.b.
     """
     return number - index if by_mean else index - number + (count - 1)
 
@@ -64,7 +65,7 @@ def _odd(ops: Any, number: Any) -> Number:
 
 @dataclass(frozen=True, eq=False)
 class ProfileFactor:
-    """The factors of a profile of n amplitudes."""
+    """Array factors along one direction of a lattice, for a profile of n amplitudes."""
 
     profile: Profile
 
@@ -78,12 +79,12 @@ class ProfileFactor:
 
     @cached_property
     def means(self) -> _Series:
-        """Products of amplitudes by index sum, in the order of growing i - j."""
+        """Products a_i a_j* for each sum i + j, in the order of increasing i - j."""
         return self._mutual(by_mean=True)
 
     @cached_property
     def differences(self) -> _Series:
-        """Products of amplitudes by index difference, in the order of growing i + j."""
+        """Products a_i a_j* for each difference i - j, in the order of increasing i + j."""
         return self._mutual(by_mean=False)
 
     @cached_property
@@ -102,7 +103,7 @@ class ProfileFactor:
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
     def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
-        """Return the factor with the number of `partner` at t = ``cycles``; real for means."""
+        """Return the factor of all pairs with one number at t = ``cycles``; real for means."""
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
         if self.profile.is_uniform:
@@ -111,7 +112,7 @@ class ProfileFactor:
         return series.value(ops, number, 2.0 * last, pairs, cycles)
 
     def total(self, ops: Any, cycles: Any) -> Pair:
-        """Return sum over i of a_i exp(-2 pi i turns (i - (n - 1)/2)); ``cycles`` modulo 2."""
+        """Return sum_k a_k exp(-2 pi i t (k - (n - 1)/2)) at t = ``cycles``, modulo 2."""
         count = float(self.count) + 0.0 * cycles
         if self.profile.is_uniform:
             return Pair(_dirichlet(ops, count, cycles), 0.0)
@@ -125,11 +126,7 @@ def profile_factor(profile: Profile) -> ProfileFactor:
 
 
 def _dirichlet(ops: Any, count: Any, cycles: Any) -> Number:
-    """Return sum_k exp(-2 pi i turns (k - (count - 1)/2)) over 0 <= k < count; 0 for count <= 0.
-
-    It is sin(pi count t)/sin(pi t) with t reduced to half a cycle. N t is exact to an ulp of
-    itself, so the quotient errs by an ulp of N.
-    """
+    """Return sum_k exp(-2 pi i t (k - (N - 1)/2)) over 0 <= k < N = ``count`` at t = ``cycles``."""
     floor = 1e-30 if ops.double else 1e-20
     nearest = ops.round(cycles)
     remainder = cycles - nearest
@@ -141,10 +138,11 @@ def _dirichlet(ops: Any, count: Any, cycles: Any) -> Number:
 
 @dataclass(frozen=True, eq=False)
 class _Series:
-    """Sums of cosines and sines, with coefficients by row and by term, from the centre outwards.
+    """Sums of cosines and sines, one for each row of a table of coefficients.
 
     Row r is the sum of p_k cos(2 pi t m_k) - i q_k sin(2 pi t m_k) with complex p and q. m_k is k
-    for an odd number of terms, and k + 1/2 for an even number.
+    for an odd number of terms, and k + 1/2 for an even number; the terms are ordered from the
+    centre of the row outwards.
     """
 
     packets: int
@@ -153,12 +151,13 @@ class _Series:
     """Real and imaginary part of p, then of q: (rows * packets of a row, terms of a packet)."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, cycles: Any) -> Pair:
-        """Return the sum of a row at ``cycles``, or 0 for a row that does not exist.
+        """Return the sum of a row at t = ``cycles``, or 0 if the row does not exist.
 
         ``pairs``: number of pairs of sites, which is the number of terms of the row.
         """
         exists = (row >= 0.0) & (row <= last)
-        # Indices are integers: float32 would round indices beyond 2^24 (rows of 8,200 sites).
+        # Indices are integers, because float32 rounds numbers beyond 2^24 (profiles of 8,200
+        # sites).
         known = ops.select(exists, row, 0.0)
         start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * cycles
         is_even = _odd(ops, ops.select(exists, pairs, 1.0)) < 0.5  # centre between two terms
@@ -192,10 +191,10 @@ class _Series:
 
 
 class _Basis:
-    """Clenshaw's recursion in Reinsch's form for cosines and sines of whole or half multiples.
+    """Clenshaw's recursion in Reinsch's form for cosines and sines of multiples k or k + 1/2.
 
-    It is stable at whole and half cycles, where the plain form loses n^2 ulps. ``cosine`` and
-    ``sine`` are the factors of the last d and of the last b but one.
+    This form is stable at multiples of half a cycle, where Clenshaw's original form loses n^2 ulps.
+    ``cosine`` and ``sine`` are the factors of the final d and of the second-last b.
     """
 
     def __init__(self, ops: Any, cycles: Any, half: Any) -> None:
@@ -231,7 +230,7 @@ def _series(
         ahead = np.where(exists, product(rows, np.where(exists, up, 0)), 0.0)
         behind = np.where(exists, product(rows, np.where(exists, down, 0)), 0.0)
         p[rows, k], q[rows, k] = ahead + behind, ahead - behind
-        odd = rows[n % 2 == 1]  # the centre is one term
+        odd = rows[n % 2 == 1]  # the central term is both ahead and behind
         p[odd, 0] /= 2
     tables = (_unless_zero(t, part, packet) for t in (p, q) for part in ("real", "imag"))
     return _Series(packets, tuple(tables))
@@ -247,10 +246,10 @@ def _unless_zero(values: Complexes, part: str, packet: int) -> DeviceTable | Non
 def factor_of(
     ops: Any, profiles: tuple[ProfileFactor, ProfileFactor], by_mean: bool, cycles: Pair2
 ) -> Callable[[Pair2, Pair2], Pair]:
-    """Return the factors of midpoints or differences at t = ``cycles`` along both directions.
+    """Return a function for the factor of a midpoint (``by_mean``) or a difference of sites.
 
-    The returned function takes the steps from the first contributing node and the numbers of
-    `partner`, each along both directions.
+    ``cycles``: t along both directions. The function takes the steps from the first contributing
+    node, and the numbers of `partner`, each along both directions.
     """
     first, second = (
         _remembered(partial(profile.at, ops, by_mean, cycles=along))
@@ -275,9 +274,9 @@ def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
 
 # ---- sites -----------------------------------------------------------------------------------
 
-# Positions that deviate from a lattice by more than this fraction of its extent D are summed one by
-# one: on the lattice the phase would err by 6e3 times the fraction at |nu| D = 1000. Multiples of a
-# pitch deviate by less. Arrays far from the origin deviate by more, because positions are rounded.
+# Largest deviation of positions from a lattice, as a fraction of its extent D, for a sum in closed
+# form. The error of the phase is 6e3 times this fraction at |nu| D = 1000. Rounded multiples of a
+# pitch deviate by less; rounded positions far from the origin deviate by more.
 _MISFIT = 2.0**-52
 # Fewer sites are summed one by one, which is as fast and compiles sooner
 # (benchmarks/array_cost.py).
@@ -298,8 +297,9 @@ class _Frame:
 class _Tables:
     frame: _Frame
     rows: tuple[Row, ...] = ()
-    """Sites: position relative to the centre, each number as the sum of two floats, and weight;
-    empty for a lattice."""
+    """Position relative to the centre, each coordinate as two floats, and weight of each site.
+    Empty for a lattice.
+    """
     factors: tuple[ProfileFactor, ...] = ()
     constant: complex = 1.0
     cycles: tuple[float, ...] = ()
@@ -319,7 +319,7 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     frame = _Frame(tuple(phases.doubled(c, double) for c in centre), lattice.basis)
     constant = complex(np.prod([profile.factor for profile in profiles]))
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
-        # phases are 0 at the centre
+        # phases are relative to the centre of the lattice
         constant *= complex(np.exp(1j * np.pi * profile.cycles_per_element * (count - 1)))
     factors, cycles = (
         map(profile_factor, profiles),
@@ -345,7 +345,7 @@ def _enter(ops: Any, frame: _Frame, *nu: Any) -> Values:
     cycles = phases.cycles_to_centre(ops, frame.centre, *nu)
     if not frame.basis:
         return (cycles, *nu)
-    # sites are half steps from the centre, so nu.b is reduced modulo 2
+    # sites lie at multiples of b/2 from the centre, so nu.b is reduced modulo 2
     half = [0.5 * component for component in nu]
     return (cycles, *(2.0 * phases.cycles_to_centre(ops, b, *half) for b in frame.basis))
 

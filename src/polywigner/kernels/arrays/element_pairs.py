@@ -3,8 +3,9 @@
 The pair (k, l) contributes to W(x, nu) near the midpoint of its centres, and to A(upsilon, xi) near
 their difference (docs/theory.md, (L1), (L2)). The contribution is W or A of the element at the
 offset from that position, times a phase that is computed without rounding. Cells of about the size
-of an element list the pairs that contribute at a sample, so at constant density the cost of a
-sample grows linearly with the number of elements. Midpoints and differences have twice the digits.
+of an element list the pairs that contribute at a sample. At constant density of elements, the cost
+of a sample is therefore proportional to their number. Midpoints and differences are stored as sums
+of two floats.
 """
 
 from __future__ import annotations
@@ -62,8 +63,9 @@ def is_scattered(array: Array) -> bool:
 def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     """Return the pairs of elements; without a view (for R) each element as a pair with itself.
 
-    Pairs are listed by the midpoint of their centres (``MIRRORED``, for W) or by their difference
-    (``BEHIND``, for A). The first element has the first factor of the mutual field.
+    Pairs are sorted by the midpoint of their centres (``MIRRORED``, for W) or by the difference of
+    their centres (``BEHIND``, for A). The field of the first element is the unconjugated factor of
+    the mutual field.
 
     The columns of a record are: the midpoint (or difference) in the frame and the difference (or
     midpoint), each component as two floats; the mutual weight (real, imag); and half of the width
@@ -76,7 +78,8 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     shift = low + np.ptp(positions, axis=0) / 2
     x, y = (shift + local.centre).tolist()
     frame = replace(local, centre=(x, y))
-    # fields are relative to the carrier, whose phase depends on the whole position or lag
+    # fields are stored relative to the carrier; the phase of the carrier depends on the user's
+    # position or lag
     cycles = positions @ np.array(local.carrier)
     weights = copies.weights * np.exp(-2j * np.pi * (cycles - np.rint(cycles)))
     high, low = (
@@ -98,7 +101,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         total, lost = phases.difference(high[first], high[second])
         apart = total, lost + (low[first] - low[second])
         centre, across = (mean, apart) if view is MIRRORED else (apart, mean)
-        # the copies meet at offsets below the sum of both half-widths
+        # two copies of an element overlap at differences up to the sum of both half-widths
         scale = 1.0 if view is MIRRORED else 2.0
     reach = np.broadcast_to(scale * np.array(local.reach) * (1 + _MARGIN), centre[0].shape)
     columns = (*_columns(centre, double), *_columns(across, double), weights.real, weights.imag)
@@ -130,7 +133,9 @@ class PairLists:
     low: tuple[float, float]
     scale: tuple[float, float]
     counts: tuple[int, int]
-    """Cells for samples; records have one more before them in both directions."""
+    """Number of cells that contain samples, along each axis. Records have one more row and column
+    of cells before these.
+    """
     starts: DeviceTable
     """(cells + 1, 1) the first record of each cell, row by row."""
     records: DeviceTable
@@ -240,7 +245,7 @@ def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
 def _of_element(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """Return the contribution of a pair of equal elements; for W only its real part counts."""
+    """Return the contribution of a pair of equal elements; W is the real part."""
     nu, offset = _point(samples[4:]), _offset(record, samples)
     cycles = phases.reduced(ops, phases.dot(ops, nu, _point(record[4:8])))
     factor = Pair(record[8], record[9]) * unit_wave(ops, cycles).conjugate()
@@ -253,7 +258,7 @@ def _of_element(
 def _field_of(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """Return the field of an element."""
+    """Return the field of an element, with its weight, at a point."""
     return Pair(*element_field(ops, element, *_offset(record, samples))) * Pair(*record[8:10])
 
 

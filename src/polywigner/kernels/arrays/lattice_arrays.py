@@ -1,4 +1,4 @@
-"""W and A of phased arrays on a lattice: those of the element, times array factors.
+"""W and A of phased arrays on a lattice: W and A of the element, times array factors.
 
 A pair of sites contributes W of the element to W(x, nu), at x minus the midpoint of the sites. It
 contributes A of the element to A(upsilon, xi), at xi minus the difference of the sites
@@ -48,13 +48,13 @@ class _Nodes:
     """Differences or midpoints of sites: multiples of the steps of a lattice."""
 
     scale: float
-    """In steps of the lattice: 1, or 1/2 for midpoints."""
+    """Spacing of the nodes in steps of the lattice: 1, or 1/2 for midpoints."""
     windows: tuple[tuple[float, float, int, int], ...]
     """For each direction (low, high, first node on the lattice, number of nodes on it). Nodes h
     contribute at t if t - h lies in the open interval (low, high)."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
-        """Return the first node that contributes at a vector, and the vector from there."""
+        """Return the first node that contributes at (x, y), and (x, y) from there in the frame."""
         i, j = (
             0.0 * x + float(start)
             if high - low >= steps  # the element is much larger than the lattice
@@ -66,7 +66,7 @@ class _Nodes:
         return (i, j, *frame.element.vector(ops, *offset))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Return the steps from the first contributing node, and their vectors in the frame."""
+        """Return the steps from the first to each node that contributes, and their vectors."""
         counts = (
             min(steps, max(1, math.ceil(high - low - _EDGE)))
             for low, high, _, steps in self.windows
@@ -90,7 +90,7 @@ class _ArrayFrame:
     inverse: tuple[Pair2, Pair2]
     """From positions to lattice coordinates."""
     cycles: Pair2
-    """By which the phase of the weights grows from site to site, along each direction."""
+    """Phase of the weights from site to site along each direction, in cycles."""
     means: _Nodes
     differences: _Nodes
 
@@ -104,7 +104,7 @@ class _ArrayFrame:
 
     @property
     def slope(self) -> Pair2:
-        """Turns from site to site without the carrier's."""
+        """Phase of the weights from site to site, less the phase of the carrier, in cycles."""
         one, two = (
             cycles_per_site - float(np.dot(self.carrier, b))
             for cycles_per_site, b in zip(self.cycles, self.basis, strict=True)
@@ -115,7 +115,7 @@ class _ArrayFrame:
 def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair2) -> _ArrayFrame:
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
     inverse = np.linalg.inv(basis.T)
-    # W is nonzero within the hull of the element, A within lags of its size
+    # W vanishes outside the hull of the element, and A at lags beyond the size of the element
     outline = (np.concatenate(element.rings) - centre) @ inverse.T
     low, high = outline.min(axis=0), outline.max(axis=0)
     origin, count = np.array(lattice.origin) + centre, np.array(lattice.weights.shape) - 1
@@ -182,7 +182,7 @@ def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
 
 
 def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
-    """Return the first midpoint in half steps, x from there, cycles per site, and nu."""
+    """Return the first midpoint in half steps, x relative to it, nu.b in cycles, and nu."""
     nearest = frame.means.nearest(ops, frame, x - frame.origin[0], y - frame.origin[1])
     cycles = _site_cycles(ops, frame, nu_x, nu_y)
     along = (t - cycles_per_site for t, cycles_per_site in zip(cycles, frame.cycles, strict=True))
@@ -206,12 +206,12 @@ def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
 def _enter_ambiguity(
     ops: Any, frame: _ArrayFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
-    """Return phase, first difference, xi from there, cycles per site, and upsilon."""
+    """Return the phase, the first difference, xi from there, upsilon.b in cycles, and upsilon."""
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
     cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)
     nearest = frame.differences.nearest(ops, frame, xi_x, xi_y)
     inner = frame.element.frequency(ops, upsilon_x, upsilon_y)
-    # midpoints are half steps, so upsilon.b is reduced modulo 2
+    # midpoints are multiples of b/2, so upsilon.b is reduced modulo 2
     along = (2.0 * t for t in _site_cycles(ops, frame, 0.5 * upsilon_x, 0.5 * upsilon_y))
     return (cycles, *nearest, *along, *inner)
 

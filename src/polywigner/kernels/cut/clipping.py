@@ -88,7 +88,7 @@ class Piece:
 
     sides: tuple[tuple[int, int], ...]
     real: float
-    """The element's weight; its negative for a triangle turned over by rounding."""
+    """The weight of the element; negated for a triangle whose orientation rounding has reversed."""
     imag: float
     group: int
 
@@ -126,7 +126,7 @@ def constants_of(tables: Tables) -> Constants:
             for k, (ax, ay, ex, ey) in enumerate(_sides(points)):
                 length = math.copysign(math.hypot(ex, ey), ey if ey else ex)
                 unit = (ex / length, ey / length)
-                # directions that are equal up to rounding share one pair of floats, and thus nu.u
+                # directions that are equal up to rounding share one unit vector u, and thus nu.u
                 ux, uy = directions.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
                 ends = names[k], names[(k + 1) % len(names)]
                 edges.append(
@@ -156,7 +156,7 @@ def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class View:
-    """p' = ``offset`` T + ``point`` p, each factor 1 or -1."""
+    """The map p' = ``offset`` T + ``point`` p; both factors are 1 or -1."""
 
     offset: int
     point: int
@@ -209,7 +209,7 @@ class Clipper:
         return value
 
     def level(self, line: Line) -> Number:
-        """Return cross(direction, T), with one product only for a direction along an axis."""
+        """Return cross(direction, T); a direction along an axis takes one product."""
         key = (line.dx, line.dy)
         if key not in self._levels:
             x, y = self.tx * -line.dy, self.ty
@@ -242,7 +242,7 @@ class Clipper:
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
             line = self.lines[number]
-            # an accurate product, since the two may be nearly parallel
+            # an accurate product, because the edge and the line may be nearly parallel
             slope = float(accurate_cross(line.dx, line.dy, edge.ex, edge.ey))
             if slope == 0.0:
                 distance = self._exact_distance(edge, line, view)
@@ -272,7 +272,7 @@ class Clipper:
         return self.ops.fma(self.level(line), view.offset * scale, start * scale)
 
     def _exact_distance(self, edge: Edge, line: Line, view: View) -> Number:
-        """Return the distance of the edge's start to the left of the line, to one ulp."""
+        """Return cross(line, start of the edge), positive to the left of the line, to one ulp."""
         s, sign = view.offset, view.point
         dx = s * self.tx + (sign * edge.ax - line.px)
         dy = s * self.ty + (sign * edge.ay - line.py)

@@ -20,9 +20,10 @@ from polywigner.kernels.outline.tables import Tables
 from polywigner.numerics import Number
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
-# Kinds of rows: a crossing; a crossing before which the winding number is set (START); a whole edge
-# (WHOLE); an edge inside the other copy (INSIDE, START and WHOLE); and a crossing with the line
-# that leads to a ring from outside (LEAD). START is the first bit and WHOLE the second bit.
+# Kinds of rows. CROSSING: a crossing of two edges. START: a crossing before which the winding
+# number is set. WHOLE: an edge at full length. INSIDE: an edge that lies inside the other copy,
+# both START and WHOLE. LEAD: a crossing with the line that leads to a ring from outside. START is
+# the first bit and WHOLE the second bit.
 CROSSING, START, WHOLE, INSIDE, LEAD = range(5)
 # Bound on the rounding error of a cross product of vectors of the frame.
 ROUNDED = 1e-13
@@ -64,8 +65,8 @@ class Outline:
         return following
 
     @cached_property
-    def turned(self) -> Outline:
-        """The outline turned by half a turn about the centre of its frame."""
+    def rotated(self) -> Outline:
+        """The outline rotated by 180 degrees about the centre of its frame."""
         return replace(self, edges=self.edges * np.repeat([-1.0, 1.0], 4))
 
 
@@ -91,20 +92,26 @@ class PairGrid:
     """Lists of edges and pairs of edges by cells, as tables of NumPy or of an engine."""
 
     numbers: Any
-    """(1, 8) lower and upper corner of the cells, cells in a unit, in a row, in all; the step."""
+    """(1, 8) lower and upper corner of all cells; number of cells per unit length, in a row and in
+    all; and the spacing of the grid.
+    """
     cells: Any
-    """(cells + 1, 4) first row, first one that is no edge inside, end of the rows, 0; none in the
-    last."""
+    """(cells + 1, 4) for each cell its first row, its first row that is not INSIDE, the end of its
+    rows, and 0. The last cell, for offsets outside of all others, is empty.
+    """
     rows: Any
-    """(k, 4) edge of the first outline, of the second, how it counts, number of its level: of the
-    winding number in the other copy, times the weight of its element."""
+    """(k, 4) edge of the first outline, edge of the second outline, kind of the row, and index of a
+    level, which is a winding number in the other copy times the weight of its element.
+    """
     first: Any
     """(n, 8) start and vector of the edges of the first outline, 0, the weight, and 0; and of the
     lines that lead to its rings, with weight 1."""
     second: Any
-    """(m + 1, 8) the same of the second outline, and an edge of weight 1 that meets none."""
+    """(m + 1, 8) the same for the edges of the second outline, and for an edge of weight 1 that
+    meets no other.
+    """
     names: Any
-    """(n, 4) names of the edges of the first outline."""
+    """(n, 4) `Outline.names` of the first outline."""
     levels: Any
     """(k, 4) real and imaginary part of each level."""
 
@@ -226,35 +233,36 @@ def cut_edges(
     -----
     The signs of cross products are exact.
     """
-    number, other, how, level_of = row.T
-    edge, against = grid.first.take(number, axis=0), grid.second.take(other, axis=0)
-    p = t.take(owner) - against[:, 0] - edge[:, 0]
-    e, f = edge[:, 1], against[:, 1]
+    number, other, kind, level_of = row.T
+    edge, other_edge = grid.first.take(number, axis=0), grid.second.take(other, axis=0)
+    p = t.take(owner) - other_edge[:, 0] - edge[:, 0]
+    e, f = edge[:, 1], other_edge[:, 1]
     levels, edges_cross = np.empty((4, len(owner))), (e.conj() * f).imag
     levels[0], levels[2] = (e.conj() * p).imag, (f.conj() * p).imag
     np.subtract(levels[0], edges_cross, out=levels[1])
     np.add(levels[2], edges_cross, out=levels[3])
-    near: Array = abs(levels) < ROUNDED  # sufficient for vectors shorter than 8
+    near: Array = abs(levels) < ROUNDED  # a bound for vectors shorter than 8
     if near.any():
         _make_exact(levels, np.flatnonzero(near.any(axis=0)), e, f, p)
-    limit, other_limit = edge[:, 2].real, against[:, 2].real
+    limit, other_limit = edge[:, 2].real, other_edge[:, 2].real
     if side < 0.0:
         limit, other_limit = -NO_LEVEL - limit, -NO_LEVEL - other_limit
     enters = levels[3] > other_limit
     meets = ((levels[0] > limit) ^ (levels[1] > limit)) & ((levels[2] > other_limit) ^ enters)
-    slanted = meets & (abs(edges_cross) < _SLANTED * edge[:, 2].imag * against[:, 2].imag)
+    slanted = meets & (abs(edges_cross) < _SLANTED * edge[:, 2].imag * other_edge[:, 2].imag)
     if slanted.any():
         _make_exact(levels, slanted.nonzero()[0], e, f, p)
     jump: Array = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
     before = jump.cumsum() - jump
-    if not grid.is_uniform:  # sums over many samples would round in double precision
-        jump = jump * (against[:, 3] if grid.levels.dtype.kind == "c" else against[:, 3].real)
+    # The running sum over all samples of a call would round in double precision.
+    if not grid.is_uniform:
+        jump = jump * (other_edge[:, 3] if grid.levels.dtype.kind == "c" else other_edge[:, 3].real)
         exact = np.clongdouble if jump.dtype.kind == "c" else np.longdouble
         before = np.cumsum(jump, dtype=exact) - jump
-    # each ring of a sample begins with a row that sets the level
-    last = np.maximum.accumulate(np.where(how & START, np.arange(len(row)), 0))
+    # the first row of each ring of a sample sets the level
+    last = np.maximum.accumulate(np.where(kind & START, np.arange(len(row)), 0))
     level = before + (grid.levels.take(level_of) - before).take(last)
-    weight = np.where(how & WHOLE, level, np.where(how == LEAD, 0.0, jump))
+    weight = np.where(kind & WHOLE, level, np.where(kind == LEAD, 0.0, jump))
     weight = weight.astype(jump.dtype, copy=False)
     (parts,) = weight.nonzero()
     levels, fraction = levels[2:, parts], np.empty(len(parts))

@@ -41,8 +41,8 @@ def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
 def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
     """Return a frequency, or a slightly larger one if its square would underflow.
 
-    The change of a transform is the floor times the diameter, far below rounding. Terms are of the
-    order of the square of the frequency. The rounding of their sum, at most 6e-8 of it, must not
+    The transform changes by the floor times the diameter, far less than rounding. Terms are of the
+    order of the squared frequency. The rounding errors of their sum, up to 6e-8 of it, must not
     underflow either: with a floor of 1e-16, compiled float32 kernels had eight times the error.
     """
     return _off_zero(ops, x, y, 1e-140 if ops.double else 1e-13)
@@ -74,11 +74,11 @@ class EdgeTerms:
     """
 
     values: int
-    """The numbers of a sum: the real part, or both."""
+    """Number of values of a sum: 1 for the real part alone, 2 for a complex sum."""
     ops: Any
     nu: Values
     by_part = False
-    """Whether terms of parts share nothing along an edge: there is only :meth:`of_part`."""
+    """Whether the parts of an edge share no factor; then only :meth:`of_part` is implemented."""
 
     def taken(self, owner: Any) -> EdgeTerms:
         """Return the terms for NumPy at the frequencies with some indices (k,)."""
@@ -135,8 +135,8 @@ class EvenTerms(EdgeTerms):
     def along(self, ux: Any, uy: Any) -> Values:
         """Return nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
         ops, (nu_x, nu_y) = self.ops, self.nu
-        # A floor whose square is a normal number: lanes that wait in a loop have q = 0, and
-        # processors take a hundred times as long for subnormal numbers.
+        # The square of the floor is a normal number. SIMD lanes that have finished a loop have nu.u
+        # = 0, and arithmetic with subnormal numbers takes a hundred times as long.
         floor = 1e-30 if ops.double else 1e-18
         along = ops.fma(nu_x, ux, nu_y * uy)
         along = ops.select(abs(along) < floor, floor, along)
@@ -202,7 +202,7 @@ def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> 
     ``is_even``: whether weights are real. ``is_real``: whether only the real part is required.
     """
     if is_even:
-        # a change of nu by this little changes W, which is even in nu, by less than rounding
+        # W is even in nu, so this change of nu changes W by less than rounding
         return EvenTerms(ops, _off_zero(ops, nu[0], nu[1], 1e-9 if ops.double else 1e-6))
     return WaveTerms(ops, moved_off_zero(ops, *nu), 1 if is_real else 2, 1 / math.pi)
 
@@ -213,7 +213,7 @@ def ambiguity_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) 
 
 
 def _with(ops: Any, sums: Values | None, factor: Any, *waves: Any) -> Values:
-    """Return sums (or None) with a fraction of some waves added."""
+    """Return the sums plus ``factor`` times the waves; ``sums`` is None before the first part."""
     if sums is None:
         return tuple(scaled(factor, wave) for wave in waves)
     return tuple(ops.fma(factor, wave, total) for wave, total in zip(waves, sums, strict=True))

@@ -28,13 +28,15 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class OutlineTables:
-    """A boundary in a frame, without data for cuts."""
+    """The boundary of a source in its frame, for Fourier transforms."""
 
     frame: Any
     edges: tuple[tuple[float, ...], ...]
     """Begin (x, y) and end of every edge, and cross(begin, end), twice the area of its triangle."""
     following: tuple[int, ...] = ()
-    """The number of the edge that begins where each ends; vertices are numbered like edges."""
+    """Index of the edge that begins where each edge ends. The vertex at which an edge begins has
+    the index of the edge.
+    """
 
 
 def outline_tables(
@@ -68,8 +70,8 @@ class LinearFrame:
 def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
     """Return the (cosine, sine) parts of F(nu) = cosine - i sine in the frame. Source: (F2), (F3).
 
-    Each row of the tables is a simplex with one corner at the origin: its other corners, and their
-    determinant, which is 2 or 6 times its signed measure.
+    Each row of the tables is a simplex with one corner at the origin. It contains the other corners
+    and their determinant, which is 2 or 6 times the signed area or volume.
     """
 
     def term(*row: Any) -> Values:
@@ -99,15 +101,15 @@ def _dot(ops: Any, nu: Values, point: Values) -> Number:
 
 # ---- grids of frequencies --------------------------------------------------------------------
 
-# Rounding of the wave of a midpoint changes F by _ULP * perimeter/(2 pi |nu|). If that is more than
-# _LOSS times the area, (F1) is not used.
+# Rounding of the waves changes F by _ULP * perimeter/(2 pi |nu|). Where this exceeds _LOSS times
+# the area, (F4) is not used.
 _LOSS, _ULP = 5e-15, 2.0**-53
-# Rounding of the vertices costs 1e-14 of the area if perimeter * lever is this multiple of the
-# area.
+# If perimeter times largest distance from the centre is this multiple of the area, rounding of the
+# vertices changes F by 1e-14 of the area.
 _MOST_SLENDER = 512.0
-# Below this |q| (cycles) sinc(q) is a series of _TERMS terms; the first omitted term is 0.31^12/13!
-# = 1e-16. Above it, sinc(q) is a quotient of the sines and cosines of the axes, which err by an
-# ulp.
+# For |q| below this (cycles), sinc(q) is a series of _TERMS terms, whose first omitted term is
+# 0.31^12/13! = 1e-16. For larger |q|, sin(pi q) is a product of sines and cosines along both axes,
+# accurate to an ulp.
 _NEAR, _TERMS = 0.1, 5
 # Number of values of a temporary array that fit into the cache of a core.
 _BLOCK = 1 << 14
@@ -116,21 +118,21 @@ _BLOCK = 1 << 14
 _SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
 # Number of edges whose waves are in memory at a time: some 40 MB for 512 x 512 points.
 _MOST_EDGES = 1024
-# Difference in the frame below which edge vectors count as equal, as those of congruent elements
-# after rounding. Their mean replaces them, which changes F by no more than that rounding did.
+# Difference in the frame below which edge vectors count as equal, such as the edges of congruent
+# elements after rounding. Their mean replaces them, which changes F by no more than that rounding.
 _EQUAL = 2.0**-51
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Edges with one vector (ex, ey) up to sign; rounded zeros of a component are 0."""
+    """Edges that share one vector (ex, ey) up to its sign; components that round to 0 are 0."""
 
     ex: float
     ey: float
     midpoints: npt.NDArray[np.float64]
     """(n, 2)"""
     weights: npt.NDArray[np.complex128]
-    """(n,) the field on the edge's element for an edge along (ex, ey), else its negative."""
+    """(n,) field on the element of each edge, negated for edges along -(ex, ey)."""
 
     @property
     def is_straight(self) -> bool:
@@ -159,7 +161,7 @@ def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) ->
 def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
     """Return indices of vectors, grouped by equal components up to rounding."""
     clusters: list[list[int]] = []
-    near: list[list[int]] = []  # clusters to which the next vector in order of x may belong
+    near: list[list[int]] = []  # clusters whose x the next vector may share
     for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
         near = [c for c in near if vectors[k, 0] - vectors[c[0], 0] <= _EQUAL]
         for cluster in near:
@@ -192,7 +194,7 @@ class GridTables:
 
     @property
     def floor(self) -> float:
-        """The least |nu| in the frame at which (F1) keeps its accuracy."""
+        """The smallest |nu| in the frame at which (F4) keeps its accuracy."""
         return self.perimeter_over_area * _ULP / (2 * math.pi * _LOSS)
 
 
@@ -211,7 +213,8 @@ class OutlineSum:
 def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables | None:
     """Return the tables for grids of an outline, with the field on each edge's element.
 
-    None in a rotated frame, where a grid of frequencies is no grid, and for slender outlines.
+    Returns None in a rotated frame, in which a grid of frequencies is not aligned with the axes,
+    and for slender outlines.
     """
     if tables.frame.axes is None:
         return None
@@ -226,8 +229,9 @@ def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables |
 class _FamilyTerm:
     """pi (nu x e) sinc(nu.e) times the sum of the waves of one family, on a grid.
 
-    ``x``, ``y``: frequencies of the axes in the frame, and the phase of the centre in cycles. The
-    waves of all midpoints are one matrix product, cosine and sine parts side by side.
+    ``x``, ``y``: frequencies along each axis in the frame, and the phase of the centre in cycles.
+    The sum over the waves of all midpoints is a matrix product, with cosine and sine parts in
+    separate columns.
     """
 
     def __init__(self, ops: Any, family: Family, x: Values, y: Values) -> None:
@@ -239,7 +243,7 @@ class _FamilyTerm:
         real, imag = family.weights.real, family.weights.imag
         cos_x, sin_x = cos_x * real + sin_x * imag, sin_x * real - cos_x * imag
         self.is_straight = family.is_straight
-        if self.is_straight:  # the factor is a product of the axes
+        if self.is_straight:  # the factor is a product of a function of nu_x and a function of nu_y
             along_x = family.ey == 0.0
             factor_x = -family.ex * math.pi * sinc(ops, nu_x * family.ex) if along_x else nu_x
             factor_y = nu_y if along_x else family.ey * math.pi * sinc(ops, nu_y * family.ey)
@@ -247,7 +251,7 @@ class _FamilyTerm:
             cos_y, sin_y = cos_y * factor_y[:, None], sin_y * factor_y[:, None]
         self.left = np.concatenate([cos_x, sin_x], axis=1)
         self.right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]])
-        # nu.e and nu x e, and sin(pi nu.e) as a product of the axes
+        # the parts of nu.e and cross(nu, e) along both axes, and sin(pi nu.e) as a matrix product
         self.q = nu_x * family.ex, nu_y * family.ey
         self.c = nu_x * family.ey, nu_y * family.ex
         cos_x, sin_x = cos_sin_cycles(ops, 0.5 * nu_x * family.ex)
@@ -255,7 +259,7 @@ class _FamilyTerm:
         self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:
-        """Return (nu_x, 2, nu_y) of some rows of the grid: cosine and sine part."""
+        """Return the cosine and sine parts (nu_x, 2, nu_y) on a range of rows of the grid."""
         if self.is_straight:
             return self._waves(self.left[rows])
         q = self.q[0][rows, None] + self.q[1]
@@ -295,10 +299,10 @@ class _FamilyTerm:
 def fourier_on_grid(
     ops: Any, tables: GridTables, nu_x: Array, nu_y: Array
 ) -> tuple[Array, Array, Array]:
-    """Return real and imaginary part at all (nu_x[i], nu_y[j]), and where these are inaccurate.
+    """Return real and imaginary part at all (nu_x[i], nu_y[j]), and a mask of inaccurate values.
 
-    ``ops``: operations in float64. Values are inaccurate at |nu| below `GridTables.floor`. Source:
-    (F4).
+    ``ops``: operations in float64. Values are inaccurate where |nu| is below `GridTables.floor`.
+    Source: (F4).
     """
     x, y = (
         (nu * scale, phases.cycles_to_centre(ops, (centre,), nu))
@@ -330,7 +334,7 @@ def fourier_on_grid(
 
 
 def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
-    """Join the terms of all edges along the axes, which are one matrix product."""
+    """Join the terms of all families along the axes into one matrix product."""
     straight = [term for term in terms if term.is_straight]
     if straight:
         straight[0].left = np.concatenate([term.left for term in straight], axis=1)

@@ -45,7 +45,7 @@ from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
 Interval = tuple[Fraction, Fraction, Waves]
-"""Beginning and end of a slit in the frame, as exact numbers, and the field in it."""
+"""Begin and end of a slit in the frame as exact numbers, and the field in the slit."""
 
 
 def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
@@ -62,7 +62,7 @@ class SlitFrame:
     centre: tuple[float]
     scale: float
     carrier: tuple[float] = (0.0,)
-    """The frequency, in the user's unit, relative to which fields are held."""
+    """Frequency, in the user's unit, relative to which fields are stored."""
 
     @property
     def measure(self) -> float:
@@ -97,7 +97,7 @@ class SlitTables:
 
     frame: SlitFrame
     edges: tuple[tuple[Any, ...], ...]
-    """An `Interval` each; for F, begin and length as pairs of floats."""
+    """Each entry is an `Interval`. For F it is the begin and the length, each as two floats."""
 
 
 @dataclass(frozen=True)
@@ -106,14 +106,15 @@ class PairTables:
 
     A row contains: the distance of the centres at x = 0 or xi = 0, as two floats; both half-
     lengths; the mean of the centres, which does not move, as two floats; and the mutual field
-    (real, imag). If fields have waves, each pair of waves has a row, with two more numbers: a shift
-    to subtract from the frequency, and the cycles of the mutual field along 4x or xi.
+    (real, imag). If fields are sums of waves, each pair of waves has its own row with two more
+    numbers: the shift to subtract from the frequency, and the frequency of the mutual field along
+    4x or xi.
     """
 
     frame: SlitFrame
     edges: tuple[tuple[float, ...], ...]
     coherence_width: float = math.inf
-    """In the frame; infinite: coherent."""
+    """Coherence width in the frame; infinite for coherent light."""
 
     @property
     def terms(self) -> int:
@@ -168,7 +169,7 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
         gap, mean, scale = (2 * total, apart, 2) if of_lags else (apart, total / 2, 1)
         halves = float(scale * (end - begin) / 2), float(scale * (end2 - begin2) / 2)
         row = (*doubled(gap, double), *halves, *doubled(mean, double))
-        # for lags, the waves (v, w) and (w, v) of one slit are conjugate as well
+        # in a lag slice, the waves (v, w) and (w, v) of one slit also have conjugate fields
         for v, w in paired(waves) if k == m else product(waves, waves2):
             twice = 2.0 if of_lags and not (k == m and v is w) else 1.0
             mutual = v.amplitude * complex(w.amplitude).conjugate() * twice
@@ -185,28 +186,27 @@ def _overlap(
 ) -> tuple[Any, Any]:
     """Return the length of the overlap of two intervals, and the offset of its centre.
 
-    The intervals have half-lengths ``half`` and ``other``. Their centres are ``gap`` + ``gap_low`` -
-    ``shift`` apart. The offset is relative to the mean of both centres. If the shorter interval
-    lies inside the other one, the centre is that of the shorter one; otherwise the offset is
-    constant.
+    The intervals have half-lengths ``half`` and ``other``. Their centres are ``gap + gap_low -
+    shift`` apart. The offset is relative to the mean of both centres. If the shorter interval lies
+    inside the other one, the centre is that of the shorter one; otherwise the offset is constant.
     """
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (gap_low - shift[1]))
     shorter = ops.minimum(half, other)
     length = ops.minimum(2.0 * shorter, half + other - abs(distance))
     reach = 0.5 * abs(other - half)
-    aside = ops.maximum(-reach, ops.minimum(reach, 0.5 * distance))
-    return ops.maximum(length, 0.0), ops.select(other >= half, aside, -aside)
+    offset = ops.maximum(-reach, ops.minimum(reach, 0.5 * distance))
+    return ops.maximum(length, 0.0), ops.select(other >= half, offset, -offset)
 
 
 def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
-    """Return the transform of the slices, with their fields: (real, imaginary) part."""
+    """Return the transform of the mutual field on the slices as (real, imaginary) part."""
 
     def term(
         gap: Any, gap_low: Any, half: Any, other: Any, mean: Any, mean_low: Any, real: Any,
         imag: Any, *wave: Any,
     ) -> Values:  # fmt: skip
-        length, aside = _overlap(ops, shift, gap, gap_low, half, other)
+        length, offset = _overlap(ops, shift, gap, gap_low, half, other)
         detuned, mutual, width = nu, Pair(real, imag), tables.coherence_width
         if wave:
             detuning, rate = wave
@@ -215,12 +215,12 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
         frequency = detuned[0] + detuned[1]
         if width < math.inf:
             scale = 1.0 / width
-            centre, reach = (mean + (mean_low + aside)) * scale, length * (0.5 * scale)
+            centre, reach = (mean + (mean_low + offset)) * scale, length * (0.5 * scale)
             ends = centre - reach, centre + reach
             value = Pair(*wave_over_interval(ops, *ends, frequency * width)).scaled(width)
         else:
             cycles = phases.reduced(ops, phases.dot(ops, (detuned,), ((mean, mean_low),)))
-            cycles = cycles + frequency * aside
+            cycles = cycles + frequency * offset
             value = unit_wave(ops, -cycles).scaled(sinc(ops, frequency * length) * length)
         value = value * mutual
         return value.real, value.imag
@@ -229,7 +229,8 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
     return total
 
 
-# Rates that agree to this, in cycles per unit of the frame or relative to the largest, are equal.
+# Frequencies count as equal if they agree to this, in cycles per unit of the frame or relative to
+# the largest one.
 _EQUAL = 1e-14
 
 
@@ -239,7 +240,7 @@ class LineField:
 
     half: float
     waves: Waves
-    """Each of one frequency."""
+    """Each wave has one frequency component."""
 
     @property
     def pairs(self) -> int:
@@ -269,16 +270,16 @@ class LineField:
         return _field_between(ops, -self.half, self.half, self.waves, x)
 
 
-def _length(ops: Any, left: Any, scale: float) -> Number:
+def _length(ops: Any, overlap: Any, scale: float) -> Number:
     """Return the length of an interval, at least 0; NaN for NaN positions."""
-    return scale * ops.maximum(left, 0.0) + (left - left)
+    return scale * ops.maximum(overlap, 0.0) + (overlap - overlap)
 
 
 def _over_pairs(
     ops: Any, pairs: Sequence[WavePair], position: Any, frequency: Any, length: Any,
     width: float = math.inf,
 ) -> Pair:  # fmt: skip
-    """Return the sum over pairs of waves, each with the length times its sinc, or with (I6)."""
+    """Return the sum over pairs of waves, each a sinc times the length, or (I6) for a width."""
     largest = max(abs(rate) for pair in pairs for _, (rate,) in pair.terms)
     tolerance = _EQUAL * max(1.0, largest)
     waves: dict[int, Pair] = {}
@@ -306,7 +307,7 @@ def _over_pairs(
 def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
     """Return 4x in the frame as two floats.
 
-    The doubled copies of two slits approach each other by 4x.
+    Moving x by dx moves the copies of two slits in the lag slice towards each other by 4 dx.
     """
     total, low = frame.exact_position(x)
     return phases.halves(ops, (4.0 * total, 4.0 * low))

@@ -79,7 +79,7 @@ def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
 
 
 def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
-    """Return the frame of the plane in a pose (4, 4), whose floats count as exact."""
+    """Return the frame of a plane in a pose (4, 4); the floats of the pose count as exact."""
     exact = [[Fraction(value) for value in row] for row in pose.tolist()]
     in_plane = [Fraction(c) for c in plane.centre]
     centre = [row[0] * in_plane[0] + row[1] * in_plane[1] + row[3] for row in exact[:3]]
@@ -136,8 +136,8 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 
     u is the sum of the weights of the elements around the point, times their waves. Edges that
     cross the horizontal line to the right of the point count with the weight of their element if
-    they rise, and with its negative if they fall. Lower ends belong to an edge and upper ends do
-    not. So each point of an edge between two polygons belongs to exactly one of them.
+    they rise, and with its negative if they fall. An edge includes its lower end but not its upper
+    end. Therefore each point on an edge between two polygons belongs to exactly one of them.
     """
 
     def term(ax: Any, ay: Any, bx: Any, by: Any, real: Any, imag: Any) -> tuple[Any, Any]:

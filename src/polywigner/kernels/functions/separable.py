@@ -27,10 +27,10 @@ from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.source.lattices import column_and_row
 
-# An outline is a rectangle if it deviates from one by less than _ROUNDING times its shorter side,
-# or by _ROUNDINGS roundings of its largest coordinate: the rotation of a point takes five along
-# each axis (two products, two sums and the shift). The limit never exceeds _SHAPELESS times the
-# shorter side, because strips of a few ulps have no shape.
+# An outline counts as a rectangle if it deviates from one by less than _ROUNDING times its shorter
+# side, or by less than _ROUNDINGS roundings of its largest coordinate: a rotated point has five
+# roundings along each axis (two products, two sums and the shift). The limit is at most _SHAPELESS
+# times the shorter side, because the shape of a strip a few ulps wide is undefined.
 _ROUNDING, _ROUNDINGS, _SHAPELESS = 1e-14, 8, 1e-6
 
 _UNIT = np.finfo(np.float64).eps / 2
@@ -64,8 +64,9 @@ def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
 # changes W by less than 1e-13 of the energy. Frequencies along an axis are equal if they agree to
 # _EQUAL, in cycles per side or relative to the largest frequency.
 _PRODUCT, _EQUAL = 4e-15, 1e-14
-# Both limits grow with rounding, since frequencies may be rotated and amplitudes contain the phases
-# at the origin. Waves that differ by more than this, in cycles per side, are never equal.
+# Rounding increases both limits, since frequencies may be rotated and amplitudes contain phases
+# relative to the origin. Frequencies that differ by more than this, in cycles per side, never count
+# as equal.
 _LARGEST_ROUNDING = 1e-6
 # Cost of a pair of waves, in cuts of an edge.
 _CLIPS_PER_PAIR = 0.5
@@ -78,9 +79,9 @@ class SeparableTables:
     frame: Frame
     fields: tuple[LineField, LineField]
     coherence_widths: tuple[float, float] = (math.inf, math.inf)
-    """In the frame, which has a unit for each axis."""
+    """Coherence width along each axis in units of the frame, which differ between the axes."""
     terms: ClassVar[int] = 1
-    """Nothing is cut or summed over edges."""
+    """Number of terms, for the choice of an engine: there is no sum over edges."""
 
     @property
     def clips(self) -> int:
@@ -106,7 +107,7 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     a, b, c, d = corners
     (length, width), direction = (high - low).tolist(), (1.0, 0.0)
     is_rotated = bool((b - a).all())
-    if is_rotated:  # along the mean of both longer sides
+    if is_rotated:  # the axis is the mean of both longer sides
         length, width = float(np.hypot(*(b - a))), float(np.hypot(*(d - a)))
         along = (b - a) + (c - d)
         direction = tuple((along / np.hypot(*along)).tolist())

@@ -41,17 +41,18 @@ from polywigner.numerics.complex_pairs import Pair
 Values = tuple[Any, ...]
 Array = NDArray[Any]
 Views = tuple[tuple[View, float], ...]
-"""Views, and which copy of the edges each is of: its points are p + side T."""
+"""Pairs (view, side). A point p of an edge is ``scale (p + side T)`` in the slice."""
 Pairing = tuple[int, int, Views, Sequence[WavePair]]
 """Group of edges, group of the other copy, views of the edges there, and pairs of waves."""
 
 # Samples times edges, and parts times frequencies, that NumPy computes at a time: some 2 MB.
 _CUT, _SUMMED = 1 << 14, 1 << 14
-# Number of samples for which the lists of pairs of NumPy are built.
+# Number of samples for which NumPy's lists of pairs are optimised.
 _SAMPLES = 1 << 9
-# More pairs of waves are rows of a table, because each pair as code compiles in 20 ms.
+# Largest number of pairs of waves that become code, which compiles in 20 ms per pair. More pairs
+# are rows of a table.
 MOST_PAIRS_AS_CODE = 16
-# Number of columns of a row (amplitude, shift and rate), padded to a multiple of four.
+# Number of columns of such a row (amplitude, shift and rate), padded to a multiple of four.
 _ROW = 8
 
 
@@ -60,7 +61,7 @@ class SliceSum:
     """The sum of a kernel over edges that are cut."""
 
     views: tuple[View, ...]
-    """In which views edges are cut: one for W, two for A."""
+    """The views in which edges are cut: one for W, two for A."""
     scale: float
     """The offset T between the copies is ``scale`` times the position or lag: 2x, or xi. A point p
     of an edge is the point ``scale (p + side T)`` of the slice."""
@@ -69,13 +70,16 @@ class SliceSum:
     frequency: slice
     pairings: Callable[[Tables], Sequence[Pairing]]
     terms: Callable[[Any, Tables, Values, bool, bool], EdgeTerms]
-    """(ops, tables, frequency, whether weights are real and the fields one, whether only the real
-    part matters) -> terms of a pair of waves."""
+    """(ops, tables, frequency, is_even, is_real) -> terms of a pair of waves. ``is_even``: whether
+    weights are real and both elements have the same field. ``is_real``: whether only the real part
+    is needed.
+    """
     values: int
     """1 for a real sum, or 2: cosine part and sine part, cosine - i sine."""
     arguments: slice | None = None
-    """Components of the position or lag among the user's arguments, if many other arguments may
-    meet it."""
+    """Components of the position or lag among the user's arguments. None if the frequencies at one
+    position cannot share a slice.
+    """
 
     def __call__(self, ops: Any, tables: Tables, *inner: Any) -> Values:
         if ops.target == "numpy":
@@ -94,12 +98,12 @@ class SliceSum:
     def by_pairs(
         self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
     ) -> Values:
-        """Return the sums with lists of pairs in an engine's memory (default: of the tables)."""
+        """Return the sums by lists of pairs in an engine's memory, by default those of tables."""
         tx, ty = (self.scale * c for c in inner[self.position])
         return self._summed(PairClipper(ops, tables, tx, ty, self.views, inner, pairs), inner)
 
     def passes(self, tables: Tables) -> list[Pass]:
-        """Return the keys of all lists that the sums read."""
+        """Return the keys of all lists of pairs that the sums use."""
         fields = range(len(tables.groups))
         views = {view.point: view for view in reversed(self.views)}.values()
         return [(view, field, other) for view in views for field in fields for other in fields]
@@ -132,24 +136,24 @@ class SliceSum:
     def _sums_of_pairings(
         self, clipper: Clipper, sum_of: Callable[[WavePair, bool], TermSum], position: Values
     ) -> Iterator[Sequence[Any]]:
-        """Yield the sums over pairs of waves, in one pass over the edges for each two groups.
+        """Yield the sums over pairs of waves, in one pass over the edges for each pair of groups.
 
-        Many pairs of waves are rows of a table. Compiled code loops over it for each part of an
-        edge.
+        If there are many pairs of waves, they are rows of a table. Compiled code loops over this
+        table for each part of an edge.
         """
         tables, ops, count = clipper.tables, clipper.ops, self.values
         pairings: dict[tuple[int, int], list[tuple[Views, Sequence[WavePair]]]] = {}
         for group, other, views, pairs in self.pairings(tables):
             pairings.setdefault((group, other), []).append((views, pairs))
-        for (group, other), beats in pairings.items():
-            if ops.target != "scalar" and sum(len(p) for _, p in beats) > MOST_PAIRS_AS_CODE:
-                for views, pairs in beats:
+        for (group, other), wave_pairs in pairings.items():
+            if ops.target != "scalar" and sum(len(p) for _, p in wave_pairs) > MOST_PAIRS_AS_CODE:
+                for views, pairs in wave_pairs:
                     yield _sum_of_rows(
                         clipper, (group, other), views, pairs, sum_of, position, count
                     )
                 continue
             is_even = other == group and not tables.phased
-            runs = [(views, sum_of(pair, is_even)) for views, pairs in beats for pair in pairs]
+            runs = [(views, sum_of(pair, is_even)) for views, pairs in wave_pairs for pair in pairs]
 
             def term(edge: Edge, runs: Any = runs, other: int = other) -> Values:
                 cuts: dict[View, Any] = {}
@@ -189,7 +193,7 @@ class SliceSum:
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
         if nu[0].shape != nu[1].shape:
             nu = np.broadcast_arrays(*nu)
-        # fewer points per pass if there are many frequencies
+        # arrays of (points, frequencies) take the memory, so many frequencies leave fewer points
         step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
         results = [np.zeros((len(position[0]), columns)) for _ in range(self.values)]
         for k in range(0, len(position[0]), step):
@@ -251,7 +255,7 @@ class SliceSum:
             centre = self.scale * (edge[:, 0] + edge[:, 1]) - 0.5 * vector
             centre += (self.scale * side) * offset.take(owner)
             imag: Any = 0.0
-            if weight.dtype.kind == "c":  # the conjugate for the copy AHEAD
+            if weight.dtype.kind == "c":  # the weight of the copy AHEAD is conjugate
                 weight, imag = weight.real, -weight.imag if side > 0.0 else weight.imag
             part = centre.real, centre.imag, vector.real, vector.imag, weight, imag
             yield pairs, is_even, owner, part

@@ -31,7 +31,7 @@ from polywigner.kernels.outline.frame import (
 
 @dataclass(frozen=True)
 class SolidTables:
-    """Tetrahedra of a body in its frame; sums run over ``edges``.
+    """Tetrahedra of a body in its frame, as rows of ``edges``.
 
     Each row is ax, ay, az, bx, ..., cz, and det(a, b, c), which is six times the signed volume.
     """
@@ -50,7 +50,7 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
     """Return the tables of a polyhedron; the same for either precision."""
     centre, rows = _axes(body)
     inner = vertices_for(rows, centre, body.vertices)
-    # fans split opposite faces of thin bodies alike, so that rounding errors cancel
+    # fans divide opposite faces of thin bodies in the same way, so that rounding errors cancel
     fans = [(f[0], f[k], f[k + 1]) for f in body.faces for k in range(1, len(f) - 1)]
     corners = inner[np.array(fans, np.intp)]
     tetrahedra = np.column_stack([corners.reshape(-1, 9), _volumes(corners)]).tolist()
@@ -62,9 +62,9 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
 def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
     """Return the centre of the body's box, and its axes times the power of two of its extents.
 
-    A body has the axes of the world and one scale for all axes, unless it is a needle or a plate.
-    The box is the one along these axes: the centre of another box would lie far outside a plate,
-    in units of its thickness.
+    Needles and plates have their principal axes and a scale for each axis. All other bodies have
+    the user's axes and one scale. The centre is the centre of the box along the chosen axes: the
+    centre of another box could lie many thicknesses away from a plate.
     """
     mean = body.vertices.mean(axis=0)
     # without full_matrices=False, NumPy makes a matrix of vertices times vertices.

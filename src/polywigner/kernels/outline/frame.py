@@ -26,9 +26,9 @@ import shapely
 from polywigner.geometry.rings import whole_numbers
 from polywigner.numerics import phases
 
-# Boxes of a larger aspect ratio are stretched. For smaller ones the loss of digits (the aspect
-# ratio, in ulps of the width) is below the rounding errors of the kernels, and edges along the axes
-# stay along the axes.
+# Outlines whose bounding box has a larger aspect ratio are rotated to their axes and stretched. For
+# smaller ratios, rounding costs fewer ulps of the width than in the kernels, and edges along the
+# user's axes stay along the axes.
 NEEDLE_ASPECT = 8.0
 
 Array = npt.NDArray[np.float64]
@@ -50,14 +50,14 @@ class Frame:
     measure: float
     reach: tuple[float, ...]
     carrier: tuple[float, ...] = (0.0, 0.0)
-    """The frequency, in the user's units, relative to which fields on the source are held."""
+    """Frequency, in the user's units, relative to which fields on the source are stored."""
 
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         """Return a point of the aperture plane in the frame."""
         cx, cy = self.centre
         if self.is_diagonal:
             return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
-        # Across a needle almost everything cancels, so the rounding errors of the differences
+        # Products across a needle cancel almost completely, so the rounding errors of dx and dy
         # matter.
         (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
         fine = self._cross_products(ops, lost_x, lost_y)
@@ -132,7 +132,7 @@ def enter_position_and_frequency(
 
 
 def matrix_times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
-    """Return matrix nu, each component to about an ulp; across a needle almost all cancels."""
+    """Return matrix nu; each component is accurate to about an ulp, also across a needle."""
     return tuple(total + rest for total, rest in matrix_times_doubled(ops, matrix, *nu))
 
 
@@ -210,7 +210,7 @@ def frame_of(points: Array) -> Frame:
 def frame_along(
     points: Array, centre: Array, direction: tuple[float, float], sizes: tuple[float, float]
 ) -> Frame:
-    """Return the frame with a direction of its first axis and powers of two as units."""
+    """Return the frame with a direction of its first axis and with powers of two as units."""
     (c, s), (length, width) = direction, sizes
     norm = c * c + s * s
     matrix = ((c / length, s / length), (-s / width, c / width))

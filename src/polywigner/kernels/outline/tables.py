@@ -43,16 +43,16 @@ class Tables:
     weights: tuple[Any, ...]
     """Weights of the elements."""
     factors: tuple[complex, ...]
-    """(elements,) weight of each element over the weight of the user."""
+    """(elements,) weight of each element, divided by the user's weight."""
     groups: tuple[Waves, ...]
-    """The different fields on the elements, less their weights."""
+    """The different fields on the elements, without the weights of the elements."""
     double: bool
     coherence: Any = None
     """The matrix from lags in the frame to lags in coherence widths; None for coherent light."""
     pairs: dict[Any, Any] = field(default_factory=dict, repr=False)
-    """Lists of the pairs of edges that can meet, as engines hold them."""
+    """Lists of the pairs of edges that can meet, by view, groups, precision and number of cells."""
     lists: dict[Any, Any] = field(default_factory=dict, repr=False)
-    """The lists of pairs as NumPy uses them, for W and for A."""
+    """The same lists in NumPy's form, one entry for W and one for A."""
 
     @cached_property
     def uniform(self) -> bool:
@@ -68,7 +68,8 @@ class Tables:
     def clips(self) -> int:
         """Number of pairs of edges, which is the cost of one slice.
 
-        A further wave counts as 24 edges, because it is integrated over each part of an edge.
+        Each wave after the first counts as 24 edges, because it is integrated over each part of an
+        edge.
         """
         return len(self.edges) * (len(self.edges) + _EDGES_PER_WAVE * (self.waves_per_cut - 1))
 

@@ -20,7 +20,8 @@ import numpy as np
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_cycles
 
-# Relative difference below which frequencies are equal: the same sums in another order of terms.
+# Relative difference below which frequencies count as equal: sums of the same terms in another
+# order differ by rounding.
 _EQUAL = 1e-14
 
 Vector = tuple[Any, ...]
@@ -74,9 +75,9 @@ class WavePair:
     shift: Vector
     """The shift to subtract from the frequency."""
     terms: tuple[tuple[Any, Vector], ...]
-    """Amplitudes, and frequencies along position (W) or lag (A)."""
+    """Amplitude of each pair, and its frequency along the position (W) or the lag (A)."""
     is_real: bool
-    """Whether the conjugates of all pairs are among them: only the real part is wanted."""
+    """Whether the conjugate of each pair is included, so that only real parts are summed."""
 
     def amplitude(self, ops: Any, point: Sequence[Any]) -> tuple[Any, Any]:
         """Return the (real, imaginary) amplitude at a position or lag of the frame."""
@@ -118,12 +119,12 @@ def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
 
 
 def pair_of_row(is_real: bool, real: Any, imag: Any, *vectors: Any) -> WavePair:
-    """Return the pair of a row of an engine."""
+    """Return the pair of waves of a row of `rows_of`, read by an engine."""
     return WavePair(vectors[:2], ((Pair(real, imag), vectors[2:]),), is_real)
 
 
 def _is_zero(number: Any) -> bool:
-    return isinstance(number, float) and number == 0.0  # arrays of an engine may contain any number
+    return isinstance(number, float) and number == 0.0  # an engine's arrays are unknown
 
 
 def _summed(
@@ -132,7 +133,7 @@ def _summed(
     point: Sequence[Any],
     imaginary: bool = True,
 ) -> tuple[Any, Any]:
-    """Return sum a exp(2 pi i f.point), and plain numbers if all frequencies are 0."""
+    """Return sum a exp(2 pi i f.point) over terms (a, f); plain numbers if all f are 0."""
     real: Any = 0.0
     imag: Any = 0.0
     for amplitude, frequency in terms:
