@@ -157,9 +157,6 @@ class DrjitOperations(RowByRow):
     def truncated(self, value: Any) -> Drjit:
         return self._numbers(value)
 
-    def select_number(self, condition: Any, a: Any, b: Any) -> Drjit:
-        return self._dr.select(condition, self._initial(a), self._initial(b))
-
     def fold(
         self, first: Any, end: Any, state: Values, step: Term, *, is_sum: bool = False
     ) -> Values:

@@ -114,8 +114,6 @@ class NumpyOperations(_Unfused):
         return tuple(np.asarray(total) for total in totals)
 
     select = staticmethod(np.where)
-    select_number = staticmethod(np.where)
-    """:meth:`select` for indices of rows."""
     minimum = staticmethod(np.minimum)
     maximum = staticmethod(np.maximum)
     round = staticmethod(np.rint)
@@ -275,7 +273,6 @@ class ScalarOperations(_Unfused, RowByRow):
     def select(self, condition: Any, a: Any, b: Any) -> Numbers:
         return a if condition else b
 
-    select_number = select
     exp = staticmethod(math.exp)
     log = staticmethod(math.log)
     atan2 = staticmethod(math.atan2)

@@ -288,13 +288,7 @@ def times_complex(value: Numbers, factor: complex) -> Numbers:
     """Return a complex result (NumPy or ``Complex2f``) times a number."""
     if is_drjit(value):
         return value * type(value)(factor.real, factor.imag)
-    if factor.imag:
-        return value * factor
-    # Real and imaginary parts separately: infinity times a complex number would be NaN.
-    scaled = np.array(value)
-    scaled.real *= factor.real
-    scaled.imag *= factor.real
-    return scaled[()]
+    return value * factor
 
 
 # ---- numbers of a source -------------------------------------------------------------------------

@@ -13,8 +13,8 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wav
 from polywigner.kernels.arrays import element_pairs, lattice_arrays
 from polywigner.kernels.arrays.array_factors import array_factor_kernel
 from polywigner.kernels.arrays.element_pairs import is_scattered
+from polywigner.kernels.functions import fourier, partly_coherent, plane, separable
 from polywigner.kernels.functions import intervals as line
-from polywigner.kernels.functions import partly_coherent, plane, separable, solids
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel
 from polywigner.source import Array
@@ -37,7 +37,7 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     ("fourier", Slits): line.FOURIER,
     ("fourier", Aperture): plane.FOURIER,
     ("fourier", PlacedAperture): plane.FOURIER_PLACED,
-    ("fourier", Polyhedron): solids.BODY,
+    ("fourier", Polyhedron): fourier.BODY,
     ("fourier of waves", "product"): separable.FOURIER,
     ("autocorrelation", "lattice"): element_pairs.AUTOCORRELATION,
 }

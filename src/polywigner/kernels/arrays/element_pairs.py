@@ -150,7 +150,7 @@ class PairLists:
         for step in (0, 1):
             cell = (i + step) * (columns + 1) + j
             (begin,), (end,) = ops.gather(starts, cell), ops.gather(starts, cell + 2)
-            yield begin, ops.select_number(inside, end, begin)
+            yield begin, ops.select(inside, end, begin)
 
 
 def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:

@@ -37,8 +37,6 @@ from polywigner.source.normal_form import normal_form
 _LEAST_ELEMENTS = 4
 # A point this close to the boundary of a region contributes less than rounding.
 _EDGE = 4e-15
-# Margin around an element's region, in its size, larger than rounding in single precision.
-_MARGIN = 1e-4
 
 Pair2 = tuple[float, float]
 

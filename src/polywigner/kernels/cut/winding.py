@@ -58,7 +58,7 @@ def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
         ops.truncated(ops.select(inside, (t - low) * per_unit, 0.0))
         for t, low in ((tx, x0), (ty, y0))
     )
-    return ops.select_number(inside, row * ops.truncated(across) + column, ops.truncated(empty))
+    return ops.select(inside, row * ops.truncated(across) + column, ops.truncated(empty))
 
 
 class PairClipper(Clipper):

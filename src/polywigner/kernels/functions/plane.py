@@ -15,6 +15,7 @@ from polywigner.kernels.functions.fourier import (
     LinearFrame,
     OutlineSum,
     OutlineTables,
+    enter_frequency,
     fan_sum,
     grid_tables,
     outline_tables,
@@ -98,11 +99,6 @@ def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
 def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
     plane = _outline_of(source.aperture, double)
     return OutlineTables(placed_frame(plane.frame, source.pose, double), plane.edges)
-
-
-def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
-    """Return (phase of the centre, nu in the frame)."""
-    return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.frequency(ops, *nu))
 
 
 def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:

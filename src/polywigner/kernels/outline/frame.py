@@ -133,15 +133,9 @@ def enter_position_and_frequency(
 
 def matrix_times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
     """Return matrix nu; each component is accurate to about an ulp, also across a needle."""
-    return tuple(total + rest for total, rest in matrix_times_doubled(ops, matrix, *nu))
-
-
-def matrix_times_doubled(ops: Any, matrix: Matrix, *nu: Any) -> tuple[phases.Doubled, ...]:
-    """Return matrix nu, each component as the sum of two floats."""
     if _diagonal(matrix):
-        diagonal = (row[k] for k, row in enumerate(matrix))
-        return tuple((n * factor, 0.0) for n, factor in zip(nu, diagonal, strict=True))
-    return tuple(phases.dot(ops, nu, row) for row in matrix)
+        return tuple(n * row[k] for k, (n, row) in enumerate(zip(nu, matrix, strict=True)))
+    return tuple(total + low for total, low in (phases.dot(ops, nu, row) for row in matrix))
 
 
 def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Array:
