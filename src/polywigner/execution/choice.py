@@ -39,7 +39,8 @@ _LEAST_SAMPLES_AS_CODE = 1 << 18
 # Number of frequencies per position from which on compiled code sums listed slices. Outlines of up
 # to four edges are cut as fast as a list is read.
 _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
-# Number of terms per family of parallel edges from which on F on a grid uses the axes of the grid.
+# Number of terms per family of parallel edges from which on F on a grid is computed from the axes
+# of the grid.
 _TERMS_PER_FAMILY = 1 << 10
 
 

@@ -94,7 +94,7 @@ class DrjitOperations(RowByRow):
     def select(self, condition: Any, a: Any, b: Any) -> Drjit:
         return self._dr.select(condition, self._typed(a), self._typed(b))
 
-    # Comparisons, not dr.minimum: on some LLVM versions that aborts the process.
+    # dr.minimum and dr.maximum abort the process on some LLVM versions.
     def minimum(self, a: Any, b: Any) -> Drjit:
         a, b = self._typed(a), self._typed(b)
         return self._dr.select(a < b, a, b)

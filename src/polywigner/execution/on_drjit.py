@@ -348,7 +348,7 @@ class _Slices:
         return sent
 
     def order(self, inner: Sequence[Array]) -> Order:
-        """Return the order of samples by cells, in which neighbours read the same lists."""
+        """Return the order of samples sorted by cell, so that neighbours read the same lists."""
         if not self.sorts:
             return ...
         x, y = inner[self.slices.position]

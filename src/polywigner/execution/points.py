@@ -64,7 +64,7 @@ def _float_of(name: str, value: Drjit) -> type:
     kind: type = drjit.array_t(value) if _is_tensor(value) else drjit.leaf_t(value)
     if not drjit.is_float_v(kind) or drjit.itemsize_v(kind) not in (4, 8):
         raise ArgumentError(
-            f"expected {name} of 32 or 64 bit real floats, got {type(value).__name__}"
+            f"expected {name} as real floats of 32 or 64 bits, got {type(value).__name__}"
         )
     return kind
 
@@ -130,19 +130,19 @@ def on_components(
     """
     import drjit
 
-    given = {name: value for name, value in points.items() if is_drjit(value)}
-    float_type = _common_float({**parameters, **given}, precision, engine)
-    tensor = next((type(value) for value in given.values() if _is_tensor(value)), None)
+    drjit_points = {name: value for name, value in points.items() if is_drjit(value)}
+    float_type = _common_float({**parameters, **drjit_points}, precision, engine)
+    tensor = next((type(value) for value in drjit_points.values() if _is_tensor(value)), None)
     shape: tuple[int, ...] | None = None
-    if given and tensor is None:
+    if drjit_points and tensor is None:
         arrays = {name: _component_array(name, p, float_type) for name, p in points.items()}
     else:
         arrays, shape = _from_tensors(points, float_type)
     widths = {drjit.width(array) for array in arrays.values()}
     if len(widths - {1}) > 1:
         raise ArgumentError(
-            "expected as many points in each argument, or one, got "
-            f"{' and '.join(map(str, sorted(widths)))}; pass arrays of one width"
+            "expected equal numbers of points in all arguments, or one point, got "
+            f"{' and '.join(map(str, sorted(widths)))}; pass arrays of equal width"
         )
     size = 0 if 0 in widths else max(widths)
     if not size:  # Dr.Jit has no arithmetic of an empty array and a number
@@ -202,7 +202,7 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
                 f"expected {name} with 1 to 3 components last, got shape {shapes[name]}"
             )
     try:
-        shape = np.broadcast_shapes(*(given[:-1] for given in shapes.values()))
+        shape = np.broadcast_shapes(*(full[:-1] for full in shapes.values()))
     except ValueError:
         raise ArgumentError(
             f"expected shapes that broadcast, got {list(shapes.values())}"

@@ -194,9 +194,9 @@ def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
     most = np.where(np.isfinite(most), most, 0.0)  # such points have the value NaN
     if (most > _MOST_CYCLES).any():
         raise ArgumentError(
-            f"expected a curved wave of up to {_MOST_CYCLES:.0e} turns of phase along an edge, got "
-            f"{most.max():.2g}; take lower frequencies, points of Fresnel's field farther away, or "
-            "behind a system a plane farther from a line in which the source is imaged"
+            f"expected a curved wave of up to {_MOST_CYCLES:.0e} cycles of phase along an edge, "
+            f"got {most.max():.2g}; use lower frequencies, or points farther from the source and "
+            "from its images behind an optical system"
         )
     return most
 

@@ -50,9 +50,9 @@ def product_error(a: Any, b: Any, product: Any) -> Any:
 def _is_convex(polygon: Floats) -> bool:
     """Return whether a ring is convex and winds once, with vertices on straight sides allowed."""
     before = polygon - np.roll(polygon, 1, axis=0)
-    after = np.roll(polygon, -1, axis=0) - polygon
-    crosses = accurate_cross(*before.T, *after.T)
-    ahead = (before * after).sum(axis=1)
+    following = np.roll(polygon, -1, axis=0) - polygon
+    crosses = accurate_cross(*before.T, *following.T)
+    ahead = (before * following).sum(axis=1)
     if (crosses < 0).any() or ((crosses == 0) & (ahead <= 0)).any():
         return False
     # a sum of 2 pi for one round, more for several rounds
@@ -80,8 +80,12 @@ def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
         candidates += [(start + k, float(along[k, n]), n) for k, n in np.argwhere(near).tolist()]
     inside = [(k, at, n) for k, at, n in candidates if _on_line(piece[k], ends[k], vertices[n])]
     inside.sort(key=lambda entry: entry[:2])
-    after = [k + 1 for k, _, _ in inside]
-    return np.insert(piece, after, vertices[[n for _, _, n in inside]], axis=0) if after else piece
+    positions = [k + 1 for k, _, _ in inside]
+    return (
+        np.insert(piece, positions, vertices[[n for _, _, n in inside]], axis=0)
+        if positions
+        else piece
+    )
 
 
 def _on_line(a: Floats, b: Floats, c: Floats) -> bool:

@@ -39,8 +39,8 @@ class Jet:
     def __mul__(self, other: Any) -> Jet:
         if not isinstance(other, Jet):
             return self.through(self.value * other, other)
-        mine, its = self.through(0.0, other.value), other.through(0.0, self.value)
-        return Jet(self.ops, self.value * other.value, _added(mine.slopes, its.slopes))
+        by_self, by_other = self.through(0.0, other.value), other.through(0.0, self.value)
+        return Jet(self.ops, self.value * other.value, _added(by_self.slopes, by_other.slopes))
 
     def __truediv__(self, other: Any) -> Jet:
         return self * (1.0 / other)
@@ -147,10 +147,10 @@ def flattened(numbers: Iterable[Any]) -> list[Any]:
 
 def rebuilt(like: Iterable[Any], parts: Iterable[Any]) -> list[Any]:
     """Return numbers such as ``like`` from their :func:`flattened` parts."""
-    rest = iter(parts)
+    remaining = iter(parts)
     return [
-        Jet(number.ops, next(rest), tuple(next(rest) for _ in number.slopes))
+        Jet(number.ops, next(remaining), tuple(next(remaining) for _ in number.slopes))
         if isinstance(number, Jet)
-        else next(rest)
+        else next(remaining)
         for number in like
     ]

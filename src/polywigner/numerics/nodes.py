@@ -34,7 +34,7 @@ _SIZES = tuple(
 # u of the ellipses that are tried. The smallest ellipse passes through i. For singularities closer
 # than that there is the bound with _CHORD and _GROWTH.
 _ELLIPSES = (math.asinh(1.0), 1.2, 1.6, 2.1, 2.8)
-# u >= 0.88 sinh u and sinh u <= 1.135 u for sinh u up to 1
+# Constants of the bounds u >= 0.88 sinh u and sinh u <= 1.135 u, which hold for sinh u up to 1.
 _CHORD, _GROWTH = 0.88, 1.135
 # Safety factor of the error estimate. With this factor the estimate exceeded the true error on all
 # of 270,000 panels, at distances from 1e-4 to 100 wavelengths, for travelling, grazing and
@@ -145,7 +145,7 @@ def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: A
     ratio = ((a * a + b * b) + (c * c + d * d)) / (mean * mean + floor)
     as_expected = ratio < _SURPRISE * ops.exp(2.0 * last)
     estimate = ops.select(as_expected, ratio * ops.exp(-growth), ratio)
-    # coefficients that are small by accident do not reduce the error below the planned one
+    # accidentally small coefficients do not reduce the estimate below the planned error
     least = ops.minimum(ops.sqrt(ratio), ops.exp(-digits))
     # the error is at most the size itself
     fraction = ops.minimum(_SAFETY * ops.maximum(estimate, least), 2.0)
@@ -204,10 +204,10 @@ def flat_rule(reach: float, error: float) -> Rule:
 def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
     """Return numbers of Gauss-Legendre nodes on [-1, 1] for exp(i f(x)) with |f'| <= ``radians``.
 
-    f is linear or quadratic, up to terms of little curvature. The error of n nodes is about the sum
-    of the terms of the Chebyshev series from 2n on. The series of exp(i w x) has Bessel functions
-    J_k(w), and the series of exp(i w x^2/2) has J_k(w/4) with T_2k. In Debye's form J_k(k/cosh a)
-    is exp(-k (a - tanh a)), so that a is a parameter of the curve of w and k.
+    f is linear or quadratic, except for small terms. The error of n nodes is about the sum of the
+    terms of order 2n and higher in the Chebyshev series. For exp(i w x) these terms are Bessel
+    functions J_k(w); for exp(i w x^2/2) the term of order 2k is J_k(w/4). In Debye's approximation
+    J_k(k/cosh a) is exp(-k (a - tanh a)), so a parametrises the relation between w and k.
     """
     a = np.geomspace(20.0, 1e-2, 400)
     degrees = -math.log(error) / (a - np.tanh(a))

@@ -253,7 +253,7 @@ def explain(
         )
     if execution.has_drjit(arguments):
         raise ArgumentError(
-            "expected NumPy arrays, got Dr.Jit arrays; their backend computes every call"
+            "expected NumPy arrays, got Dr.Jit arrays, whose backend computes every call"
         )
     if function == "fourier" and isinstance(source, Array):
         raise ArgumentError(
@@ -268,8 +268,7 @@ def explain(
     plan = execution.explained(lambda: compute(name, source, points, precision, engine))
     if plan is None:
         raise ArgumentError(
-            "F of a curved wave is a sum over nodes along the edges on NumPy; there is no choice "
-            "to explain"
+            "F of a curved wave is always computed by NumPy, so there is no choice to explain"
         )
     return plan
 
@@ -305,8 +304,8 @@ def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Point
     """Return the points in front of an optical system."""
     if through is None:
         raise ArgumentError(
-            f"expected wavelength with through= only, got {wavelength!r}; leave it out, or pass a "
-            "FirstOrder"
+            f"expected an optical system with wavelength={wavelength!r}, got none; leave the "
+            "wavelength out, or pass through=FirstOrder(...)"
         )
     if not isinstance(through, FirstOrder):
         raise ArgumentError(
@@ -337,7 +336,7 @@ def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64]
         return blocks
     if any(block[0, 1] or block[1, 0] for block in blocks):
         raise ArgumentError(
-            "expected a system that keeps x and y apart for slits, got one that mixes them: "
+            "expected an optical system that does not couple x and y for slits, got one that does: "
             f"{system!r}"
         )
     return tuple(block[:1, :1] for block in blocks)

@@ -149,7 +149,7 @@ def checked_points(
     ``keep_single`` returns float32 unchanged; a copy in double precision may not fit into memory.
     """
     if type(value) is np.ndarray and value.dtype == np.float64 and value.shape[-1:] == (dimension,):
-        return value  # most calls
+        return value  # the usual case
     shape = f"(..., {dimension})"
     if np.ma.is_masked(value):
         raise ArgumentError(

@@ -147,7 +147,8 @@ def projections(
     if isinstance(source, Wavefront):
         raise ArgumentError(
             "expected a source with a flat, coherent wave for projections, got a Wavefront, whose "
-            "tiles of mixed coordinates have no closed form; use its .source, or sums of wigner"
+            "tiles of mixed coordinates have no closed form; use its .source, or sum values of "
+            "wigner"
         )
     dimension = kernel_for(kind, source).dimension
     checked_engine(engine)

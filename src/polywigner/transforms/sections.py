@@ -232,17 +232,17 @@ def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
     The weight of a region is the weight of its first element times the conjugate weight of its
     second.
     """
-    one, other = _images(field, *ahead), _images(field, *behind)
+    images, others = _images(field, *ahead), _images(field, *behind)
     pairs = [
         np.nonzero(((a[:, None, :2] < b[:, 2:]) & (b[:, :2] < a[:, None, 2:])).all(axis=-1))
-        for a, b in zip(shapely.bounds(one), shapely.bounds(other), strict=True)
+        for a, b in zip(shapely.bounds(images), shapely.bounds(others), strict=True)
     ]
     row = np.repeat(np.arange(len(pairs)), [len(first) for first, _ in pairs])
     first, second = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
-    pieces = shapely.intersection(one[row, first], other[row, second])
+    pieces = shapely.intersection(images[row, first], others[row, second])
     weight = field.weights[first] * np.conj(field.weights[second])
     begin, end, owner, _ = edges_of(pieces)
-    return Overlaps(len(one), row[owner], begin, end, weight[owner], first[owner], second[owner])
+    return Overlaps(len(images), row[owner], begin, end, weight[owner], first[owner], second[owner])
 
 
 def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> NDArray[Any]:
@@ -361,6 +361,6 @@ def _mean_distance(u: Floats, v: Floats) -> Floats:
     """Return the mean of |t| over t from u to v."""
     a, b = np.abs(u), np.abs(v)
     total = a + b
-    crosses_zero = u * v < 0  # then total > 0
+    crosses_zero = u * v < 0  # implies total > 0
     squares = (a * a + b * b) / np.where(crosses_zero, total, 1.0)
     return 0.5 * np.where(crosses_zero, squares, total)

@@ -147,9 +147,9 @@ def _of_rings(parts: list[list[NDArray[np.float64]]], illumination: Field | None
             is_repeated = (ring == np.roll(ring, 1, axis=0)).all(axis=1).any()
             if is_repeated or not (area < 0 if number else area > 0):
                 raise GeometryError(
-                    "expected finite vertices that differ from their neighbours, around areas with "
-                    f"the orientation of the outline, got {ring.tolist()!r:.100}; take shorter "
-                    "steps, or leave out repeated vertices"
+                    "expected finite vertices without repeats, in the orientation of the outline, "
+                    f"got {ring.tolist()!r:.100}; take shorter steps, or leave out repeated "
+                    "vertices"
                 )
     Aperture(shapely.MultiPolygon([(part[0], part[1:]) for part in parts]))
     result = Aperture._of_parts([tuple(part) for part in parts])
@@ -158,7 +158,7 @@ def _of_rings(parts: list[list[NDArray[np.float64]]], illumination: Field | None
 
 def _with_weights(source: Aperture | Array | None, weights: NDArray[np.complex128]) -> Array:
     if not isinstance(source, Array):
-        raise ArgumentError("expected weights for an Array only, got some for an Aperture")
+        raise ArgumentError("expected an Array for weights, got an Aperture")
     if source.repeated is not None:
         from polywigner.source.array import repeated_element
 

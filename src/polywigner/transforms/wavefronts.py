@@ -33,8 +33,8 @@ TILT_ERROR = {True: 1e-11, False: 1e-7}
 """Error of means over tilts in double and in single precision, relative to the largest of A."""
 
 # Largest ratio of the coherence width to the diagonal of a source, in double and in single
-# precision. For larger widths the closed forms cancel. W then differs from the coherent W by a term
-# in 1/width^2; the next term is 1.3e-13 of W, or 8e-7 in single precision.
+# precision. For larger widths the closed forms lose digits by cancellation. W then differs from the
+# coherent W by a term in 1/width^2; the next term is 1.3e-13 of W, or 8e-7 in single precision.
 _WIDEST = {True: 1e3, False: 20.0}
 
 # Floats in a block.

@@ -136,8 +136,8 @@ def _labelled(
     except ValueError as error:
         reason = str(error).partition("\n")[0]
         raise ArgumentError(
-            f"expected {' and '.join(points)} of equal coordinates along their common dimensions, "
-            f"got others ({reason}); rename a dimension, or use xarray.align"
+            f"expected {' and '.join(points)} with equal coordinates along their common "
+            f"dimensions, got different ones ({reason}); rename a dimension, or use xarray.align"
         ) from None
     call, lazily = partial(_called, *fixed), dict[str, Any]()
     if any(value.chunks is not None for value in labelled):
@@ -175,7 +175,7 @@ def _dimension(name: str) -> str:
 
 
 def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
-    """Return the value with its components along a dimension of a known name."""
+    """Return the value with the dimension of its components renamed to ``_dimension(name)``."""
     if not isinstance(value, kind):
         try:
             is_point = not is_drjit(value) and np.ndim(value) == 1

@@ -49,7 +49,7 @@ Floats = NDArray[np.float64]
 
 
 def is_scattered(array: Array) -> bool:
-    """Return whether an array is one element, repeated at enough positions."""
+    """Return whether an array repeats one aperture at six or more positions."""
     copies = normal_form(array).lattice
     if copies is None or not isinstance(copies.element.outline, Aperture):
         return False

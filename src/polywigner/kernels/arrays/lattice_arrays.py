@@ -103,11 +103,11 @@ class _ArrayFrame:
     @property
     def slope(self) -> Pair2:
         """Phase of the weights from site to site, less the phase of the carrier, in cycles."""
-        one, two = (
+        along_first, along_second = (
             cycles_per_site - float(np.dot(self.carrier, b))
             for cycles_per_site, b in zip(self.cycles, self.basis, strict=True)
         )
-        return one, two
+        return along_first, along_second
 
 
 def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair2) -> _ArrayFrame:

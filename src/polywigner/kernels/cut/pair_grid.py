@@ -169,7 +169,7 @@ class HostGrid:
     """Cells along y and along x."""
     step: float
     cells: Array
-    """(n, 3) as in the grid, with a border of empty cells, row by row."""
+    """(n, 3) first columns of ``PairGrid.cells``, with a border of empty cells."""
     rows: Array
     first: Array
     """(n, 4) start and vector of each edge, (limit of levels + i length), weight."""
@@ -284,8 +284,8 @@ def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> 
     """Replace levels by levels from exact differences and products."""
     e, f, p = e[columns], f[columns], p[columns]
     pairs = (e, p), (e, p - f), (f, p), (f, p - e)
-    for row, (one, two) in zip(levels, pairs, strict=True):
-        row[columns] = accurate_cross(one.real, one.imag, two.real, two.imag)
+    for row, (a, b) in zip(levels, pairs, strict=True):
+        row[columns] = accurate_cross(a.real, a.imag, b.real, b.imag)
 
 
 def crossing(

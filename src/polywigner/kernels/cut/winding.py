@@ -35,7 +35,7 @@ def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairG
     first, second = (outline_of(tables, number, double) for number in (group, other))
     second = second if view is MIRRORED else second.rotated
     across = cells_across(first, second, 1 << (samples or _MANY).bit_length())
-    name = view.point, group, other, double, across  # AHEAD has the lists of BEHIND
+    name = view.point, group, other, double, across  # AHEAD uses the lists of BEHIND
     grid: PairGrid | None = tables.pairs.get(name)
     if grid is None:
         grid = tables.pairs.setdefault(name, pair_grid(first, second, across))

@@ -99,7 +99,7 @@ class EdgeTerms:
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
-        """Return the sums of an edge with one more part of it; None before the first.
+        """Return the sums of an edge after adding a part; ``sums`` is None for the first part.
 
         ``half``, ``midpoint``: nu.d/2 and nu.m in cycles; ``extent``: the part's length in units of
         the edge's; ``weight``: (real, imaginary) product of the weights of both elements, times the

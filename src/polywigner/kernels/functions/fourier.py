@@ -234,7 +234,9 @@ class Family:
 
 
 def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) -> tuple[Family, ...]:
-    """Sort edges (begin x, y, end x, y, ...) into families, with the field on their elements."""
+    """Group edges (begin x, y, end x, y, ...) by their vectors, with the field on their
+    elements.
+    """
     corners = np.array(edges)
     begin, end = corners[:, :2], corners[:, 2:4]
     vectors, midpoints = end - begin, (begin + end) / 2

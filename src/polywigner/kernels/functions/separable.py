@@ -68,7 +68,7 @@ _PRODUCT, _EQUAL = 4e-15, 1e-14
 # relative to the origin. Frequencies that differ by more than this, in cycles per side, never count
 # as equal.
 _LARGEST_ROUNDING = 1e-6
-# Cost of a pair of waves, in cuts of an edge.
+# Cost of a pair of waves, relative to the cost of cutting an edge by another edge.
 _CLIPS_PER_PAIR = 0.5
 
 
@@ -114,8 +114,8 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     sizes = power_of_two(length), power_of_two(width)
     frame = frame_along(corners, low + (high - low) / 2, direction, sizes)
     frame = replace(frame, carrier=carrier_of([illumination], 2))
-    # frequencies are rounded to some ulps of the largest one, and the angle of the rectangle by the
-    # rounding of its coordinates over its length
+    # Rounding of frequencies: some ulps of the largest one. For a rotated rectangle the error of
+    # its angle adds to it, which is the rounding of its coordinates over its length.
     largest = float(np.hypot(*illumination.frequencies.T).max())
     phase_rounding = 2 * np.pi * _ROUNDINGS * _UNIT * largest * float(np.abs(corners).max())
     relative = _ROUNDINGS * _UNIT + (rounding / length if is_rotated else 0.0)
@@ -155,7 +155,9 @@ def _profiles(
 
 
 def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
-    """Return distinct numbers in order, equal up to rounding counted once, and indices."""
+    """Return the distinct numbers in ascending order, merged up to rounding, and indices into
+    them.
+    """
     order = np.argsort(values)
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
     number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)

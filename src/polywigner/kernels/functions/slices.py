@@ -188,7 +188,7 @@ class SliceSum:
     def shared_sums(
         self, ops: Any, tables: Tables, position: Sequence[Array], nu: Sequence[Array]
     ) -> Values:
-        """Return sums (n, m) at points (n,), each cut once for all its frequencies."""
+        """Return sums (n, m) at points (n,), cutting the slice of each point once."""
         columns = np.broadcast_shapes(*(n.shape for n in nu))[1]
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
         if nu[0].shape != nu[1].shape:

@@ -66,7 +66,7 @@ class Frame:
 
     @cached_property
     def is_diagonal(self) -> bool:
-        """Whether the frame has the directions of the user's axes."""
+        """Whether the axes of the frame are parallel to the user's axes."""
         return _diagonal(self.matrix)
 
     def grid_step(self, double: bool) -> float:

@@ -20,7 +20,7 @@ from polywigner.kernels.outline.wave_pairs import (
 )
 from polywigner.source.normal_form import Source
 
-# Cost of a further wave on an edge, in cuts by another edge.
+# Cost of each further wave on an edge, relative to the cost of cutting the edge by another edge.
 _EDGES_PER_WAVE = 24
 # Edges as code are two to four times as fast as edges as data, and compile in 1 ms for each pair of
 # edges and wave (benchmarks/wigner_cost.py).
@@ -61,7 +61,7 @@ class Tables:
 
     @cached_property
     def phased(self) -> bool:
-        """Whether a weight is not real."""
+        """Whether any weight is complex."""
         return any(weight.imag for weight in self.weights)
 
     @cached_property
