@@ -147,9 +147,7 @@ def _sides(polygon: Floats) -> list[list[float]]:
 
 
 def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
-    """Return the index of a side's line, which opposite directions share, and the direction (1,
-    -1).
-    """
+    """Return the index of the line of a side, and 1 or -1 for its direction along the line."""
     ax, ay, ex, ey = side
     if ey > 0 or (ey == 0 and ex > 0):
         return lines.setdefault(Line(ex, ey, ax, ay), len(lines)), 1

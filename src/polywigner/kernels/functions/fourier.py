@@ -234,9 +234,7 @@ class Family:
 
 
 def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) -> tuple[Family, ...]:
-    """Group edges (begin x, y, end x, y, ...) by their vectors, with the field on their
-    elements.
-    """
+    """Return edges (begin x, y, end x, y, ...) grouped by vector, with the field on elements."""
     corners = np.array(edges)
     begin, end = corners[:, :2], corners[:, 2:4]
     vectors, midpoints = end - begin, (begin + end) / 2

@@ -155,9 +155,7 @@ def _profiles(
 
 
 def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
-    """Return the distinct numbers in ascending order, merged up to rounding, and indices into
-    them.
-    """
+    """Return the numbers that differ by more than rounding, ascending, and the index of each."""
     order = np.argsort(values)
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
     number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)
