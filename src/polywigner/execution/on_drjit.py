@@ -353,7 +353,8 @@ class _Slices:
             return ...
         x, y = inner[self.slices.position]
         (view, *_), grid = next(iter(self.pairs.items()))
-        cell = cells_at(grid.on_host, view.side * self.slices.scale * (x + 1j * y))
+        scale = view.side * self.slices.scale
+        cell = cells_at(grid.on_host, scale * x, scale * y)
         # There are fewer than 2^16 cells, and NumPy sorts 16-bit numbers in linear time.
         return np.argsort(cell.astype(np.uint16), kind="stable")
 

@@ -191,17 +191,18 @@ def _as_complex(edges: Array) -> Array:
 _SLANTED = 1 / 16
 
 
-def cells_at(grid: HostGrid, t: Array) -> Array:
-    """Return the indices of the cells of offsets ``t`` (n,), including cells of the border."""
-    (rows, across), position = grid.shape, (t - grid.low) * grid.per_unit
-    column = np.fmin(np.fmax(np.floor(position.real), -1.0), across)
-    row = np.fmin(np.fmax(np.floor(position.imag), -1.0), rows)
+def cells_at(grid: HostGrid, x: Array, y: Array) -> Array:
+    """Return the indices of the cells of offsets (x, y), including cells of the border."""
+    rows, across = grid.shape
+    column = np.floor((x - grid.low.real) * grid.per_unit)
+    row = np.floor((y - grid.low.imag) * grid.per_unit)
+    column, row = np.fmin(np.fmax(column, -1.0), across), np.fmin(np.fmax(row, -1.0), rows)
     return np.asarray((row + 1.0) * (across + 2) + column + 1.0).astype(np.intp)
 
 
 def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
     """Return the rows (k, 4) of the cells of offsets ``t`` (n,), and the offset index of each."""
-    spans = grid.cells.take(cells_at(grid, t), axis=0)
+    spans = grid.cells.take(cells_at(grid, t.real, t.imag), axis=0)
     begin, counts = spans[:, 0], spans[:, 2] - spans[:, 0]
     owner = np.arange(len(t)).repeat(counts)
     index = np.arange(len(owner)) + (begin - (counts.cumsum() - counts)).take(owner)
