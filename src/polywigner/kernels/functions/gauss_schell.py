@@ -68,12 +68,12 @@ def wave_over_edge(
     outside = ops.maximum(ops.maximum(ops.minimum(start, end), -ops.maximum(start, end)), 0.0)
     is_near = ops.fma(outside, outside, square) < _FAR**2
     energy = 0.5 * ops.fma(rate, rate, lever * lever)
-    is_lasting = energy < 0.5 * _FAR**2
+    decays_slowly = energy < 0.5 * _FAR**2
     arc = _Arc(ops, start, end, ops.maximum(abs(distance), _SPREAD), rate)
-    rule = arc.rule(is_near | is_lasting)
+    rule = arc.rule(is_near | decays_slowly)
     rule = ops.select(is_near, rule, ops.minimum(rule, _SMOOTH))
-    still = ops.select(is_lasting, ops.exp(-ops.minimum(energy, 0.5 * _FAR**2)), 0.0)
-    wave = (rate, square, energy, still, along, across * distance)
+    decay = ops.select(decays_slowly, ops.exp(-ops.minimum(energy, 0.5 * _FAR**2)), 0.0)
+    wave = (rate, square, energy, decay, along, across * distance)
     real, imag = arc.integral(rule, is_near, _OF_EDGES, _flux, wave)
     real, imag = 0.5 * real, 0.5 * imag
     return distance * real - lever * imag, distance * imag + lever * real
@@ -178,16 +178,16 @@ def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
 
 
 def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
-    """Return f = (exp(-beta^2/2) - g)/Z, for exp(-beta^2/2) ``still`` and beta^2/2 ``energy``."""
-    rate, square, energy, still, along, across = wave
+    """Return f = (exp(-beta^2/2) - g)/Z, for exp(-beta^2/2) ``decay`` and beta^2/2 ``energy``."""
+    rate, square, energy, decay, along, across = wave
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r) + square))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
     cycles = ops.fma(along, p, ops.fma(p, r * (1 / _TURN), across))
     cosine, sine = cos_sin_cycles(ops, 0.5 * cycles)
     x, y = -(energy + exponent), _TURN * cycles
     x = ops.select(abs(x) < _TINY[ops.double], _TINY[ops.double], x)
-    falls = ops.select(abs(x) < _SMALL, still * _one_less_exp(ops, x), still - size)
-    real, imag = ops.fma(2.0 * size * sine, sine, falls), 2.0 * size * sine * cosine
+    difference = ops.select(abs(x) < _SMALL, decay * _one_less_exp(ops, x), decay - size)
+    real, imag = ops.fma(2.0 * size * sine, sine, difference), 2.0 * size * sine * cosine
     scale = 1.0 / ops.fma(x, x, y * y)
     return ops.fma(real, x, imag * y) * scale, ops.fma(imag, x, -(real * y)) * scale
 
