@@ -51,8 +51,7 @@ def _sine_of_reduced(ops: Any, r: Any) -> Number:
 
 def sin_cycles(ops: Any, cycles: Any) -> Number:
     """Return sin(2 pi cycles)."""
-    r = cycles - ops.round(cycles)
-    return np.sin(2 * math.pi * r) if ops.target == "numpy" else _sine_of_reduced(ops, r)
+    return _sine_of_reduced(ops, cycles - ops.round(cycles))
 
 
 def cos_sin_cycles(ops: Any, cycles: Any) -> tuple[Any, Any]:

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.kernels.arrays.repeated import DeviceTable
+from polywigner.kernels.functions.fourier import LinearFrame
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
@@ -284,18 +285,9 @@ _LEAST_SITES = 16
 
 
 @dataclass(frozen=True)
-class _Frame:
-    """The centre of the sites, to which phases are relative, and the basis of a lattice."""
-
-    centre: tuple[phases.Doubled, ...]
-    basis: tuple[tuple[float, ...], ...] = ()
-    """Basis of the lattice; empty if sites are summed one by one."""
-    measure: float = 1.0
-
-
-@dataclass(frozen=True)
 class _Tables:
-    frame: _Frame
+    frame: LinearFrame
+    """Rows are the basis vectors of a lattice; there are none if sites are summed one by one."""
     rows: tuple[Row, ...] = ()
     """Position relative to the centre, each coordinate as two floats, and weight of each site.
     Empty for a lattice.
@@ -316,7 +308,7 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     if lattice is None or profiles is None or lattice.misfit > _MISFIT:
         return _table_of_sites(sites, double)
     centre = (Fraction(high) + Fraction(low) for high, low in lattice.centre)
-    frame = _Frame(tuple(phases.doubled(c, double) for c in centre), lattice.basis)
+    frame = LinearFrame(tuple(phases.doubled(c, double) for c in centre), lattice.basis, 1.0)
     constant = complex(np.prod([profile.factor for profile in profiles]))
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
         # phases are relative to the centre of the lattice
@@ -337,17 +329,17 @@ def _table_of_sites(sites: Sites, double: bool) -> _Tables:
         (*(part for c in site for part in phases.doubled(c, double)), w.real, w.imag)
         for site, w in rows
     ]
-    frame = _Frame(tuple(phases.doubled(c, double) for c in centre.tolist()))
+    frame = LinearFrame(tuple(phases.doubled(c, double) for c in centre.tolist()), (), 1.0)
     return _Tables(frame, tuple(table))
 
 
-def _enter(ops: Any, frame: _Frame, *nu: Any) -> Values:
+def _enter(ops: Any, frame: LinearFrame, *nu: Any) -> Values:
     cycles = phases.cycles_to_centre(ops, frame.centre, *nu)
-    if not frame.basis:
+    if not frame.rows:
         return (cycles, *nu)
     # sites lie at multiples of b/2 from the centre, so nu.b is reduced modulo 2
     half = [0.5 * component for component in nu]
-    return (cycles, *(2.0 * phases.cycles_to_centre(ops, b, *half) for b in frame.basis))
+    return (cycles, *(2.0 * phases.cycles_to_centre(ops, b, *half) for b in frame.rows))
 
 
 def _sum(ops: Any, tables: _Tables, cycles: Any, *inner: Any) -> Values:
