@@ -28,19 +28,19 @@ DATA = "edges as data"
 CODE = "edges as code"
 SUM = "sum of terms"
 
-# The thresholds are measured by benchmarks/default_regret.py.
-# Number of samples from which on compiled code with sources as data is faster than NumPy.
+# The thresholds are measured by benchmarks/default_regret.py. Smallest number of samples for which
+# compiled code with sources as data is faster than NumPy.
 _LEAST_SAMPLES = 1000
-# Number of terms (samples times edges, waves and copies) from which on a kernel compiled for the
-# source is faster.
+# Smallest number of terms (samples times edges, waves and copies) for which a kernel compiled for
+# the source is faster.
 _LEAST_TERMS = 1 << 18
-# Number of samples from which on a kernel with edges as code is faster.
+# Smallest number of samples for which a kernel with edges as code is faster.
 _LEAST_SAMPLES_AS_CODE = 1 << 18
-# Number of frequencies per position from which on compiled code sums listed slices. Outlines of up
-# to four edges are cut as fast as a list is read.
+# Smallest number of frequencies per position, and of edges, for which compiled code sums listed
+# slices. With fewer edges, cutting is as fast as reading a list.
 _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
-# Number of terms per family of parallel edges from which on F on a grid is computed from the axes
-# of the grid.
+# Smallest number of terms per family of parallel edges for which F on a grid is computed from the
+# axes of the grid.
 _TERMS_PER_FAMILY = 1 << 10
 
 

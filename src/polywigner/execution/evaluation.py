@@ -37,7 +37,7 @@ _CHUNK = 3 << 12
 # Samples in a block with shared slices, on NumPy and in compiled code. Compiled code stores rows
 # and columns only, so its blocks are larger.
 _SHARED_BLOCK, _LARGE_BLOCK = 1 << 18, 1 << 20
-# Number of frequencies from which on it is faster to share a slice.
+# Smallest number of frequencies for which it is faster to share a slice.
 _LEAST_COLUMNS = 64
 # Pairs of a row and a point whose terms are stored at a time: 32 MiB in float64.
 _BLOCK = 1 << 22

@@ -365,7 +365,7 @@ class _Slices:
 
 
 class _Edges:
-    """An outline whose edges are summed."""
+    """The edges of an outline as rows of a table, for Fourier transforms."""
 
     is_recorded = True
 

@@ -315,7 +315,7 @@ def numbers_of(name: str, value: Any, kind: str) -> Drjit:
             if is_complex and drjit.depth_v(value) == 1:
                 return pair(value, drjit.zeros(type(value), drjit.width(value)))
             if drjit.depth_v(value) == len(value) == 2 and drjit.is_complex_v(value) == is_complex:
-                # both parts have one width from here on
+                # broadcasts both parts to a common width
                 return pair(value[0], value[1]) + drjit.zeros(pair, drjit.width(value))
     forms = "a Float, or a tensor (n,) or (n, 2)" if is_complex else "or a tensor (n, 2)"
     raise ArgumentError(

@@ -64,7 +64,7 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
 # Below _FEW_CYCLES a Gauss rule with 8 nodes is exact to rounding. Above it, differences of Fresnel
 # integrals lose at most one digit.
 _RULE, _FEW_CYCLES = legendre.leggauss(8), 1 / 16
-# Half cycles below which a curvature counts as 0.
+# A curvature counts as 0 if its phase over the longest interval is below this (in half cycles).
 _FLAT = 1e-20
 
 

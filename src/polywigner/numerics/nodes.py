@@ -117,7 +117,7 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
 
 def rule_of(ops: Any, needed: Any) -> Number:
     """Return the index of the smallest rule with ``needed`` nodes, or of the largest rule."""
-    # the offset is below 0.5, because a rounding error towards the smaller rule does no harm
+    # The offset is slightly below 0.5, so that exact sizes are not rounded up.
     steps = (_STEPS / math.log(2)) * ops.log(ops.maximum(needed, 1.0) * (1 / _SMALLEST))
     return ops.minimum(ops.maximum(ops.round(steps + 0.4999), 0.0), len(_SIZES) - 1.0)
 
@@ -158,7 +158,7 @@ Rule = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 
 @lru_cache(maxsize=64)
 def normal_rule(reach: float, error: float) -> Rule:
-    """Return nodes (n,) and weights (n,) for the mean over t of mean 0 and standard deviation 1."""
+    """Return nodes (n,) and weights (n,) for the mean over a standard normal variable t."""
     tail = math.sqrt(2 * math.log(2 / error))
     half = math.ceil(tail * (reach + tail) / (2 * math.pi))
     nodes: Any

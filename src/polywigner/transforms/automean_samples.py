@@ -80,7 +80,7 @@ def sample_automean(
     return positions, np.full(len(positions), 1.0 / support.area)
 
 
-# Largest number of samples.
+# Largest number of samples: positions and densities then take 6 GiB.
 _MOST_SAMPLES = 1 << 28
 
 

@@ -92,7 +92,7 @@ def field_of(source: Aperture | Array) -> PlaneField:
 
 @dataclass(frozen=True)
 class Sections:
-    """Weighted intervals [low, high] of y, each in the section at one of ``count`` abscissae."""
+    """Weighted intervals [low, high] of y; each belongs to one of ``count`` abscissae."""
 
     count: int
     row: Indices
@@ -210,7 +210,7 @@ def phase(centre: float, nu: Floats) -> Complex:
 
 @dataclass(frozen=True)
 class Overlaps:
-    """Boundary edges (m, 2) of weighted regions, each of one of ``count`` rows."""
+    """Boundary edges (m, 2) of weighted regions; each region belongs to one of ``count`` rows."""
 
     count: int
     row: Indices
@@ -309,7 +309,7 @@ def mutual_spectra(
 
 
 def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, int]]:
-    """Yield the overlaps of each pair of elements that has some."""
+    """Yield the overlaps of each pair of elements, and the indices of both elements."""
     pair = regions.first * elements + regions.second
     for number in np.unique(pair).tolist():
         members = np.flatnonzero(pair == number)

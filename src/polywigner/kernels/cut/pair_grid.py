@@ -48,7 +48,7 @@ class Outline:
     """(n, 8) both ends of each edge, 0, the complex weight of the element, and 0; the polygon lies
     to the left."""
     starts: Array
-    """(rings + 1,) where each ring begins, and n."""
+    """(rings + 1,) index of the first edge of each ring, and n."""
     names: Array
     """(n, 4) the vertices at which each edge begins and ends, and its element."""
 
@@ -282,7 +282,7 @@ def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
 
 
 def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> None:
-    """Replace levels by levels from exact differences and products."""
+    """Recompute levels from exact differences and accurate products."""
     e, f, p = e[columns], f[columns], p[columns]
     pairs = (e, p), (e, p - f), (f, p), (f, p - e)
     for row, (a, b) in zip(levels, pairs, strict=True):

@@ -22,7 +22,7 @@ from polywigner.numerics.phases import cos_sin_cycles
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
 
-# Smallest c, and the ratio of the height of an arc to its length.
+# Smallest parameter c of an arc, and largest ratio of the height of an arc to its length.
 _SPREAD, _LIFT = 10.0, 0.6
 # Number of nodes of an arc by its length c |x_end - x_start|, times beta_s/8 if beta_s exceeds 8.
 # The errors for random edges, relative to the squared length, and for random intervals, relative to

@@ -91,7 +91,7 @@ class Frame:
 
     @property
     def axes(self) -> tuple[int, int] | None:
-        """Indices of the user's axes along the axes of the frame; None if the frame is rotated."""
+        """The user's axis to which each axis of the frame is parallel; None in rotated frames."""
         for axes in ((0, 1), (1, 0)):
             if self.inverse_transpose[0][axes[1]] == 0.0 == self.inverse_transpose[1][axes[0]]:
                 return axes

@@ -124,7 +124,7 @@ def pair_of_row(is_real: bool, real: Any, imag: Any, *vectors: Any) -> WavePair:
 
 
 def _is_zero(number: Any) -> bool:
-    return isinstance(number, float) and number == 0.0  # an engine's arrays are unknown
+    return isinstance(number, float) and number == 0.0  # values of an engine's arrays are unknown
 
 
 def _summed(
