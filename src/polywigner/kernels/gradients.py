@@ -55,7 +55,7 @@ class Accumulator(Protocol):
 
 @dataclass
 class Gradients:
-    """Derivatives of a complex value V in the numbers of each sample."""
+    """Derivatives of a complex value V in frequency, position and the numbers of the source."""
 
     frequency: list[Pair]
     position: list[Pair]

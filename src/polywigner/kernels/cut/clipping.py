@@ -106,7 +106,7 @@ class Constants:
 
 @lru_cache(maxsize=128)
 def constants_of(tables: Tables) -> Constants:
-    """Return the constants of tables; elements share lines."""
+    """Return the constants of a source; its elements share lines."""
     frame = tables.frame
     step = frame.grid_step(tables.double)
     group_of = dict(zip(tables.names[:, 2].tolist(), tables.names[:, 3].tolist(), strict=True))
