@@ -18,12 +18,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from polywigner.kernels.cut.clipping import AHEAD, Clipper, Edge, View
+from polywigner.kernels.cut.clipping import AHEAD, Clipper, Cuts, Edge
 from polywigner.kernels.cut.winding import PairClipper
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.edge_terms import moved_off_zero
 from polywigner.kernels.functions.fourier import OutlineTables
-from polywigner.kernels.functions.slices import Views, difference_pairings, mean_pairings
+from polywigner.kernels.functions.slices import (
+    Views,
+    difference_pairings,
+    mean_pairings,
+)
 from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.wave_pairs import WavePair
@@ -227,25 +231,8 @@ def _gradients(
                 for pair in wave_pairs
                 if (first, second) == (group, other)
             ]  # fmt: skip
-
-            def term(edge: Edge, pairs: Any = pairs, other: int = other) -> tuple[Any, ...]:
-                cuts: dict[View, Any] = {}
-                values: list[Pair] = []
-                shared = _ZERO
-                for pair in pairs:
-                    for view, _ in pair.views:
-                        if view not in cuts:
-                            cuts[view] = list(clipper.intervals(edge, view, other))
-                    terms, of_shared = pair.terms(edge, cuts)
-                    values += terms
-                    shared = shared + of_shared
-                return _parts(*values, shared)
-
-            count = 2 * (_WavePairGradients.values * len(pairs) + 1)
-            sums = iter(_pairs(clipper.sum_over_edges(term, count, group, other)))
-            for pair in pairs:
-                pair.add([next(sums) for _ in range(pair.values)], result)
-            result.shared = result.shared + next(sums)
+            for pair, sums in clipper.sums_of_runs(pairs, group, other):
+                pair.add(_pairs(sums), result)
     return result
 
 
@@ -264,7 +251,7 @@ class _WavePairGradients:
     boundary, and the edges of the other copy contribute the conjugate.
     """
 
-    values = 5
+    values = 12
 
     def __init__(
         self,
@@ -289,10 +276,11 @@ class _WavePairGradients:
         self.wave = Pair(*pair.amplitude(self.ops, position))
         self.amplitude = self.wave * self.mutual
 
-    def terms(self, edge: Edge, cuts: dict[View, Any]) -> tuple[list[Pair], Pair]:
-        """Return the sums of an edge, and the value of the accumulator.
+    def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
+        """Return six complex numbers as parts.
 
-        The sums are the area, the effect of a shift of the edge along both axes, and two moments.
+        They are the area, the effects of a shift of the edge along both axes, two moments, and the
+        value of the accumulator.
         """
         ops, scale, clipper = self.ops, self.scale, self.clipper
         area, motion, along, across, begin, end = [_ZERO] * 6
@@ -332,11 +320,12 @@ class _WavePairGradients:
             at = begin * factor, end * factor
             shared = self.accumulator.edge(edge.begin, edge.end, (edge.ey, -edge.ex), at)
         motions = motion.scaled(scale * edge.ey), motion.scaled(-scale * edge.ex)
-        return [area, *motions, along, across], shared
+        return _parts(area, *motions, along, across, shared)
 
     def add(self, sums: Sequence[Pair], result: Gradients) -> None:
         """Add the sums over edges to the derivatives."""
-        area, *motions, along, across = sums
+        area, *motions, along, across, shared = sums
+        result.shared = result.shared + shared
         for k, motion in enumerate(motions):
             moved = (motion * self.amplitude).scaled(self.scale) + area * self.rates[
                 k

@@ -171,6 +171,9 @@ MIRRORED = View(offset=+1, point=-1)
 BEHIND = View(offset=-1, point=+1)
 AHEAD = View(offset=+1, point=+1)
 
+Cuts = dict[View, list[tuple[Any, Any, Any, Any]]]
+"""The parts of an edge in each view, as `Clipper.intervals` yields them."""
+
 
 class Clipper:
     """Cuts of edges for one vector T = 2x or xi; edges and views share their terms.
@@ -197,6 +200,24 @@ class Clipper:
         for edge in (edge for edge in self.edges if edge.group == group):
             totals = [a + b for a, b in zip(totals, term(edge), strict=True)]
         return tuple(totals)
+
+    def sums_of_runs(
+        self, runs: Sequence[Any], group: int, other: int
+    ) -> Iterator[tuple[Any, list[Any]]]:
+        """Yield each of several sums with its values, from one pass over the edges of a group.
+
+        A run is a sum for one pair of waves. It has ``views``, pairs (view, side); ``values``, the
+        number of its values; and ``terms(edge, cuts)``, the contribution of an edge.
+        """
+        views = dict.fromkeys(view for run in runs for view, _ in run.views)
+
+        def term(edge: Edge) -> tuple[Any, ...]:
+            cuts: Cuts = {view: list(self.intervals(edge, view, other)) for view in views}
+            return tuple(value for run in runs for value in run.terms(edge, cuts))
+
+        values = iter(self.sum_over_edges(term, sum(run.values for run in runs), group, other))
+        for run in runs:
+            yield run, [next(values) for _ in range(run.values)]
 
     def shared(self, edge: Edge, compute: Callable[[], T], *what: Hashable) -> T:
         """Return ``compute()``, called once for all parallel edges if these are constants."""

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Edge, View
+from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Cuts, Edge, View
 from polywigner.kernels.cut.pair_grid import PairGrid, cut_edges, rows_at
 from polywigner.kernels.cut.winding import PairClipper, Pass, pairs_of
 from polywigner.kernels.functions.edge_terms import (
@@ -120,10 +120,10 @@ class SliceSum:
     def _summed(self, clipper: Clipper, inner: Values) -> Values:
         nu = inner[self.frequency]
 
-        def sum_of(pair: WavePair, is_even: bool) -> TermSum:
+        def sum_of(views: Views, pair: WavePair, is_even: bool) -> TermSum:
             shifted = pair.detuned(nu)
             terms = self.terms(clipper.ops, clipper.tables, shifted, is_even, pair.is_real)
-            return TermSum(clipper, terms, pair, self.scale)
+            return TermSum(clipper, terms, views, pair, self.scale)
 
         totals, position = [0.0] * self.values, inner[self.position]
         for sums in self._sums_of_pairings(clipper, sum_of, position):
@@ -134,7 +134,7 @@ class SliceSum:
         return tuple(totals) if self.values == 1 else (totals[0], -totals[1])
 
     def _sums_of_pairings(
-        self, clipper: Clipper, sum_of: Callable[[WavePair, bool], TermSum], position: Values
+        self, clipper: Clipper, sum_of: Callable[[Views, WavePair, bool], TermSum], position: Values
     ) -> Iterator[Sequence[Any]]:
         """Yield the sums over pairs of waves, in one pass over the edges for each pair of groups.
 
@@ -153,22 +153,9 @@ class SliceSum:
                     )
                 continue
             is_even = other == group and not tables.phased
-            runs = [(views, sum_of(pair, is_even)) for views, pairs in wave_pairs for pair in pairs]
-
-            def term(edge: Edge, runs: Any = runs, other: int = other) -> Values:
-                cuts: dict[View, Any] = {}
-                values: list[Any] = []
-                for views, run in runs:
-                    for view, _ in views:
-                        if view not in cuts:
-                            cuts[view] = list(clipper.intervals(edge, view, other))
-                    values += run.terms(edge, [(side, cuts[view]) for view, side in views])
-                return tuple(values)
-
-            count_of_all = sum(run.values for _, run in runs)
-            sums = iter(clipper.sum_over_edges(term, count_of_all, group, other))
-            for _, run in runs:
-                yield run.value([next(sums) for _ in range(run.values)], position)[:count]
+            runs = [sum_of(views, pair, is_even) for views, pairs in wave_pairs for pair in pairs]
+            for run, sums in clipper.sums_of_runs(runs, group, other):
+                yield run.value(sums, position)[:count]
 
     # ---- NumPy
 
@@ -343,10 +330,10 @@ def _sum_of_rows(
     table, is_real = ops.on_device(rows), pairs[0].is_real
 
     def term(edge: Edge) -> Values:
-        cuts = [(side, list(clipper.intervals(edge, view, other))) for view, side in views]
+        cuts = {view: list(clipper.intervals(edge, view, other)) for view, _ in views}
 
         def of_pair(row: Any) -> Values:
-            run = sum_of(pair_of_row(is_real, *ops.gather(table, row)[:6]), False)
+            run = sum_of(views, pair_of_row(is_real, *ops.gather(table, row)[:6]), False)
             return tuple(run.value(run.terms(edge, cuts), position)[:count])
 
         return tuple(ops.plain_sum(0, len(rows), of_pair, count))
@@ -357,19 +344,21 @@ def _sum_of_rows(
 class TermSum:
     """The sum for a pair of waves in compiled code."""
 
-    def __init__(self, clipper: Clipper, terms: EdgeTerms, pair: WavePair, scale: float) -> None:
+    def __init__(
+        self, clipper: Clipper, terms: EdgeTerms, views: Views, pair: WavePair, scale: float
+    ) -> None:
         self.clipper, self.ops, self.function, self.pair = clipper, clipper.ops, terms, pair
-        self.scale, self.values = scale, terms.values
+        self.views, self.scale, self.values = views, scale, terms.values
         if not terms.by_part:
             nu_x, nu_y = terms.nu
             cycles = self.ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
             self.moved = {side: scaled(scale * side, cycles) for side in (-0.5, 0.5)}
 
-    def terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
-        """Return the sums over the cuts of an edge on all sides."""
+    def terms(self, edge: Edge, cuts: Cuts) -> Values:
+        """Return the sums over the parts of an edge in all views."""
         ops, function, scale = self.ops, self.function, self.scale
         if function.by_part:
-            return self._part_terms(edge, sides)
+            return self._part_terms(edge, cuts)
         nu_x, nu_y = function.nu
         key: Any = type(function), self.pair.shift
         if self.pair.is_constant:
@@ -379,22 +368,22 @@ class TermSum:
         length = scale * edge.length
         per_edge = (0.5 * length) * along[0]
         sums: Values | None = None
-        for side, cuts in sides:
+        for view, side in self.views:
             start = ops.fma(nu_y, scale * edge.ay, self.moved[side])
             start = ops.fma(nu_x, scale * edge.ax, start)
-            for ends_sum, extent, *weight in cuts:
+            for ends_sum, extent, real, imag in cuts[view]:
                 cycles = ops.fma(ends_sum, per_edge, start)
-                sums = function.added(sums, extent * per_edge, cycles, extent, weight)
+                sums = function.added(sums, extent * per_edge, cycles, extent, (real, imag))
         if sums is None:
             return (0.0,) * self.values
         return function.of_edge(along, length, sums)
 
-    def _part_terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
+    def _part_terms(self, edge: Edge, cuts: Cuts) -> Values:
         ops, scale, clipper = self.ops, self.scale, self.clipper
         total: Values = (0.0,) * self.values
-        for side, cuts in sides:
+        for view, side in self.views:
             tx, ty = (2.0 * side * t for t in (clipper.tx, clipper.ty))
-            for ends_sum, extent, *weight in cuts:
+            for ends_sum, extent, *weight in cuts[view]:
                 remains = extent > 0.0
                 t = 0.5 * scale * ops.select(remains, ends_sum, 0.0)
                 fraction = scale * ops.select(remains, extent, 0.0)
