@@ -163,7 +163,7 @@ class DrjitOperations(RowByRow):
         def next_row(row: Any, *state: Any) -> Values:
             return row + 1, *step(row, *state)
 
-        # max_iterations=-1: the reverse-mode derivative of a sum is a sum.
+        # max_iterations=-1 states that the loop sums terms, so reverse mode stores no states.
         options = {"max_iterations": -1} if is_sum else {}
         start = (self._numbers(first), *map(self._initial, state))
         _, *result = self._dr.while_loop(start, lambda row, *_: row < end, next_row, **options)

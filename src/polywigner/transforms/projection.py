@@ -466,7 +466,7 @@ _OF_FIELD: dict[str, list[tuple[str, str, str, str, Callable[..., Any]]]] = {
 
 
 def _tiles_of(dimension: int, kind: str) -> dict[str, Tile]:
-    """Return the tiles of a kind of function of slits (1) or plane sources (2), by name."""
+    """Return the tiles of a function by name, for slits (dimension 1) or plane sources (2)."""
     letter = _LETTERS[kind]
     if dimension == 1:
         first, second, units, function = _SLITS[kind]

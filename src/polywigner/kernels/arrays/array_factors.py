@@ -279,8 +279,8 @@ def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
 # form. The error of the phase is 6e3 times this fraction at |nu| D = 1000. Rounded multiples of a
 # pitch deviate by less; rounded positions far from the origin deviate by more.
 _MISFIT = 2.0**-52
-# Fewer sites are summed one by one, which is as fast and compiles sooner
-# (benchmarks/array_cost.py).
+# Smallest number of sites for the closed form. Fewer sites are summed one by one, which is as fast
+# and compiles sooner (benchmarks/array_cost.py).
 _LEAST_SITES = 16
 
 

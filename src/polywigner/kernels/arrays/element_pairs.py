@@ -37,7 +37,8 @@ from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
-# Arrays of fewer elements are computed as one source, which is faster (benchmarks/array_cost.py).
+# Smallest number of elements for sums over pairs. Arrays of fewer elements are computed as one
+# source, which is faster (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 6
 # Rounding to 24 bits moves a point by less than this fraction of its distance from the centre, so
 # the boxes of pairs are larger by this fraction.

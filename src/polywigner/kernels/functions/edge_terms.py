@@ -81,13 +81,13 @@ class EdgeTerms:
     """Whether the parts of an edge share no factor; then only :meth:`of_part` is implemented."""
 
     def taken(self, owner: Any) -> EdgeTerms:
-        """Return the terms for NumPy at the frequencies with some indices (k,)."""
+        """Return the terms at the frequencies with the indices ``owner`` (k,), for NumPy."""
         terms, (nu_x, nu_y) = object.__new__(type(self)), self.nu
         terms.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
         return terms
 
     def at_columns(self, rows: Any, columns: slice) -> EdgeTerms:
-        """Return the terms for NumPy at some of the frequencies (n, m); ``rows``: None for all."""
+        """Return the terms at some rows (None: all) and columns of the frequencies (n, m)."""
         terms = copy(self)
         terms.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
         return terms

@@ -254,7 +254,7 @@ def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) ->
 def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
     """Return indices of vectors, grouped by equal components up to rounding."""
     clusters: list[list[int]] = []
-    near: list[list[int]] = []  # clusters whose x the next vector may share
+    near: list[list[int]] = []  # clusters whose x is within _EQUAL
     for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
         near = [c for c in near if vectors[k, 0] - vectors[c[0], 0] <= _EQUAL]
         for cluster in near:

@@ -180,7 +180,8 @@ class SliceSum:
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
         if nu[0].shape != nu[1].shape:
             nu = np.broadcast_arrays(*nu)
-        # arrays of (points, frequencies) take the memory, so many frequencies leave fewer points
+        # temporary arrays have (points, frequencies) entries, so many frequencies allow fewer
+        # points
         step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
         results = [np.zeros((len(position[0]), columns)) for _ in range(self.values)]
         for k in range(0, len(position[0]), step):
@@ -242,7 +243,7 @@ class SliceSum:
             centre = self.scale * (edge[:, 0] + edge[:, 1]) - 0.5 * vector
             centre += (self.scale * side) * offset.take(owner)
             imag: Any = 0.0
-            if weight.dtype.kind == "c":  # the weight of the copy AHEAD is conjugate
+            if weight.dtype.kind == "c":  # the weight of the copy AHEAD is conjugated
                 weight, imag = weight.real, -weight.imag if side > 0.0 else weight.imag
             part = centre.real, centre.imag, vector.real, vector.imag, weight, imag
             yield pairs, is_even, owner, part
