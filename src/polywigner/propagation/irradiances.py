@@ -554,7 +554,7 @@ def _along_rays(base: Kernel) -> Kernel:
         base,
         name=f"{base.name} along rays",
         enter=enter,
-        edge_sum=base_sum.with_leading_arguments(1) if isinstance(base_sum, SliceSum) else edge_sum,
+        edge_sum=base_sum.after(1) if isinstance(base_sum, SliceSum) else edge_sum,
         leave=leave,
     )
 

@@ -108,7 +108,7 @@ class SliceSum:
         views = {view.point: view for view in reversed(self.views)}.values()
         return [(view, field, other) for view in views for field in fields for other in fields]
 
-    def with_leading_arguments(self, count: int) -> SliceSum:
+    def after(self, count: int) -> SliceSum:
         """Return the sum for arguments that follow ``count`` others."""
         position, frequency = (
             slice(s.start + count, s.stop + count) for s in (self.position, self.frequency)
