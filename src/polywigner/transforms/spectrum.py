@@ -13,7 +13,6 @@ from polywigner.execution import Differentiable, Drjit, Engine, Precision
 from polywigner.geometry import Aperture, PlacedAperture, Wavefront
 from polywigner.geometry.arguments import Points
 from polywigner.kernels import is_separable
-from polywigner.numerics import phases
 from polywigner.source import Array, Illumination
 from polywigner.source.lattices import Sites, checked_sites
 from polywigner.source.waves import exact_turns
@@ -164,7 +163,9 @@ def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np
     if execution.is_drjit(nu):
         return execution.shifted(nu, -kappa), None
     array = checked_points("nu", nu, len(kappa))
-    difference, lost = phases.difference(array, kappa)
+    difference = array - kappa
+    virtual = difference - array
+    lost = (array - (difference - virtual)) - (kappa + virtual)
     return difference, np.where(np.isfinite(lost), lost, 0.0)
 
 
