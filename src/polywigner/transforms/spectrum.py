@@ -147,8 +147,7 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
     if isinstance(source, PlacedAperture):
         uniform = uniform.placed(source.pose)
     for amplitude, kappa in zip(field.amplitudes, field.frequencies @ rotation.T, strict=True):
-        # The phase of a wave on a placed aperture is relative to the origin of the aperture's
-        # plane.
+        # The phase of a wave on a placed aperture counts from there, not from the world's origin.
         phase = np.exp(-2j * np.pi * exact_turns(kappa.tolist(), shift.tolist()))
         shifted, lost = _difference(nu, kappa)
         term = execution.times_complex(fourier(uniform, shifted, **how), complex(amplitude * phase))
