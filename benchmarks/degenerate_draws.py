@@ -5,7 +5,8 @@
 
 Random outlines with holes, parts that touch, slivers and vertices on a coarse grid, at positions
 and lags at which edges coincide or nearly do, against exact clipping in rational numbers
-(``tests/oracles``). Prints the largest error over the area, by function, precision and engine.
+(``tests/oracles``). Prints the largest error by function, precision and engine, relative to the
+area and relative to the diameter times the perimeter, which bounds the effect of rounded vertices.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ def main() -> None:
     rng, worst = np.random.default_rng(options.seed), {}
     for source, rings in islice(outlines(rng), options.outlines):
         shape, each = outline(rings), options.each
+        boundary = shape.diameter * float(np.hypot(*shape.edges.T).sum())
         nu = frequencies(rng, shape, each)
         x, xi = positions(rng, shape, each), lags(rng, shape, each)
         cases = {
@@ -57,12 +59,16 @@ def main() -> None:
             for precision in PRECISIONS:
                 for engine in ENGINES:
                     result = function(source, *points, precision=precision, engine=engine)
-                    error = float(np.abs(result - np.array(values)).max()) / source.area
-                    worst.setdefault((name, precision, engine), []).append(error)
+                    error = float(np.abs(result - np.array(values)).max())
+                    errors = error / source.area, error / boundary
+                    worst.setdefault((name, precision, engine), []).append(errors)
     draws = options.outlines * options.each
-    print(f"{draws} draws of each function: largest error / area, median over outlines")
-    for (name, precision, engine), errors in worst.items():
-        print(f"{name} {precision:6} {engine:5} {max(errors):.1e} {np.median(errors):.1e}")
+    print(f"{draws} draws of each function, seed {options.seed}: largest error / area,")
+    print("median over outlines, largest error / (diameter x perimeter)")
+    for (name, precision, engine), rows in worst.items():
+        by_area, by_boundary = np.transpose(rows)
+        largest = f"{by_area.max():.1e} {np.median(by_area):.1e} {by_boundary.max():.1e}"
+        print(f"{name} {precision:6} {engine:5} {largest}", flush=True)
 
 
 if __name__ == "__main__":

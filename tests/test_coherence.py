@@ -158,7 +158,7 @@ INTENSITY = partial(pw.radiant_intensity, direction=(0, 0, 1), wavelength=WAVELE
 REFUSED = [
     (lambda: pw.fourier(PARTLY, (0.0, 0.0)), "expected"),
     (lambda: pw.coupling(PARTLY, SQUARE, np.eye(4) + np.eye(4, k=3), WAVELENGTH), "expected"),
-    (lambda: INTENSITY(SQUARE.partially_coherent(1e-6)), "a width of coherence of at least"),
+    (lambda: INTENSITY(SQUARE.partially_coherent(1e-6)), "a coherence width of at least"),
     *[(partial(INTENSITY, SQUARE, bandwidth=b), "bandwidth") for b in (0.0, 2e15, "wide")],
     *[(partial(make, width), "width as a length above zero")
       for width in (0, -math.inf, math.nan, None, "a", True)

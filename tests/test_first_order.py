@@ -178,7 +178,7 @@ def test_slits_take_what_keeps_x_and_y_apart():
     result = pw.wigner(slits, x, nu, through=flat_along_y, wavelength=WAVELENGTH)
     expected = pw.wigner(slits, x, nu + x / (0.05 * WAVELENGTH))
     assert result == pytest.approx(expected, abs=1e-16)
-    with pytest.raises(ArgumentError, match="keeps x and y apart"):
+    with pytest.raises(ArgumentError, match="does not couple x and y"):
         pw.wigner(slits, x, nu, through=CROSSED, wavelength=WAVELENGTH)
 
 
@@ -186,7 +186,7 @@ def test_slits_take_what_keeps_x_and_y_apart():
     ("how", "message"),
     [
         ({"through": LENS}, "expected a wavelength with through"),
-        ({"wavelength": 1e-3}, "wavelength with through= only"),
+        ({"wavelength": 1e-3}, "expected an optical system"),
         ({"through": np.eye(4), "wavelength": 1e-3}, "polywigner.FirstOrder, got ndarray"),
         ({"through": LENS, "wavelength": -1.0}, "wavelength"),
     ],

@@ -183,7 +183,7 @@ def test_irradiance_is_the_wigner_functions_marginal(through):
         ({"through": pw.FirstOrder.free_space(1e-9)}, "cycles of phase along the outline"),
         (
             {"through": pw.FirstOrder.free_space(1e-9) @ pw.FirstOrder.lens((0.1, 0.2))},
-            "turns of phase along an edge",
+            "cycles of phase along an edge",
         ),
     ],
 )

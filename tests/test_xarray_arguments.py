@@ -170,7 +170,7 @@ NAMED = _named(X, "place", "component")
         (lambda: pw.wigner(SQUARE, NAMED, _named(NU, "place", "b", "c")), "equal coordinates"),
         (
             lambda: pw.wigner(SQUARE, NAMED, NAMED.assign_coords(place=[1, 2, 3])),
-            "expected x and nu of equal coordinates",
+            "expected x and nu with equal coordinates",
         ),
         (lambda: pw.fourier(SQUARE, xarray.DataArray(1.0)), "along the last dimension"),
         (lambda: pw.fourier("square", NAMED.chunk()), "expected a source"),

@@ -28,24 +28,25 @@ DATA = "edges as data"
 CODE = "edges as code"
 SUM = "sum of terms"
 
-# The thresholds are measured by benchmarks/default_regret.py.
-# Number of samples from which on compiled code with sources as data is faster than NumPy.
+# The thresholds are measured by benchmarks/default_regret.py. Smallest number of samples for which
+# compiled code with sources as data is faster than NumPy.
 _LEAST_SAMPLES = 1000
-# Number of terms (samples times edges, waves and copies) from which on compiling a kernel for the
-# source pays.
+# Smallest number of terms (samples times edges, waves and copies) for which a kernel compiled for
+# the source is faster.
 _LEAST_TERMS = 1 << 18
-# Number of samples from which on compiling edges as code pays.
+# Smallest number of samples for which a kernel with edges as code is faster.
 _LEAST_SAMPLES_AS_CODE = 1 << 18
-# Number of frequencies per position from which on compiled code sums listed slices. Cutting up to
-# four edges is as fast as reading a list.
+# Smallest number of frequencies per position, and of edges, for which compiled code sums listed
+# slices. With fewer edges, cutting is as fast as reading a list.
 _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
-# Number of terms per family of parallel edges from which on F on a grid uses the axes of the grid.
+# Smallest number of terms per family of parallel edges for which F on a grid is computed from the
+# axes of the grid.
 _TERMS_PER_FAMILY = 1 << 10
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Strategy and engine of a call, and the sizes that decided."""
+    """Strategy and engine of a call, and the sizes that determined them."""
 
     strategy: str
     engine: str
@@ -58,7 +59,7 @@ class Plan:
 
     @property
     def reason(self) -> str:
-        """The sizes by which the strategy was chosen."""
+        """Text with the sizes that determined the strategy."""
         parts = [f"{self.samples} samples of {self.terms} terms"]
         parts += [f"engine={self.requested!r}"] if self.requested != "auto" else []
         return ", ".join([*parts, self.detail] if self.detail else parts)
@@ -126,7 +127,8 @@ def planned(
     """
     per_sample, as_data = terms_of(kernel, tables), takes_data(kernel, tables)
     terms = samples * per_sample
-    # NumPy takes ten times as long for W and A of arrays, so compiling a kernel pays early.
+    # NumPy takes ten times as long for W and A of arrays, so compiled kernels are faster for few
+    # samples already.
     by_samples = as_data or isinstance(tables, RepeatedTables)
     is_large = samples >= _LEAST_SAMPLES if by_samples else terms >= _LEAST_TERMS
     actual = _engine_for(engine, is_large)
@@ -206,7 +208,8 @@ def drjit_float(engine: str, double: bool) -> type:
     """Return Dr.Jit's array type of an engine that :func:`resolved` has accepted."""
     import importlib
 
-    # This import waits for an import in another thread; a submodule exists before it is complete.
+    # While another thread imports Dr.Jit, its submodules exist but are incomplete. This import
+    # waits until they are complete.
     import drjit  # noqa: F401
 
     module = importlib.import_module(f"drjit.{engine}")

@@ -44,7 +44,7 @@ def array_of(kind: Any, values: npt.ArrayLike) -> Drjit:
 MOST_THREADS = 1024
 """Largest number of threads that callers may request."""
 
-# A process has one pool of threads; two blocks at a time would block each other.
+# A process has one pool of threads, and two users at a time would wait for each other forever.
 _POOL = threading.Lock()
 
 
@@ -56,7 +56,7 @@ def kernel_threads(count: int | None = None) -> Iterator[None]:
     function only serialises its users.
     """
     with _POOL:
-        # Scalar variants of Mitsuba use the pool without LLVM, but then Dr.Jit is loaded.
+        # Scalar variants of Mitsuba use the pool without an LLVM library; Dr.Jit is imported then.
         if count is None or not (llvm.prepare().usable or "drjit" in sys.modules):
             yield
             return
@@ -77,7 +77,7 @@ Array = npt.NDArray[Any]
 Fetch = Callable[[], tuple[Array, ...]]
 """Waits for the results of a chunk."""
 Launched = Iterator[tuple[Sequence[Array], Any, Fetch]]
-"""(results, index of the chunk in them, function that waits for the chunk)."""
+"""Yields (result arrays, index of the chunk in these arrays, function that waits for the chunk)."""
 
 
 def store(launched: Launched, samples: int) -> None:
@@ -124,7 +124,7 @@ def parts_of_results(
         buffersize=size,
     ) as iterator:
         for chunk in iterator:
-            # With one operand nditer yields the array itself.
+            # With one operand, nditer yields an array instead of a tuple.
             arguments: list[Any] = list(chunk) if len(full) > 1 else [chunk]
             end = start + arguments[0].size
             if end > start:

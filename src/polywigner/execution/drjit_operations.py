@@ -23,10 +23,10 @@ from polywigner.execution.operations import (
 
 MOST_TERMS_AS_CODE = 12
 """Largest number of terms that become code of a kernel; a term compiles in about 20 ms."""
-# Number of cuts in all terms of `sum_large_terms` that become code: 256 compile in 0.5 s.
+# Largest number of cuts in all terms of `sum_large_terms` that become code; 256 compile in 0.5 s.
 _MOST_CUTS_AS_CODE = 256
-# Steps of a recursion of four terms each: 50 compile in 1.5 s, and 1450 in a minute; as a loop they
-# compile in 0.3 s and 0.7 s and run as fast.
+# Largest number of steps of a recursion that become code. With four terms per step, 50 steps
+# compile in 1.5 s and 1,450 steps in a minute. A loop compiles in 0.3 s and 0.7 s and runs as fast.
 _MOST_STEPS_AS_CODE = 8
 
 
@@ -54,8 +54,8 @@ class DrjitOperations(RowByRow):
     ) -> Values:
         """Return the sums of the ``values`` values of ``term(*row)`` over rows.
 
-        Few rows are unrolled. More rows are a loop of the kernel over a table, which compiles at
-        once and is nearly as fast for long terms. ``unroll=False`` always makes a loop.
+        Few rows are unrolled. For more rows the kernel has a loop over a table, which compiles fast
+        and runs nearly as fast for long terms. ``unroll=False`` always makes a loop.
         """
         if unroll and len(rows) <= self.most_as_code:
             return unrolled_sum(rows, term)
@@ -76,7 +76,8 @@ class DrjitOperations(RowByRow):
     def repeated(self, count: int, state: Values, step: Term, like: Any) -> Values:
         """Return the last ``state = step(number, *state)`` for numbers from 0 up to ``count``.
 
-        Many steps are a loop, unless ``like`` has derivatives: reverse mode would need all states.
+        Many steps become a loop, unless ``like`` has derivatives: reverse mode would have to store
+        all states.
         """
         if count <= _MOST_STEPS_AS_CODE or self.needs_gradient(like):
             return unrolled_steps(count, state, step)
@@ -93,7 +94,7 @@ class DrjitOperations(RowByRow):
     def select(self, condition: Any, a: Any, b: Any) -> Drjit:
         return self._dr.select(condition, self._typed(a), self._typed(b))
 
-    # Comparisons, not dr.minimum: on some LLVM versions that aborts the process.
+    # dr.minimum and dr.maximum abort the process on some LLVM versions.
     def minimum(self, a: Any, b: Any) -> Drjit:
         a, b = self._typed(a), self._typed(b)
         return self._dr.select(a < b, a, b)
@@ -148,7 +149,7 @@ class DrjitOperations(RowByRow):
         kind = type(flat)
         if width % 4:
             return tuple(self._dr.gather(kind, flat, width * row + k) for k in range(width))
-        # One load for four entries.
+        # one load reads four entries
         four, packets = getattr(sys.modules[kind.__module__], _PACKETS[kind.__name__]), width // 4
         loaded = (self._dr.gather(four, flat, packets * row + k) for k in range(packets))
         return tuple(entry for packet in loaded for entry in packet)
@@ -156,16 +157,13 @@ class DrjitOperations(RowByRow):
     def truncated(self, value: Any) -> Drjit:
         return self._numbers(value)
 
-    def select_number(self, condition: Any, a: Any, b: Any) -> Drjit:
-        return self._dr.select(condition, self._initial(a), self._initial(b))
-
     def fold(
         self, first: Any, end: Any, state: Values, step: Term, *, is_sum: bool = False
     ) -> Values:
         def next_row(row: Any, *state: Any) -> Values:
             return row + 1, *step(row, *state)
 
-        # max_iterations=-1: the reverse-mode derivative of a sum is a sum.
+        # max_iterations=-1 states that the loop sums terms, so reverse mode stores no states.
         options = {"max_iterations": -1} if is_sum else {}
         start = (self._numbers(first), *map(self._initial, state))
         _, *result = self._dr.while_loop(start, lambda row, *_: row < end, next_row, **options)
@@ -191,7 +189,7 @@ class DrjitOperations(RowByRow):
         )
 
 
-# Types of four values in one load.
+# Types of packets, which are four values read by one load.
 _PACKETS = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}
 
 

@@ -1,7 +1,7 @@
-"""Kernels on NumPy arrays: the plan of a call, computed by NumPy or by compiled code.
+"""Evaluation of kernels on NumPy arrays, by NumPy or by compiled code.
 
-Memory is bounded by the result plus one chunk: broadcast arguments are never expanded as a whole.
-NumPy computes in double precision, whatever the precision of the results.
+A call needs memory for its result and one chunk, because arguments are broadcast chunk by chunk.
+NumPy computes in double precision also for results in single precision.
 """
 
 from __future__ import annotations
@@ -34,13 +34,14 @@ from polywigner.kernels.functions.slices import SliceSum
 # Samples in a chunk: temporary arrays stay below 128 KiB, in the cache of a core. The C library
 # maps larger ones anew each time, and page faults then cost more than the computation.
 _CHUNK = 3 << 12
-# Samples in a block with shared slices. Compiled code reads only rows and columns from memory.
+# Samples in a block with shared slices, on NumPy and in compiled code. Compiled code stores rows
+# and columns only, so its blocks are larger.
 _SHARED_BLOCK, _LARGE_BLOCK = 1 << 18, 1 << 20
-# Number of columns from which on sharing a slice pays.
+# Smallest number of frequencies for which it is faster to share a slice.
 _LEAST_COLUMNS = 64
 # Pairs of a row and a point whose terms are stored at a time: 32 MiB in float64.
 _BLOCK = 1 << 22
-# Rows times samples at a time; temporary arrays take some MB for each number of a term.
+# Rows times samples at a time: temporary arrays take 2 MB for each number of a term.
 _ROWS = 1 << 18
 
 _HOST = NumpyOperations()
@@ -77,7 +78,8 @@ def evaluate(
     into : sequence of ndarray, optional
         Arrays of the broadcast shape for the results, such as both parts of a complex array.
     shear : callable, optional
-        Maps the components to the components of the kernel; listed slices apply it block by block.
+        Maps the components to those that the kernel takes. With listed slices it is applied block
+        by block.
     """
     shape = np.broadcast_shapes(*[c.shape for c in components])
     dtype = np.float64 if double else np.float32
@@ -127,7 +129,7 @@ def evaluate(
 
 
 class _ExplainedError(Exception):
-    """Ends a call that is explained, not computed."""
+    """Ends a call that `explained` has started."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -139,7 +141,7 @@ _is_explained: ContextVar[bool] = ContextVar("_is_explained", default=False)
 def explained(call: Callable[[], object]) -> Plan | None:
     """Return the plan of the first kernel that ``call()`` evaluates, without computing anything.
 
-    None if the call evaluates no kernel on NumPy arrays.
+    Returns None if the call evaluates no kernel on NumPy arrays.
     """
     token = _is_explained.set(True)
     try:
@@ -257,7 +259,8 @@ def _shared(
     targets = rows.targets(results)
     for block, arguments in rows.blocks(_LARGE_BLOCK if is_large else _SHARED_BLOCK):
         count = len(range(*block[0].indices(rows.rows)))
-        with np.errstate(invalid="ignore", over="ignore"):  # positions may be far from the source
+        # positions far from the source may overflow
+        with np.errstate(invalid="ignore", over="ignore"):
             sheared = arguments if shear is None else shear(arguments)
             inner = kernel.enter(_HOST, exact.frame, *sheared)
             position = [np.broadcast_to(p, (count, 1))[:, 0] for p in inner[slices.position]]
@@ -317,12 +320,12 @@ def evaluate_sums(
     step = min(len(positions), _BLOCK)
     width = max(1, _BLOCK // step)
     for start in range(0, len(positions), step):
-        some = slice(start, start + step)
+        block = slice(start, start + step)
         for low in range(0, len(points), width):
             columns = slice(low, low + width)
-            components = [*positions[some].T, *points[columns].T[:, :, None], *fixed]
+            components = [*positions[block].T, *points[columns].T[:, :, None], *fixed]
             (values,) = evaluate(kernel, source, components, **how)
-            total[columns] += values @ weights[some]
+            total[columns] += values @ weights[block]
     return total
 
 

@@ -15,14 +15,13 @@ from polywigner.kernels import GridTables, Kernel, OutlineSum, fourier_on_grid
 
 Array = npt.NDArray[Any]
 
-# Sides for which the tables of the axes pay.
+# Shortest sides of grids for which tables along the axes save work.
 _LEAST_SIDE = 8
-# Longer sides are tiled, so that the tables of the axes of a tile fit into memory.
+# Longest sides of a tile, whose tables along the axes fit into memory.
 _TILE = 512
-# Largest fraction of points too close to the origin: each of them costs 20 times as much.
+# Largest fraction of points that may be too close to the origin, since each of them costs 20 times
+# as much.
 _MOST_BELOW = 1 / 8
-# Squares overflow beyond this |nu| in the frame.
-_LARGEST = 1e150
 
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
 """(nu_x, nu_y) of some points -> real and imaginary part there."""
@@ -45,11 +44,9 @@ class GridPlan:
         return oblique + (oblique < len(self.tables.families))
 
     def keeps_digits(self) -> bool:
-        """Return whether most points are far enough from the origin, and none too far."""
+        """Return whether most points are far enough from the origin."""
         below = 1.0
         for scale, nu in zip(self.tables.scales, (self.x, self.y), strict=True):
-            if not np.abs(nu).max() * scale < _LARGEST:
-                return False
             below *= float(np.mean(np.abs(nu * scale) < self.tables.floor))
         return below < _MOST_BELOW
 
@@ -63,9 +60,8 @@ class GridPlan:
         for i in range(0, len(self.x), _TILE):
             for j in range(0, len(self.y), _TILE):
                 x, y = self.x[i : i + _TILE], self.y[j : j + _TILE]
-                with np.errstate(
-                    invalid="ignore", divide="ignore"
-                ):  # points near the origin are replaced
+                # points near the origin are replaced
+                with np.errstate(invalid="ignore", divide="ignore"):
                     *parts, below = fourier_on_grid(ops, self.tables, x, y)
                 if below.any():
                     at = np.nonzero(below)
@@ -100,7 +96,7 @@ def plan_for_grid(
 
 def _is_grid(x: Array, y: Array) -> bool:
     """Return whether x is constant along the second axis and y along the first; not for NaN."""
-    if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:  # rejects most other arrays
+    if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:  # a fast test that rejects most arrays
         return False
     return bool((x == x[:, :1]).all() and (y == y[:1]).all())
 
@@ -113,7 +109,7 @@ def evaluate_on_grid(
     into: Sequence[Array],
     engine: str,
 ) -> bool:
-    """Write F of an array on a grid; return whether the points are a grid and this saves work."""
+    """Write F of an array if the points are a grid and this saves work; return whether it did."""
     plan = plan_for_grid(kernel, source, components, engine)
     if plan is None:
         return False

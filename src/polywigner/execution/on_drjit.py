@@ -1,7 +1,8 @@
 """Kernels compiled by Dr.Jit, on NumPy arrays: with an outline as code, or with outlines as data.
 
-A kernel with an outline as code compiles in 0.1 s and takes some hundred kilobytes until the
-process ends. The kernel with outlines as data serves any outline and is a third to half as fast.
+A kernel with an outline as code compiles in 0.1 s and occupies some hundred kilobytes until the
+process ends. The kernel with outlines as data serves any outline, at a half to a third of the
+speed.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Tables, is_plain
 from polywigner.numerics import phases
 
-# Number of cached recorded functions, and of recordings of each: arguments of one number need
-# another recording than arrays.
+# Number of cached recorded functions, and of recordings of each. Arguments of width 1 need a
+# separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
 # Samples in a chunk: launching is cheap compared with computing, and arguments take some 10 MB.
 _CHUNK, _CHUNK_OF_DATA = 1 << 18, 1 << 17
@@ -40,7 +41,7 @@ _CHUNK, _CHUNK_OF_DATA = 1 << 18, 1 << 17
 Array = npt.NDArray[Any]
 Values = tuple[Any, ...]
 Order = npt.NDArray[np.intp] | EllipsisType
-"""Indices that sort samples; Ellipsis: as they are."""
+"""Indices that sort samples, or Ellipsis for samples that are not sorted."""
 Function = Callable[..., Values]
 
 
@@ -50,7 +51,8 @@ class _Frozen:
     def __init__(self, function: Function, owners: Sequence[Any]) -> None:
         import drjit
 
-        # Dr.Jit traverses the closure of a function in each call, but not attributes of objects.
+        # Dr.Jit traverses the closure of a function in each call, but not the attributes of a
+        # namespace.
         cell = SimpleNamespace(function=function)
 
         def replayed(*arguments: Any) -> Values:
@@ -109,9 +111,8 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
     key = (*map(id, owners), *kind)
     with _lock:
         if key not in _known:
-            _known[key] = _Frozen(
-                function, owners
-            )  # the function keeps references, so that ids stay valid
+            # the function keeps references, so that ids stay valid
+            _known[key] = _Frozen(function, owners)
             while len(_known) > _MOST:
                 _known.popitem(last=False)
         _known.move_to_end(key)
@@ -156,7 +157,7 @@ class OnDrjit:
             )
 
     def _traced(self, *arguments: Any) -> tuple[Any, ...]:
-        """Return results for arrays of the type of ``entry``."""
+        """Return results for arguments in float64."""
         inner = self.kernel.enter(self.entry, self.tables.frame, *arguments)
         if not self.ops.double:
             inner = tuple(self.ops.float_type(a) for a in inner)
@@ -211,8 +212,8 @@ def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
     import drjit
 
     index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
-    # Opaque values: literals would compile a kernel for each number of columns. The quotient is
-    # right below 2^21 samples: half a sample is more than two roundings to float32.
+    # The values are opaque, since literals would compile a kernel for each number of columns. The
+    # quotient is correct below 2^21 samples, where half a sample exceeds two roundings to float32.
     row = type(index)((kind(index) + 0.5) * drjit.opaque(kind, 1 / columns))
     return row, index - row * drjit.opaque(type(index), columns)
 
@@ -243,11 +244,11 @@ def row_sums(
     return tuple(np.array(part) for part in ops.fold(0, end, start, step))
 
 
-# Sorting fewer samples, or samples of fewer edges, costs more than it saves
+# Sorting the samples of sources with fewer edges costs more than it saves
 # (benchmarks/call_rates.py).
-_LEAST_SAMPLES_SORTED, _LEAST_EDGES_SORTED = 1 << 15, 5
-# Dr.Jit records a function again if arrays of different sizes later have one size, or the reverse.
-# Sizes are therefore multiples of the first number, plus a different multiple of the second.
+_LEAST_EDGES_SORTED = 5
+# Dr.Jit records a function again if two arrays that had different sizes have equal sizes later, or
+# the reverse. The size of table k is therefore a multiple of _SIZES plus (k + 1) _APART.
 _SIZES, _APART = 256, 8
 
 
@@ -315,8 +316,9 @@ class OnDrjitData:
 class _Slices:
     """Outlines that are cut, as lists of the pairs of edges that can meet.
 
-    ``numbers``: tables of the source. ``owners``: other objects on which the recording of a kernel
-    depends. ``is_recorded``: whether a kernel may be recorded, because it needs no other memory.
+    ``numbers``: tables of the source. ``owners``: objects on which the recording of a kernel
+    depends. ``is_recorded``: whether a kernel may be recorded, which is the case if it reads no
+    other memory.
     """
 
     def __init__(self, kernel: Kernel, tables: Tables, double: bool, samples: int) -> None:
@@ -334,7 +336,7 @@ class _Slices:
         self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
-        """Return the tables in memory of the engine; the latest lists are cached."""
+        """Return the tables in memory of the engine; tables of lists are cached."""
         sent, number = [], 0
         for grid in self.pairs.values():
             key = ops.key, number
@@ -346,13 +348,14 @@ class _Slices:
         return sent
 
     def order(self, inner: Sequence[Array]) -> Order:
-        """Return the order of samples by cells, in which neighbours read the same lists."""
-        if not self.sorts or inner[-1].size < _LEAST_SAMPLES_SORTED:
+        """Return the order of samples sorted by cell, so that neighbours read the same lists."""
+        if not self.sorts:
             return ...
         x, y = inner[self.slices.position]
         (view, *_), grid = next(iter(self.pairs.items()))
-        cell = cells_at(grid.on_host, view.side * self.slices.scale * (x + 1j * y))
-        # There are fewer than 2^16 cells; NumPy sorts 16-bit numbers in linear time.
+        scale = view.side * self.slices.scale
+        cell = cells_at(grid.on_host, scale * x, scale * y)
+        # There are fewer than 2^16 cells, and NumPy sorts 16-bit numbers in linear time.
         return np.argsort(cell.astype(np.uint16), kind="stable")
 
     def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
@@ -362,7 +365,7 @@ class _Slices:
 
 
 class _Edges:
-    """An outline whose edges are summed."""
+    """The edges of an outline as rows of a table, for Fourier transforms."""
 
     is_recorded = True
 

@@ -20,7 +20,7 @@ from polywigner.numerics.grid_arithmetic import accurate_cross, product_error
 
 # Values in a temporary array that fit the cache of one core.
 _BLOCK = 1 << 14
-# Number of rows in a list, most of which are then left out.
+# Number of rows at a time, before rows that do not contribute are dropped.
 _LISTED = 1 << 17
 
 Numbers: TypeAlias = Any
@@ -75,7 +75,7 @@ class _Unfused(Operations):
     lost = staticmethod(product_error)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Return the sums of terms with much code, one term after the other."""
+        """Return the sums of terms that would be long code, one term after the other."""
         return unrolled_sum(rows, term)
 
     def repeated(self, count: int, state: Values, step: Term, _: Any) -> Values:
@@ -102,7 +102,8 @@ class NumpyOperations(_Unfused):
     ) -> Values:
         """Return the sums of the ``values`` values of ``term(*row)`` over rows.
 
-        As many rows as fit the cache are computed at once, on an axis before the samples ``like``.
+        As many rows as fit into the cache are computed at a time, on an axis before those of
+        ``like``, which has the shape of the samples.
         """
         table, axes = np.array(rows, np.float64), (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, int(np.size(like))))
@@ -113,8 +114,6 @@ class NumpyOperations(_Unfused):
         return tuple(np.asarray(total) for total in totals)
 
     select = staticmethod(np.where)
-    select_number = staticmethod(np.where)
-    """:meth:`select` for indices of rows."""
     minimum = staticmethod(np.minimum)
     maximum = staticmethod(np.maximum)
     round = staticmethod(np.rint)
@@ -205,7 +204,7 @@ class RowByRow(Operations):
     state consists of sums, which may have derivatives."""
 
     def plain_sum(self, first: Any, end: Any, term: Term, values: int) -> Values:
-        """Return :meth:`sum_over_range` for few terms, whose sum needs no compensation."""
+        """Return :meth:`sum_over_range` without compensated summation, for few terms."""
 
         def step(row: Any, *sums: Any) -> Values:
             return _added(sums, term(row))
@@ -234,8 +233,8 @@ class RowByRow(Operations):
         """Return the sums of ``term(level)`` over rows, with a level that changes between rows.
 
         ``visit(row)`` returns whether a new level begins, that level, its change after the row, and
-        the term. In single precision the rounding errors of the sums are summed as well, because
-        they dominate if terms cancel.
+        the term. In single precision the sums are compensated (their rounding errors are summed as
+        well), because rounding errors dominate if terms cancel.
         """
 
         def step(row: Any, *state: Any) -> Values:
@@ -274,7 +273,6 @@ class ScalarOperations(_Unfused, RowByRow):
     def select(self, condition: Any, a: Any, b: Any) -> Numbers:
         return a if condition else b
 
-    select_number = select
     exp = staticmethod(math.exp)
     log = staticmethod(math.log)
     atan2 = staticmethod(math.atan2)

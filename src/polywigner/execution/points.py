@@ -30,7 +30,7 @@ Points = Mapping[str, Any]
 
 def is_drjit(value: object) -> bool:
     """Return whether a value is a Dr.Jit array, without an import of Dr.Jit."""
-    # While another thread imports it, the module exists without its names.
+    # While another thread imports Dr.Jit, the module exists without its names.
     is_array = getattr(sys.modules.get("drjit"), "is_array_v", None)
     return is_array is not None and bool(is_array(value))
 
@@ -64,7 +64,7 @@ def _float_of(name: str, value: Drjit) -> type:
     kind: type = drjit.array_t(value) if _is_tensor(value) else drjit.leaf_t(value)
     if not drjit.is_float_v(kind) or drjit.itemsize_v(kind) not in (4, 8):
         raise ArgumentError(
-            f"expected {name} of 32 or 64 bit real floats, got {type(value).__name__}"
+            f"expected {name} as real floats of 32 or 64 bits, got {type(value).__name__}"
         )
     return kind
 
@@ -130,19 +130,19 @@ def on_components(
     """
     import drjit
 
-    given = {name: value for name, value in points.items() if is_drjit(value)}
-    float_type = _common_float({**parameters, **given}, precision, engine)
-    tensor = next((type(value) for value in given.values() if _is_tensor(value)), None)
+    drjit_points = {name: value for name, value in points.items() if is_drjit(value)}
+    float_type = _common_float({**parameters, **drjit_points}, precision, engine)
+    tensor = next((type(value) for value in drjit_points.values() if _is_tensor(value)), None)
     shape: tuple[int, ...] | None = None
-    if given and tensor is None:
+    if drjit_points and tensor is None:
         arrays = {name: _component_array(name, p, float_type) for name, p in points.items()}
     else:
         arrays, shape = _from_tensors(points, float_type)
     widths = {drjit.width(array) for array in arrays.values()}
     if len(widths - {1}) > 1:
         raise ArgumentError(
-            "expected as many points in each argument, or one, got "
-            f"{' and '.join(map(str, sorted(widths)))}; pass arrays of one width"
+            "expected equal numbers of points in all arguments, or one point, got "
+            f"{' and '.join(map(str, sorted(widths)))}; pass arrays of equal width"
         )
     size = 0 if 0 in widths else max(widths)
     if not size:  # Dr.Jit has no arithmetic of an empty array and a number
@@ -202,7 +202,7 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
                 f"expected {name} with 1 to 3 components last, got shape {shapes[name]}"
             )
     try:
-        shape = np.broadcast_shapes(*(given[:-1] for given in shapes.values()))
+        shape = np.broadcast_shapes(*(full[:-1] for full in shapes.values()))
     except ValueError:
         raise ArgumentError(
             f"expected shapes that broadcast, got {list(shapes.values())}"
@@ -276,25 +276,19 @@ def matrix_times(matrix: NDArray[np.float64], components: Sequence[Any]) -> list
     ]
 
 
-def unit_wave(turns: Numbers) -> Numbers:
-    """Return exp(2 pi i turns), as NumPy's complex numbers or a ``Complex2f``."""
-    if not is_drjit(turns):
-        return np.exp(2j * np.pi * (turns - np.round(turns)))
-    cosine, sine = cos_sin_turns(DrjitOperations(type(turns)), turns)
-    return sibling(type(turns), "Complex2f")(cosine, sine)
+def unit_wave(cycles: Numbers) -> Numbers:
+    """Return exp(2 pi i cycles), as NumPy's complex numbers or a ``Complex2f``."""
+    if not is_drjit(cycles):
+        return np.exp(2j * np.pi * (cycles - np.round(cycles)))
+    cosine, sine = cos_sin_turns(DrjitOperations(type(cycles)), cycles)
+    return sibling(type(cycles), "Complex2f")(cosine, sine)
 
 
 def times_complex(value: Numbers, factor: complex) -> Numbers:
     """Return a complex result (NumPy or ``Complex2f``) times a number."""
     if is_drjit(value):
         return value * type(value)(factor.real, factor.imag)
-    if factor.imag:
-        return value * factor
-    # By parts: an infinite value times a complex number would be NaN.
-    scaled = np.array(value)
-    scaled.real *= factor.real
-    scaled.imag *= factor.real
-    return scaled[()]
+    return value * factor
 
 
 # ---- numbers of a source -------------------------------------------------------------------------
@@ -307,7 +301,8 @@ def numbers_of(name: str, value: Any, kind: str) -> Drjit:
     Raises ArgumentError for anything else.
     """
     is_complex, got = kind == "Complex2f", type(value).__name__
-    if is_drjit(value):  # only then may Dr.Jit be imported: an LLVM library has been chosen
+    # If the caller has a Dr.Jit array, an LLVM library is chosen and Dr.Jit may be imported.
+    if is_drjit(value):
         import drjit
 
         if _is_tensor(value):
@@ -320,7 +315,7 @@ def numbers_of(name: str, value: Any, kind: str) -> Drjit:
             if is_complex and drjit.depth_v(value) == 1:
                 return pair(value, drjit.zeros(type(value), drjit.width(value)))
             if drjit.depth_v(value) == len(value) == 2 and drjit.is_complex_v(value) == is_complex:
-                # both parts have one width from here on
+                # broadcasts both parts to a common width
                 return pair(value[0], value[1]) + drjit.zeros(pair, drjit.width(value))
     forms = "a Float, or a tensor (n,) or (n, 2)" if is_complex else "or a tensor (n, 2)"
     raise ArgumentError(

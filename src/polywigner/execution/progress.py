@@ -11,12 +11,12 @@ from typing import TypeVar
 from polywigner.geometry.arguments import checked_flag
 
 Part = TypeVar("Part")
-Advance = Callable[..., None]  # takes the number of finished parts, by default 1
+Advance = Callable[..., None]  # its argument is the number of finished parts, by default 1
 
 # Time before a slow call draws a bar [s].
 _PATIENCE = 5.0
 
-# Number of bars on the screen: a slow call within the work of a bar draws none.
+# Number of bars on the screen. A slow call draws no bar while another bar is visible.
 _bars = 0
 
 
@@ -61,7 +61,7 @@ def progress_bar(
 
 @contextmanager
 def slow_bar(title: str, total: int) -> Iterator[Advance]:
-    """Draw a bar on a terminal once the work has taken five seconds, if no other is drawn."""
+    """Draw a bar on a terminal after five seconds of work, unless another bar is visible."""
     start, done = time.monotonic(), 0
     draw: Advance | None = None
     with ExitStack() as stack:

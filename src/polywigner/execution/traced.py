@@ -19,7 +19,8 @@ from polywigner.kernels.gradients import gradient_kernel_of
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 
-# Number of samples up to which edges are data, because compiling code costs more than it saves.
+# Number of samples up to which edges are data, because compiling them as code costs more than it
+# saves.
 _MOST_AS_DATA = 1 << 16
 
 Numbers = tuple[Any, Any]
@@ -74,7 +75,7 @@ class Differentiable:
 
 
 class _Accumulator:
-    """Sums of gradients in vertices and weights, times the changes of these."""
+    """Sums of gradients in vertices and weights, times the changes of vertices and weights."""
 
     def __init__(self, ops: DrjitOperations, traced: Traced) -> None:
         import drjit as dr
@@ -107,11 +108,11 @@ class _Accumulator:
         kind = self.ops.float_type
         is_constant = isinstance(number, int | float)
         index = dr.uint32_array_t(kind)(int(number)) if is_constant else self.ops.truncated(number)
-        if not is_constant or dr.flag(
-            dr.JitFlag.SymbolicScope
-        ):  # arrays of a loop do not exist outside
+        # arrays of a loop cannot be cached outside of it
+        if not is_constant or dr.flag(dr.JitFlag.SymbolicScope):
             return tuple(dr.gather(kind, values, index) for values in pair)
-        # Gathered once for all edges; otherwise each edge would accumulate gradients in memory.
+        # Each vertex is gathered once for all edges. Otherwise each edge would scatter its gradient
+        # to memory.
         key = id(pair), int(number)
         if key not in self.known:
             self.known[key] = tuple(dr.gather(kind, values, index) for values in pair)
@@ -143,7 +144,7 @@ def kernel_with_derivatives(
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
     values = kernel.edge_sum(ops, tables, *fixed)
-    # Only the last arguments have derivatives.
+    # closed forms have derivatives in the last arguments only
     summed = map(real, fixed[-closed.arguments :])
     derivatives = closed.gradients(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]
@@ -178,14 +179,16 @@ def evaluate_traced(
     numbers = source if isinstance(source, Differentiable) else Differentiable(source)
     make_tables: Any = kernel.tables_for
     if numbers.vertices is not None:
-        # Equal apertures may begin their rings elsewhere and share tables in the cache.
+        # The cache would return tables of an equal aperture, whose rings may begin at other
+        # vertices.
         make_tables = getattr(kernel.tables, "__wrapped__", kernel.tables)
     tables = make_tables(numbers.source, ops.double)
     components = [_in_memory(c) for c in (components if shear is None else shear(components))]
     is_long_code = is_code(kernel, tables) and max(map(drjit.width, components)) > _MOST_AS_DATA
     traced = numbers.traced(ops, tables)
-    # Edges as data compile once for all outlines. For many samples edges as code are up to four
-    # times as fast. A function that the caller freezes may not contain cached memory.
+    # Kernels with edges as data compile once for all outlines. For many samples, edges as code are
+    # up to four times as fast. A function that the caller freezes must not contain cached memory,
+    # so its edges are code.
     is_code_better = is_long_code or drjit.flag(drjit.JitFlag.FreezingScope)
     if (numbers.numbers or not is_code_better) and gradient_kernel_of(kernel) is not None:
         ops, tables = DrjitOperations(ops.float_type, "data"), with_frame_as_data(ops, tables)
@@ -196,7 +199,7 @@ def evaluate_traced(
 def _in_memory(component: Drjit) -> Drjit:
     """Return a component; a constant that is not finite becomes an array in memory.
 
-    Dr.Jit folds constants into the code and drops NaN.
+    Dr.Jit folds constants into the code, and would lose NaN.
     """
     import drjit
 

@@ -13,8 +13,8 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wav
 from polywigner.kernels.arrays import element_pairs, lattice_arrays
 from polywigner.kernels.arrays.array_factors import array_factor_kernel
 from polywigner.kernels.arrays.element_pairs import is_scattered
+from polywigner.kernels.functions import fourier, partly_coherent, plane, separable
 from polywigner.kernels.functions import intervals as line
-from polywigner.kernels.functions import partly_coherent, plane, separable, solids
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel
 from polywigner.source import Array
@@ -37,7 +37,7 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     ("fourier", Slits): line.FOURIER,
     ("fourier", Aperture): plane.FOURIER,
     ("fourier", PlacedAperture): plane.FOURIER_PLACED,
-    ("fourier", Polyhedron): solids.BODY,
+    ("fourier", Polyhedron): fourier.BODY,
     ("fourier of waves", "product"): separable.FOURIER,
     ("autocorrelation", "lattice"): element_pairs.AUTOCORRELATION,
 }
@@ -57,9 +57,10 @@ _PARTLY_COHERENT: dict[Kernel, Kernel] = {
 
 
 MOST_WIDTHS = 1 << 15
-"""Widths of coherence in the area of a source; a mean has some four tilts for each."""
-# Largest number of elements of an array for which every pair has a slice: in general, and if the
-# alternative is a mean over too many tilts.
+"""Largest number of coherence widths in the area of a source; a mean has four tilts for each."""
+# Largest number of elements of an array whose W in partly coherent light is computed in closed
+# form, with a slice for each pair of elements. The second limit holds if the alternative, a mean
+# over tilts, would need too many tilts.
 _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 
@@ -72,8 +73,8 @@ def _widths_in(source: Wavefront) -> float:
 def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
     """Return the kernel of W in partly coherent light, or None if W is a mean over tilts.
 
-    W of arrays whose elements share one outline is a mean over tilts, unless there are too many
-    tilts or few elements. The kernel ignores curvature, which is applied to the frequencies.
+    W of an array of equal elements is a mean over tilts, unless the array has few elements or the
+    mean needs too many tilts. The kernel ignores curvature; callers shift the frequencies instead.
     """
     flat = source.source
     kernel = _PARTLY_COHERENT.get(kernel_for("wigner", flat))

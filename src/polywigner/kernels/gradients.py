@@ -18,12 +18,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from polywigner.kernels.cut.clipping import AHEAD, Clipper, Edge, View
+from polywigner.kernels.cut.clipping import AHEAD, Clipper, Cuts, Edge
 from polywigner.kernels.cut.winding import PairClipper
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.edge_terms import moved_off_zero
 from polywigner.kernels.functions.fourier import OutlineTables
-from polywigner.kernels.functions.slices import Views, difference_pairings, mean_pairings
+from polywigner.kernels.functions.slices import (
+    Views,
+    difference_pairings,
+    mean_pairings,
+)
 from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.wave_pairs import WavePair
@@ -55,7 +59,7 @@ class Accumulator(Protocol):
 
 @dataclass
 class Gradients:
-    """Derivatives of a complex value V in the numbers of each sample."""
+    """Derivatives of a complex value V in frequency, position and the numbers of the source."""
 
     frequency: list[Pair]
     position: list[Pair]
@@ -104,8 +108,8 @@ class Axes:
         return Pair(-x.imag, x.real), Pair(-y.imag, y.real)
 
 
-# Below this x Bessel functions come from series, since the upward recurrence loses 3/x^3 ulps. With
-# _DOUBLE and _SINGLE terms the first omitted term of j_2 at x = 1 is 1e-17 and 2e-9.
+# Below x = _BELOW the Bessel functions are series, because the upward recurrence loses 3/x^3 ulps.
+# The first omitted term of j_2 at x = 1 is 1e-17 with _DOUBLE terms and 2e-9 with _SINGLE terms.
 _BELOW, _DOUBLE, _SINGLE = 1.0, 9, 4
 
 
@@ -131,7 +135,7 @@ def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     inverse = 1.0 / ops.select(small, 1.0, x)
     cosine, sine, ratio = cos_sin_over_turns(ops, half)
     j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
-    square = ops.select(small, x * x, 0.0)  # no overflow in the branch not taken
+    square = ops.select(small, x * x, 0.0)  # no overflow in the unused branch
     series = square * _over_power(ops, 2, square, _DOUBLE if ops.double else _SINGLE)
     j1 = ops.select(small, (x * (1 / 3)) * (j0 + series), (j0 - cosine) * inverse)
     return j0, j1, ops.select(small, series, ops.fma(3.0 * inverse, j1, -j0))
@@ -219,7 +223,7 @@ def _gradients(
     for group in range(len(tables.groups)):
         for other in range(len(tables.groups)):
             pairs = [
-                _BeatGradients(
+                _WavePairGradients(
                     clipper, accumulator, scale, sides, pair, frequency, position,
                     (group, other), weights,
                 )
@@ -227,25 +231,8 @@ def _gradients(
                 for pair in wave_pairs
                 if (first, second) == (group, other)
             ]  # fmt: skip
-
-            def term(edge: Edge, pairs: Any = pairs, other: int = other) -> tuple[Any, ...]:
-                cuts: dict[View, Any] = {}
-                values: list[Pair] = []
-                shared = _ZERO
-                for pair in pairs:
-                    for view, _ in pair.views:
-                        if view not in cuts:
-                            cuts[view] = list(clipper.intervals(edge, view, other))
-                    terms, of_shared = pair.terms(edge, cuts)
-                    values += terms
-                    shared = shared + of_shared
-                return _parts(*values, shared)
-
-            count = 2 * (_BeatGradients.values * len(pairs) + 1)
-            sums = iter(_pairs(clipper.sum_over_edges(term, count, group, other)))
-            for pair in pairs:
-                pair.add([next(sums) for _ in range(pair.values)], result)
-            result.shared = result.shared + next(sums)
+            for pair, sums in clipper.sums_of_runs(pairs, group, other):
+                pair.add(_pairs(sums), result)
     return result
 
 
@@ -257,14 +244,14 @@ def _weights(ops: Any, tables: Tables) -> list[Pair]:
     return [Pair(*(ops.lookup(part, k) for part in parts)) for k in range(len(tables.weights))]
 
 
-class _BeatGradients:
+class _WavePairGradients:
     """Derivatives of the contribution V of a pair of waves, with the weights of both elements.
 
     V is ``scale`` times the sum over the views. For W the edges of one copy are half of the
     boundary, and the edges of the other copy contribute the conjugate.
     """
 
-    values = 5
+    values = 12
 
     def __init__(
         self,
@@ -284,15 +271,19 @@ class _BeatGradients:
         self.rates = [Pair(*rate) for rate in pair.gradient(self.ops, position)]
         group, other = groups
         self.first, self.second = (other, group) if views[0][0] is AHEAD else (group, other)
-        self.one, self.two = weights[self.first], weights[self.second]
-        self.mutual = self.one * self.two.conjugate()
+        self.first_weight, self.second_weight = weights[self.first], weights[self.second]
+        self.mutual = self.first_weight * self.second_weight.conjugate()
         self.wave = Pair(*pair.amplitude(self.ops, position))
         self.amplitude = self.wave * self.mutual
 
-    def terms(self, edge: Edge, cuts: dict[View, Any]) -> tuple[list[Pair], Pair]:
-        """Return area, push of the boundary and moments of an edge, and the accumulator's sum."""
+    def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
+        """Return six complex numbers as parts.
+
+        They are the area, the effects of a shift of the edge along both axes, two moments, and the
+        value of the accumulator.
+        """
         ops, scale, clipper = self.ops, self.scale, self.clipper
-        area, push, along, across, begin, end = [_ZERO] * 6
+        area, motion, along, across, begin, end = [_ZERO] * 6
         long = scale * edge.length
         along_unit, across_unit = clipper.shared(
             edge, lambda: self.axes.of(edge.ux, edge.uy), self.shift
@@ -304,7 +295,7 @@ class _BeatGradients:
                 ops.fma(clipper.ty, side, scale * edge.ay),
             )
             for ends_sum, extent, real, imag in cuts[view]:
-                # an empty part may be far away, where powers overflow
+                # the position of an empty part may be so large that powers overflow
                 ends_sum = ops.select(extent == 0.0, 1.0, ends_sum)
                 half, length = (0.5 * long) * ends_sum, long * extent
                 e0, e1, *moments = self.axes.segment(
@@ -320,7 +311,7 @@ class _BeatGradients:
                 )
                 e0 = _weighted(e0, real, imag).scaled(extent)
                 e1 = _weighted(e1, real, imag).scaled(extent * extent)
-                push = push + e0.scaled(side)
+                motion = motion + e0.scaled(side)
                 to_end = e1.plus(ops, e0, 0.5 * ends_sum)
                 begin, end = begin + (e0 - to_end), end + to_end
         shared = _ZERO
@@ -328,22 +319,27 @@ class _BeatGradients:
             factor = self.amplitude.scaled(scale**3)
             at = begin * factor, end * factor
             shared = self.accumulator.edge(edge.begin, edge.end, (edge.ey, -edge.ex), at)
-        pushes = push.scaled(scale * edge.ey), push.scaled(-scale * edge.ex)
-        return [area, *pushes, along, across], shared
+        motions = motion.scaled(scale * edge.ey), motion.scaled(-scale * edge.ex)
+        return _parts(area, *motions, along, across, shared)
 
     def add(self, sums: Sequence[Pair], result: Gradients) -> None:
         """Add the sums over edges to the derivatives."""
-        area, *pushes, along, across = sums
-        for k, push in enumerate(pushes):
-            moved = (push * self.amplitude).scaled(self.scale) + area * self.rates[k] * self.mutual
+        area, *motions, along, across, shared = sums
+        result.shared = result.shared + shared
+        for k, motion in enumerate(motions):
+            moved = (motion * self.amplitude).scaled(self.scale) + area * self.rates[
+                k
+            ] * self.mutual
             result.position[k] = result.position[k] + moved.scaled(self.scale)
         for k, gradient in enumerate(self.axes.gradient(along, across)):
             change = (gradient * self.amplitude).scaled(self.scale)
             result.frequency[k] = result.frequency[k] + change
         if self.accumulator.needs_weights:
             value = area.scaled(self.scale) * self.wave
-            change = self.accumulator.weight(self.first, value * self.two.conjugate(), _ZERO)
-            change = change + self.accumulator.weight(self.second, _ZERO, value * self.one)
+            change = self.accumulator.weight(
+                self.first, value * self.second_weight.conjugate(), _ZERO
+            )
+            change = change + self.accumulator.weight(self.second, _ZERO, value * self.first_weight)
             result.shared = result.shared + change
 
 

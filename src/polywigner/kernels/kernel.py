@@ -17,18 +17,19 @@ Values = tuple[Any, ...]
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """A transform; ``enter`` and ``leave`` are cheap, ``edge_sum`` is additive over edges."""
+    """A transform in three steps, of which ``edge_sum`` takes most of the time."""
 
     name: str
     dimension: int
-    """Components of every argument."""
+    """Number of components of each argument."""
     tables: Callable[[Any, bool], Any]
     """(source, double) -> the constants of the kernel, with ``frame`` and ``edges``; cached."""
     enter: Callable[..., Values]
     """(ops, frame, *arguments) -> arguments in the frame."""
     edge_sum: Callable[..., Values]
-    """(ops, tables, *arguments in the frame) -> sums; may ignore leading arguments. A `SliceSum`
-    where edges are cut, an `OutlineSum` where grids of arguments are computed from their axes."""
+    """(ops, tables, *arguments in the frame) -> sums over edges. It is a `SliceSum` if edges are
+    cut, and an `OutlineSum` if grids of frequencies are computed from their axes.
+    """
     leave: Callable[..., Values]
     """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
 
@@ -48,7 +49,7 @@ class Kernel:
         return self.edge_sum if isinstance(self.edge_sum, SliceSum) else None
 
     def __call__(self, ops: Any, tables: Any, *arguments: Any) -> Values:
-        """Compute the transform with one namespace of operations."""
+        """Return the transform at arguments in the user's units, in one operations namespace."""
         inner = self.enter(ops, tables.frame, *arguments)
         return self.leave(ops, tables.frame, inner, self.edge_sum(ops, tables, *inner))
 
@@ -61,7 +62,7 @@ def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
 def leave_wave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """Return (cosine, sine) sums, rotated by the phase of the centre and scaled.
 
-    The phase is the first of the arguments in the frame.
+    The phase of the centre is the first argument in the frame.
     """
     real, imag = phases.rotated(ops, inner[0], *sums)
     return real * frame.measure, imag * frame.measure

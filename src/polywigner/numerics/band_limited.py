@@ -1,8 +1,8 @@
 """Band-limited functions: interpolation in a band, and peaks between samples.
 
 |F|^2 of a source of width D varies on scales of 1/D and more. At a distance d from a peak along an
-axis it is at least cos^2(pi d D) times the peak. So the sample next to the largest peak has at
-least that fraction of the peak, and windows around all such samples contain the peak.
+axis it is at least cos^2(pi d D) times the peak. The sample next to the largest peak is therefore
+at least this fraction of the peak, and windows around all samples of that size contain the peak.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Numbers of Chebyshev nodes; each set contains the previous set.
+# Numbers of Chebyshev nodes. The nodes of each rule include those of the previous rule.
 _RULES = (5, 9, 17, 33, 65)
 
 
@@ -72,12 +72,12 @@ def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Comple
     return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)
 
 
-# _WINDOW: samples of a window on either side of its centre, and the factor by which the window
-# shrinks _ROUNDS times. The last position is accurate to 4^-8 of a sample. A peak is quadratic
-# there, so its relative height is accurate to about the square of that, 1e-9.
+# _WINDOW: number of samples of a window on either side of its centre. The window shrinks by this
+# factor in each of _ROUNDS rounds, so the final position is accurate to 4^-8 of a sample. A peak is
+# quadratic, so its relative height is accurate to the square of 4^-8, some 1e-9.
 _WINDOW, _ROUNDS = 4, 8
 _EQUAL = 1e-9
-# Limit of the samples that are refined: peaks and their neighbours.
+# Largest number of samples that are refined: peaks and their neighbours.
 _MOST = 256
 
 

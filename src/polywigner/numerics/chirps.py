@@ -42,9 +42,9 @@ _FARTHEST = 60.0
 def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return two parts of T(t) = (1/sqrt pi) exp(-i pi/4) int_t^inf exp(i s^2) ds.
 
-    T(t) is step + exp(i t^2) rest, and the parts are step - ``side`` and rest. ``side`` is 1 where
-    T is near 1, else 0. Each part is accurate relative to itself, and so are differences of T at
-    points far from its bend.
+    T(t) is step + exp(i t^2) rest. The function returns step - ``side`` and rest, each with a small
+    relative error. ``side`` is 1 where T is near 1, else 0. Differences of T at points far from its
+    step at t = 0 are therefore accurate as well.
     """
     exponent = 2 * _A * _TURN * np.clip(t, -_FARTHEST, _FARTHEST)
     # 1/(exp(z) + 1), less 1 if ``side`` is 1: -1/(exp(-z) + 1)
@@ -61,10 +61,10 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
     return step, (t / (_A * _TURN)) * (square * real + 1j * imag)
 
 
-# Over a smaller fraction of a cycle, a Gauss rule with 8 nodes is exact to rounding; over a larger
-# one, differences of Fresnel integrals lose at most a digit.
-_RULE, _FEW_TURNS = legendre.leggauss(8), 1 / 16
-# Half cycles below which a curvature counts as 0.
+# Below _FEW_CYCLES a Gauss rule with 8 nodes is exact to rounding. Above it, differences of Fresnel
+# integrals lose at most one digit.
+_RULE, _FEW_CYCLES = legendre.leggauss(8), 1 / 16
+# A curvature counts as 0 if its phase over the longest interval is below this (in half cycles).
 _FLAT = 1e-20
 
 
@@ -85,7 +85,7 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
     f = sign * f
     longest = float(abs(b).max(initial=0.0)) or 1.0
     c = np.maximum(abs(c), _FLAT / longest**2)
-    short = abs(b) * np.maximum(abs(f), abs(c * b - f)) < _FEW_TURNS
+    short = abs(b) * np.maximum(abs(f), abs(c * b - f)) < _FEW_CYCLES
     value = _by_tails(b, c, f)
     if short.any():
         value[short] = _by_rule(*(np.broadcast_to(v, short.shape)[short] for v in (b, c, f)))
@@ -94,9 +94,9 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
     return value
 
 
-def waves_of_turns(turns: Any) -> Complex:
-    """Return exp(2 pi i turns) for phases in cycles."""
-    angle = np.asarray(2 * math.pi * (turns - np.rint(turns)))
+def waves_of_turns(cycles: Any) -> Complex:
+    """Return exp(2 pi i cycles)."""
+    angle = np.asarray(2 * math.pi * (cycles - np.rint(cycles)))
     wave = np.empty(angle.shape, np.complex128)
     np.cos(angle, out=wave.real)
     np.sin(angle, out=wave.imag)
@@ -128,15 +128,15 @@ def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
     return np.asarray(value * (np.exp(0.25j * math.pi) / np.sqrt(c)))
 
 
-# Largest number of cycles along an edge; nodes for more cycles take gigabytes per point.
-_MOST_TURNS = 1e5
+# Largest number of cycles along an edge. More cycles would need gigabytes of nodes per point.
+_MOST_CYCLES = 1e5
 # Cycles of phase on a piece of an edge, well within the range of the largest rule.
-_TURNS = 200.0
-# Only every fourth rule is used, two rules per factor of two.
+_CYCLES = 200.0
+# Every fourth rule is used, which leaves two rules per factor of two.
 _STRIDE = 4
 # Nodes in one block, which stay in the cache of a core, and pairs of a point and an edge.
 _BLOCK, _PAIRS = 1 << 13, 1 << 16
-# Fewer nodes cost less than a separate call.
+# Fewer nodes join the batch of the next larger rule, which costs less than a separate call.
 _FEW = 1 << 9
 
 
@@ -158,66 +158,65 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
     begin, edge = begin[rises], edge[rises]
     step = max(1, _PAIRS // len(edge))
     blocks = [slice(k, k + step) for k in range(0, len(nu), step)]
-    return np.concatenate([_along(begin, edge, q[some], nu[some]) for some in blocks])
+    return np.concatenate([_along(begin, edge, q[block], nu[block]) for block in blocks])
 
 
 def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
-    """Return sum over all edges, with a number of nodes chosen for each edge and point."""
-    turns = _turns(begin, edge, q, nu)
-    pieces = np.ceil(turns / _TURNS).clip(1.0).astype(np.intp)
-    points, edges = (np.repeat(n.ravel(), pieces.ravel()) for n in np.indices(turns.shape))
+    """Return the sum over all edges, with a number of nodes for each edge and point."""
+    cycles = _cycles(begin, edge, q, nu)
+    pieces = np.ceil(cycles / _CYCLES).clip(1.0).astype(np.intp)
+    points, edges = (np.repeat(n.ravel(), pieces.ravel()) for n in np.indices(cycles.shape))
     count = pieces[points, edges]
     last = np.cumsum(pieces.ravel())
     number = np.arange(len(points)) - np.repeat(last - pieces.ravel(), pieces.ravel())
     extent = edge[edges] / count[:, None]
     start = begin[edges] + extent * number[:, None]
-    rules = _rules_for(turns[points, edges] / count)
+    rules = _rules_for(cycles[points, edges] / count)
     values = np.zeros(len(nu), np.complex128)
-    for rule, mine in _batches(rules):
+    for rule, members in _batches(rules):
         at, weights = gauss_rules()[rule].T[:2]
         step = max(1, _BLOCK // len(at))
-        for some in (mine[k : k + step] for k in range(0, len(mine), step)):
-            owners = points[some]
-            values_at_nodes = _at_nodes(start[some], extent[some], at, q[owners], nu[owners])
-            total = np.einsum(
-                "kn,n->k", values_at_nodes, weights
-            )  # threads of BLAS would cost more
-            np.add.at(values, owners, total * (0.5 * extent[some, 1]))
+        for block in (members[k : k + step] for k in range(0, len(members), step)):
+            owners = points[block]
+            values_at_nodes = _at_nodes(start[block], extent[block], at, q[owners], nu[owners])
+            # a product by BLAS would start threads, which cost more
+            total = np.einsum("kn,n->k", values_at_nodes, weights)
+            np.add.at(values, owners, total * (0.5 * extent[block, 1]))
     return values
 
 
-def _turns(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
-    """Return a bound (n, m) on the cycles along edges, of both chirps and of the chirp along y."""
+def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
+    """Return a bound (n, m) on the cycles along edges, for the whole chirp and for its y factor."""
     most = np.zeros((len(nu), len(edge)))
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
         most = np.maximum(most, np.maximum(abs(first + second), abs(second)))
-    most = np.where(np.isfinite(most), most, 0.0)  # their values are NaN as well
-    if (most > _MOST_TURNS).any():
+    most = np.where(np.isfinite(most), most, 0.0)  # such points have the value NaN
+    if (most > _MOST_CYCLES).any():
         raise ArgumentError(
-            f"expected a curved wave of up to {_MOST_TURNS:.0e} turns of phase along an edge, got "
-            f"{most.max():.2g}; take lower frequencies, points of Fresnel's field farther away, or "
-            "behind a system a plane farther from a line in which the source is imaged"
+            f"expected a curved wave of up to {_MOST_CYCLES:.0e} cycles of phase along an edge, "
+            f"got {most.max():.2g}; use lower frequencies, or points farther from the source and "
+            "from its images behind an optical system"
         )
     return most
 
 
-def _rules_for(turns: Floats) -> NDArray[np.intp]:
-    """Return the numbers of the rules that integrate chirps of ``turns`` cycles (up to 400)."""
-    needed = 0.5 * math.pi * turns + 8.0 * np.cbrt(turns) + 4.0
+def _rules_for(cycles: Floats) -> NDArray[np.intp]:
+    """Return the indices of the rules that integrate chirps of up to 400 ``cycles``."""
+    needed = 0.5 * math.pi * cycles + 8.0 * np.cbrt(cycles) + 4.0
     sizes = [len(rule) for rule in gauss_rules()[::_STRIDE]]
     return np.asarray(np.searchsorted(sizes, needed) * _STRIDE)
 
 
 def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Yield each rule with the indices of its pairs; few pairs take the next larger rule."""
+    """Yield each rule with the indices of its pairs of point and edge."""
     present = np.unique(rules).tolist()
-    mine = np.zeros(0, np.intp)
+    members = np.zeros(0, np.intp)
     for rule in present:
-        mine = np.concatenate([mine, np.flatnonzero(rules == rule)])
-        if len(mine) * len(gauss_rules()[rule]) >= _FEW or rule == present[-1]:
-            yield rule, mine
-            mine = mine[:0]
+        members = np.concatenate([members, np.flatnonzero(rules == rule)])
+        if len(members) * len(gauss_rules()[rule]) >= _FEW or rule == present[-1]:
+            yield rule, members
+            members = members[:0]
 
 
 def _at_nodes(start: Floats, extent: Floats, at: Floats, q: Floats, nu: Floats) -> Complex:

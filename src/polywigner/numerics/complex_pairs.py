@@ -39,7 +39,7 @@ class Pair:
         return Pair(self.real * factor, self.imag * factor)
 
     def plus(self, ops: Any, other: Pair, factor: Any) -> Pair:
-        """Return self + other factor, rounded once where the engine can."""
+        """Return self + other factor, by fused multiply-adds if the engine has them."""
         return Pair(ops.fma(other.real, factor, self.real), ops.fma(other.imag, factor, self.imag))
 
     def norm(self) -> Number:
@@ -51,16 +51,16 @@ def select(ops: Any, condition: Any, a: Pair, b: Pair) -> Pair:
     return Pair(ops.select(condition, a.real, b.real), ops.select(condition, a.imag, b.imag))
 
 
-def unit_wave(ops: Any, turns: Any) -> Pair:
-    """Return exp(2 pi i turns) for real turns."""
-    return Pair(*cos_sin_turns(ops, turns))
+def unit_wave(ops: Any, cycles: Any) -> Pair:
+    """Return exp(2 pi i cycles) for real cycles."""
+    return Pair(*cos_sin_turns(ops, cycles))
 
 
 def decaying_sinh(ops: Any, a: Any, decay: Any) -> Number:
     """Return sinh(a) exp(-a) for a >= 0, with ``decay`` = exp(-a).
 
-    Where 1 - exp(-2a) cancels, the series of sinh is used. Its first omitted term is 0.5^14/15! =
-    5e-17 of sinh.
+    For small a, where 1 - exp(-2a) cancels, the value comes from the series of sinh. Its first
+    omitted term is 0.5^14/15! = 5e-17 of sinh.
     """
     small = a < 0.5
     clamped = ops.select(small, a, 0.0)

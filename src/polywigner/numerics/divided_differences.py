@@ -1,11 +1,11 @@
-"""Divided differences of a wave of orders 1 to 3: means over segments, triangles, tetrahedra.
+"""Divided differences of a plane wave: means over segments, triangles and tetrahedra.
 
 Over a simplex with phases p_0, ..., p_n (in cycles) at its corners, the mean of exp(-2 pi i p) is
 n! times exp[z_0, ..., z_n] at z = -2 pi i p (Hermite and Genocchi). The first order is a sinc times
 a wave. A higher order is the quotient of two divided differences of the order below, at the two
 corners whose phases are farthest apart. If all phases are close together, it is the Taylor series
-with complete homogeneous symmetric polynomials h_k of the phases. So no formula divides by a small
-number, and slivers and nu = 0 are no special cases.
+with complete homogeneous symmetric polynomials h_k of the phases. No formula divides by a small
+number, so slivers and nu = 0 need no special treatment.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from typing import Any
 from polywigner.numerics.complex_pairs import Pair, select
 from polywigner.numerics.phases import cos_sin_turns, mean_plane_wave
 
-# Below this largest separation (in cycles; 0.63 rad) the Taylor series is summed. Above it the
-# recursion divides by at least 0.63 and loses at most a factor of 1/0.63 of accuracy per order.
+# If the phases are closer together than this (in cycles; 0.63 rad), the Taylor series is summed.
+# Otherwise the recursion divides by at least 0.63, so errors grow by at most 1/0.63 per order.
 _SERIES_BELOW = 0.1
 # First omitted term of the series at k = 16 and 9, for triangles (k+1) 0.63^k/(k+2)!: 2e-18 and
 # 7e-9; for tetrahedra (k+1)(k+2)/2 0.63^k/(k+3)!: 1e-19 and 6e-9.
@@ -51,7 +51,7 @@ def _conjugate_difference(ops: Any, corners: Sequence[Any]) -> Pair:
     # (ahead - behind)/(2 pi i distance)
     divisor = 2 * math.pi * ops.select(small, 1.0, last - first)
     quotient = Pair((ahead.imag - behind.imag) / divisor, (behind.real - ahead.real) / divisor)
-    # Arguments of the series are clamped to its domain, so the branch not taken does not overflow.
+    # Arguments of the series are clamped to its domain, so that an unused branch does not overflow.
     near = [ops.select(small, corner, 0.0) * (2 * math.pi) for corner in corners]
     return select(ops, small, _series(ops, near), quotient)
 

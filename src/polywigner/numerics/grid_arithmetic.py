@@ -1,8 +1,7 @@
 """Exact arithmetic on vertices rounded to a grid.
 
-The grid is so coarse that sums and differences of a few coordinates are exact in the float type of
-the kernel. It is so fine that a vertex moves by at most half an ulp of the diameter. Cross products
-of vectors on the grid are accurate to an ulp, with exact signs.
+On the grid, sums and differences of an offset and two coordinates are exact in the float type of
+the kernel. Cross products of vectors on the grid are accurate to an ulp and have exact signs.
 """
 
 from __future__ import annotations
@@ -17,16 +16,11 @@ import numpy.typing as npt
 # Veltkamp's splitting constant, 2^ceil(p/2) + 1 for p = 53 bits.
 _SPLIT = 134217729.0
 
-# Spacing of the grid in double and in single precision. In the frame, vertices are within 1/2 of
-# the origin and offsets (2x or xi) within 1. So the largest combination of an offset and two
-# vertices is below 2, which has 53 (24) bits above the spacing.
-GRID = {True: 2.0**-52, False: 2.0**-23}
-
 Floats = npt.NDArray[np.float64]
 
 
 def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Return vertices as multiples of ``step`` without repeats, and which vertices are kept."""
+    """Return vertices as multiples of ``step`` without repeats, and a mask of the vertices kept."""
     points = np.round(polygon / step) * step + 0.0
     distinct = (points != np.roll(points, 1, axis=0)).any(axis=1)
     return points[distinct], distinct
@@ -54,26 +48,25 @@ def product_error(a: Any, b: Any, product: Any) -> Any:
 
 
 def _is_convex(polygon: Floats) -> bool:
-    """Return whether a ring turns left or goes straight on at every vertex, and runs round once."""
+    """Return whether a ring is convex and winds once, with vertices on straight sides allowed."""
     before = polygon - np.roll(polygon, 1, axis=0)
-    after = np.roll(polygon, -1, axis=0) - polygon
-    turns = accurate_cross(*before.T, *after.T)
-    ahead = (before * after).sum(axis=1)
-    if (turns < 0).any() or ((turns == 0) & (ahead <= 0)).any():
+    following = np.roll(polygon, -1, axis=0) - polygon
+    crosses = accurate_cross(*before.T, *following.T)
+    ahead = (before * following).sum(axis=1)
+    if (crosses < 0).any() or ((crosses == 0) & (ahead <= 0)).any():
         return False
-    return bool(
-        np.arctan2(turns, ahead).sum() < 3 * np.pi
-    )  # a sum of 2 pi for one round, more for several rounds
+    # a sum of 2 pi for one round, more for several rounds
+    return bool(np.arctan2(crosses, ahead).sum() < 3 * np.pi)
 
 
 def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
     """Insert every vertex that lies exactly on a side of a piece into the piece.
 
-    Sides then meet sides of neighbours, and edges, end to end, and go on doing so when all vertices
-    are moved.
+    Sides of neighbouring pieces, and edges, then have common end points, which remain common when
+    rounding moves the vertices.
     """
     ends = np.roll(piece, -1, axis=0)
-    # much wider than rounding, since the candidates are tested exactly
+    # a wide margin finds candidates, which are then tested exactly
     size = 1e-12 * float(np.abs(vertices).max())
     step, candidates = max(1, _BLOCK // len(vertices)), []
     for start in range(0, len(piece), step):
@@ -87,8 +80,12 @@ def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
         candidates += [(start + k, float(along[k, n]), n) for k, n in np.argwhere(near).tolist()]
     inside = [(k, at, n) for k, at, n in candidates if _on_line(piece[k], ends[k], vertices[n])]
     inside.sort(key=lambda entry: entry[:2])
-    after = [k + 1 for k, _, _ in inside]
-    return np.insert(piece, after, vertices[[n for _, _, n in inside]], axis=0) if after else piece
+    positions = [k + 1 for k, _, _ in inside]
+    return (
+        np.insert(piece, positions, vertices[[n for _, _, n in inside]], axis=0)
+        if positions
+        else piece
+    )
 
 
 def _on_line(a: Floats, b: Floats, c: Floats) -> bool:
@@ -100,8 +97,9 @@ def _on_line(a: Floats, b: Floats, c: Floats) -> bool:
 def signed_convex_pieces(pieces: Sequence[Floats]) -> list[tuple[Floats, float]]:
     """Return exactly convex pieces with weights, whose sum is the union of the rounded pieces.
 
-    Rounding may bend a piece or turn over a sliver. Such a piece is cut into triangles of either
-    sign. All of them share their sides exactly, so the inner sides still cancel exactly.
+    Rounding may make a piece non-convex, or reverse the orientation of a sliver. Such a piece is
+    divided into triangles with weights 1 or -1. The triangles share their inner sides exactly, so
+    these cancel exactly.
     """
     result: list[tuple[Floats, float]] = []
     for piece in pieces:

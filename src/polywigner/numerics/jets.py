@@ -12,7 +12,7 @@ from typing import Any
 from polywigner.numerics import Mask, Number
 from polywigner.numerics.phases import cos_sin_turns
 
-# Floor of divisors, below which the derivatives of roots are not resolved.
+# Floor of divisors: derivatives of roots and angles closer to 0 are not resolved.
 _LEAST = 1e-150
 
 Slopes = tuple[Any, ...]
@@ -21,7 +21,7 @@ Slopes = tuple[Any, ...]
 class Jet:
     """A number and its derivatives in some variables, for arrays of any engine; () for a constant.
 
-    All arrays of a formula must be jets, because Dr.Jit arrays do not accept other operands.
+    All arrays in a formula must be jets, because Dr.Jit arrays do not accept jets as operands.
     """
 
     def __init__(self, ops: Any, value: Any, slopes: Slopes = ()) -> None:
@@ -39,8 +39,8 @@ class Jet:
     def __mul__(self, other: Any) -> Jet:
         if not isinstance(other, Jet):
             return self.through(self.value * other, other)
-        mine, its = self.through(0.0, other.value), other.through(0.0, self.value)
-        return Jet(self.ops, self.value * other.value, _added(mine.slopes, its.slopes))
+        by_self, by_other = self.through(0.0, other.value), other.through(0.0, self.value)
+        return Jet(self.ops, self.value * other.value, _added(by_self.slopes, by_other.slopes))
 
     def __truediv__(self, other: Any) -> Jet:
         return self * (1.0 / other)
@@ -147,10 +147,10 @@ def flattened(numbers: Iterable[Any]) -> list[Any]:
 
 def rebuilt(like: Iterable[Any], parts: Iterable[Any]) -> list[Any]:
     """Return numbers such as ``like`` from their :func:`flattened` parts."""
-    rest = iter(parts)
+    remaining = iter(parts)
     return [
-        Jet(number.ops, next(rest), tuple(next(rest) for _ in number.slopes))
+        Jet(number.ops, next(remaining), tuple(next(remaining) for _ in number.slopes))
         if isinstance(number, Jet)
-        else next(rest)
+        else next(remaining)
         for number in like
     ]

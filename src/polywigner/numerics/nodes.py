@@ -2,10 +2,10 @@
 
 Let an integrand on [-1, 1] be analytic inside the ellipse with foci -1 and 1 and half-axes cosh u
 and sinh u, and bounded there by M. Its Legendre coefficients c_n are about M exp(-n u), and the
-error of n Gauss nodes is about M exp(-2 n u). A wave of w radians over half the interval has M =
-exp(w sinh u) on that ellipse. So the required number of nodes is known beforehand. Afterwards the
-error is estimated as c_n^2/M from the same values: larger coefficients than expected mean a larger
-error. Source: (B5).
+error of n Gauss nodes is about M exp(-2 n u). For a wave of w radians over half the interval, M =
+exp(w sinh u). The required number of nodes follows from these formulas before the integration.
+After it, the error is estimated as c_n^2/M from the values at the nodes: coefficients that are
+larger than expected indicate a larger error. Source: (B5).
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from polywigner.numerics import Number
 Rules = tuple[npt.NDArray[np.float64], ...]
 """Tables (n, 4) of node, weight, and the weights that give the last two Legendre coefficients."""
 
-# Rules per factor of two, and the smallest and the largest rule. On average a rule has a sixteenth
-# more nodes than necessary.
+# Number of rules per factor of two, and sizes of the smallest and the largest rule. On average a
+# rule has a sixteenth more nodes than necessary.
 _STEPS, _SMALLEST, _LARGEST = 8, 4, 724
 _SIZES = tuple(
     math.ceil(_SMALLEST * 2 ** (k / _STEPS))
     for k in range(math.ceil(_STEPS * math.log2(_LARGEST / _SMALLEST)) + 1)
 )
-# u of the ellipses that are tried. The smallest passes through i; a separate rule covers closer
-# singularities.
+# u of the ellipses that are tried. The smallest ellipse passes through i. For singularities closer
+# than that there is the bound with _CHORD and _GROWTH.
 _ELLIPSES = (math.asinh(1.0), 1.2, 1.6, 2.1, 2.8)
-# u >= 0.88 sinh u and sinh u <= 1.135 u for sinh u up to 1
+# Constants of the bounds u >= 0.88 sinh u and sinh u <= 1.135 u, which hold for sinh u up to 1.
 _CHORD, _GROWTH = 0.88, 1.135
-# Safety factor of the error estimate. With it the estimate exceeded the true error of each of
-# 270,000 panels, at distances from 1e-4 to 100 wavelengths, for travelling, grazing and evanescent
-# waves and tolerances from 0.1 to 1e-9. Without it, a few in 10,000 errors were larger than
-# estimated.
+# Safety factor of the error estimate. With this factor the estimate exceeded the true error on all
+# of 270,000 panels, at distances from 1e-4 to 100 wavelengths, for travelling, grazing and
+# evanescent waves and tolerances from 0.1 to 1e-9. Without it, a few errors in 10,000 were larger
+# than estimated.
 _SAFETY = 8.0
-# If squared coefficients exceed the expected ones by this factor, the model of the integrand is
-# wrong.
+# If squared coefficients exceed the expected ones by this factor, the estimate does not rely on the
+# expected size M.
 _SURPRISE = 1e3
 # Number of sums of :func:`node_sums`.
 SUMS = 7
@@ -118,7 +118,7 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
 
 def rule_of(ops: Any, needed: Any) -> Number:
     """Return the index of the smallest rule with ``needed`` nodes, or of the largest rule."""
-    # the offset is below 0.5, because a rounding error towards the smaller rule does no harm
+    # The offset is slightly below 0.5, so that exact sizes are not rounded up.
     steps = (_STEPS / math.log(2)) * ops.log(ops.maximum(needed, 1.0) * (1 / _SMALLEST))
     return ops.minimum(ops.maximum(ops.round(steps + 0.4999), 0.0), len(_SIZES) - 1.0)
 
@@ -132,10 +132,10 @@ def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tupl
     )  # fmt: skip
 
 
-def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], turns: Any) -> Number:
+def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: Any) -> Number:
     """Return an estimate of the error of a rule from sums of :func:`node_sums`, rounding included.
 
-    ``expected``: as :func:`nodes_needed` returns it. ``turns``: bound on the sum of all phases, in
+    ``expected``: as :func:`nodes_needed` returns it. ``cycles``: bound on the sum of all phases, in
     cycles.
     """
     size, a, b, c, d = sums[2:]
@@ -146,11 +146,11 @@ def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], turns: An
     ratio = ((a * a + b * b) + (c * c + d * d)) / (mean * mean + floor)
     as_expected = ratio < _SURPRISE * ops.exp(2.0 * last)
     estimate = ops.select(as_expected, ratio * ops.exp(-growth), ratio)
-    # coefficients that are small by accident do not reduce the error below the planned one
+    # accidentally small coefficients do not reduce the estimate below the planned error
     least = ops.minimum(ops.sqrt(ratio), ops.exp(-digits))
     # the error is at most the size itself
     fraction = ops.minimum(_SAFETY * ops.maximum(estimate, least), 2.0)
-    return mean * (fraction + ulp * (4.0 + 2.0 * turns))
+    return mean * (fraction + ulp * (4.0 + 2.0 * cycles))
 
 
 Rule = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
@@ -159,7 +159,7 @@ Rule = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 
 @lru_cache(maxsize=64)
 def normal_rule(reach: float, error: float) -> Rule:
-    """Return nodes (n,) and weights (n,) for the mean over t of mean 0 and standard deviation 1."""
+    """Return nodes (n,) and weights (n,) for the mean over a standard normal variable t."""
     tail = math.sqrt(2 * math.log(2 / error))
     half = math.ceil(tail * (reach + tail) / (2 * math.pi))
     nodes: Any
@@ -205,10 +205,10 @@ def flat_rule(reach: float, error: float) -> Rule:
 def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
     """Return numbers of Gauss-Legendre nodes on [-1, 1] for exp(i f(x)) with |f'| <= ``radians``.
 
-    f is linear or quadratic, up to terms of little curvature. The error of n nodes is about the sum
-    of the terms of the Chebyshev series from 2n on. The series of exp(i w x) has Bessel functions
-    J_k(w), and the series of exp(i w x^2/2) has J_k(w/4) with T_2k. In Debye's form J_k(k/cosh a)
-    is exp(-k (a - tanh a)), so that a is a parameter of the curve of w and k.
+    f is linear or quadratic, except for small terms. The error of n nodes is about the sum of the
+    terms of order 2n and higher in the Chebyshev series. For exp(i w x) these terms are Bessel
+    functions J_k(w); for exp(i w x^2/2) the term of order 2k is J_k(w/4). In Debye's approximation
+    J_k(k/cosh a) is exp(-k (a - tanh a)), so a parametrises the relation between w and k.
     """
     a = np.geomspace(20.0, 1e-2, 400)
     degrees = -math.log(error) / (a - np.tanh(a))

@@ -1,7 +1,7 @@
 """Phases nu.p in cycles from error-free products, and sine and cosine of cycles by polynomials.
 
-Large phases keep all digits. Numbers, spatial frequencies included, may be ``Doubled``: unrounded
-sums of two floats.
+Large phases keep all digits. A number, also a spatial frequency, may be ``Doubled``: the unrounded
+sum of two floats.
 """
 
 from __future__ import annotations
@@ -49,46 +49,45 @@ def _sine_of_reduced(ops: Any, r: Any) -> Number:
     return _sine_over_reduced(ops, r) * r
 
 
-def sin_turns(ops: Any, turns: Any) -> Number:
-    """Return sin(2 pi turns)."""
-    r = turns - ops.round(turns)
-    return np.sin(2 * math.pi * r) if ops.target == "numpy" else _sine_of_reduced(ops, r)
+def sin_turns(ops: Any, cycles: Any) -> Number:
+    """Return sin(2 pi cycles)."""
+    return _sine_of_reduced(ops, cycles - ops.round(cycles))
 
 
-def cos_sin_turns(ops: Any, turns: Any) -> tuple[Any, Any]:
-    """Return cos(2 pi turns) and sin(2 pi turns)."""
+def cos_sin_turns(ops: Any, cycles: Any) -> tuple[Any, Any]:
+    """Return cos(2 pi cycles) and sin(2 pi cycles)."""
     if hasattr(ops, "cos_sin_turns"):  # jets: each function is the derivative of the other
-        cosine, sine = ops.cos_sin_turns(turns)
+        cosine, sine = ops.cos_sin_turns(cycles)
         return cosine, sine
-    r = turns - ops.round(turns)
+    r = cycles - ops.round(cycles)
     return _sine_of_reduced(ops, 0.25 - abs(r)), _sine_of_reduced(ops, r)
 
 
-def cos_sin_over_turns(ops: Any, turns: Any) -> tuple[Any, Any, Any]:
-    """Return cos(2 pi turns), sin(2 pi turns), and sin(2 pi turns)/turns.
+def cos_sin_over_turns(ops: Any, cycles: Any) -> tuple[Any, Any, Any]:
+    """Return cos(2 pi cycles), sin(2 pi cycles), and sin(2 pi cycles)/cycles.
 
-    The quotient holds for |turns| < 1/2, and also at 0.
+    The quotient is valid for |cycles| < 1/2, including 0.
     """
-    r = turns - ops.round(turns)
+    r = cycles - ops.round(cycles)
     ratio = _sine_over_reduced(ops, r)
     return _sine_of_reduced(ops, 0.25 - abs(r)), ratio * r, ratio
 
 
-def sinc(ops: Any, turns: Any) -> Any:
-    """Return sin(pi turns)/(pi turns), the modulus of the mean plane wave over that many cycles."""
-    half = 0.5 * turns
+def sinc(ops: Any, cycles: Any) -> Any:
+    """Return sin(pi c)/(pi c), the modulus of the mean of a plane wave over c = ``cycles``."""
+    half = 0.5 * cycles
     reduced = half - ops.round(half)
     ratio = _sine_over_reduced(ops, reduced)
-    # No division by a small number, because the derivatives of the quotient would cancel and err by
-    # an ulp over the cycles.
+    # No division by a small number: the error of derivatives of the quotient would be an ulp
+    # divided by the cycles.
     near = abs(half) < 0.5
     quotient = ratio * reduced / ops.select(near, 1.0, half)
     return ops.select(near, ratio, quotient) * (0.5 / math.pi)
 
 
-def sinc_less_one(ops: Any, turns: Any, terms: int) -> Any:
-    """Return sinc(turns) - 1 by its series, for small arguments: no digits are lost to the 1."""
-    square = (math.pi * turns) * (math.pi * turns)
+def sinc_less_one(ops: Any, cycles: Any, terms: int) -> Any:
+    """Return sinc(cycles) - 1 by its series, to full relative accuracy for small arguments."""
+    square = (math.pi * cycles) * (math.pi * cycles)
     series: Any = 0.0
     for k in range(terms, 0, -1):
         series = ops.fma(series, square, (-1.0) ** k / math.factorial(2 * k + 1))
@@ -107,32 +106,33 @@ def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
 
 Doubled = tuple[Any, Any]
 
-# Splits a float64 into a number of 24 bits, which float32 can hold, and the rest.
+# Splits a float64 into a number of 24 bits, which float32 represents, and a remainder.
 _SPLIT = 2.0**29 + 1
 
 
 def doubled(value: Fraction | float, double: bool = True) -> tuple[float, float]:
-    """Return a number as (nearest float, rest), of float64 or of float32."""
+    """Return a number as its nearest float64, or float32, and the remainder."""
     exact = Fraction(value)
     high = float(exact) if double else float(np.float32(float(exact)))
     return high, float(exact - Fraction(high))
 
 
 def dot(ops: Any, nu: tuple[Any, ...], point: tuple[Any, ...]) -> Doubled:
-    """Return nu.point as (sum, rest), both of them floats or ``Doubled`` by component.
+    """Return nu.point as (sum, low-order part).
 
-    Good to about the square of an ulp of |nu| |point|, however much cancels.
+    The components of both vectors are floats or ``Doubled``. The error is about the square of an
+    ulp of |nu| |point|, also if the products cancel.
     """
     total: Any = None
-    rest: Any = 0.0
+    low: Any = 0.0
     for component, coordinate in zip(nu, point, strict=True):
         product, lost = _product(ops, component, coordinate)
         if total is None:
-            total, rest = product, lost
+            total, low = product, lost
         else:
             total, lost_sum = _sum(total, product)
-            rest = rest + (lost + lost_sum)
-    return total, rest
+            low = low + (lost + lost_sum)
+    return total, low
 
 
 def _product(ops: Any, nu: Any, coordinate: Any) -> Doubled:
@@ -165,40 +165,40 @@ def difference(a: Any, b: Any) -> Doubled:
 
 
 def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Number:
-    """Return a d - b c, good to the square of an ulp of the products, however much cancels."""
+    """Return a d - b c with an error of about the square of an ulp of the products."""
     lost = (a[0] * d[1] + a[1] * d[0]) - (b[0] * c[1] + b[1] * c[0])
     return ops.cross(a[0], b[0], c[0], d[0]) + lost
 
 
 def halves(ops: Any, number: Doubled) -> Doubled:
-    """Return a sum of two floats with a first number that float32 can hold as well (Veltkamp)."""
-    total, rest = number
+    """Return a sum of two floats whose first number float32 represents exactly (Veltkamp)."""
+    total, low = number
     if not ops.double:
         return number
     scaled = total * _SPLIT
     high = scaled - (scaled - total)
-    return high, (total - high) + rest
+    return high, (total - high) + low
 
 
-def reduced(ops: Any, turns: Doubled) -> Any:
+def reduced(ops: Any, cycles: Doubled) -> Any:
     """Return a ``Doubled`` modulo 1."""
-    total, rest = turns
-    return (total - ops.round(total)) + rest
+    total, low = cycles
+    return (total - ops.round(total)) + low
 
 
-def turns_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Number:
+def cycles_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Number:
     """Return nu.centre modulo 1."""
     return reduced(ops, dot(ops, nu, centre))
 
 
-def less_carrier(ops: Any, frame: Any, turns: Any, *xi: Any) -> Number:
-    """Return cycles without the phase of the carrier of the frame along a lag, modulo 1."""
+def less_carrier(ops: Any, frame: Any, cycles: Any, *xi: Any) -> Number:
+    """Return ``cycles`` less the phase of the frame's carrier along a lag, modulo 1."""
     if not any(frame.carrier):
-        return turns
-    return turns - turns_to_centre(ops, frame.carrier, *xi)
+        return cycles
+    return cycles - cycles_to_centre(ops, frame.carrier, *xi)
 
 
-def rotated(ops: Any, turns: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
-    """Return (cosine - i sine) exp(-2 pi i turns) as (real, imaginary) parts."""
-    c, s = cos_sin_turns(ops, turns)
+def rotated(ops: Any, cycles: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
+    """Return (cosine - i sine) exp(-2 pi i cycles) as (real, imaginary) parts."""
+    c, s = cos_sin_turns(ops, cycles)
     return cosine * c - sine * s, -(cosine * s + sine * c)

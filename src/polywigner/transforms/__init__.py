@@ -1,8 +1,7 @@
 """The public transforms: Fourier, Wigner and ambiguity functions of sources, and the marginals.
 
 Sources are apertures (plane polygons, two components) and slits (one component). The Fourier
-transform also takes apertures in a pose and polyhedra (three components). "Content" is length, area
-or volume.
+transform also accepts apertures in a pose and polyhedra (three components).
 
 Conventions (docs/conventions): the Fourier kernel is exp(-2 pi i nu.x); nu and upsilon are in
 cycles per unit length. The last axis of every argument has the components, and all axes before it
@@ -10,9 +9,9 @@ broadcast. The result has the broadcast shape without the last axis; one point g
 Lengths are in metres, results in metres to the power of the dimension.
 
 Formulas: docs/theory.md. The error is at most 1e-12 of the area in float64 and 5e-6 in float32, for
-|nu| times diameter up to 1e3 and all positions, coincident edges of the two copies included. W and
-A of thin outlines, combs and spirals in float32 are accurate to 6e-7 diameter times perimeter if
-this is more (docs/accuracy.md, "Limits").
+|nu| times diameter up to 1e3 and all positions, coincident edges of the two copies included. For
+thin outlines, combs and spirals the error of W and A in float32 may reach 6e-7 times diameter times
+perimeter (docs/accuracy.md, "Limits").
 """
 
 from polywigner.execution import Differentiable

@@ -71,7 +71,7 @@ def sample_automean(
         part, u = _chosen(ends - begins, numbers[:, 0])
         positions = (begins[part] + u * (ends - begins)[part])[:, None]
         return positions, np.full(len(positions), 1.0 / support.length)
-    # Relative to the centre: heights would lose digits far from the origin.
+    # Coordinates are relative to the centre, since heights far from the origin would lose digits.
     cells = trapezoids([ring - support.centre for ring in support.rings])
     part, u = _chosen(cells.areas, numbers[:, 0])
     row = [column[part] for column in cells]
@@ -80,7 +80,7 @@ def sample_automean(
     return positions, np.full(len(positions), 1.0 / support.area)
 
 
-# Largest number of samples.
+# Largest number of samples: positions and densities then take 6 GiB.
 _MOST_SAMPLES = 1 << 28
 
 
@@ -109,15 +109,15 @@ def _support(source: Any) -> Aperture | Slits:
     if isinstance(source, Aperture):
         return automean(source)
     ends = np.concatenate([element.intervals for element in source.elements_in_plane]) / 2
-    # Separately sorted begins and ends bound the union of all sums of two intervals, with a gap if
-    # a begin exceeds all ends before it.
+    # The midpoints between two slits form an interval. With begins and ends sorted separately, the
+    # union of all intervals has a gap between ends[k] and begins[k + 1] if that begin is larger.
     begins, ends = np.sort((ends[:, None] + ends).reshape(-1, 2), axis=0).T
     gaps = np.flatnonzero(begins[1:] > ends[:-1])
     return Slits(np.column_stack([begins[np.append(0, gaps + 1)], ends[np.append(gaps, -1)]]))
 
 
 def _chosen(sizes: Values, numbers: Values) -> tuple[NDArray[np.intp], Values]:
-    """Return the part that each number in [0, 1) selects by its size, and the position there."""
+    """Return the part that each number in [0, 1) selects by size, and the position in the part."""
     ends = np.cumsum(sizes)
     at = numbers * ends[-1]
     index = np.minimum(np.searchsorted(ends, at, side="right"), len(sizes) - 1)

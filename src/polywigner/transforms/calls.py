@@ -1,9 +1,9 @@
 """The public transforms in one table, and the call path that they share.
 
-A call goes through these steps, and each one leaves a simpler call. Points behind an optical system
-become points before it, (O2) and (O3). Partly coherent sources become coherent sources times the
-degree of coherence, or a closed form (PC3). A curved wave becomes a flat wave at sheared points,
-(Q1) to (Q5), and the flat source has a kernel. With u = u0 exp(i pi (x - c).Q (x - c)):
+A call is reduced in these steps. Points behind an optical system are mapped to points in front of
+it, (O2) and (O3). A partly coherent source is replaced by the coherent source times the degree of
+coherence, or by a closed form (PC3). A curved wave is replaced by a flat wave at sheared points,
+(Q1) to (Q5). The flat source has a kernel. With u = u0 exp(i pi (x - c).Q (x - c)):
 
     R(x, xi)  = R0(x, xi) exp(2 pi i (x - c).Q xi)
     W(x, nu)  = W0(x, nu - Q (x - c))
@@ -66,19 +66,21 @@ F = TypeVar("F", bound=Callable[..., object])
 @final
 @dataclass(frozen=True)
 class Transform:
-    """A public transform: points, unit, and its relation to other transforms."""
+    """A public transform: its points, its unit, and its relation to other transforms."""
 
     points: tuple[str, ...]
-    """Names of its points in the order of its arguments."""
+    """Names of the points in the order of the arguments."""
     title: str
     units: Any = content_units
     is_real: bool = False
     plane: tuple[str, ...] = ()
-    """Names of the position, or lag, and of the frequency that a system maps together."""
+    """Names of the position or lag and of the frequency that an optical system maps together."""
     full: str | None = None
-    """The transform that has these values where its other point is zero."""
+    """For a marginal, the transform of which it is the value with the other point at zero."""
     takes_degree: bool = False
-    """Whether partial coherence multiplies it by the degree of coherence at its last point."""
+    """Whether the transform of a partly coherent source is that of the coherent source times the
+    degree of coherence at the last point.
+    """
 
 
 TRANSFORMS = {
@@ -101,7 +103,7 @@ TRANSFORMS = {
 
 
 def public(function: F) -> F:
-    """Decorate a function of the table, so that its points may be DataArrays."""
+    """Decorate a function of `TRANSFORMS` so that it accepts DataArrays as points."""
     declared = TRANSFORMS[function.__name__]
     return takes_xarray(*declared.points, units=declared.units, long_name=declared.title)(function)
 
@@ -120,9 +122,10 @@ def compute(
 ) -> Values:
     """Return a transform of any source at points of any kind.
 
-    For F of sources with waves and of arrays see :func:`polywigner.fourier`, a sum over elements
-    and waves. ``has_kernel`` states that the source has a kernel and the points are NumPy arrays;
-    ``shear`` then maps their components, as :func:`polywigner.execution.evaluate` takes it.
+    F of arrays and of sources with several waves is a sum over elements and waves, which
+    :func:`polywigner.fourier` computes. ``has_kernel``: whether the source is known to have a
+    kernel and the points are NumPy arrays. ``shear``: maps the components of the points, see
+    :func:`polywigner.execution.evaluate`.
     """
     if not has_kernel:
         is_numpy = not isinstance(source, Differentiable)
@@ -158,7 +161,7 @@ def compute(
 
 
 def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
-    """Return a marginal as its full function: whether it is real, the name and the points."""
+    """Return whether a marginal is real, and the name and points of the transform it belongs to."""
     declared = TRANSFORMS[name]
     assert declared.full is not None
     # The lag marginal is real if the field is 1 on the source.
@@ -181,7 +184,7 @@ def _flat(
         return compute(name, source, points, *how, shear=shear, has_kernel=True)
     is_real = TRANSFORMS[name].is_real
     if isinstance(source, Differentiable):
-        # Kernels that arrays share with other outlines: their own have no derivatives.
+        # These kernels accept arrays as well. The kernels of arrays have no derivatives.
         kernels_of_all = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
         if name not in kernels_of_all:
             raise ArgumentError(
@@ -250,7 +253,7 @@ def explain(
         )
     if execution.has_drjit(arguments):
         raise ArgumentError(
-            "expected NumPy arrays, got Dr.Jit arrays; their backend computes every call"
+            "expected NumPy arrays, got Dr.Jit arrays, whose backend computes every call"
         )
     if function == "fourier" and isinstance(source, Array):
         raise ArgumentError(
@@ -265,8 +268,7 @@ def explain(
     plan = execution.explained(lambda: compute(name, source, points, precision, engine))
     if plan is None:
         raise ArgumentError(
-            "F of a curved wave is a sum over nodes along the edges on NumPy; there is no choice "
-            "to explain"
+            "F of a curved wave is always computed by NumPy, so there is no choice to explain"
         )
     return plan
 
@@ -284,8 +286,9 @@ def _before(
 ) -> Values:
     """Return a transform of any source, optionally with points behind an optical system.
 
-    (x, lambda nu) and (xi, lambda upsilon) have the same matrix: W_out has values of W, and A_out
-    values of A. Raises ArgumentError for a system without a wavelength, and for the reverse.
+    (x, lambda nu) and (xi, lambda upsilon) are mapped by the same matrix. W and A behind the system
+    equal W and A of the source at the mapped points. Raises ArgumentError for a system without a
+    wavelength, and for a wavelength without a system.
     """
     if through is not None or wavelength is not None:
         points = _mapped(name, source, through, wavelength, points)
@@ -301,8 +304,8 @@ def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Point
     """Return the points in front of an optical system."""
     if through is None:
         raise ArgumentError(
-            f"expected wavelength with through= only, got {wavelength!r}; leave it out, or pass a "
-            "FirstOrder"
+            f"expected an optical system with wavelength={wavelength!r}, got none; leave the "
+            "wavelength out, or pass through=FirstOrder(...)"
         )
     if not isinstance(through, FirstOrder):
         raise ArgumentError(
@@ -333,7 +336,7 @@ def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64]
         return blocks
     if any(block[0, 1] or block[1, 0] for block in blocks):
         raise ArgumentError(
-            "expected a system that keeps x and y apart for slits, got one that mixes them: "
+            "expected an optical system that does not couple x and y for slits, got one that does: "
             f"{system!r}"
         )
     return tuple(block[:1, :1] for block in blocks)
@@ -412,7 +415,7 @@ def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
         flat = Wavefront(flat, coherence_width=wave.coherence_width)
 
     def slopes(x: Sequence[Any], centre: Sequence[float]) -> list[Any]:
-        """Components of Q (x - c), the frequency of the wave at x."""
+        """Return the components of Q (x - c), the local frequency of the wave at x."""
         return execution.matrix_times(q, [p - c for p, c in zip(x, centre, strict=True)])
 
     centre = wave.centre.tolist()
@@ -438,7 +441,7 @@ def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
 
 
 def _with_phase(value: Values, factors: Iterable[tuple[Any, Any]]) -> Values:
-    """Return a value times exp(2 pi i turns), turns the sum of products, in its own precision."""
+    """Return a value times exp(2 pi i sum p q) over factors (p, q), in the value's precision."""
     phase = execution.unit_wave(sum(p * q for p, q in factors))
     if execution.is_drjit(value):
         return phase * value

@@ -20,7 +20,7 @@ PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 Values = NDArray[Any] | Drjit
 
-# Frequencies at a time for sums that use several arrays of this length: some 60 MiB.
+# Frequencies at a time in sums of transforms, which use several arrays of this length, some 60 MiB.
 _BLOCK = 1 << 19
 _LEAST_ROWS = 8
 
@@ -32,7 +32,7 @@ def in_plane(nu: Any) -> Values:
         return execution.joined(components[:2]) if len(components) == 3 else nu
     try:
         shape = np.shape(nu)
-    except ValueError:  # lists of unequal lengths; checked_points raises the error
+    except ValueError:  # lists of unequal lengths; checked_points raises an ArgumentError
         return nu
     return np.asanyarray(nu)[..., :2] if shape and shape[-1] == 3 else nu
 
@@ -88,7 +88,7 @@ def array_on_grid(
 ) -> NDArray[np.complexfloating[Any]] | None:
     """Return F of an array of apertures without poses on a grid of nu; None for other nu.
 
-    ``point_by_point``: nu (..., 2) -> F, for points where the formula for grids loses digits.
+    ``point_by_point``: nu (..., 2) -> F, for points at which the formula for grids loses digits.
     """
     if execution.is_drjit(nu) or array.dimension != 2:
         return None
@@ -130,7 +130,7 @@ def in_blocks(evaluate: Callable[[Any], Values], nu: Any) -> Values:
     """
     if not isinstance(nu, np.ndarray) or nu.ndim < 2 or nu.size <= nu.shape[-1] * _BLOCK:
         return evaluate(nu)
-    # Blocks of a grid keep enough rows to be grids.
+    # blocks of a grid have enough rows to be computed as grids
     rows = max(_LEAST_ROWS, _BLOCK // math.prod(nu.shape[1:-1]))
     values: Any = None
     for start in range(0, len(nu), rows):
@@ -149,7 +149,7 @@ def checked_points(
     ``keep_single`` returns float32 unchanged; a copy in double precision may not fit into memory.
     """
     if type(value) is np.ndarray and value.dtype == np.float64 and value.shape[-1:] == (dimension,):
-        return value  # most calls
+        return value  # the usual case
     shape = f"(..., {dimension})"
     if np.ma.is_masked(value):
         raise ArgumentError(

@@ -24,8 +24,8 @@ def autocorrelation(
 ) -> Values:
     """Autocorrelation R(x, xi) = u(x + xi/2) conj(u(x - xi/2)) of the field at two points.
 
-    The paper's eq. (auto_lag). Points on the boundary belong to the source on its left and lower
-    sides.
+    This is the paper's eq. (auto_lag). The source includes its boundary on the left and lower
+    sides, and excludes it on the right and upper sides.
 
     Parameters
     ----------
@@ -77,9 +77,10 @@ def wigner(
 ) -> Values:
     """Wigner function W(x, nu) = integral of u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) d xi.
 
-    The closed form is the Fourier transform of the lag slice at x. The M matrices of the paper's
-    slice must translate by 2x. W of an Array is (W2), also if elements overlap. The cost is the
-    number of pairs of edges that can cross; frequencies at one x share the slice.
+    The closed form is the Fourier transform of the lag slice at x. (Erratum: in the paper's
+    definition of the slice, the matrices M must translate by 2x.) W of an Array is given by (W2),
+    also if its elements overlap. The computing time is proportional to the number of pairs of edges
+    that can cross. Frequencies at the same x share the slice.
 
     Parameters
     ----------
@@ -139,8 +140,9 @@ def ambiguity(
 ) -> Values:
     """Ambiguity function: integral of u(x + xi/2) u*(x - xi/2) exp(-2 pi i upsilon.x) d x.
 
-    The closed form is the Fourier transform of the position slice at xi. The paper prints x.xi in
-    the kernel. The cost is twice the number of pairs of edges that can cross.
+    The closed form is the Fourier transform of the position slice at xi. (Erratum: the paper has
+    x.xi in place of upsilon.x in the kernel.) The computing time is proportional to twice the
+    number of pairs of edges that can cross.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Projections of the four-dimensional phase-space functions onto pairs of coordinates.
 
-Every tile has its closed form, a row of one table.
+Each of these projections (tiles) has a closed form, listed in the tables at the end of the module.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ PhaseSpaceFunction = Literal["autocorrelation", "wigner", "ambiguity"]
 LARGEST_SAMPLES = 4096
 """Largest number of samples along each axis: a complex square tile then takes 256 MiB."""
 
-# Default axes. Positions reach a sixteenth of the width beyond the outline on either side, lags
-# to 9/8 of the width, and frequencies to eight lobes.
+# Default axes: positions to a sixteenth of the width beyond the outline, lags up to 9/8 of the
+# width, and frequencies up to eight lobes.
 _MARGIN = 9 / 8
 _LOBES = 8.0
 
-# Rounding error relative to the scale of a tile; the largest over the shapes of the tests was
-# 2e-13, for |nu| times diameter up to 1e3.
+# Bound on the rounding error relative to the scale of a tile. The largest error for the shapes of
+# the tests was 2e-13, for |nu| times diameter up to 1e3.
 _ROUNDING = 1e-12
 
 Values = NDArray[np.float64]
@@ -72,8 +72,8 @@ def projections(
 ) -> xarray.Dataset:
     """Integrate R, W or A over two of its four coordinates, for every pair of the others.
 
-    The tiles are those of the paper's Fig. (projs), and the two pairs that its grids leave out.
-    Each tile is named after the two coordinates that are kept:
+    The projections are the tiles of the paper's Fig. (projs) and two further pairs of coordinates.
+    Each tile is named after its two remaining coordinates:
 
     =================  ============================  ==========================================
     kind               coordinates                   tiles
@@ -87,12 +87,12 @@ def projections(
                                                      upsilon_y_xi_x, upsilon_x_xi_y
     =================  ============================  ==========================================
 
-    Every tile is a closed form without quadrature (docs/projections.md, (P2) to (P13)), so features
-    between the samples do not change its values. The functions of slits have two coordinates only
-    and are their own projection: x_xi, x_nu or upsilon_xi.
+    Every tile is a closed form without quadrature (docs/projections.md, (P2) to (P13)), so its
+    values do not depend on the sampling. The functions of slits have two coordinates only, and
+    their single tile is the function itself: x_xi, x_nu or upsilon_xi.
 
-    A tile may jump at vertical and horizontal edges of the outline, and |u|^2 jumps at all edges.
-    The value there is the value on the right or upper side of the edge.
+    Tiles may be discontinuous at vertical and horizontal edges of the outline, and |u|^2 is
+    discontinuous at all edges. The value at an edge is the limit from its right or upper side.
 
     The cost for s samples along an axis and n edges is s overlaps of the outline with its mirror
     image and plane waves on some n edges at s^2 points for x_nu_x and upsilon_x_xi_x, up to n^2
@@ -147,7 +147,8 @@ def projections(
     if isinstance(source, Wavefront):
         raise ArgumentError(
             "expected a source with a flat, coherent wave for projections, got a Wavefront, whose "
-            "tiles of mixed coordinates have no closed form; use its .source, or sums of wigner"
+            "tiles of mixed coordinates have no closed form; use its .source, or sum values of "
+            "wigner"
         )
     dimension = kernel_for(kind, source).dimension
     checked_engine(engine)
@@ -206,13 +207,13 @@ def _axes(
     """Return the values along every coordinate of the tiles."""
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
     count = checked_count(samples, "samples", 2, LARGEST_SAMPLES)
-    given = {} if coordinates is None else coordinates
-    if not isinstance(given, Mapping):
+    requested = {} if coordinates is None else coordinates
+    if not isinstance(requested, Mapping):
         raise ArgumentError(
             "expected coordinates as a mapping from the names of coordinates, got "
-            f"{type(given).__name__}"
+            f"{type(requested).__name__}"
         )
-    _check_names(given, names, "coordinates")
+    _check_names(requested, names, "coordinates")
     low, widths = np.reshape(source.bounds, (2, -1))[0], _widths(source)
     axes = {}
     for name in names:
@@ -222,8 +223,8 @@ def _axes(
         if name in ("x", "y"):
             centre, reach = low[axis] + width / 2, reach / 2
         axes[name] = (
-            _numbers(name, given[name])
-            if name in given
+            _numbers(name, requested[name])
+            if name in requested
             else np.linspace(centre - reach, centre + reach, count)
         )
     return axes
@@ -346,10 +347,10 @@ def _mirrored_overlap(field: PlaneField, x: Values, xi_y: Values) -> Array:
     return values
 
 
-def _of_columns(one: Values, other: Values) -> tuple[Values, Values]:
-    """(P5): the columns at a and 2x - a, one of them moved up."""
-    shift = np.column_stack([one[:, 0] + other[:, 0], one[:, 1] - other[:, 1]])
-    return shift, np.column_stack([-2 * other[:, 0], other[:, 1]])
+def _of_columns(first: Values, second: Values) -> tuple[Values, Values]:
+    """Return shifts and rates for the columns at a and 2x - a, one of them moved up, (P5)."""
+    shift = np.column_stack([first[:, 0] + second[:, 0], first[:, 1] - second[:, 1]])
+    return shift, np.column_stack([-2 * second[:, 0], second[:, 1]])
 
 
 # --- Wigner function
@@ -365,17 +366,17 @@ def _power_spectrum(source: PhaseSpaceSource, grid: Values, *, engine: Engine) -
 
 def _wigner_of_rows(field: PlaneField, x: Values, nu_x: Values) -> Array:
     x = x - field.centre[0]
-    # The overlap is its own mirror image, with the conjugate field: its transform is real.
+    # The overlap is symmetric and its field Hermitian, so its transform is real.
     ahead: Image = (2.0, 1.0), _along_x(-2 * x)
     behind: Image = (-2.0, 1.0), _along_x(2 * x)
     regions = overlaps(field, ahead, behind)
     return mutual_spectra(field, regions, nu_x, x[:, None], _of_one_row).real
 
 
-def _of_one_row(one: Values, other: Values) -> tuple[Values, Values]:
-    """(P8): points of one row with their midpoint at x."""
-    shift = np.column_stack([(one[:, 0] + other[:, 0]) / 2, one[:, 1] - other[:, 1]])
-    return shift, one[:, :1] - other[:, :1]
+def _of_one_row(first: Values, second: Values) -> tuple[Values, Values]:
+    """Return shifts and rates for two points of one row with their midpoint at x, (P8)."""
+    shift = np.column_stack([(first[:, 0] + second[:, 0]) / 2, first[:, 1] - second[:, 1]])
+    return shift, first[:, :1] - second[:, :1]
 
 
 def _column_powers(field: PlaneField, x: Values, nu_y: Values) -> Array:
@@ -408,10 +409,10 @@ def _ambiguity_of_rows(field: PlaneField, upsilon_x: Values, xi_x: Values) -> Ar
     return 2 * (spectra * phase(x, upsilon_x)).T
 
 
-def _of_opposite_rows(one: Values, other: Values) -> tuple[Values, Values]:
-    """(P12): points of the rows at eta and -eta, relative to the centre's x but not to its y."""
-    shift = np.column_stack([one[:, 0] - other[:, 0], one[:, 1] + other[:, 1]])
-    return shift, np.column_stack([(one[:, 0] + other[:, 0]) / 2, other[:, 1] - one[:, 1]])
+def _of_opposite_rows(first: Values, second: Values) -> tuple[Values, Values]:
+    """Return shifts and rates for points of the rows at eta and -eta, (P12)."""
+    shift = np.column_stack([first[:, 0] - second[:, 0], first[:, 1] + second[:, 1]])
+    return shift, np.column_stack([(first[:, 0] + second[:, 0]) / 2, second[:, 1] - first[:, 1]])
 
 
 def _opposite_columns(field: PlaneField, upsilon_y: Values, xi_x: Values) -> Array:
@@ -431,7 +432,7 @@ _SLITS: dict[str, tuple[str, str, str, Callable[..., Any]]] = {
     "wigner": ("x", "nu", "m", wigner),
     "ambiguity": ("upsilon", "xi", "m", ambiguity),
 }
-# Functions of points: first and second coordinate, unit, coordinates of the integral, label.
+# Tiles computed at points: both coordinates, unit, coordinates of the integral, label, function.
 _OF_POINTS: dict[str, list[tuple[str, str, str, str, str, Callable[..., Any]]]] = {
     "autocorrelation": [
         ("x", "y", "m2", "xi_x, xi_y", "P2", position_marginal),
@@ -446,7 +447,8 @@ _OF_POINTS: dict[str, list[tuple[str, str, str, str, str, Callable[..., Any]]]] 
         ("upsilon_x", "upsilon_y", "m4", "xi_x, xi_y", "P11", _spectrum_product),
     ],
 }
-# Functions of the field, in m2. {0} and {1} stand for x and y, and in a second tile for y and x.
+# Tiles computed from the field, in m2: both coordinates, coordinates of the integral, label,
+# function. {0} and {1} stand for x and y, and in a second tile for y and x.
 _OF_FIELD: dict[str, list[tuple[str, str, str, str, Callable[..., Any]]]] = {
     "autocorrelation": [
         ("{0}", "xi_{0}", "{1}, xi_{1}", "P4", _shadow_product),
@@ -464,7 +466,7 @@ _OF_FIELD: dict[str, list[tuple[str, str, str, str, Callable[..., Any]]]] = {
 
 
 def _tiles_of(dimension: int, kind: str) -> dict[str, Tile]:
-    """Return the tiles of a kind of function of slits (1) or plane sources (2), by name."""
+    """Return the tiles of a function by name, for slits (dimension 1) or plane sources (2)."""
     letter = _LETTERS[kind]
     if dimension == 1:
         first, second, units, function = _SLITS[kind]

@@ -1,13 +1,13 @@
 """Sections of a field along y, and its overlap with its mirror image, as functions of x.
 
-These are the phase-space functions of a plane source after integration over two of their four
-coordinates (docs/projections.md). Everything here is along y or reflects x; the transposed field
-provides the other direction. Coordinates are relative to the centre of the field, so that positions
-far from the origin keep their digits.
+The phase-space functions of a plane source, integrated over two of their four coordinates, consist
+of these sections and overlaps (docs/projections.md). All functions here integrate along y or
+reflect x; the transposed field provides the other direction. Coordinates are relative to the centre
+of the field, so that sources far from the origin lose no digits.
 
-A wave on an outline shifts the frequency at which the transform of a section or an overlap is
-taken, and multiplies the transform by a phase (P16). Overlaps are therefore computed once for each
-pair of elements, and waves or pairs of waves with equal shifts are summed first.
+A plane wave on the source shifts the frequency of the transform of a section or an overlap, and
+multiplies the transform by a phase (P16). Each overlap is therefore computed once for all waves.
+Waves, or pairs of waves, with equal shifts are summed before the transform.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
 from polywigner.numerics.divided_differences import simplex_plane_wave
-from polywigner.numerics.phases import cos_sin_turns, mean_plane_wave, turns_to_centre
+from polywigner.numerics.phases import cos_sin_turns, cycles_to_centre, mean_plane_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import SourceElement, normal_form
 
@@ -37,14 +37,15 @@ _OPS = NumpyOperations()
 # Values in a temporary array: some tens of megabytes with its intermediates.
 _BLOCK = 1 << 20
 
-# Shifts that differ by less than this fraction of the largest are equal: sums of the same terms in
-# another order.
+# Shifts that differ by less than this fraction of the largest count as equal: sums of the same
+# terms in another order differ by rounding.
 _EQUAL = 1e-12
 
 Pairing = Callable[[Floats, Floats], tuple[Floats, Floats]]
-"""From the frequencies (m, 2) of the first and (m, 2) of the second wave of m pairs to a shift, to
-subtract from the frequency of the overlap's transform (m, 2), and cycles (m, r) along r
-coordinates."""
+"""(frequencies (m, 2) of the first waves, frequencies (m, 2) of the second waves) -> shifts (m, 2)
+and rates (m, r). The transform of the overlap is taken at its frequency less the shift. The rates
+are frequencies of the pair's phase along r coordinates.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +92,7 @@ def field_of(source: Aperture | Array) -> PlaneField:
 
 @dataclass(frozen=True)
 class Sections:
-    """Weighted intervals [low, high] of y, each in the section at one of ``count`` abscissae."""
+    """Weighted intervals [low, high] of y; each belongs to one of ``count`` abscissae."""
 
     count: int
     row: Indices
@@ -127,7 +128,7 @@ def _upright(field: PlaneField) -> _Upright:
 
 
 def _height(left: Floats, right: Floats, x: Floats) -> Floats:
-    """Return the y of edges at x, between the ends in spite of rounding."""
+    """Return the y of edges at x; rounding does not move it beyond the ends."""
     fraction = (x - left[..., 0]) / (right[..., 0] - left[..., 0])
     return left[..., 1] * (1 - fraction) + right[..., 1] * fraction
 
@@ -135,13 +136,13 @@ def _height(left: Floats, right: Floats, x: Floats) -> Floats:
 def sections(field: PlaneField, x: Floats) -> Sections:
     """Return the intervals of y in the outlines at abscissae x (n,), relative to the centre.
 
-    At the abscissa of a vertical edge: those to the right of it.
+    At the abscissa of a vertical edge, the intervals are those to the right of the edge.
     """
     edges = _upright(field)
     row, edge = np.nonzero((edges.left[:, 0] <= x[:, None]) & (x[:, None] < edges.right[:, 0]))
     height = _height(edges.left[edge], edges.right[edge], x[row])
     order = np.lexsort((height, edges.element[edge], row))
-    # Going up, edges enter and leave an outline in turn.
+    # with increasing y, edges alternately enter and leave an outline
     below, above = order[0::2], order[1::2]
     element = edges.element[edge[below]]
     weight = field.weights[element]
@@ -177,7 +178,7 @@ def column_spectra(field: PlaneField, x: Floats, nu: Floats) -> Complex:
     """Return the transform (n, m) along y at abscissae x (n,) from the centre, (P9)."""
     intervals = sections(field, x)
     at = x[intervals.row]
-    # Sections with the fields of all waves of one frequency along y.
+    # weights of the sections, summed over all waves with the same frequency along y
     weights: dict[float, Complex] = {}
     for k, element in enumerate(field.elements):
         inside = np.flatnonzero(intervals.element == k)
@@ -200,7 +201,7 @@ def column_integrals(field: PlaneField, x: Floats) -> NDArray[Any]:
 
 def phase(centre: float, nu: Floats) -> Complex:
     """Return exp(-2 pi i nu centre), from error-free products."""
-    cosine, sine = cos_sin_turns(_OPS, turns_to_centre(_OPS, (centre,), nu))
+    cosine, sine = cos_sin_turns(_OPS, cycles_to_centre(_OPS, (centre,), nu))
     return np.asarray(cosine - 1j * sine)
 
 
@@ -209,7 +210,7 @@ def phase(centre: float, nu: Floats) -> Complex:
 
 @dataclass(frozen=True)
 class Overlaps:
-    """Boundary edges (m, 2) of weighted regions, each of one of ``count`` rows."""
+    """Boundary edges (m, 2) of weighted regions; each region belongs to one of ``count`` rows."""
 
     count: int
     row: Indices
@@ -222,7 +223,7 @@ class Overlaps:
 
 
 Image = tuple[tuple[float, float], Floats]
-"""Scales along x and y, and shifts (n, 2) that are added then: n images of a field."""
+"""n images of a field: scales along x and y, and shifts (n, 2) that are added after scaling."""
 
 
 def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
@@ -231,21 +232,21 @@ def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
     The weight of a region is the weight of its first element times the conjugate weight of its
     second.
     """
-    one, other = _images(field, *ahead), _images(field, *behind)
+    images, others = _images(field, *ahead), _images(field, *behind)
     pairs = [
         np.nonzero(((a[:, None, :2] < b[:, 2:]) & (b[:, :2] < a[:, None, 2:])).all(axis=-1))
-        for a, b in zip(shapely.bounds(one), shapely.bounds(other), strict=True)
+        for a, b in zip(shapely.bounds(images), shapely.bounds(others), strict=True)
     ]
     row = np.repeat(np.arange(len(pairs)), [len(first) for first, _ in pairs])
     first, second = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
-    pieces = shapely.intersection(one[row, first], other[row, second])
+    pieces = shapely.intersection(images[row, first], others[row, second])
     weight = field.weights[first] * np.conj(field.weights[second])
     begin, end, owner, _ = edges_of(pieces)
-    return Overlaps(len(one), row[owner], begin, end, weight[owner], first[owner], second[owner])
+    return Overlaps(len(images), row[owner], begin, end, weight[owner], first[owner], second[owner])
 
 
 def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> NDArray[Any]:
-    """Return polygons (n, elements)."""
+    """Return the polygons of n images of all elements, (n, elements)."""
     outlines: list[Any] = [element.outline for element in field.elements]
     polygons: NDArray[Any] = np.array([outline.polygons for outline in outlines], dtype=object)
     copies = np.tile(polygons, (len(shifts), 1))
@@ -257,7 +258,8 @@ def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> ND
 def edges_of(geometries: NDArray[Any]) -> tuple[Floats, Floats, Indices, Floats]:
     """Return the edges of the polygons among geometries, counter-clockwise but for holes.
 
-    Begins and ends (n, 2), numbers (n,) of the geometries, and first corners (n, 2) of the rings.
+    Returns the begins (n, 2) and ends (n, 2) of the edges, the index (n,) of the geometry of each
+    edge, and the first corner (n, 2) of its ring.
     """
     parts, index = shapely.get_parts(geometries, return_index=True)
     inner, outer = shapely.get_parts(parts, return_index=True)
@@ -277,8 +279,8 @@ def _overlap_spectra(regions: Overlaps, nu: Floats, nu_y: float = 0.0) -> Comple
     factor = regions.weight * (begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0])
 
     def term(chosen: Indices) -> tuple[Floats, Floats]:
-        turns = [nu * v[chosen, :1] + nu_y * v[chosen, 1:] for v in (begin, end)]
-        cosine, sine = simplex_plane_wave(_OPS, *turns)
+        cycles = [nu * v[chosen, :1] + nu_y * v[chosen, 1:] for v in (begin, end)]
+        cosine, sine = simplex_plane_wave(_OPS, *cycles)
         return cosine * factor[chosen, None], sine * factor[chosen, None]
 
     return _row_sums(regions.row, regions.count, len(nu), term)
@@ -294,20 +296,20 @@ def mutual_spectra(
     if field.is_uniform:
         return _overlap_spectra(regions, nu)
     total = np.zeros((regions.count, len(nu)), np.complex128)
-    for some, first, second in _by_pair(regions, len(field.elements)):
-        one, other = field.elements[first], field.elements[second]
-        i, j = (k.ravel() for k in np.indices((len(one.amplitudes), len(other.amplitudes))))
-        shifts, rates = pairing(one.frequencies[i], other.frequencies[j])
-        amplitudes = one.amplitudes[i] * other.amplitudes[j].conj()
+    for mutual, first, second in _by_pair(regions, len(field.elements)):
+        ahead, behind = field.elements[first], field.elements[second]
+        i, j = (k.ravel() for k in np.indices((len(ahead.amplitudes), len(behind.amplitudes))))
+        shifts, rates = pairing(ahead.frequencies[i], behind.frequencies[j])
+        amplitudes = ahead.amplitudes[i] * behind.amplitudes[j].conj()
         for shift, members in _groups(shifts):
             envelope = np.exp(2j * np.pi * (points @ rates[members].T)) @ amplitudes[members]
-            weighted = replace(some, weight=some.weight * envelope[some.row])
+            weighted = replace(mutual, weight=mutual.weight * envelope[mutual.row])
             total += _overlap_spectra(weighted, nu - shift[0], -shift[1])
     return total
 
 
 def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, int]]:
-    """Yield the overlaps of each pair of elements that has some."""
+    """Yield the overlaps of each pair of elements, and the indices of both elements."""
     pair = regions.first * elements + regions.second
     for number in np.unique(pair).tolist():
         members = np.flatnonzero(pair == number)
@@ -319,7 +321,7 @@ def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, 
 
 
 def _groups(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
-    """Yield shifts that are equal except for rounding, and their indices."""
+    """Yield each group of shifts that are equal up to rounding: mean shift and indices."""
     unit = _EQUAL * max(float(np.abs(shifts).max()), np.finfo(np.float64).tiny / _EQUAL)
     _, number = np.unique(np.round(shifts / unit), axis=0, return_inverse=True)
     for k in range(number.max() + 1):
@@ -330,14 +332,14 @@ def _groups(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
 def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[Any]:
     """Return twice the product of a uniform field and its mirror image at x (n,) and lag (m,).
 
-    The image in the vertical line at x is moved up by the lag and conjugated: (P5), shape (n, m).
-    No edges are cut: the sum is continuous in all its arguments.
+    The image is reflected at the vertical line at x, moved up by the lag and conjugated, (P5). The
+    result has shape (n, m). No edges are cut, and the sum is continuous in all arguments.
     """
     edges = _upright(field)
     left, right = edges.left, edges.right
     values = np.zeros((len(x), len(lag)), edges.step.dtype)
     for row, abscissa in enumerate(x):
-        # Edge i of the field and edge j of the image lie above each other from low to high.
+        # edge i of the field and edge j of the image overlap for abscissae from low to high
         low = np.maximum(left[:, None, 0], 2 * abscissa - right[:, 0])
         high = np.minimum(right[:, None, 0], 2 * abscissa - left[:, 0])
         i, j = np.nonzero(low < high)
@@ -359,6 +361,6 @@ def _mean_distance(u: Floats, v: Floats) -> Floats:
     """Return the mean of |t| over t from u to v."""
     a, b = np.abs(u), np.abs(v)
     total = a + b
-    crosses_zero = u * v < 0  # then total > 0
+    crosses_zero = u * v < 0  # implies total > 0
     squares = (a * a + b * b) / np.where(crosses_zero, total, 1.0)
     return 0.5 * np.where(crosses_zero, squares, total)

@@ -39,18 +39,20 @@ def fourier(
 ) -> Values:
     """Fourier transform (SFT) of a source, F(nu) = integral of u(x) exp(-2 pi i nu.x) over it.
 
-    The transform is a closed form at any nu, zero included (docs/theory.md, (F2), (F3), (S1), (C1),
-    (I1)). Its error is 1e-13 of the content (2e-6 in single precision) for any size and
-    direction of nu. Bodies and outlines with thin walls, and lattices of more than 100 cycles, lose
-    digits (docs/accuracy.md).
+    The transform is a closed form at any nu, including zero (docs/theory.md, (F2), (F3), (S1),
+    (C1), (I1)). Its error is 1e-13 of the length, area or volume (2e-6 in single precision) for any
+    size and direction of nu. Bodies and outlines with thin walls, and lattices of more than 100
+    cycles, lose digits (docs/accuracy.md).
 
-    The paper's eq. (FVT) has the exp(+) kernel and is singular at nu = 0; its factor (nu/|nu|).n
-    for collections is an obliquity and not part of the transform (docs/theory/fields.md).
+    In contrast, the paper's eq. (FVT) has the kernel exp(+2 pi i nu.x) and is singular at nu = 0.
+    Its factor (nu/|nu|).n for collections is an obliquity factor, which is not part of the
+    transform (docs/theory/fields.md).
 
-    The cost is linear in the edges, or in the triangles of a polyhedron's faces, and in the waves
-    of an illumination. Waves that are a product along the sides of a rectangle (I4) are summed
-    along one side after the other. A grid of frequencies, (n, m, 2) from ``numpy.meshgrid``, costs
-    a fraction of other points if edges are parallel and of equal length, or along the axes (F4).
+    The computing time is proportional to the number of edges, or of triangles of a polyhedron's
+    faces, and to the number of waves of an illumination. If the illumination of a rectangle is a
+    product of two functions along its sides, the waves along each side are summed separately (I4).
+    A grid of frequencies (n, m, 2) from ``numpy.meshgrid`` takes a fraction of the time of other
+    points if edges are parallel and equally long, or along the axes (F4).
 
     Parameters
     ----------
@@ -107,7 +109,7 @@ def _on_components(
 
 
 def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
-    """Return F; NaN or inf where its parts overflow."""
+    """Return F, with NaN or inf where terms overflow."""
     if isinstance(source, Array):
         by_elements = partial(in_blocks, partial(_coherent_sum, source, how=how))
         value = None
@@ -120,7 +122,7 @@ def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
         if is_separable(source):
             return compute("fourier of waves", source, {"nu": nu}, **how)
     if _field_of(source) is not None:
-        return in_blocks(lambda some: _sum_of_waves(source, some, how), nu)
+        return in_blocks(lambda block: _sum_of_waves(source, block, how), nu)
     return compute("fourier", source, {"nu": nu}, **how)
 
 
@@ -157,7 +159,7 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
 
 
 def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np.float64] | None]:
-    """Return nu - kappa and its rounding error, which matters to sources far from the origin."""
+    """Return nu - kappa and its rounding error, which matters for sources far from the origin."""
     if execution.is_drjit(nu):
         return execution.shifted(nu, -kappa), None
     array = checked_points("nu", nu, len(kappa))
@@ -190,9 +192,9 @@ def array_factor(
 ) -> Values:
     """Array factor sum_k w_k exp(-2 pi i nu.p_k) of isotropic sources at the positions.
 
-    The Fourier transform of a `phased_array` is F of its element times this factor
-    (docs/theory.md, (L3)). On lattices whose weights are a product of two profiles, the sums along
-    the two directions are taken one after the other.
+    The Fourier transform of a `phased_array` is F of its element times this factor (docs/theory.md,
+    (L3)). On a lattice whose weights are a product of two profiles, the factor is the product of
+    the sums along both directions.
 
     Parameters
     ----------
@@ -228,7 +230,7 @@ def array_factor(
     -1.0
     """
     sites = Sites(*checked_sites(positions, weights))
-    # The phases of distant sites need float64 even if the result is single precision.
+    # phases of distant sites need float64, also for results in single precision
     execution.checked_precision(precision)
     rounded = precision == "single" and not execution.is_drjit(nu)
     inner = None if rounded else precision

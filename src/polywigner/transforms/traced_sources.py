@@ -36,11 +36,11 @@ def differentiable(
     vertices: DrJitArray | None = None,
     weights: DrJitArray | None = None,
 ) -> Differentiable:
-    """Return a source with Dr.Jit arrays as some of its numbers, to differentiate by them.
+    """Return a source whose vertices or weights are Dr.Jit arrays, for derivatives in them.
 
-    `fourier`, `wigner` and `ambiguity` accept it instead of the source. They return Dr.Jit arrays,
-    which ``dr.backward`` and ``dr.forward`` differentiate in closed form (docs/gradients). The
-    source provides the other numbers and the rings of the vertices.
+    `fourier`, `wigner` and `ambiguity` accept the result as their source. They return Dr.Jit
+    arrays, which ``dr.backward`` and ``dr.forward`` differentiate in closed form (docs/gradients).
+    ``source`` provides all other numbers, and the division of vertices into rings.
 
     Parameters
     ----------
@@ -57,7 +57,8 @@ def differentiable(
     Returns
     -------
     Differentiable
-        Its ``source`` has the present values of all numbers.
+        Source with derivatives. Its attribute ``source`` is an Aperture or Array with the current
+        values.
 
     Raises
     ------
@@ -121,7 +122,7 @@ def _with_vertices(
             f"expected {ends[-1]} vertices, as many as the source has, got {len(points)}"
         )
     corners = np.split(points, ends[:-1])
-    moved = [_moved(element, some) for element, some in zip(elements, corners, strict=True)]
+    moved = [_moved(element, part) for element, part in zip(elements, corners, strict=True)]
     if isinstance(source, Aperture):
         return moved[0], vertices
     return Array(moved, source.weights), vertices
@@ -147,9 +148,9 @@ def _of_rings(
             is_repeated = (ring == np.roll(ring, 1, axis=0)).all(axis=1).any()
             if is_repeated or not (area < 0 if number else area > 0):
                 raise GeometryError(
-                    "expected finite vertices that differ from their neighbours, around areas with "
-                    f"the orientation of the outline, got {ring.tolist()!r:.100}; take shorter "
-                    "steps, or leave out repeated vertices"
+                    "expected finite vertices without repeats, in the orientation of the outline, "
+                    f"got {ring.tolist()!r:.100}; take shorter steps, or leave out repeated "
+                    "vertices"
                 )
     Aperture(shapely.MultiPolygon([(part[0], part[1:]) for part in parts]))
     result = Aperture._of_parts([tuple(part) for part in parts])
@@ -158,7 +159,7 @@ def _of_rings(
 
 def _with_weights(source: Aperture | Array | None, weights: NDArray[np.complex128]) -> Array:
     if not isinstance(source, Array):
-        raise ArgumentError("expected weights for an Array only, got some for an Aperture")
+        raise ArgumentError("expected an Array for weights, got an Aperture")
     if source.repeated is not None:
         from polywigner.source.array import repeated_element
 

@@ -32,9 +32,9 @@ Complex = NDArray[np.complex128]
 TILT_ERROR = {True: 1e-11, False: 1e-7}
 """Error of means over tilts in double and in single precision, relative to the largest of A."""
 
-# Largest coherence width over the diagonal of a source, in double and in single precision. Above
-# it closed forms cancel, and the difference from coherence is linear in 1/width^2: the next term of
-# the degree of coherence is 1.3e-13, or 8e-7 in single precision.
+# Largest ratio of the coherence width to the diagonal of a source, in double and in single
+# precision. For larger widths the closed forms lose digits by cancellation. W then differs from the
+# coherent W by a term in 1/width^2; the next term is 1.3e-13 of W, or 8e-7 in single precision.
 _WIDEST = {True: 1e3, False: 20.0}
 
 # Floats in a block.
@@ -92,12 +92,12 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
 def _uniform(
     element: Aperture | Slits, q: Floats, axes: Floats, centre: Floats, nu: Floats
 ) -> Complex:
-    """Return the transform from coordinates y about the centre o, x = o + y."""
+    """Return the transform of an element without weight, in coordinates relative to its centre."""
     origin = np.atleast_1d(np.asarray(element.centre, dtype=np.float64))
     away = (origin - centre) @ axes
     inner = nu @ axes - q * away
-    turns = ((q * away) @ away) / 2 - nu @ origin
-    phase = np.exp(2j * math.pi * (turns - np.round(turns)))
+    cycles = ((q * away) @ away) / 2 - nu @ origin
+    phase = np.exp(2j * math.pi * (cycles - np.round(cycles)))
     values = np.empty(len(nu), np.complex128)
     largest = np.argmax(np.abs(q), axis=1)
     for axis in range(q.shape[1]):
@@ -110,14 +110,14 @@ def _uniform(
 def _bent(
     element: Aperture | Slits, origin: Floats, axes: Floats, axis: int, q: Floats, nu: Floats
 ) -> Complex:
-    """Return the transform about an origin, with the larger curvature along one axis."""
+    """Return the transform relative to an origin, with the larger curvature along ``axis``."""
     if isinstance(element, Slits):
         return chirp_over_intervals(element.intervals - origin, q[:, 0], nu[:, 0])
     order = [axis, 1 - axis]
-    turn = axes[:, order]
-    rings = tuple((ring - origin) @ turn for ring in element.rings)
+    rotation = axes[:, order]
+    rings = tuple((ring - origin) @ rotation for ring in element.rings)
     values = chirp_over_rings(rings, q[:, order], nu[:, order])
-    return values * np.sign(np.linalg.det(turn))  # exchanged axes reverse the orientation
+    return values * np.sign(np.linalg.det(rotation))  # exchanging the axes reverses the orientation
 
 
 # --- partly coherent light
@@ -139,19 +139,19 @@ def degree_of_coherence(source: Wavefront, xi: ArrayLike) -> Floats:
 def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tuple[Floats, Floats]:
     """Return tilts (n, d) in 1/m and weights (n,) for means with the error ``error``.
 
-    The error is relative to the value of a source in phase. ``longest``: largest lag in m along
-    each axis that matters for the mean. Raises ArgumentError if the coherence width needs too many
-    tilts.
+    The error is relative to the value if all points of the source are in phase. ``longest``:
+    largest lag in m along each axis that contributes to the mean. Raises ArgumentError if the mean
+    needs too many tilts.
     """
     sides = _sides(source)
     reaches = np.minimum(sides, longest) / source.coherence_width
     if math.prod(1.0 + reaches) > kernels.MOST_WIDTHS:
         least = (math.prod(sides.tolist()) / kernels.MOST_WIDTHS) ** (1 / len(sides))
         raise ArgumentError(
-            f"expected a width of coherence of at least {least:.3g} m for a source of "
+            f"expected a coherence width of at least {least:.3g} m for a source of "
             f"{' x '.join(f'{side:.3g}' for side in sides)} m, got {source.coherence_width:.3g} m, "
-            "a sum over too many tilts; polywigner.wigner takes any width, except for arrays of "
-            "hundreds of elements"
+            "which would need too many tilts; polywigner.wigner accepts any width, except for "
+            "arrays of hundreds of elements"
         )
     nodes, weights = normal_product_rule(tuple(reaches.tolist()), error)
     return nodes / (2 * math.pi * source.coherence_width), weights
@@ -170,7 +170,7 @@ def within_widths(
     nu: Any,
     double: bool,
 ) -> Values:
-    """Return W for any coherence width, from its closed form ``(source, x, nu)``."""
+    """Return W for any coherence width, from ``closed_form(source, x, nu)`` for limited widths."""
     most, width = _WIDEST[double] * math.hypot(*_sides(wave)), wave.coherence_width
     values = closed_form(wave._with(coherence_width=min(width, most)), x, nu)
     if width <= most:
@@ -184,8 +184,8 @@ def mean_over_tilts(
 ) -> Values:
     """Return the mean of ``evaluate(*others, nu - t)`` over the tilts t of a source.
 
-    ``nu`` and ``others`` (..., d) broadcast. The tilts are the last axis of samples, so slices are
-    cut once; ``evaluate`` gets about 1e6 values at a time.
+    ``nu`` and ``others`` (..., d) broadcast. The tilts form the last axis of the samples, so that
+    each slice is cut once. ``evaluate`` computes about 1e6 values at a time.
     """
     tilts, weights = tilts_of(source, TILT_ERROR[double])
     arrays = [np.asarray(points) for points in (*others, nu)]

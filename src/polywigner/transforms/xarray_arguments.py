@@ -1,8 +1,9 @@
-"""``xarray.DataArray`` in, ``xarray.DataArray`` out, at the edge of the public functions.
+"""Arguments and results of public functions as ``xarray.DataArray``.
 
-The last dimension of such an argument holds the components, under any name. All others are
-broadcast by name and kept, with their coordinates. Chunked arguments stay lazy. Other arguments
-pass unchanged. xarray is not imported here: a caller with a DataArray has imported it.
+The last dimension of a DataArray argument contains the components and may have any name. All other
+dimensions are broadcast by name, and remain in the result with their coordinates. Chunked arguments
+give lazy results. Other arguments pass unchanged. xarray is not imported here: a caller with a
+DataArray has imported it.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from polywigner.source import Array
 def labelled_array(
     values: ArrayLike, dims: Sequence[str], attrs: Mapping[str, Any] | None = None
 ) -> xarray.Variable:
-    """Return values with the names of their axes; ``attrs`` hold the unit and the rest."""
+    """Return values with named axes and attributes, such as the unit."""
     import xarray
 
     return xarray.Variable(tuple(dims), values, dict(attrs or {}))
@@ -53,7 +54,7 @@ Units = str | Callable[[Arguments], str]
 
 
 def content_units(arguments: Mapping[str, Any]) -> str:
-    """Return the unit of the source's length, area or volume, which its transforms have too."""
+    """Return the unit of a source's length, area or volume, which is the unit of its transforms."""
     source = arguments["source"]
     source = source.source if isinstance(source, Wavefront) else source
     while isinstance(source, Array):
@@ -109,7 +110,7 @@ def _called(
 
 
 def _called_lazily(*arguments: Any) -> NDArray[Any] | tuple[NDArray[Any], ...]:
-    """Call a public function for Dask, which has several threads; Dr.Jit has one pool."""
+    """Call a public function from one of Dask's threads, one at a time because of Dr.Jit's pool."""
     with kernel_threads():
         return _called(*arguments)
 
@@ -135,8 +136,8 @@ def _labelled(
     except ValueError as error:
         reason = str(error).partition("\n")[0]
         raise ArgumentError(
-            f"expected {' and '.join(points)} of equal coordinates along their common dimensions, "
-            f"got others ({reason}); rename a dimension, or use xarray.align"
+            f"expected {' and '.join(points)} with equal coordinates along their common "
+            f"dimensions, got different ones ({reason}); rename a dimension, or use xarray.align"
         ) from None
     call, lazily = partial(_called, *fixed), dict[str, Any]()
     if any(value.chunks is not None for value in labelled):
@@ -154,7 +155,8 @@ def _labelled(
         *prepared,
         input_core_dims=[[_dimension(name)] for name in points],
         output_core_dims=[list(components)] * len(names),
-        keep_attrs="override",  # the attributes of coordinates; results have their own
+        # keeps the attributes of coordinates; the attributes of results are replaced below
+        keep_attrs="override",
         **lazily,
     )
     coords = {name: list(labels) for name, labels in components.items()}
@@ -173,7 +175,7 @@ def _dimension(name: str) -> str:
 
 
 def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
-    """Return the value with its components along a dimension of a known name."""
+    """Return the value with the dimension of its components renamed to ``_dimension(name)``."""
     if not isinstance(value, kind):
         try:
             is_point = not is_drjit(value) and np.ndim(value) == 1

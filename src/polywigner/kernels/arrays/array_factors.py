@@ -1,9 +1,9 @@
 """Array factors: sums over the sites of an array, and over pairs of sites of a lattice.
 
-The Fourier transform of an array is its element's transform times the sum of
-w_k exp(-2 pi i nu.p_k) over the sites p_k (docs/theory.md, (L3)). On a lattice whose weights are a
-product of two profiles the factor is the product of two sums, one along each direction. Otherwise
-sites are rows of a table.
+The Fourier transform of an array is its element's transform times the sum of w_k exp(-2 pi i
+nu.p_k) over the sites p_k (docs/theory.md, (L3)). On a lattice whose weights are a product of two
+profiles, the factor is the product of two sums, one along each direction. For other arrays the sum
+runs over the sites one by one.
 
 W of equal elements on a lattice is a sum over midpoints of pairs of sites: W of the element at the
 midpoint, times the discrete Wigner function of the weights (L1). A is such a sum over differences
@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.kernels.arrays.repeated import DeviceTable
+from polywigner.kernels.functions.fourier import LinearFrame
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
@@ -48,8 +49,9 @@ def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
     """Return the index of the other site of a pair, along a direction of ``count`` sites.
 
     ``number``, 0 to 2 count - 2, is the sum of both indices (``by_mean``), or their difference plus
-    count - 1. In both cases there are count - |number - (count - 1)| pairs, and the waves of a
-    factor are exp(-2 pi i t (index - number/2)) with t = 2 nu.b or upsilon.b.
+    count - 1. In both cases count - |number - (count - 1)| pairs of sites share a number. The array
+    factor of these pairs is a sum of the waves exp(-2 pi i t (index - number/2)), with t = 2 nu.b
+    or upsilon.b.
     """
     return number - index if by_mean else index - number + (count - 1)
 
@@ -64,7 +66,7 @@ def _odd(ops: Any, number: Any) -> Number:
 
 @dataclass(frozen=True, eq=False)
 class ProfileFactor:
-    """The factors of a profile of n amplitudes."""
+    """Array factors along one direction of a lattice, for a profile of n amplitudes."""
 
     profile: Profile
 
@@ -78,12 +80,12 @@ class ProfileFactor:
 
     @cached_property
     def means(self) -> _Series:
-        """Products of amplitudes by index sum, in the order of growing i - j."""
+        """Products a_i a_j* for each sum i + j, in the order of increasing i - j."""
         return self._mutual(by_mean=True)
 
     @cached_property
     def differences(self) -> _Series:
-        """Products of amplitudes by index difference, in the order of growing i + j."""
+        """Products a_i a_j* for each difference i - j, in the order of increasing i + j."""
         return self._mutual(by_mean=False)
 
     @cached_property
@@ -101,21 +103,21 @@ class ProfileFactor:
 
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
-    def at(self, ops: Any, by_mean: bool, number: Any, turns: Any) -> Pair:
-        """Return the factor with the number of `partner` at t = ``turns``; real for means."""
+    def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
+        """Return the factor of all pairs with one number at t = ``cycles``; real for means."""
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
         if self.profile.is_uniform:
-            return Pair(_dirichlet(ops, pairs, turns), 0.0)
+            return Pair(_dirichlet(ops, pairs, cycles), 0.0)
         series = self.means if by_mean else self.differences
-        return series.value(ops, number, 2.0 * last, pairs, turns)
+        return series.value(ops, number, 2.0 * last, pairs, cycles)
 
-    def total(self, ops: Any, turns: Any) -> Pair:
-        """Return sum over i of a_i exp(-2 pi i turns (i - (n - 1)/2)); ``turns`` modulo 2."""
-        count = float(self.count) + 0.0 * turns
+    def total(self, ops: Any, cycles: Any) -> Pair:
+        """Return sum_k a_k exp(-2 pi i t (k - (n - 1)/2)) at t = ``cycles``, modulo 2."""
+        count = float(self.count) + 0.0 * cycles
         if self.profile.is_uniform:
-            return Pair(_dirichlet(ops, count, turns), 0.0)
-        return self._all.value(ops, 0.0 * turns, 0.0, count, turns)
+            return Pair(_dirichlet(ops, count, cycles), 0.0)
+        return self._all.value(ops, 0.0 * cycles, 0.0, count, cycles)
 
 
 @lru_cache(maxsize=64)
@@ -124,27 +126,24 @@ def profile_factor(profile: Profile) -> ProfileFactor:
     return ProfileFactor(profile)
 
 
-def _dirichlet(ops: Any, count: Any, turns: Any) -> Number:
-    """Return sum_k exp(-2 pi i turns (k - (count - 1)/2)) over 0 <= k < count; 0 for count <= 0.
-
-    It is sin(pi count t)/sin(pi t) with t reduced to half a cycle. N t is exact to an ulp of
-    itself, so the quotient errs by an ulp of N.
-    """
+def _dirichlet(ops: Any, count: Any, cycles: Any) -> Number:
+    """Return sum_k exp(-2 pi i t (k - (N - 1)/2)) over 0 <= k < N = ``count`` at t = ``cycles``."""
     floor = 1e-30 if ops.double else 1e-20
-    nearest = ops.round(turns)
-    left = turns - nearest
-    left = ops.select(abs(left) < floor, floor, left)
-    quotient = sin_turns(ops, 0.5 * count * left) / sin_turns(ops, 0.5 * left)
+    nearest = ops.round(cycles)
+    remainder = cycles - nearest
+    remainder = ops.select(abs(remainder) < floor, floor, remainder)
+    quotient = sin_turns(ops, 0.5 * count * remainder) / sin_turns(ops, 0.5 * remainder)
     odd = _odd(ops, (count - 1.0) * nearest)
-    return ops.select(count > 0.0, quotient * (1.0 - 2.0 * odd), 0.0 * turns)
+    return ops.select(count > 0.0, quotient * (1.0 - 2.0 * odd), 0.0 * cycles)
 
 
 @dataclass(frozen=True, eq=False)
 class _Series:
-    """Sums of cosines and sines, with coefficients by row and by term, from the centre outwards.
+    """Sums of cosines and sines, one for each row of a table of coefficients.
 
     Row r is the sum of p_k cos(2 pi t m_k) - i q_k sin(2 pi t m_k) with complex p and q. m_k is k
-    for an odd number of terms, and k + 1/2 for an even number.
+    for an odd number of terms, and k + 1/2 for an even number; the terms are ordered from the
+    centre of the row outwards.
     """
 
     packets: int
@@ -152,24 +151,25 @@ class _Series:
     tables: tuple[DeviceTable | None, ...]
     """Real and imaginary part of p, then of q: (rows * packets of a row, terms of a packet)."""
 
-    def value(self, ops: Any, row: Any, last: float, pairs: Any, turns: Any) -> Pair:
-        """Return the sum of a row at ``turns``, or 0 for a row that does not exist.
+    def value(self, ops: Any, row: Any, last: float, pairs: Any, cycles: Any) -> Pair:
+        """Return the sum of a row at t = ``cycles``, or 0 if the row does not exist.
 
         ``pairs``: number of pairs of sites, which is the number of terms of the row.
         """
         exists = (row >= 0.0) & (row <= last)
-        # Indices are integers: float32 would round indices beyond 2^24 (rows of 8,200 sites).
+        # Indices are integers, because float32 rounds numbers beyond 2^24 (profiles of 8,200
+        # sites).
         known = ops.select(exists, row, 0.0)
-        start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * turns
+        start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * cycles
         is_even = _odd(ops, ops.select(exists, pairs, 1.0)) < 0.5  # centre between two terms
-        basis = _Basis(ops, turns, is_even)
+        basis = _Basis(ops, cycles, is_even)
         ends = (basis.cosine, basis.cosine, basis.sine, basis.sine)
         p_real, p_imag, q_real, q_imag = (
             self._sum(ops, basis, table, start, nil, end)
             for table, end in zip(self.tables, ends, strict=True)
         )
         real, imag = p_real + q_imag, p_imag - q_real
-        zero = 0.0 * turns
+        zero = 0.0 * cycles
         return Pair(ops.select(exists, real + zero, zero), ops.select(exists, imag + zero, zero))
 
     def _sum(
@@ -179,27 +179,27 @@ class _Series:
             return 0.0
         memory, last = table.in_memory(ops), start + (self.packets - 1)
 
-        def step(packet: Any, after: Any, b: Any, d: Any) -> tuple[Any, ...]:
+        def step(packet: Any, previous: Any, b: Any, d: Any) -> tuple[Any, ...]:
             for coefficient in reversed(ops.gather(memory, last - packet)):
-                after = b
+                previous = b
                 d = ops.fma(basis.slope, b, ops.fma(basis.sign, d, coefficient))
                 b = ops.fma(basis.sign, b, d)
-            return after, b, d
+            return previous, b, d
 
-        after, _, d = ops.repeated(self.packets, (nil, nil, nil), step, basis.slope)
+        previous, _, d = ops.repeated(self.packets, (nil, nil, nil), step, basis.slope)
         first, second = ends
-        return first * d + second * after
+        return first * d + second * previous
 
 
 class _Basis:
-    """Clenshaw's recursion in Reinsch's form for cosines and sines of whole or half multiples.
+    """Clenshaw's recursion in Reinsch's form for cosines and sines of multiples k or k + 1/2.
 
-    It is stable at whole and half cycles, where the plain form loses n^2 ulps. ``cosine`` and
-    ``sine`` are the factors of the last d and of the last b but one.
+    This form is stable at multiples of half a cycle, where Clenshaw's original form loses n^2 ulps.
+    ``cosine`` and ``sine`` are the factors of the final d and of the second-last b.
     """
 
-    def __init__(self, ops: Any, turns: Any, half: Any) -> None:
-        cos_half, sin_half = cos_sin_turns(ops, 0.5 * turns)
+    def __init__(self, ops: Any, cycles: Any, half: Any) -> None:
+        cos_half, sin_half = cos_sin_turns(ops, 0.5 * cycles)
         cosine = cos_half * cos_half - sin_half * sin_half
         ahead = cosine >= 0.0
         self.sign = ops.select(ahead, 1.0, -1.0)
@@ -231,7 +231,7 @@ def _series(
         ahead = np.where(exists, product(rows, np.where(exists, up, 0)), 0.0)
         behind = np.where(exists, product(rows, np.where(exists, down, 0)), 0.0)
         p[rows, k], q[rows, k] = ahead + behind, ahead - behind
-        odd = rows[n % 2 == 1]  # the centre is one term
+        odd = rows[n % 2 == 1]  # the central term is both ahead and behind
         p[odd, 0] /= 2
     tables = (_unless_zero(t, part, packet) for t in (p, q) for part in ("real", "imag"))
     return _Series(packets, tuple(tables))
@@ -245,18 +245,18 @@ def _unless_zero(values: Complexes, part: str, packet: int) -> DeviceTable | Non
 
 
 def factor_of(
-    ops: Any, profiles: tuple[ProfileFactor, ProfileFactor], by_mean: bool, turns: Pair2
+    ops: Any, profiles: tuple[ProfileFactor, ProfileFactor], by_mean: bool, cycles: Pair2
 ) -> Callable[[Pair2, Pair2], Pair]:
-    """Return the factors of midpoints or differences at t = ``turns`` along both directions.
+    """Return a function for the factor of a midpoint (``by_mean``) or a difference of sites.
 
-    The returned function takes the steps from the first contributing node and the numbers of
-    `partner`, each along both directions.
+    ``cycles``: t along both directions. The function takes the steps from the first contributing
+    node, and the numbers of `partner`, each along both directions.
     """
-    one, two = (
-        _remembered(partial(profile.at, ops, by_mean, turns=along))
-        for profile, along in zip(profiles, turns, strict=True)
+    first, second = (
+        _remembered(partial(profile.at, ops, by_mean, cycles=along))
+        for profile, along in zip(profiles, cycles, strict=True)
     )
-    return lambda steps, numbers: one(steps[0], numbers[0]) * two(steps[1], numbers[1])
+    return lambda steps, numbers: first(steps[0], numbers[0]) * second(steps[1], numbers[1])
 
 
 def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
@@ -275,34 +275,26 @@ def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
 
 # ---- sites -----------------------------------------------------------------------------------
 
-# Positions that deviate from a lattice by more than this fraction of its extent D are summed one by
-# one: on the lattice the phase would err by 6e3 times the fraction at |nu| D = 1000. Multiples of a
-# pitch deviate by less. Arrays far from the origin deviate by more, because positions are rounded.
+# Largest deviation of positions from a lattice, as a fraction of its extent D, for a sum in closed
+# form. The error of the phase is 6e3 times this fraction at |nu| D = 1000. Rounded multiples of a
+# pitch deviate by less; rounded positions far from the origin deviate by more.
 _MISFIT = 2.0**-52
-# Fewer sites are summed one by one, which is as fast and compiles sooner
-# (benchmarks/array_cost.py).
+# Smallest number of sites for the closed form. Fewer sites are summed one by one, which is as fast
+# and compiles sooner (benchmarks/array_cost.py).
 _LEAST_SITES = 16
 
 
 @dataclass(frozen=True)
-class _Frame:
-    """The centre of the sites, to which phases are relative, and the basis of a lattice."""
-
-    centre: tuple[phases.Doubled, ...]
-    basis: tuple[tuple[float, ...], ...] = ()
-    """Basis of the lattice; empty if sites are summed one by one."""
-    measure: float = 1.0
-
-
-@dataclass(frozen=True)
 class _Tables:
-    frame: _Frame
+    frame: LinearFrame
+    """Rows are the basis vectors of a lattice; there are none if sites are summed one by one."""
     rows: tuple[Row, ...] = ()
-    """Sites: position relative to the centre, each number as the sum of two floats, and weight;
-    empty for a lattice."""
+    """Position relative to the centre, each coordinate as two floats, and weight of each site.
+    Empty for a lattice.
+    """
     factors: tuple[ProfileFactor, ...] = ()
     constant: complex = 1.0
-    turns: tuple[float, ...] = ()
+    cycles: tuple[float, ...] = ()
 
     @property
     def terms(self) -> int:
@@ -316,16 +308,16 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     if lattice is None or profiles is None or lattice.misfit > _MISFIT:
         return _table_of_sites(sites, double)
     centre = (Fraction(high) + Fraction(low) for high, low in lattice.centre)
-    frame = _Frame(tuple(phases.doubled(c, double) for c in centre), lattice.basis)
+    frame = LinearFrame(tuple(phases.doubled(c, double) for c in centre), lattice.basis, 1.0)
     constant = complex(np.prod([profile.factor for profile in profiles]))
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
-        # phases are 0 at the centre
+        # phases are relative to the centre of the lattice
         constant *= complex(np.exp(1j * np.pi * profile.cycles_per_element * (count - 1)))
-    factors, turns = (
+    factors, cycles = (
         map(profile_factor, profiles),
         (profile.cycles_per_element for profile in profiles),
     )
-    return _Tables(frame, (), tuple(factors), constant, tuple(turns))
+    return _Tables(frame, (), tuple(factors), constant, tuple(cycles))
 
 
 @lru_cache(maxsize=64)
@@ -337,33 +329,33 @@ def _table_of_sites(sites: Sites, double: bool) -> _Tables:
         (*(part for c in site for part in phases.doubled(c, double)), w.real, w.imag)
         for site, w in rows
     ]
-    frame = _Frame(tuple(phases.doubled(c, double) for c in centre.tolist()))
+    frame = LinearFrame(tuple(phases.doubled(c, double) for c in centre.tolist()), (), 1.0)
     return _Tables(frame, tuple(table))
 
 
-def _enter(ops: Any, frame: _Frame, *nu: Any) -> Values:
-    turns = phases.turns_to_centre(ops, frame.centre, *nu)
-    if not frame.basis:
-        return (turns, *nu)
-    # sites are half steps from the centre, so nu.b is reduced modulo 2
+def _enter(ops: Any, frame: LinearFrame, *nu: Any) -> Values:
+    cycles = phases.cycles_to_centre(ops, frame.centre, *nu)
+    if not frame.rows:
+        return (cycles, *nu)
+    # sites lie at multiples of b/2 from the centre, so nu.b is reduced modulo 2
     half = [0.5 * component for component in nu]
-    return (turns, *(2.0 * phases.turns_to_centre(ops, b, *half) for b in frame.basis))
+    return (cycles, *(2.0 * phases.cycles_to_centre(ops, b, *half) for b in frame.rows))
 
 
-def _sum(ops: Any, tables: _Tables, turns: Any, *inner: Any) -> Values:
+def _sum(ops: Any, tables: _Tables, cycles: Any, *inner: Any) -> Values:
     def term(*row: Any) -> Values:
-        *both, real, imag = row
-        site = tuple(zip(both[0::2], both[1::2], strict=True))
+        *coordinates, real, imag = row
+        site = tuple(zip(coordinates[0::2], coordinates[1::2], strict=True))
         return phases.rotated(ops, phases.reduced(ops, phases.dot(ops, inner, site)), real, -imag)
 
     if tables.rows:
         real, imag = ops.sum_over(tables.rows, term, 2, like=inner[0])
         return real, -imag
-    one, two = (
-        factor.total(ops, along - turn)
-        for factor, along, turn in zip(tables.factors, inner, tables.turns, strict=True)
+    first, second = (
+        factor.total(ops, along - per_element)
+        for factor, along, per_element in zip(tables.factors, inner, tables.cycles, strict=True)
     )
-    total = one * two * Pair(tables.constant.real, tables.constant.imag)
+    total = first * second * Pair(tables.constant.real, tables.constant.imag)
     return total.real, -total.imag
 
 

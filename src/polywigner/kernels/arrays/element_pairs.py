@@ -3,8 +3,9 @@
 The pair (k, l) contributes to W(x, nu) near the midpoint of its centres, and to A(upsilon, xi) near
 their difference (docs/theory.md, (L1), (L2)). The contribution is W or A of the element at the
 offset from that position, times a phase that is computed without rounding. Cells of about the size
-of an element list the pairs that contribute at a sample, so at constant density the cost of a
-sample grows linearly with the number of elements. Midpoints and differences have twice the digits.
+of an element list the pairs that contribute at a sample. At constant density of elements, the cost
+of a sample is therefore proportional to their number. Midpoints and differences are stored as sums
+of two floats.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
-# Arrays of fewer elements are computed as one source, which is faster (benchmarks/array_cost.py).
+# Smallest number of elements for sums over pairs. Arrays of fewer elements are computed as one
+# source, which is faster (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 6
 # Rounding to 24 bits moves a point by less than this fraction of its distance from the centre, so
 # the boxes of pairs are larger by this fraction.
@@ -48,7 +50,7 @@ Floats = NDArray[np.float64]
 
 
 def is_scattered(array: Array) -> bool:
-    """Return whether an array is one element, repeated at enough positions."""
+    """Return whether an array repeats one aperture at six or more positions."""
     copies = normal_form(array).lattice
     if copies is None or not isinstance(copies.element.outline, Aperture):
         return False
@@ -62,8 +64,9 @@ def is_scattered(array: Array) -> bool:
 def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     """Return the pairs of elements; without a view (for R) each element as a pair with itself.
 
-    Pairs are listed by the midpoint of their centres (``MIRRORED``, for W) or by their difference
-    (``BEHIND``, for A). The first element has the first factor of the mutual field.
+    Pairs are sorted by the midpoint of their centres (``MIRRORED``, for W) or by the difference of
+    their centres (``BEHIND``, for A). The field of the first element is the unconjugated factor of
+    the mutual field.
 
     The columns of a record are: the midpoint (or difference) in the frame and the difference (or
     midpoint), each component as two floats; the mutual weight (real, imag); and half of the width
@@ -76,16 +79,17 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     shift = low + np.ptp(positions, axis=0) / 2
     x, y = (shift + local.centre).tolist()
     frame = replace(local, centre=(x, y))
-    # fields are relative to the carrier, whose phase depends on the whole position or lag
-    turns = positions @ np.array(local.carrier)
-    weights = copies.weights * np.exp(-2j * np.pi * (turns - np.rint(turns)))
-    high, rest = (
+    # fields are stored relative to the carrier; the phase of the carrier depends on the user's
+    # position or lag
+    cycles = positions @ np.array(local.carrier)
+    weights = copies.weights * np.exp(-2j * np.pi * (cycles - np.rint(cycles)))
+    high, low = (
         vertices_for(local.inverse_transpose, (0.0, 0.0), part)
         for part in phases.difference(positions, shift)
     )
     scale = 1.0
     if view is None:
-        centre, across = (high, rest), (0.0 * high, 0.0 * high)
+        centre, across = (high, low), (0.0 * high, 0.0 * high)
     else:
         first, second = (index.ravel() for index in np.indices((len(weights),) * 2))
         if view is MIRRORED:  # each pair once: the reversed pair is the conjugate
@@ -94,11 +98,11 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         if view is MIRRORED:
             weights[first < second] *= 2.0
         total, lost = phases.difference(high[first], -high[second])
-        mean = total / 2, (lost + (rest[first] + rest[second])) / 2
+        mean = total / 2, (lost + (low[first] + low[second])) / 2
         total, lost = phases.difference(high[first], high[second])
-        apart = total, lost + (rest[first] - rest[second])
+        apart = total, lost + (low[first] - low[second])
         centre, across = (mean, apart) if view is MIRRORED else (apart, mean)
-        # the copies meet at offsets below the sum of both half-widths
+        # two copies of an element overlap at differences up to the sum of both half-widths
         scale = 1.0 if view is MIRRORED else 2.0
     reach = np.broadcast_to(scale * np.array(local.reach) * (1 + _MARGIN), centre[0].shape)
     columns = (*_columns(centre, double), *_columns(across, double), weights.real, weights.imag)
@@ -109,9 +113,9 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
 
 def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
     """Return x and y of vectors, each as a float of the kernel's precision and the rest."""
-    total, rest = vector
+    total, low = vector
     high = total if double else total.astype(np.float32).astype(np.float64)
-    low = (total - high) + rest
+    low = (total - high) + low
     return [high[:, 0], low[:, 0], high[:, 1], low[:, 1]]
 
 
@@ -130,7 +134,9 @@ class PairLists:
     low: tuple[float, float]
     scale: tuple[float, float]
     counts: tuple[int, int]
-    """Cells for samples; records have one more before them in both directions."""
+    """Number of cells that contain samples, along each axis. Records have one more row and column
+    of cells before these.
+    """
     starts: DeviceTable
     """(cells + 1, 1) the first record of each cell, row by row."""
     records: DeviceTable
@@ -145,7 +151,7 @@ class PairLists:
         for step in (0, 1):
             cell = (i + step) * (columns + 1) + j
             (begin,), (end,) = ops.gather(starts, cell), ops.gather(starts, cell + 2)
-            yield begin, ops.select_number(inside, end, begin)
+            yield begin, ops.select(inside, end, begin)
 
 
 def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
@@ -181,15 +187,15 @@ Point = tuple[phases.Doubled, phases.Doubled]
 def _less(ops: Any, value: Any, constant: float) -> phases.Doubled:
     """Return value - constant without rounding."""
     high, low = phases.doubled(constant, ops.double)
-    total, rest = phases.difference(value, high)
-    return total, rest - low
+    total, low = phases.difference(value, high)
+    return total, low - low
 
 
 def _position(ops: Any, frame: Frame, *point: Any) -> Values:
     """Return a point relative to the centre in the frame, each component as two floats."""
     less = (_less(ops, c, m) for c, m in zip(point, frame.centre, strict=True))
-    total, rest = (frame.vector(ops, *part) for part in zip(*less, strict=True))
-    return _halves(ops, *zip(total, rest, strict=True))
+    total, low = (frame.vector(ops, *part) for part in zip(*less, strict=True))
+    return _halves(ops, *zip(total, low, strict=True))
 
 
 def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Values:
@@ -210,16 +216,16 @@ def _enter_wigner(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) 
 def _enter_ambiguity(
     ops: Any, frame: Frame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
-    turns = phases.turns_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
-    turns = phases.less_carrier(ops, frame, turns, xi_x, xi_y)
+    cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
+    cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)
     lag = _halves(ops, *((c, 0.0 * c) for c in frame.vector(ops, xi_x, xi_y)))
-    return (turns, *lag, *_frequency(ops, frame, (0.0, 0.0), upsilon_x, upsilon_y))
+    return (cycles, *lag, *_frequency(ops, frame, (0.0, 0.0), upsilon_x, upsilon_y))
 
 
 def _enter_both_ends(ops: Any, frame: Frame, x: Any, y: Any, xi_x: Any, xi_y: Any) -> Values:
-    turns = phases.less_carrier(ops, frame, 0.0 * xi_x, xi_x, xi_y)
+    cycles = phases.less_carrier(ops, frame, 0.0 * xi_x, xi_x, xi_y)
     ends = (_position(ops, frame, x + side * xi_x, y + side * xi_y) for side in (0.5, -0.5))
-    return (turns, *(number for end in ends for number in end))
+    return (cycles, *(number for end in ends for number in end))
 
 
 # ---- one pair --------------------------------------------------------------------------------
@@ -232,19 +238,19 @@ def _point(numbers: Sequence[Any]) -> Point:
 
 def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
     """Return the point relative to the pair's midpoint or difference."""
-    (x, x_rest), (y, y_rest) = _point(samples[:4])
-    (px, px_rest), (py, py_rest) = _point(record[:4])
-    return (x - px) + (x_rest - px_rest), (y - py) + (y_rest - py_rest)
+    (x, x_low), (y, y_low) = _point(samples[:4])
+    (px, px_low), (py, py_low) = _point(record[:4])
+    return (x - px) + (x_low - px_low), (y - py) + (y_low - py_low)
 
 
 def _of_element(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """Return the contribution of a pair of equal elements; for W only its real part counts."""
+    """Return the contribution of a pair of equal elements; W is the real part."""
     nu, offset = _point(samples[4:]), _offset(record, samples)
-    turns = phases.reduced(ops, phases.dot(ops, nu, _point(record[4:8])))
-    factor = Pair(record[8], record[9]) * unit_wave(ops, turns).conjugate()
-    frequency = [total + rest for total, rest in nu]
+    cycles = phases.reduced(ops, phases.dot(ops, nu, _point(record[4:8])))
+    factor = Pair(record[8], record[9]) * unit_wave(ops, cycles).conjugate()
+    frequency = [total + low for total, low in nu]
     if view is MIRRORED:
         return factor.scaled(element_wigner(ops, element, *offset, *frequency))
     return factor * element_ambiguity(ops, element, *frequency, *offset)
@@ -253,7 +259,7 @@ def _of_element(
 def _field_of(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """Return the field of an element."""
+    """Return the field of an element, with its weight, at a point."""
     return Pair(*element_field(ops, element, *_offset(record, samples))) * Pair(*record[8:10])
 
 
@@ -293,12 +299,12 @@ def _wigner_sum(ops: Any, tables: PairTables, *samples: Any) -> Values:
     return tuple(_sum(ops, tables, 1, samples))
 
 
-def _ambiguity_sum(ops: Any, tables: PairTables, turns: Any, *samples: Any) -> Values:
+def _ambiguity_sum(ops: Any, tables: PairTables, cycles: Any, *samples: Any) -> Values:
     real, imag = _sum(ops, tables, 2, samples)
     return real, -imag
 
 
-def _fields(ops: Any, tables: PairTables, turns: Any, *positions: Any) -> Values:
+def _fields(ops: Any, tables: PairTables, cycles: Any, *positions: Any) -> Values:
     """Return u at both ends of a lag, without the carrier."""
     ends = positions[:4], positions[4:]
     return tuple(part for end in ends for part in _sum(ops, tables, 2, end, _field_of))

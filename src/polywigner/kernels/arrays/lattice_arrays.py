@@ -1,4 +1,4 @@
-"""W and A of phased arrays on a lattice: those of the element, times array factors.
+"""W and A of phased arrays on a lattice: W and A of the element, times array factors.
 
 A pair of sites contributes W of the element to W(x, nu), at x minus the midpoint of the sites. It
 contributes A of the element to A(upsilon, xi), at xi minus the difference of the sites
@@ -33,12 +33,11 @@ from polywigner.source import Array
 from polywigner.source.lattices import Lattice, Profile, separated
 from polywigner.source.normal_form import normal_form
 
-# Fewer elements are summed pair by pair (benchmarks/array_cost.py).
+# Smallest number of elements for array factors; fewer elements are computed as one source
+# (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4
 # A point this close to the boundary of a region contributes less than rounding.
 _EDGE = 4e-15
-# Margin around an element's region, in its size, larger than rounding in single precision.
-_MARGIN = 1e-4
 
 Pair2 = tuple[float, float]
 
@@ -48,13 +47,13 @@ class _Nodes:
     """Differences or midpoints of sites: multiples of the steps of a lattice."""
 
     scale: float
-    """In steps of the lattice: 1, or 1/2 for midpoints."""
+    """Spacing of the nodes in steps of the lattice: 1, or 1/2 for midpoints."""
     windows: tuple[tuple[float, float, int, int], ...]
     """For each direction (low, high, first node on the lattice, number of nodes on it). Nodes h
     contribute at t if t - h lies in the open interval (low, high)."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
-        """Return the first node that contributes at a vector, and the vector from there."""
+        """Return the first node that contributes at (x, y), and (x, y) from there in the frame."""
         i, j = (
             0.0 * x + float(start)
             if high - low >= steps  # the element is much larger than the lattice
@@ -62,11 +61,11 @@ class _Nodes:
             for (low, high, start, steps), row in zip(self.windows, frame.inverse, strict=True)
         )
         (ax, ay), (bx, by) = ((self.scale * u, self.scale * v) for u, v in frame.basis)
-        left = x - (i * ax + j * bx), y - (i * ay + j * by)
-        return (i, j, *frame.element.vector(ops, *left))
+        offset = x - (i * ax + j * bx), y - (i * ay + j * by)
+        return (i, j, *frame.element.vector(ops, *offset))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Return the steps from the first contributing node, and their vectors in the frame."""
+        """Return the steps from the first to each node that contributes, and their vectors."""
         counts = (
             min(steps, max(1, math.ceil(high - low - _EDGE)))
             for low, high, _, steps in self.windows
@@ -89,8 +88,8 @@ class _ArrayFrame:
     basis: tuple[Pair2, Pair2]
     inverse: tuple[Pair2, Pair2]
     """From positions to lattice coordinates."""
-    turns: Pair2
-    """By which the phase of the weights grows from site to site, along each direction."""
+    cycles: Pair2
+    """Phase of the weights from site to site along each direction, in cycles."""
     means: _Nodes
     differences: _Nodes
 
@@ -104,18 +103,18 @@ class _ArrayFrame:
 
     @property
     def slope(self) -> Pair2:
-        """Turns from site to site without the carrier's."""
-        one, two = (
-            turn - float(np.dot(self.carrier, b))
-            for turn, b in zip(self.turns, self.basis, strict=True)
+        """Phase of the weights from site to site, less the phase of the carrier, in cycles."""
+        along_first, along_second = (
+            cycles_per_site - float(np.dot(self.carrier, b))
+            for cycles_per_site, b in zip(self.cycles, self.basis, strict=True)
         )
-        return one, two
+        return along_first, along_second
 
 
-def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, turns: Pair2) -> _ArrayFrame:
+def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair2) -> _ArrayFrame:
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
     inverse = np.linalg.inv(basis.T)
-    # W is nonzero within the hull of the element, A within lags of its size
+    # W vanishes outside the hull of the element, and A at lags beyond the size of the element
     outline = (np.concatenate(element.rings) - centre) @ inverse.T
     low, high = outline.min(axis=0), outline.max(axis=0)
     origin, count = np.array(lattice.origin) + centre, np.array(lattice.weights.shape) - 1
@@ -133,7 +132,7 @@ def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, turns: Pair2
         pair(origin + (count / 2) @ basis),
         lattice.basis,
         (pair(inverse[0]), pair(inverse[1])),
-        turns,
+        cycles,
         nodes(0.5, 2 * low, 2 * high, 0 * count, 2 * count + 1),
         nodes(1.0, low - high, high - low, -count, 2 * count + 1),
     )
@@ -161,9 +160,9 @@ def _tables(array: Array, double: bool) -> ArrayTables:
     tables = element_tables(element, double)
     profiles = separated(lattice.weights)
     assert profiles is not None
-    turns = profiles[0].cycles_per_element, profiles[1].cycles_per_element
+    cycles = profiles[0].cycles_per_element, profiles[1].cycles_per_element
     factors = _scaled(profiles[0]), _scaled(profiles[1])
-    frame = _array_frame(lattice, element, tables.frame, turns)
+    frame = _array_frame(lattice, element, tables.frame, cycles)
     return RepeatedTables(frame, tables, factors)
 
 
@@ -176,28 +175,28 @@ def _scaled(profile: Profile) -> ProfileFactor:
     return profile_factor(Profile(amplitudes, profile.cycles_per_element, profile.factor / size))
 
 
-def _site_turns(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
+def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
     """Return nu.b modulo 1 along both directions."""
-    return [phases.turns_to_centre(ops, b, *nu) for b in frame.basis]
+    return [phases.cycles_to_centre(ops, b, *nu) for b in frame.basis]
 
 
 def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
-    """Return the first midpoint in half steps, x from there, cycles per site, and nu."""
+    """Return the first midpoint in half steps, x relative to it, nu.b in cycles, and nu."""
     nearest = frame.means.nearest(ops, frame, x - frame.origin[0], y - frame.origin[1])
-    turns = _site_turns(ops, frame, nu_x, nu_y)
-    along = (t - turn for t, turn in zip(turns, frame.turns, strict=True))
+    cycles = _site_cycles(ops, frame, nu_x, nu_y)
+    along = (t - cycles_per_site for t, cycles_per_site in zip(cycles, frame.cycles, strict=True))
     return (*nearest, *along, *frame.element.detuned(ops, nu_x, nu_y))
 
 
 def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
-    first, second, x, y, *turns, nu_x, nu_y = inner
+    first, second, x, y, *cycles, nu_x, nu_y = inner
     frame, element = tables.frame, tables.element
-    factor = factor_of(ops, tables.sites, True, (turns[0] + turns[0], turns[1] + turns[1]))
+    factor = factor_of(ops, tables.sites, True, (cycles[0] + cycles[0], cycles[1] + cycles[1]))
 
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any]:
-        left = (x - dx, y - dy)
+        offset = (x - dx, y - dy)
         weight = factor((k, m), (first + k, second + m)).real
-        return (weight * element_wigner(ops, element, *left, nu_x, nu_y),)
+        return (weight * element_wigner(ops, element, *offset, nu_x, nu_y),)
 
     total: Values = ops.sum_large_terms(frame.means.rows(frame), term, element.clips)
     return total
@@ -206,17 +205,17 @@ def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
 def _enter_ambiguity(
     ops: Any, frame: _ArrayFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
-    """Return phase, first difference, xi from there, cycles per site, and upsilon."""
-    turns = phases.turns_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
-    turns = phases.less_carrier(ops, frame, turns, xi_x, xi_y)
+    """Return the phase, the first difference, xi from there, upsilon.b in cycles, and upsilon."""
+    cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
+    cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)
     nearest = frame.differences.nearest(ops, frame, xi_x, xi_y)
     inner = frame.element.frequency(ops, upsilon_x, upsilon_y)
-    # midpoints are half steps, so upsilon.b is reduced modulo 2
-    along = (2.0 * t for t in _site_turns(ops, frame, 0.5 * upsilon_x, 0.5 * upsilon_y))
-    return (turns, *nearest, *along, *inner)
+    # midpoints are multiples of b/2, so upsilon.b is reduced modulo 2
+    along = (2.0 * t for t in _site_cycles(ops, frame, 0.5 * upsilon_x, 0.5 * upsilon_y))
+    return (cycles, *nearest, *along, *inner)
 
 
-def _ambiguity_sum(ops: Any, tables: ArrayTables, turns: Any, *inner: Any) -> Values:
+def _ambiguity_sum(ops: Any, tables: ArrayTables, cycles: Any, *inner: Any) -> Values:
     first, second, x, y, *along, upsilon_x, upsilon_y = inner
     frame, element, slope = tables.frame, tables.element, tables.frame.slope
     factor = factor_of(ops, tables.sites, False, (along[0], along[1]))

@@ -54,13 +54,13 @@ Sites = TypeVar("Sites")
 
 @dataclass(frozen=True)
 class RepeatedTables(Generic[Element, Sites]):
-    """The element's tables, and where its copies are and with which weights."""
+    """Tables of an element, and the positions and weights of its copies."""
 
     frame: Any
     element: Element
     sites: Sites
     terms: int = 1
-    """Terms of the sum over copies that a sample loops through, for the choice of an engine."""
+    """Number of terms of the sum over copies at a sample, for the choice of an engine."""
 
 
 @dataclass(frozen=True, eq=False)

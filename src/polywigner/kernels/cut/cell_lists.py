@@ -30,13 +30,13 @@ from polywigner.numerics.grid_arithmetic import accurate_cross
 
 # Start and vector of an edge that meets no other and is parallel to none.
 _NO_EDGE = (877.0, 512.375, 1.0, 0.28125)
-# Number of pairs, and of cells times edges, in one pass, so that temporary arrays stay in a cache.
+# Number of pairs, and of cells times edges, per pass, so that temporary arrays stay in the cache.
 _BLOCK = 1 << 15
 _DENSE = 1 << 18
 # Cells are enlarged by this margin in units of the frame, far beyond rounding.
 _MARGIN = 1e-12
-# Levels are sums of weights. Smaller levels than _NO_WEIGHT are rounding errors of 0, and levels
-# are merged if they agree to 1/_LEVELS, relative to the largest weight.
+# Levels are sums of weights. Relative to the largest weight, levels below _NO_WEIGHT are rounding
+# errors of 0, and levels that agree to 1/_LEVELS are merged.
 _NO_WEIGHT, _LEVELS = 1e-15, 2.0**50
 # Largest number of cells across, and of rows in all. With 64 cells across, a cell of a 30-gon has
 # some 4 pairs (benchmarks/call_rates.py).
@@ -117,7 +117,7 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     far = max(float(np.abs(o.vertices[:, 0]).max()) for o in (first, second)) + first.step
     leads = _leads(first, far)
     edges, others = np.concatenate([first.edges, leads]), second.edges
-    # for each block of cells: the edges inside, and the other rows
+    # each block of cells yields the edges inside the other copy, and the other rows
     blocks = list(_rows_of_cells(first, cells, edges, others))
     cell, table, level = (
         np.concatenate([part[k] for block in blocks for part in block]) for k in range(3)
@@ -150,7 +150,8 @@ def _reach(first: Outline, second: Outline) -> Array:
 def _leads(outline: Outline, far: float) -> Array:
     """Return (2 rings, 8) lines to the first vertex of each ring, from the left and from the right.
 
-    The left one begins outside of the other copy where T_x >= 0, the right one where T_x < 0.
+    The line from the left begins outside of the other copy where T_x >= 0, the line from the right
+    where T_x < 0.
     """
     points = outline.vertices[outline.starts[:-1]]
     ends = np.repeat(points, 2, axis=0)
@@ -164,8 +165,8 @@ def _rows_of_cells(
 ) -> Iterator[tuple[tuple[Array, ...], ...]]:
     """Yield the edges inside the other copy and the other rows, as (cell, row, level), by blocks.
 
-    Levels are valid at the centre of a cell. The level of the start of an edge changes within the
-    cell only if both that edge and the one before it have pairs there.
+    Levels are those at the centre of a cell. The level of the start of an edge changes within the
+    cell only if both that edge and the preceding edge have pairs there.
     """
     count, null = len(outline.vertices), len(others)
     weights: Array = others[:, 5]
@@ -197,7 +198,8 @@ def _rows_of_cells(
         jumps = (
             summed(jump.real) + 1j * summed(jump.imag) if np.iscomplexobj(jump) else summed(jump)
         )
-        first = jumps[:, count::2] + jumps[:, count + 1 :: 2]  # one lead of each ring has pairs
+        # only one of the two leads of a ring has pairs in a cell
+        first = jumps[:, count::2] + jumps[:, count + 1 :: 2]
         jumps = jumps[:, :count]
         before = np.cumsum(jumps, axis=1) - jumps
         level = before + (first - before[:, starts])[:, ring_of]
@@ -216,7 +218,8 @@ def _other_rows(
     """Return (cell, row, level) of pairs along the rings and of edges with changing levels."""
     at, i, j = pairs
     count = changes.shape[1]
-    # if the level of the first vertex of a ring changes in a cell, crossings of the lead set it
+    # if the level of the first vertex of a ring changes in a cell, crossings of the lead determine
+    # it
     led = changes[:, starts]
     led_cell, led_ring = led.nonzero()
     is_lead = i >= count
@@ -224,17 +227,17 @@ def _other_rows(
     ring = (lead - count) // 2
     (used,) = led[lead_at, ring].nonzero()
     at, i, j = (part[~is_lead] for part in pairs)
-    whole_at, whole = changes.nonzero()
+    whole_at, whole_edge = changes.nonzero()
     is_first = np.diff(at * count + i, prepend=-1) != 0
-    how = np.where(is_first & ~changes[at, i], START, CROSSING)
+    kind = np.where(is_first & ~changes[at, i], START, CROSSING)
     rows = (
         _table(starts[led_ring], null, START),
         _table(lead[used], lead_other[used], LEAD),
-        _table(whole, null, WHOLE),
-        _table(i, j, how),
+        _table(whole_edge, null, WHOLE),
+        _table(i, j, kind),
     )
     first = 4 * starts
-    positions = first[led_ring] - 2, first[ring[used]] - 1, 4 * whole, 4 * i + 1
+    positions = first[led_ring] - 2, first[ring[used]] - 1, 4 * whole_edge, 4 * i + 1
     cell = np.concatenate([led_cell, lead_at[used], whole_at, at])
     order = np.lexsort((np.concatenate(positions), cell))
     values = np.zeros(len(cell), level.dtype)
@@ -255,10 +258,10 @@ def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
     return number[1:], np.stack([values.real, values.imag, 0.0 * values.real, 0.0 * values.real], 1)
 
 
-def _table(edge: Array, other: Array | int, how: Array | int) -> Array:
+def _table(edge: Array, other: Array | int, kind: Array | int) -> Array:
     """Return rows of the lists, without the indices of levels."""
     rows = np.zeros((len(edge), 4), np.uint32)
-    rows[:, 0], rows[:, 1], rows[:, 2] = edge, other, how
+    rows[:, 0], rows[:, 1], rows[:, 2] = edge, other, kind
     return rows
 
 
@@ -302,7 +305,7 @@ def _meeting(
 
 
 def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, cell: Array) -> Array:
-    """Return whether cells meet the parallelograms of pairs whose bounding boxes they meet."""
+    """Return whether cells meet the parallelograms of pairs, if they meet the bounding boxes."""
     e, f, centre = b - a, d - c, 0.5 * (a + b + c + d).reshape(-1, 2)
     half = 0.5 * cells.size
     x, y = np.subtract(cells.centre(cell), centre.take(pair, axis=0).T)

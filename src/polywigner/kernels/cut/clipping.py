@@ -36,7 +36,6 @@ import numpy.typing as npt
 from polywigner.kernels.outline.tables import Tables
 from polywigner.numerics import Number
 from polywigner.numerics.grid_arithmetic import (
-    GRID,
     accurate_cross,
     rounded,
     signed_convex_pieces,
@@ -89,7 +88,7 @@ class Piece:
 
     sides: tuple[tuple[int, int], ...]
     real: float
-    """The element's weight; its negative for a triangle turned over by rounding."""
+    """The weight of the element; negated for a triangle whose orientation rounding has reversed."""
     imag: float
     group: int
 
@@ -107,8 +106,9 @@ class Constants:
 
 @lru_cache(maxsize=128)
 def constants_of(tables: Tables) -> Constants:
-    """Return the constants of tables; elements share lines."""
-    step, frame = GRID[tables.double], tables.frame
+    """Return the constants of a source; its elements share lines."""
+    frame = tables.frame
+    step = frame.grid_step(tables.double)
     group_of = dict(zip(tables.names[:, 2].tolist(), tables.names[:, 3].tolist(), strict=True))
     edges: list[Edge] = []
     pieces: list[Piece] = []
@@ -126,7 +126,7 @@ def constants_of(tables: Tables) -> Constants:
             for k, (ax, ay, ex, ey) in enumerate(_sides(points)):
                 length = math.copysign(math.hypot(ex, ey), ey if ey else ex)
                 unit = (ex / length, ey / length)
-                # directions that are equal up to rounding share one pair of floats, and thus nu.u
+                # directions that are equal up to rounding share one unit vector u, and thus nu.u
                 ux, uy = directions.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
                 ends = names[k], names[(k + 1) % len(names)]
                 edges.append(
@@ -147,7 +147,7 @@ def _sides(polygon: Floats) -> list[list[float]]:
 
 
 def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
-    """Return index of the line of a side, the same for both directions, and 1 or -1."""
+    """Return the index of the line of a side, and 1 or -1 for its direction along the line."""
     ax, ay, ex, ey = side
     if ey > 0 or (ey == 0 and ex > 0):
         return lines.setdefault(Line(ex, ey, ax, ay), len(lines)), 1
@@ -156,7 +156,7 @@ def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class View:
-    """p' = ``offset`` T + ``point`` p, each factor 1 or -1."""
+    """The map p' = ``offset`` T + ``point`` p; both factors are 1 or -1."""
 
     offset: int
     point: int
@@ -170,6 +170,9 @@ class View:
 MIRRORED = View(offset=+1, point=-1)
 BEHIND = View(offset=-1, point=+1)
 AHEAD = View(offset=+1, point=+1)
+
+Cuts = dict[View, list[tuple[Any, Any, Any, Any]]]
+"""The parts of an edge in each view, as `Clipper.intervals` yields them."""
 
 
 class Clipper:
@@ -198,6 +201,24 @@ class Clipper:
             totals = [a + b for a, b in zip(totals, term(edge), strict=True)]
         return tuple(totals)
 
+    def sums_of_runs(
+        self, runs: Sequence[Any], group: int, other: int
+    ) -> Iterator[tuple[Any, list[Any]]]:
+        """Yield each of several sums with its values, from one pass over the edges of a group.
+
+        A run is a sum for one pair of waves. It has ``views``, pairs (view, side); ``values``, the
+        number of its values; and ``terms(edge, cuts)``, the contribution of an edge.
+        """
+        views = dict.fromkeys(view for run in runs for view, _ in run.views)
+
+        def term(edge: Edge) -> tuple[Any, ...]:
+            cuts: Cuts = {view: list(self.intervals(edge, view, other)) for view in views}
+            return tuple(value for run in runs for value in run.terms(edge, cuts))
+
+        values = iter(self.sum_over_edges(term, sum(run.values for run in runs), group, other))
+        for run in runs:
+            yield run, [next(values) for _ in range(run.values)]
+
     def shared(self, edge: Edge, compute: Callable[[], T], *what: Hashable) -> T:
         """Return ``compute()``, called once for all parallel edges if these are constants."""
         if type(self) is not Clipper:
@@ -209,7 +230,7 @@ class Clipper:
         return value
 
     def level(self, line: Line) -> Number:
-        """Return cross(direction, T), with one product only for a direction along an axis."""
+        """Return cross(direction, T); a direction along an axis takes one product."""
         key = (line.dx, line.dy)
         if key not in self._levels:
             x, y = self.tx * -line.dy, self.ty
@@ -242,7 +263,7 @@ class Clipper:
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
             line = self.lines[number]
-            # an accurate product, since the two may be nearly parallel
+            # an accurate product, because the edge and the line may be nearly parallel
             slope = float(accurate_cross(line.dx, line.dy, edge.ex, edge.ey))
             if slope == 0.0:
                 distance = self._exact_distance(edge, line, view)
@@ -272,7 +293,7 @@ class Clipper:
         return self.ops.fma(self.level(line), view.offset * scale, start * scale)
 
     def _exact_distance(self, edge: Edge, line: Line, view: View) -> Number:
-        """Return the distance of the edge's start to the left of the line, to one ulp."""
+        """Return cross(line, start of the edge), positive to the left of the line, to one ulp."""
         s, sign = view.offset, view.point
         dx = s * self.tx + (sign * edge.ax - line.px)
         dy = s * self.ty + (sign * edge.ay - line.py)

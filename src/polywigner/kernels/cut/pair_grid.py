@@ -8,7 +8,6 @@ divided into square cells, whose lists ``cell_lists`` builds. This module cuts e
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
@@ -17,14 +16,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.kernels.outline.frame import power_of_two
 from polywigner.kernels.outline.tables import Tables
 from polywigner.numerics import Number
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
-# Kinds of rows: a crossing; a crossing before which the winding number is set (START); a whole edge
-# (WHOLE); an edge inside the other copy (INSIDE, START and WHOLE); and a crossing with the line
-# that leads to a ring from outside (LEAD). START is the first bit and WHOLE the second bit.
+# Kinds of rows. CROSSING: a crossing of two edges. START: a crossing before which the winding
+# number is set. WHOLE: an edge at full length. INSIDE: an edge that lies inside the other copy,
+# both START and WHOLE. LEAD: a crossing with the line that leads to a ring from outside. START is
+# the first bit and WHOLE the second bit.
 CROSSING, START, WHOLE, INSIDE, LEAD = range(5)
 # Bound on the rounding error of a cross product of vectors of the frame.
 ROUNDED = 1e-13
@@ -49,7 +48,7 @@ class Outline:
     """(n, 8) both ends of each edge, 0, the complex weight of the element, and 0; the polygon lies
     to the left."""
     starts: Array
-    """(rings + 1,) where each ring begins, and n."""
+    """(rings + 1,) index of the first edge of each ring, and n."""
     names: Array
     """(n, 4) the vertices at which each edge begins and ends, and its element."""
 
@@ -66,22 +65,20 @@ class Outline:
         return following
 
     @cached_property
-    def turned(self) -> Outline:
-        """The outline turned by half a turn about the centre of its frame."""
+    def rotated(self) -> Outline:
+        """The outline rotated by 180 degrees about the centre of its frame."""
         return replace(self, edges=self.edges * np.repeat([-1.0, 1.0], 4))
 
 
 @lru_cache(maxsize=128)
 def outline_of(tables: Tables, group: int, double: bool) -> Outline:
     """Return the elements with one of the fields of a source, for float64 or float32 kernels."""
-    mine = tables.names[:, 3] == group
-    names = np.zeros((int(mine.sum()), 4), np.uint32)
-    names[:, :3] = tables.names[mine, :3]
+    in_group = tables.names[:, 3] == group
+    names = np.zeros((int(in_group.sum()), 4), np.uint32)
+    names[:, :3] = tables.names[in_group, :3]
     starts = np.flatnonzero(np.append(True, names[1:, 0] != names[:-1, 1])[: len(names)])
-    vertices, weights = tables.edges[mine, :2], tables.edges[mine, 4:]
-    # offsets up to twice the reach, less two vertices, must be exact multiples of the step
-    reach = power_of_two(4.0 * max(abs(vertices).max(initial=0.0), 0.25))
-    step = math.ldexp(reach, -53 if double else -24)
+    vertices, weights = tables.edges[in_group, :2], tables.edges[in_group, 4:]
+    step = tables.frame.grid_step(double)
     edges = np.zeros((len(vertices), 8))
     edges[:, :2] = np.rint(vertices / step) * step
     outline = Outline(step, edges, np.append(starts, len(edges)), names)
@@ -95,20 +92,26 @@ class PairGrid:
     """Lists of edges and pairs of edges by cells, as tables of NumPy or of an engine."""
 
     numbers: Any
-    """(1, 8) lower and upper corner of the cells, cells in a unit, in a row, in all; the step."""
+    """(1, 8) lower and upper corner of all cells; number of cells per unit length, in a row and in
+    all; and the spacing of the grid.
+    """
     cells: Any
-    """(cells + 1, 4) first row, first one that is no edge inside, end of the rows, 0; none in the
-    last."""
+    """(cells + 1, 4) for each cell its first row, its first row that is not INSIDE, the end of its
+    rows, and 0. The last cell, for offsets outside of all others, is empty.
+    """
     rows: Any
-    """(k, 4) edge of the first outline, of the second, how it counts, number of its level: of the
-    winding number in the other copy, times the weight of its element."""
+    """(k, 4) edge of the first outline, edge of the second outline, kind of the row, and index of a
+    level, which is a winding number in the other copy times the weight of its element.
+    """
     first: Any
     """(n, 8) start and vector of the edges of the first outline, 0, the weight, and 0; and of the
     lines that lead to its rings, with weight 1."""
     second: Any
-    """(m + 1, 8) the same of the second outline, and an edge of weight 1 that meets none."""
+    """(m + 1, 8) the same for the edges of the second outline, and for an edge of weight 1 that
+    meets no other.
+    """
     names: Any
-    """(n, 4) names of the edges of the first outline."""
+    """(n, 4) `Outline.names` of the first outline."""
     levels: Any
     """(k, 4) real and imaginary part of each level."""
 
@@ -166,7 +169,7 @@ class HostGrid:
     """Cells along y and along x."""
     step: float
     cells: Array
-    """(n, 3) as in the grid, with a border of empty cells, row by row."""
+    """(n, 3) first columns of ``PairGrid.cells``, with a border of empty cells."""
     rows: Array
     first: Array
     """(n, 4) start and vector of each edge, (limit of levels + i length), weight."""
@@ -188,17 +191,18 @@ def _as_complex(edges: Array) -> Array:
 _SLANTED = 1 / 16
 
 
-def cells_at(grid: HostGrid, t: Array) -> Array:
-    """Return the indices of the cells of offsets ``t`` (n,), including cells of the border."""
-    (rows, across), position = grid.shape, (t - grid.low) * grid.per_unit
-    column = np.fmin(np.fmax(np.floor(position.real), -1.0), across)
-    row = np.fmin(np.fmax(np.floor(position.imag), -1.0), rows)
+def cells_at(grid: HostGrid, x: Array, y: Array) -> Array:
+    """Return the indices of the cells of offsets (x, y), including cells of the border."""
+    rows, across = grid.shape
+    column = np.floor((x - grid.low.real) * grid.per_unit)
+    row = np.floor((y - grid.low.imag) * grid.per_unit)
+    column, row = np.fmin(np.fmax(column, -1.0), across), np.fmin(np.fmax(row, -1.0), rows)
     return np.asarray((row + 1.0) * (across + 2) + column + 1.0).astype(np.intp)
 
 
 def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
     """Return the rows (k, 4) of the cells of offsets ``t`` (n,), and the offset index of each."""
-    spans = grid.cells.take(cells_at(grid, t), axis=0)
+    spans = grid.cells.take(cells_at(grid, t.real, t.imag), axis=0)
     begin, counts = spans[:, 0], spans[:, 2] - spans[:, 0]
     owner = np.arange(len(t)).repeat(counts)
     index = np.arange(len(owner)) + (begin - (counts.cumsum() - counts)).take(owner)
@@ -230,35 +234,36 @@ def cut_edges(
     -----
     The signs of cross products are exact.
     """
-    number, other, how, level_of = row.T
-    edge, against = grid.first.take(number, axis=0), grid.second.take(other, axis=0)
-    p = t.take(owner) - against[:, 0] - edge[:, 0]
-    e, f = edge[:, 1], against[:, 1]
-    levels, turn = np.empty((4, len(owner))), (e.conj() * f).imag
+    number, other, kind, level_of = row.T
+    edge, other_edge = grid.first.take(number, axis=0), grid.second.take(other, axis=0)
+    p = t.take(owner) - other_edge[:, 0] - edge[:, 0]
+    e, f = edge[:, 1], other_edge[:, 1]
+    levels, edges_cross = np.empty((4, len(owner))), (e.conj() * f).imag
     levels[0], levels[2] = (e.conj() * p).imag, (f.conj() * p).imag
-    np.subtract(levels[0], turn, out=levels[1])
-    np.add(levels[2], turn, out=levels[3])
-    near: Array = abs(levels) < ROUNDED  # sufficient for vectors shorter than 8
+    np.subtract(levels[0], edges_cross, out=levels[1])
+    np.add(levels[2], edges_cross, out=levels[3])
+    near: Array = abs(levels) < ROUNDED  # a bound for vectors shorter than 8
     if near.any():
         _make_exact(levels, np.flatnonzero(near.any(axis=0)), e, f, p)
-    limit, other_limit = edge[:, 2].real, against[:, 2].real
+    limit, other_limit = edge[:, 2].real, other_edge[:, 2].real
     if side < 0.0:
         limit, other_limit = -NO_LEVEL - limit, -NO_LEVEL - other_limit
     enters = levels[3] > other_limit
     meets = ((levels[0] > limit) ^ (levels[1] > limit)) & ((levels[2] > other_limit) ^ enters)
-    slanted = meets & (abs(turn) < _SLANTED * edge[:, 2].imag * against[:, 2].imag)
+    slanted = meets & (abs(edges_cross) < _SLANTED * edge[:, 2].imag * other_edge[:, 2].imag)
     if slanted.any():
         _make_exact(levels, slanted.nonzero()[0], e, f, p)
     jump: Array = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
     before = jump.cumsum() - jump
-    if not grid.is_uniform:  # sums over many samples would round in double precision
-        jump = jump * (against[:, 3] if grid.levels.dtype.kind == "c" else against[:, 3].real)
+    # The running sum over all samples of a call would round in double precision.
+    if not grid.is_uniform:
+        jump = jump * (other_edge[:, 3] if grid.levels.dtype.kind == "c" else other_edge[:, 3].real)
         exact = np.clongdouble if jump.dtype.kind == "c" else np.longdouble
         before = np.cumsum(jump, dtype=exact) - jump
-    # each ring of a sample begins with a row that sets the level
-    last = np.maximum.accumulate(np.where(how & START, np.arange(len(row)), 0))
+    # the first row of each ring of a sample sets the level
+    last = np.maximum.accumulate(np.where(kind & START, np.arange(len(row)), 0))
     level = before + (grid.levels.take(level_of) - before).take(last)
-    weight = np.where(how & WHOLE, level, np.where(how == LEAD, 0.0, jump))
+    weight = np.where(kind & WHOLE, level, np.where(kind == LEAD, 0.0, jump))
     weight = weight.astype(jump.dtype, copy=False)
     (parts,) = weight.nonzero()
     levels, fraction = levels[2:, parts], np.empty(len(parts))
@@ -277,11 +282,11 @@ def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
 
 
 def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> None:
-    """Replace levels by levels from exact differences and products."""
+    """Recompute levels from exact differences and accurate products."""
     e, f, p = e[columns], f[columns], p[columns]
     pairs = (e, p), (e, p - f), (f, p), (f, p - e)
-    for row, (one, two) in zip(levels, pairs, strict=True):
-        row[columns] = accurate_cross(one.real, one.imag, two.real, two.imag)
+    for row, (a, b) in zip(levels, pairs, strict=True):
+        row[columns] = accurate_cross(a.real, a.imag, b.real, b.imag)
 
 
 def crossing(
@@ -300,11 +305,11 @@ def crossing(
     (ax, ay, ex, ey), (cx, cy, fx, fy) = edge[:4], other[:4]
     px, py = (tx - cx) - ax, (ty - cy) - ay
     before = ops.cross(ex, ey, px, py)
-    after = ops.cross(ex, ey, px - fx, py - fy)
+    end_level = ops.cross(ex, ey, px - fx, py - fy)
     start, end = ops.cross(fx, fy, px, py), ops.cross(fx, fy, px - ex, py - ey)
     limit, other_limit = _limit(ops, ex, ey, side), _limit(ops, fx, fy, side)
     at_start, at_end = start > other_limit, end > other_limit
-    return ((before > limit) ^ (after > limit)) & (at_start ^ at_end), at_end, start, end
+    return ((before > limit) ^ (end_level > limit)) & (at_start ^ at_end), at_end, start, end
 
 
 def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Number:

@@ -19,7 +19,7 @@ from polywigner.kernels.outline.tables import Tables
 from polywigner.numerics import Number
 
 Pass = tuple[View, int, int]
-"""View of edges, number of their field, and number of the other copy's field."""
+"""View of the edges, index of their field, and index of the field of the other copy."""
 Interval = tuple[Any, Any, Any, Any]
 Level = tuple[Any, ...]
 
@@ -33,9 +33,9 @@ def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairG
     """Return the lists of pairs of edges for a number of samples; recent lists are cached."""
     view, group, other = key
     first, second = (outline_of(tables, number, double) for number in (group, other))
-    second = second if view is MIRRORED else second.turned
+    second = second if view is MIRRORED else second.rotated
     across = cells_across(first, second, 1 << (samples or _MANY).bit_length())
-    name = view.point, group, other, double, across  # AHEAD has the lists of BEHIND
+    name = view.point, group, other, double, across  # AHEAD uses the lists of BEHIND
     grid: PairGrid | None = tables.pairs.get(name)
     if grid is None:
         grid = tables.pairs.setdefault(name, pair_grid(first, second, across))
@@ -58,7 +58,7 @@ def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
         ops.truncated(ops.select(inside, (t - low) * per_unit, 0.0))
         for t, low in ((tx, x0), (ty, y0))
     )
-    return ops.select_number(inside, row * ops.truncated(across) + column, ops.truncated(empty))
+    return ops.select(inside, row * ops.truncated(across) + column, ops.truncated(empty))
 
 
 class PairClipper(Clipper):
@@ -121,13 +121,13 @@ class PairClipper(Clipper):
             return tuple(ops.gather(grid.levels, number)[:count])
 
         def last_part(number: Any, edge: Any, fraction: Any, level: Level) -> Level:
-            """Return the term of the last part of an edge, a fraction of its length, at a level."""
+            """Return the term of the last ``fraction`` of an edge, times a level."""
             ax, ay, ex, ey, _, real, imag, _ = edge or ops.gather(grid.first, number)
             begin, end, _, _ = ops.gather(grid.names, number)
             weight, phase = tables.mutual(real, imag, *level, *(0.0,) * (2 - count))
             phase = -phase if view is AHEAD else phase
             self._current = view, (2.0 - fraction, fraction, weight, phase)
-            # e in place of its unit vector, with length 1: their product is the same
+            # the vector e with length 1 has the same product as a unit vector with the true length
             return term(Edge(ax, ay, ex, ey, ex, ey, 1.0, real, imag, begin=begin, end=end))
 
         def of_inside(row: Any) -> Level:
@@ -135,22 +135,22 @@ class PairClipper(Clipper):
             return last_part(number, None, 1.0, level_of(level))
 
         def visit(row: Any) -> tuple[Any, Level, Level, Callable[[Level], Level]]:
-            number, other, how, level = ops.gather(grid.rows, row)
-            edge, against = ops.gather(grid.first, number), ops.gather(grid.second, other)
-            meets, enters, start, end = crossing(ops, edge, against, tx, ty, view.side)
+            number, other, kind, level = ops.gather(grid.rows, row)
+            edge, other_edge = ops.gather(grid.first, number), ops.gather(grid.second, other)
+            meets, enters, start, end = crossing(ops, edge, other_edge, tx, ty, view.side)
             jump: Level = (ops.select(meets, ops.select(enters, 1.0, -1.0), 0.0),)
             if not tables.uniform:
-                jump = tuple(jump[0] * weight for weight in against[5 : 5 + count])
+                jump = tuple(jump[0] * weight for weight in other_edge[5 : 5 + count])
             fraction = ops.select(meets, end / ops.select(meets, end - start, 1.0), 1.0)
 
             def of_level(level: Level) -> Level:
                 weights = (
-                    ops.select(how == WHOLE, before, ops.select(how == LEAD, 0.0, by))
+                    ops.select(kind == WHOLE, before, ops.select(kind == LEAD, 0.0, by))
                     for before, by in zip(level, jump, strict=True)
                 )
                 return last_part(number, edge, fraction, tuple(weights))
 
-            return how == START, level_of(level), jump, of_level
+            return kind == START, level_of(level), jump, of_level
 
         inside, row, end, _ = ops.gather(grid.cells, cell_of(ops, grid, tx, ty))
         yield ops.sum_over_range(inside, row, of_inside, values)

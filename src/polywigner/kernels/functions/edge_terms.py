@@ -34,15 +34,15 @@ def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
     half_sine = sin_turns(ops, 0.5 * midpoint)
     cosine_less_one = -2.0 * half_sine * half_sine
     sine = sin_turns(ops, midpoint)
-    both = ops.fma(less_one, cosine_less_one, less_one + cosine_less_one)
-    return ops.fma(less_one, sine, sine), both
+    cosine = ops.fma(less_one, cosine_less_one, less_one + cosine_less_one)
+    return ops.fma(less_one, sine, sine), cosine
 
 
 def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
     """Return a frequency, or a slightly larger one if its square would underflow.
 
-    The change of a transform is the floor times the diameter, far below rounding. Terms are of the
-    order of the square of the frequency. The rounding of their sum, at most 6e-8 of it, must not
+    The transform changes by the floor times the diameter, far less than rounding. Terms are of the
+    order of the squared frequency. The rounding errors of their sum, up to 6e-8 of it, must not
     underflow either: with a floor of 1e-16, compiled float32 kernels had eight times the error.
     """
     return _off_zero(ops, x, y, 1e-140 if ops.double else 1e-13)
@@ -56,7 +56,7 @@ def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
 Values = tuple[Any, ...]
 
 
-def times(factor: Any, value: Any) -> Number:
+def scaled(factor: Any, value: Any) -> Number:
     """Return factor value; no multiplication if the factor is a constant 1 or -1."""
     if isinstance(factor, float) and abs(factor) == 1.0:
         return value if factor > 0 else -value
@@ -74,20 +74,20 @@ class EdgeTerms:
     """
 
     values: int
-    """The numbers of a sum: the real part, or both."""
+    """Number of values of a sum: 1 for the real part alone, 2 for a complex sum."""
     ops: Any
     nu: Values
     by_part = False
-    """Whether terms of parts share nothing along an edge: there is only :meth:`of_part`."""
+    """Whether the parts of an edge share no factor; then only :meth:`of_part` is implemented."""
 
     def taken(self, owner: Any) -> EdgeTerms:
-        """Return the terms for NumPy at the frequencies with some indices (k,)."""
+        """Return the terms at the frequencies with the indices ``owner`` (k,), for NumPy."""
         terms, (nu_x, nu_y) = object.__new__(type(self)), self.nu
         terms.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
         return terms
 
     def at_columns(self, rows: Any, columns: slice) -> EdgeTerms:
-        """Return the terms for NumPy at some of the frequencies (n, m); ``rows``: None for all."""
+        """Return the terms at some rows (None: all) and columns of the frequencies (n, m)."""
         terms = copy(self)
         terms.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
         return terms
@@ -99,7 +99,7 @@ class EdgeTerms:
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
-        """Return the sums of an edge with one more part of it; None before the first.
+        """Return the sums of an edge after adding a part; ``sums`` is None for the first part.
 
         ``half``, ``midpoint``: nu.d/2 and nu.m in cycles; ``extent``: the part's length in units of
         the edge's; ``weight``: (real, imaginary) product of the weights of both elements, times the
@@ -135,8 +135,8 @@ class EvenTerms(EdgeTerms):
     def along(self, ux: Any, uy: Any) -> Values:
         """Return nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
         ops, (nu_x, nu_y) = self.ops, self.nu
-        # A floor whose square is a normal number: lanes that wait in a loop have q = 0, and
-        # processors take a hundred times as long for subnormal numbers.
+        # The square of the floor is a normal number. SIMD lanes that have finished a loop have nu.u
+        # = 0, and arithmetic with subnormal numbers takes a hundred times as long.
         floor = 1e-30 if ops.double else 1e-18
         along = ops.fma(nu_x, ux, nu_y * uy)
         along = ops.select(abs(along) < floor, floor, along)
@@ -145,7 +145,7 @@ class EvenTerms(EdgeTerms):
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
-        size = times(weight[0], sin_turns(self.ops, half))
+        size = scaled(weight[0], sin_turns(self.ops, half))
         phase = sin_turns(self.ops, midpoint)
         return (size * phase if sums is None else self.ops.fma(size, phase, sums[0]),)
 
@@ -180,14 +180,14 @@ class WaveTerms(EdgeTerms):
     ) -> Values:
         ops, (real, imag) = self.ops, weight
         sine, cosine = segment_wave(ops, half, midpoint)
-        waves = _with(ops, sums, times(real, extent), sine, cosine)
+        waves = _with(ops, sums, scaled(real, extent), sine, cosine)
         if isinstance(imag, float) and imag == 0.0:
             return waves
-        factor = times(extent, imag)
+        factor = scaled(extent, imag)
         return ops.fma(-factor, cosine, waves[0]), ops.fma(factor, sine, waves[1])
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
-        across = times(length, along[1])
+        across = scaled(length, along[1])
         return tuple(across * value for value in sums[: self.values])
 
     def total(self, sums: Values) -> Values:
@@ -202,7 +202,7 @@ def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> 
     ``is_even``: whether weights are real. ``is_real``: whether only the real part is required.
     """
     if is_even:
-        # a change of nu by this little changes W, which is even in nu, by less than rounding
+        # W is even in nu, so this change of nu changes W by less than rounding
         return EvenTerms(ops, _off_zero(ops, nu[0], nu[1], 1e-9 if ops.double else 1e-6))
     return WaveTerms(ops, moved_off_zero(ops, *nu), 1 if is_real else 2, 1 / math.pi)
 
@@ -213,7 +213,7 @@ def ambiguity_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) 
 
 
 def _with(ops: Any, sums: Values | None, factor: Any, *waves: Any) -> Values:
-    """Return sums (or None) with a fraction of some waves added."""
+    """Return the sums plus ``factor`` times the waves; ``sums`` is None before the first part."""
     if sums is None:
-        return tuple(times(factor, wave) for wave in waves)
+        return tuple(scaled(factor, wave) for wave in waves)
     return tuple(ops.fma(factor, wave, total) for wave, total in zip(waves, sums, strict=True))

@@ -1,9 +1,14 @@
-"""Fourier transform of polygons: signed sums over the triangles (origin, p, p') of their edges.
+"""Fourier transforms of polygons and bodies as signed sums over triangles and tetrahedra.
 
-One triangle contributes ``cross(p, p') exp[0, a, b]``, the second divided difference of the
-exponential at ``0``, ``a = -2 pi i nu.p`` and ``b = -2 pi i nu.p'``. Unlike the edge sum of the
-paper's eq. (FVT), this sum has no division by nu and is accurate for slivers. Boundaries may close
-only up to rounding (docs/theory.md, (F2)). The same formula with tetrahedra gives F of bodies.
+The triangles (origin, p, p') stand on the edges of a polygon. One triangle contributes
+``cross(p, p') exp[0, a, b]``, the second divided difference of the exponential at ``0``,
+``a = -2 pi i nu.p`` and ``b = -2 pi i nu.p'``. Unlike the edge sum of the paper's eq. (FVT), this
+sum has no division by nu and is accurate for slivers. Boundaries may close only up to rounding
+(docs/theory.md, (F2)).
+
+The tetrahedra (origin, a, b, c) stand on the triangles of the fans of all faces of a body. One
+tetrahedron contributes ``det(a, b, c) exp[0, z_a, z_b, z_c]`` with z = -2 pi i nu.p. There are no
+face normals, and concave faces need no triangulation (docs/theory.md, (F3)).
 """
 
 from __future__ import annotations
@@ -11,12 +16,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.kernels.outline.frame import Frame, Matrix, frame_of, times
+from polywigner.geometry import Polyhedron
+from polywigner.geometry.rings import whole_numbers
+from polywigner.kernels.kernel import Kernel, leave_wave
+from polywigner.kernels.outline.frame import (
+    NEEDLE_ASPECT,
+    Frame,
+    Matrix,
+    determinant,
+    frame_of,
+    matrix_times,
+    power_of_two,
+    vertices_for,
+)
 from polywigner.numerics import Number, phases
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.grid_arithmetic import accurate_cross
@@ -28,13 +47,15 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class OutlineTables:
-    """A boundary in a frame, without data for cuts."""
+    """The boundary of a source in its frame, for Fourier transforms."""
 
     frame: Any
     edges: tuple[tuple[float, ...], ...]
     """Begin (x, y) and end of every edge, and cross(begin, end), twice the area of its triangle."""
     following: tuple[int, ...] = ()
-    """The number of the edge that begins where each ends; vertices are numbered like edges."""
+    """Index of the edge that begins where each edge ends. The vertex at which an edge begins has
+    the index of the edge.
+    """
 
 
 def outline_tables(
@@ -62,14 +83,14 @@ class LinearFrame:
     measure: float
 
     def frequency(self, ops: Any, *nu: Any) -> Values:
-        return times(ops, self.rows, *nu)
+        return matrix_times(ops, self.rows, *nu)
 
 
-def fan_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
+def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
     """Return the (cosine, sine) parts of F(nu) = cosine - i sine in the frame. Source: (F2), (F3).
 
-    Each row of the tables is a simplex with one corner at the origin: its other corners, and their
-    determinant, which is 2 or 6 times its signed measure.
+    Each row of the tables is a simplex with one corner at the origin. It contains the other corners
+    and their determinant, which is 2 or 6 times the signed area or volume.
     """
 
     def term(*row: Any) -> Values:
@@ -97,17 +118,91 @@ def _dot(ops: Any, nu: Values, point: Values) -> Number:
     return total
 
 
+def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
+    """Return (phase of the centre, nu in the frame)."""
+    return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.frequency(ops, *nu))
+
+
+# ---- bodies -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SolidTables:
+    """Tetrahedra of a body in its frame, as rows of ``edges``.
+
+    Each row is ax, ay, az, bx, ..., cz, and det(a, b, c), which is six times the signed volume.
+    """
+
+    frame: LinearFrame
+    edges: tuple[tuple[float, ...], ...]
+
+    @property
+    def terms(self) -> int:
+        """Number of terms, for the choice of an engine: a tetrahedron counts as eight edges."""
+        return 8 * len(self.edges)
+
+
+@lru_cache(maxsize=64)
+def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
+    """Return the tables of a polyhedron; the same for either precision."""
+    centre, rows = _axes(body)
+    inner = vertices_for(rows, centre, body.vertices)
+    # fans divide opposite faces of thin bodies in the same way, so that rounding errors cancel
+    fans = [(f[0], f[k], f[k + 1]) for f in body.faces for k in range(1, len(f) - 1)]
+    corners = inner[np.array(fans, np.intp)]
+    tetrahedra = np.column_stack([corners.reshape(-1, 9), _volumes(corners)]).tolist()
+    measure = abs(float(determinant([[Fraction(m) for m in row] for row in rows])))
+    frame = LinearFrame(centre, rows, measure)
+    return SolidTables(frame, tuple(tuple(row) for row in tetrahedra if row[-1]))
+
+
+def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
+    """Return the centre of the body's box, and its axes times the power of two of its extents.
+
+    Needles and plates have their principal axes and a scale for each axis. All other bodies have
+    the user's axes and one scale. The centre is the centre of the box along the chosen axes: the
+    centre of another box could lie many thicknesses away from a plate.
+    """
+    mean = body.vertices.mean(axis=0)
+    # without full_matrices=False, NumPy makes a matrix of vertices times vertices.
+    _, _, principal = np.linalg.svd(body.vertices - mean, full_matrices=False)
+    # a right-handed system, so that volumes keep their sign
+    principal = principal * np.sign(np.linalg.det(principal))
+    axes = min(np.eye(3), principal, key=lambda rows: np.ptp(body.vertices @ rows.T, axis=0).prod())
+    along = body.vertices @ axes.T
+    low, extents = along.min(axis=0), np.ptp(along, axis=0)
+    scales = [power_of_two(extent) for extent in extents.tolist()]
+    if not extents.max() > NEEDLE_ASPECT * extents.min() > 0.0:
+        axes = np.eye(3)
+        low, extents = body.vertices.min(axis=0), np.ptp(body.vertices, axis=0)
+        scales = [power_of_two(float(np.linalg.norm(extents)))] * 3
+    x, y, z = (axes.T @ (low + extents / 2)).tolist()
+    rows = (axes * np.array(scales)[:, None]).tolist()
+    return (x, y, z), tuple(tuple(row) for row in rows)
+
+
+def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return det(a, b, c) of each row of corners (n, 3, 3), correctly rounded."""
+    integers, exponent = whole_numbers(corners)
+    exact: Any = determinant(list(np.moveaxis(integers, 0, 2)))
+    scale = 1 << abs(3 * exponent)
+    return np.asarray(exact / scale if exponent < 0 else exact * scale, dtype=np.float64)
+
+
+BODY = Kernel("fourier of a body", 3, solid_tables, enter_frequency, fan_sum, leave_wave)
+
+
 # ---- grids of frequencies --------------------------------------------------------------------
 
-# Rounding of the wave of a midpoint changes F by _ULP * perimeter/(2 pi |nu|). If that is more than
-# _LOSS times the area, (F1) is not used.
+# Rounding of the waves changes F by _ULP * perimeter/(2 pi |nu|). Where this exceeds _LOSS times
+# the area, (F4) is not used.
 _LOSS, _ULP = 5e-15, 2.0**-53
-# Rounding of the vertices costs 1e-14 of the area if perimeter * lever is this multiple of the
-# area.
+# If perimeter times largest distance from the centre is this multiple of the area, rounding of the
+# vertices changes F by 1e-14 of the area.
 _MOST_SLENDER = 512.0
-# Below this |q| (cycles) sinc(q) is a series of _TERMS terms; the first omitted term is 0.31^12/13!
-# = 1e-16. Above it, sinc(q) is a quotient of the sines and cosines of the axes, which err by an
-# ulp.
+# For |q| below this (cycles), sinc(q) is a series of _TERMS terms, whose first omitted term is
+# 0.31^12/13! = 1e-16. For larger |q|, sin(pi q) is a product of sines and cosines along both axes,
+# accurate to an ulp.
 _NEAR, _TERMS = 0.1, 5
 # Number of values of a temporary array that fit into the cache of a core.
 _BLOCK = 1 << 14
@@ -116,21 +211,21 @@ _BLOCK = 1 << 14
 _SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
 # Number of edges whose waves are in memory at a time: some 40 MB for 512 x 512 points.
 _MOST_EDGES = 1024
-# Difference in the frame below which edge vectors count as equal, as those of congruent elements
-# after rounding. Their mean replaces them, which changes F by no more than that rounding did.
+# Difference in the frame below which edge vectors count as equal, such as the edges of congruent
+# elements after rounding. Their mean replaces them, which changes F by no more than that rounding.
 _EQUAL = 2.0**-51
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Edges with one vector (ex, ey) up to sign; rounded zeros of a component are 0."""
+    """Edges that share one vector (ex, ey) up to its sign; components that round to 0 are 0."""
 
     ex: float
     ey: float
     midpoints: npt.NDArray[np.float64]
     """(n, 2)"""
     weights: npt.NDArray[np.complex128]
-    """(n,) the field on the edge's element for an edge along (ex, ey), else its negative."""
+    """(n,) field on the element of each edge, negated for edges along -(ex, ey)."""
 
     @property
     def is_straight(self) -> bool:
@@ -139,7 +234,7 @@ class Family:
 
 
 def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) -> tuple[Family, ...]:
-    """Sort edges (begin x, y, end x, y, ...) into families, with the field on their elements."""
+    """Return edges (begin x, y, end x, y, ...) grouped by vector, with the field on elements."""
     corners = np.array(edges)
     begin, end = corners[:, :2], corners[:, 2:4]
     vectors, midpoints = end - begin, (begin + end) / 2
@@ -151,15 +246,15 @@ def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) ->
     families = []
     for members in _clusters(vectors):
         ex, ey = vectors[members].mean(axis=0).tolist()
-        for some in (members[k : k + _MOST_EDGES] for k in range(0, len(members), _MOST_EDGES)):
-            families.append(Family(ex, ey, midpoints[some], weights[some]))
+        for block in (members[k : k + _MOST_EDGES] for k in range(0, len(members), _MOST_EDGES)):
+            families.append(Family(ex, ey, midpoints[block], weights[block]))
     return tuple(families)
 
 
 def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
     """Return indices of vectors, grouped by equal components up to rounding."""
     clusters: list[list[int]] = []
-    near: list[list[int]] = []  # clusters to which the next vector in order of x may belong
+    near: list[list[int]] = []  # clusters whose x is within _EQUAL
     for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
         near = [c for c in near if vectors[k, 0] - vectors[c[0], 0] <= _EQUAL]
         for cluster in near:
@@ -192,7 +287,7 @@ class GridTables:
 
     @property
     def floor(self) -> float:
-        """The least |nu| in the frame at which (F1) keeps its accuracy."""
+        """The smallest |nu| in the frame at which (F4) keeps its accuracy."""
         return self.perimeter_over_area * _ULP / (2 * math.pi * _LOSS)
 
 
@@ -211,7 +306,8 @@ class OutlineSum:
 def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables | None:
     """Return the tables for grids of an outline, with the field on each edge's element.
 
-    None in a rotated frame, where a grid of frequencies is no grid, and for slender outlines.
+    Returns None in a rotated frame, in which a grid of frequencies is not aligned with the axes,
+    and for slender outlines.
     """
     if tables.frame.axes is None:
         return None
@@ -226,8 +322,9 @@ def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables |
 class _FamilyTerm:
     """pi (nu x e) sinc(nu.e) times the sum of the waves of one family, on a grid.
 
-    ``x``, ``y``: frequencies of the axes in the frame, and the phase of the centre in cycles. The
-    waves of all midpoints are one matrix product, cosine and sine parts side by side.
+    ``x``, ``y``: frequencies along each axis in the frame, and the phase of the centre in cycles.
+    The sum over the waves of all midpoints is a matrix product, with cosine and sine parts in
+    separate columns.
     """
 
     def __init__(self, ops: Any, family: Family, x: Values, y: Values) -> None:
@@ -239,7 +336,7 @@ class _FamilyTerm:
         real, imag = family.weights.real, family.weights.imag
         cos_x, sin_x = cos_x * real + sin_x * imag, sin_x * real - cos_x * imag
         self.is_straight = family.is_straight
-        if self.is_straight:  # the factor is a product of the axes
+        if self.is_straight:  # the factor is a product of a function of nu_x and a function of nu_y
             along_x = family.ey == 0.0
             factor_x = -family.ex * math.pi * sinc(ops, nu_x * family.ex) if along_x else nu_x
             factor_y = nu_y if along_x else family.ey * math.pi * sinc(ops, nu_y * family.ey)
@@ -247,7 +344,7 @@ class _FamilyTerm:
             cos_y, sin_y = cos_y * factor_y[:, None], sin_y * factor_y[:, None]
         self.left = np.concatenate([cos_x, sin_x], axis=1)
         self.right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]])
-        # nu.e and nu x e, and sin(pi nu.e) as a product of the axes
+        # the parts of nu.e and cross(nu, e) along both axes, and sin(pi nu.e) as a matrix product
         self.q = nu_x * family.ex, nu_y * family.ey
         self.c = nu_x * family.ey, nu_y * family.ex
         cos_x, sin_x = cos_sin_turns(ops, 0.5 * nu_x * family.ex)
@@ -255,7 +352,7 @@ class _FamilyTerm:
         self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:
-        """Return (nu_x, 2, nu_y) of some rows of the grid: cosine and sine part."""
+        """Return the cosine and sine parts (nu_x, 2, nu_y) on a range of rows of the grid."""
         if self.is_straight:
             return self._waves(self.left[rows])
         q = self.q[0][rows, None] + self.q[1]
@@ -268,13 +365,13 @@ class _FamilyTerm:
 
     def _waves(self, left: Array) -> Array:
         product = np.empty((len(left), self.right.shape[1]))
-        few = _SERIAL_PRODUCT // self.right.size // _LEAST_ROWS * _LEAST_ROWS
-        stacked = len(left) // few * few if few else 0
+        count = _SERIAL_PRODUCT // self.right.size // _LEAST_ROWS * _LEAST_ROWS
+        stacked = len(left) // count * count if count else 0
         if stacked:
             np.matmul(
-                left[:stacked].reshape(-1, few, left.shape[1]),
+                left[:stacked].reshape(-1, count, left.shape[1]),
                 self.right,
-                out=product[:stacked].reshape(-1, few, product.shape[1]),
+                out=product[:stacked].reshape(-1, count, product.shape[1]),
             )
         np.matmul(left[stacked:], self.right, out=product[stacked:])
         return product.reshape(len(product), 2, -1)
@@ -295,13 +392,13 @@ class _FamilyTerm:
 def fourier_on_grid(
     ops: Any, tables: GridTables, nu_x: Array, nu_y: Array
 ) -> tuple[Array, Array, Array]:
-    """Return real and imaginary part at all (nu_x[i], nu_y[j]), and where these are inaccurate.
+    """Return real and imaginary part at all (nu_x[i], nu_y[j]), and a mask of inaccurate values.
 
-    ``ops``: operations in float64. Values are inaccurate at |nu| below `GridTables.floor`. Source:
-    (F4).
+    ``ops``: operations in float64. Values are inaccurate where |nu| is below `GridTables.floor`.
+    Source: (F4).
     """
     x, y = (
-        (nu * scale, phases.turns_to_centre(ops, (centre,), nu))
+        (nu * scale, phases.cycles_to_centre(ops, (centre,), nu))
         for nu, scale, centre in zip((nu_x, nu_y), tables.scales, tables.frame.centre, strict=True)
     )
     if tables.frame.axes != (0, 1):
@@ -330,7 +427,7 @@ def fourier_on_grid(
 
 
 def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
-    """Join the terms of all edges along the axes, which are one matrix product."""
+    """Join the terms of all families along the axes into one matrix product."""
     straight = [term for term in terms if term.is_straight]
     if straight:
         straight[0].left = np.concatenate([term.left for term in straight], axis=1)

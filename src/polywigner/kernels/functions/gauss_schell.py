@@ -1,9 +1,9 @@
 """Gaussian waves over polygons and intervals: the closed form of W in partly coherent light.
 
-W is the sum over edges of ``(d + i beta_n)/2 int f ds`` in units of the coherence width. The
-integral runs along paths in the complex plane (docs/theory.md, (I5)). With 10 to 36 nodes its error
-is below 1e-12 of the square of the largest lag. For complex weights, rounding costs as many ulps as
-the ratio of the coherence width to the largest lag; for real weights it costs none.
+W is the sum over edges of ``(d + i beta_n)/2 int f ds`` in units of the coherence width. Each
+integral runs along a path in the complex plane (docs/theory.md, (I5)). With 10 to 36 nodes its
+error is below 1e-12 of the square of the largest lag. For complex weights, cancellation costs as
+many ulps as the ratio of the coherence width to the largest lag. For real weights it costs none.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from polywigner.numerics.phases import cos_sin_turns
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
 
-# Smallest c, and the ratio of the height of an arc to its length.
+# Smallest parameter c of an arc, and largest ratio of the height of an arc to its length.
 _SPREAD, _LIFT = 10.0, 0.6
-# Nodes of arcs, by their length c |x_end - x_start|, times beta_s/8 if that exceeds 1. Errors for
-# random edges and intervals are below 1e-12 and 1e-7 of the squared length, or of the length, in
-# double and in single precision.
+# Number of nodes of an arc by its length c |x_end - x_start|, times beta_s/8 if beta_s exceeds 8.
+# The errors for random edges, relative to the squared length, and for random intervals, relative to
+# the length, are below 1e-12 in double and 1e-7 in single precision.
 _LENGTHS = (0.3, 1.0, 2.5, 4.0, 6.0, 8.0)
 _OF_EDGES = {True: (10, 14, 18, 22, 26, 30, 36), False: (8, 10, 12, 14, 16, 18, 22)}
 _OF_INTERVALS = {True: (10, 14, 20, 24, 28, 32, 44), False: (8, 10, 12, 16, 18, 20, 28)}
-# Waves with beta_s above _STEEP, and a phase along the edge above _LONG, are integrated by
-# descents.
+# Waves with beta_s above _STEEP and a phase along the edge above _LONG are integrated along paths
+# of steepest descent, with these numbers of nodes.
 _STEEP, _LONG = 8.0, 10.0
 _OF_DESCENTS = {True: 10, False: 6}
-# Beyond _FAR, in |xi| or beta, |g| and exp(-beta^2/2) are below 4e-17. Edges beyond it, where f is
-# as smooth as 1/Z, use the nodes of the fourth length at most (_SMOOTH).
+# Where |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On edges beyond _FAR, f
+# is as smooth as 1/Z, and the rule with index _SMOOTH suffices.
 _FAR, _SMOOTH = 8.7, 3.0
-# |Re Z| below which exp(-beta^2/2) - |g| is a series, with these numbers of terms in double and
-# single precision: the first omitted ones are 0.1^9/10! = 3e-16 and 0.1^5/6! = 1e-8.
+# |Re Z| below which exp(-beta^2/2) - |g| is a series, and its number of terms. The first omitted
+# term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single precision.
 _SMALL, _TERMS = 0.1, {True: 9, False: 5}
 # Exponents below this give subnormal numbers, which slow processors down.
 _LEAST_EXPONENT = {True: -300.0, False: -80.0}
@@ -68,12 +68,12 @@ def wave_over_edge(
     outside = ops.maximum(ops.maximum(ops.minimum(start, end), -ops.maximum(start, end)), 0.0)
     is_near = ops.fma(outside, outside, square) < _FAR**2
     energy = 0.5 * ops.fma(rate, rate, lever * lever)
-    is_lasting = energy < 0.5 * _FAR**2
+    decays_slowly = energy < 0.5 * _FAR**2
     arc = _Arc(ops, start, end, ops.maximum(abs(distance), _SPREAD), rate)
-    rule = arc.rule(is_near | is_lasting)
+    rule = arc.rule(is_near | decays_slowly)
     rule = ops.select(is_near, rule, ops.minimum(rule, _SMOOTH))
-    still = ops.select(is_lasting, ops.exp(-ops.minimum(energy, 0.5 * _FAR**2)), 0.0)
-    wave = (rate, square, energy, still, along, across * distance)
+    decay = ops.select(decays_slowly, ops.exp(-ops.minimum(energy, 0.5 * _FAR**2)), 0.0)
+    wave = (rate, square, energy, decay, along, across * distance)
     real, imag = arc.integral(rule, is_near, _OF_EDGES, _flux, wave)
     real, imag = 0.5 * real, 0.5 * imag
     return distance * real - lever * imag, distance * imag + lever * real
@@ -108,7 +108,7 @@ def _descent_rules(size: int) -> Rules:
 
 
 class _Arc:
-    """The arc from one end of an edge to the other, and the descents for a steep wave."""
+    """The arc from one end of an edge to the other, and the steepest descents from both ends."""
 
     def __init__(self, ops: Any, start: Any, end: Any, size: Any, rate: Any) -> None:
         self.ops, self.ends = ops, (start, end)
@@ -123,21 +123,21 @@ class _Arc:
         lift = ops.select(rate > 0.0, -lift, lift)
         self.samples = (size, 0.5 * (first + last), half, lift)
 
-    def rule(self, is_wanted: Any) -> Number:
+    def rule(self, is_needed: Any) -> Number:
         """Return the index of the rule, or -1 for no rule."""
         ops, number = self.ops, 0.0
         for length in _LENGTHS:
             number = number + ops.select(self.length > length, 1.0, 0.0)
-        is_wanted = is_wanted & (self.length > 0.0)
-        return ops.select(self.is_steep, -1.0, ops.select(is_wanted, number, -1.0))
+        is_needed = is_needed & (self.length > 0.0)
+        return ops.select(self.is_steep, -1.0, ops.select(is_needed, number, -1.0))
 
     def integral(
         self, rule: Any, is_near: Any, sizes: Any, value: Callable[..., Values], wave: Values
     ) -> Values:
         """Return the complex integral of ``value(ops, p, r, *wave)`` over s = p + i r.
 
-        One of the rules of ``sizes`` is used, or descents if a steep wave ``is_near``. The first
-        number of ``wave`` is beta_s.
+        The integral uses one of the rules of ``sizes``, or steepest descents if the wave is steep
+        and the edge ``is_near``. The first number of ``wave`` is beta_s.
         """
         ops = self.ops
 
@@ -178,16 +178,16 @@ def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
 
 
 def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
-    """Return f = (exp(-beta^2/2) - g)/Z, for exp(-beta^2/2) ``still`` and beta^2/2 ``energy``."""
-    rate, square, energy, still, along, across = wave
+    """Return f = (exp(-beta^2/2) - g)/Z, for exp(-beta^2/2) ``decay`` and beta^2/2 ``energy``."""
+    rate, square, energy, decay, along, across = wave
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r) + square))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
-    turns = ops.fma(along, p, ops.fma(p, r * (1 / _TURN), across))
-    cosine, sine = cos_sin_turns(ops, 0.5 * turns)
-    x, y = -(energy + exponent), _TURN * turns
+    cycles = ops.fma(along, p, ops.fma(p, r * (1 / _TURN), across))
+    cosine, sine = cos_sin_turns(ops, 0.5 * cycles)
+    x, y = -(energy + exponent), _TURN * cycles
     x = ops.select(abs(x) < _TINY[ops.double], _TINY[ops.double], x)
-    falls = ops.select(abs(x) < _SMALL, still * _one_less_exp(ops, x), still - size)
-    real, imag = ops.fma(2.0 * size * sine, sine, falls), 2.0 * size * sine * cosine
+    difference = ops.select(abs(x) < _SMALL, decay * _one_less_exp(ops, x), decay - size)
+    real, imag = ops.fma(2.0 * size * sine, sine, difference), 2.0 * size * sine * cosine
     scale = 1.0 / ops.fma(x, x, y * y)
     return ops.fma(real, x, imag * y) * scale, ops.fma(imag, x, -(real * y)) * scale
 

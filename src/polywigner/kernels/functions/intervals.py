@@ -45,7 +45,7 @@ from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
 Interval = tuple[Fraction, Fraction, Waves]
-"""Beginning and end of a slit in the frame, as exact numbers, and the field in it."""
+"""Begin and end of a slit in the frame as exact numbers, and the field in the slit."""
 
 
 def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
@@ -62,20 +62,20 @@ class SlitFrame:
     centre: tuple[float]
     scale: float
     carrier: tuple[float] = (0.0,)
-    """The frequency, in the user's unit, relative to which fields are held."""
+    """Frequency, in the user's unit, relative to which fields are stored."""
 
     @property
     def measure(self) -> float:
         return self.scale
 
     def position(self, ops: Any, x: Any) -> tuple[Any]:
-        total, rest = self.exact_position(x)
-        return (total + rest,)
+        total, low = self.exact_position(x)
+        return (total + low,)
 
     def exact_position(self, x: Any) -> Doubled:
         """Return x' as the sum of two floats."""
-        total, rest = phases.difference(x, self.centre[0])
-        return total * (1 / self.scale), rest * (1 / self.scale)
+        total, low = phases.difference(x, self.centre[0])
+        return total * (1 / self.scale), low * (1 / self.scale)
 
     def vector(self, ops: Any, xi: Any) -> tuple[Any]:
         return (xi * (1 / self.scale),)
@@ -97,7 +97,7 @@ class SlitTables:
 
     frame: SlitFrame
     edges: tuple[tuple[Any, ...], ...]
-    """An `Interval` each; for F, begin and length as pairs of floats."""
+    """Each entry is an `Interval`. For F it is the begin and the length, each as two floats."""
 
 
 @dataclass(frozen=True)
@@ -106,14 +106,15 @@ class PairTables:
 
     A row contains: the distance of the centres at x = 0 or xi = 0, as two floats; both half-
     lengths; the mean of the centres, which does not move, as two floats; and the mutual field
-    (real, imag). If fields have waves, each pair of waves has a row, with two more numbers: a shift
-    to subtract from the frequency, and the cycles of the mutual field along 4x or xi.
+    (real, imag). If fields are sums of waves, each pair of waves has its own row with two more
+    numbers: the shift to subtract from the frequency, and the frequency of the mutual field along
+    4x or xi.
     """
 
     frame: SlitFrame
     edges: tuple[tuple[float, ...], ...]
     coherence_width: float = math.inf
-    """In the frame; infinite: coherent."""
+    """Coherence width in the frame; infinite for coherent light."""
 
     @property
     def terms(self) -> int:
@@ -168,7 +169,7 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
         gap, mean, scale = (2 * total, apart, 2) if of_lags else (apart, total / 2, 1)
         halves = float(scale * (end - begin) / 2), float(scale * (end2 - begin2) / 2)
         row = (*doubled(gap, double), *halves, *doubled(mean, double))
-        # for lags, the waves (v, w) and (w, v) of one slit are conjugate as well
+        # in a lag slice, the waves (v, w) and (w, v) of one slit also have conjugate fields
         for v, w in paired(waves) if k == m else product(waves, waves2):
             twice = 2.0 if of_lags and not (k == m and v is w) else 1.0
             mutual = v.amplitude * complex(w.amplitude).conjugate() * twice
@@ -181,32 +182,31 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
 
 
 def _overlap(
-    ops: Any, shift: Doubled, gap: Any, rest: Any, half: Any, other: Any
+    ops: Any, shift: Doubled, gap: Any, gap_low: Any, half: Any, other: Any
 ) -> tuple[Any, Any]:
     """Return the length of the overlap of two intervals, and the offset of its centre.
 
-    The intervals have half-lengths ``half`` and ``other``. Their centres are ``gap`` + ``rest`` -
-    ``shift`` apart. The offset is relative to the mean of both centres. If the shorter interval
-    lies inside the other one, the centre is that of the shorter one; otherwise the offset is
-    constant.
+    The intervals have half-lengths ``half`` and ``other``. Their centres are ``gap + gap_low -
+    shift`` apart. The offset is relative to the mean of both centres. If the shorter interval lies
+    inside the other one, the centre is that of the shorter one; otherwise the offset is constant.
     """
     apart, lost = phases.difference(gap, shift[0])
-    distance = apart + (lost + (rest - shift[1]))
+    distance = apart + (lost + (gap_low - shift[1]))
     shorter = ops.minimum(half, other)
     length = ops.minimum(2.0 * shorter, half + other - abs(distance))
     reach = 0.5 * abs(other - half)
-    aside = ops.maximum(-reach, ops.minimum(reach, 0.5 * distance))
-    return ops.maximum(length, 0.0), ops.select(other >= half, aside, -aside)
+    offset = ops.maximum(-reach, ops.minimum(reach, 0.5 * distance))
+    return ops.maximum(length, 0.0), ops.select(other >= half, offset, -offset)
 
 
 def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
-    """Return the transform of the slices, with their fields: (real, imaginary) part."""
+    """Return the transform of the mutual field on the slices as (real, imaginary) part."""
 
     def term(
-        gap: Any, rest: Any, half: Any, other: Any, mean: Any, low: Any, real: Any, imag: Any,
-        *wave: Any,
+        gap: Any, gap_low: Any, half: Any, other: Any, mean: Any, mean_low: Any, real: Any,
+        imag: Any, *wave: Any,
     ) -> Values:  # fmt: skip
-        length, aside = _overlap(ops, shift, gap, rest, half, other)
+        length, offset = _overlap(ops, shift, gap, gap_low, half, other)
         detuned, mutual, width = nu, Pair(real, imag), tables.coherence_width
         if wave:
             detuning, rate = wave
@@ -215,13 +215,13 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
         frequency = detuned[0] + detuned[1]
         if width < math.inf:
             scale = 1.0 / width
-            centre, reach = (mean + (low + aside)) * scale, length * (0.5 * scale)
+            centre, reach = (mean + (mean_low + offset)) * scale, length * (0.5 * scale)
             ends = centre - reach, centre + reach
             value = Pair(*wave_over_interval(ops, *ends, frequency * width)).scaled(width)
         else:
-            turns = phases.reduced(ops, phases.dot(ops, (detuned,), ((mean, low),)))
-            turns = turns + frequency * aside
-            value = unit_wave(ops, -turns).scaled(sinc(ops, frequency * length) * length)
+            cycles = phases.reduced(ops, phases.dot(ops, (detuned,), ((mean, mean_low),)))
+            cycles = cycles + frequency * offset
+            value = unit_wave(ops, -cycles).scaled(sinc(ops, frequency * length) * length)
         value = value * mutual
         return value.real, value.imag
 
@@ -229,7 +229,8 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
     return total
 
 
-# Rates that agree to this, in cycles per unit of the frame or relative to the largest, are equal.
+# Frequencies count as equal if they agree to this, in cycles per unit of the frame or relative to
+# the largest one.
 _EQUAL = 1e-14
 
 
@@ -239,7 +240,7 @@ class LineField:
 
     half: float
     waves: Waves
-    """Each of one frequency."""
+    """Each wave has one frequency component."""
 
     @property
     def pairs(self) -> int:
@@ -269,16 +270,16 @@ class LineField:
         return _field_between(ops, -self.half, self.half, self.waves, x)
 
 
-def _length(ops: Any, left: Any, scale: float) -> Number:
+def _length(ops: Any, overlap: Any, scale: float) -> Number:
     """Return the length of an interval, at least 0; NaN for NaN positions."""
-    return scale * ops.maximum(left, 0.0) + (left - left)
+    return scale * ops.maximum(overlap, 0.0) + (overlap - overlap)
 
 
 def _over_pairs(
     ops: Any, pairs: Sequence[WavePair], position: Any, frequency: Any, length: Any,
     width: float = math.inf,
 ) -> Pair:  # fmt: skip
-    """Return the sum over pairs of waves, each with the length times its sinc, or with (I6)."""
+    """Return the sum over pairs of waves, by (I4), or (I6) for a finite coherence width."""
     largest = max(abs(rate) for pair in pairs for _, (rate,) in pair.terms)
     tolerance = _EQUAL * max(1.0, largest)
     waves: dict[int, Pair] = {}
@@ -306,13 +307,13 @@ def _over_pairs(
 def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
     """Return 4x in the frame as two floats.
 
-    The doubled copies of two slits approach each other by 4x.
+    Moving x by dx moves the copies of two slits in the lag slice towards each other by 4 dx.
     """
-    total, rest = frame.exact_position(x)
-    return phases.halves(ops, (4.0 * total, 4.0 * rest))
+    total, low = frame.exact_position(x)
+    return phases.halves(ops, (4.0 * total, 4.0 * low))
 
 
-def _both_ends(ops: Any, tables: SlitTables, turns: Any, *ends: Any) -> Values:
+def _both_ends(ops: Any, tables: SlitTables, cycles: Any, *ends: Any) -> Values:
     fields = (
         reduce(
             Pair.__add__,
@@ -333,17 +334,17 @@ def _segment_tables(source: Slits, double: bool) -> SlitTables:
 
 def _enter_fourier(ops: Any, frame: SlitFrame, nu: Any) -> Values:
     """Return the phase of the centre, and nu in the frame as two floats."""
-    turns = phases.turns_to_centre(ops, frame.centre, nu)
-    return (turns, *phases.halves(ops, (*frame.frequency(ops, nu), 0.0)))
+    cycles = phases.cycles_to_centre(ops, frame.centre, nu)
+    return (cycles, *phases.halves(ops, (*frame.frequency(ops, nu), 0.0)))
 
 
-def _fourier(ops: Any, tables: SlitTables, turns: Any, *nu: Any) -> Values:
+def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
     """Return the (cosine, sine) parts of F = cosine - i sine. Source: (S1)."""
 
-    def term(begin: Any, begin_rest: Any, length: Any, length_rest: Any) -> Values:
-        total, rest = phases.dot(ops, (nu,), ((length, length_rest),))
-        wave = phases.mean_plane_wave(ops, 0.0, total + rest)
-        phase = phases.reduced(ops, phases.dot(ops, (nu,), ((begin, begin_rest),)))
+    def term(begin: Any, begin_low: Any, length: Any, length_low: Any) -> Values:
+        total, low = phases.dot(ops, (nu,), ((length, length_low),))
+        wave = phases.mean_plane_wave(ops, 0.0, total + low)
+        phase = phases.reduced(ops, phases.dot(ops, (nu,), ((begin, begin_low),)))
         real, imag = phases.rotated(ops, phase, *wave)
         return real * length, -imag * length
 
@@ -357,25 +358,25 @@ def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
 
 def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Values:
     """Return the phase of centre and carrier, and upsilon and xi as two floats each."""
-    turns = phases.turns_to_centre(ops, frame.centre, upsilon)
-    turns = phases.less_carrier(ops, frame, turns, xi)
+    cycles = phases.cycles_to_centre(ops, frame.centre, upsilon)
+    cycles = phases.less_carrier(ops, frame, cycles, xi)
     shift = phases.halves(ops, (*frame.frequency(ops, upsilon), 0.0))
-    return (turns, *shift, *_lag(ops, frame, xi))
+    return (cycles, *shift, *_lag(ops, frame, xi))
 
 
 def _lag(ops: Any, frame: SlitFrame, xi: Any) -> Values:
     return phases.halves(ops, (*frame.vector(ops, xi), 0.0))
 
 
-def _ambiguity(ops: Any, tables: PairTables, turns: Any, *inner: Any) -> Values:
+def _ambiguity(ops: Any, tables: PairTables, cycles: Any, *inner: Any) -> Values:
     """Return (cosine part, sine part), A = cosine - i sine."""
     real, imag = _sum(ops, tables, inner[2:], inner[:2])
     return real, -imag
 
 
-def _wigner(ops: Any, tables: PairTables, x: Any, rest: Any, *nu: Any) -> Values:
+def _wigner(ops: Any, tables: PairTables, x: Any, x_low: Any, *nu: Any) -> Values:
     """Return W, which is real because the lag slice is Hermitian."""
-    return _sum(ops, tables, (x, rest), nu)[:1]
+    return _sum(ops, tables, (x, x_low), nu)[:1]
 
 
 FOURIER = Kernel("fourier of slits", 1, _segment_tables, _enter_fourier, _fourier, leave_wave)

@@ -35,19 +35,19 @@ def coherence_of(frame: Frame, width: float) -> Matrix:
 @lru_cache(maxsize=256)
 def _tables_of(source: Wavefront, double: bool) -> Tables:
     tables = plane.tables_of(source.source, double)
-    light = coherence_of(tables.frame, source.coherence_width)
-    return replace(tables, coherence=light)
+    coherence = coherence_of(tables.frame, source.coherence_width)
+    return replace(tables, coherence=coherence)
 
 
 def term_of_lags(
-    ops: Any, light: Matrix, nu: Sequence[Any], midpoint: Values, vector: Values
+    ops: Any, coherence: Matrix, nu: Sequence[Any], midpoint: Values, vector: Values
 ) -> Values:
     """Return the contribution of a part of an edge to W, (real, imag).
 
     The part is given by its midpoint and its vector as lags of the frame; ``nu`` is in the frame.
     """
-    (xx, xy), (yx, yy) = light
-    size = determinant(light)
+    (xx, xy), (yx, yy) = coherence
+    size = determinant(coherence)
     (x, y), (dx, dy) = midpoint, vector
     ux, uy = ops.fma(xx, dx, xy * dy), ops.fma(yx, dx, yy * dy)
     square = ops.fma(ux, ux, uy * uy)
@@ -66,15 +66,15 @@ def term_of_lags(
 
 
 class _LagTerms(EdgeTerms):
-    """Terms of parts, weighted by the degree of coherence, (I5)."""
+    """Terms of parts of edges, weighted by the degree of coherence, (I5)."""
 
     values, by_part = 2, True
 
     def __init__(self, ops: Any, tables: Tables, nu: Values, is_even: bool, is_real: bool) -> None:
-        self.ops, self.light, self.nu = ops, tables.coherence, nu
+        self.ops, self.coherence, self.nu = ops, tables.coherence, nu
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
-        term = Pair(*term_of_lags(self.ops, self.light, self.nu, (x, y), (dx, dy)))
+        term = Pair(*term_of_lags(self.ops, self.coherence, self.nu, (x, y), (dx, dy)))
         term = term * Pair(real, imag)
         return term.real, term.imag
 
@@ -106,8 +106,8 @@ WIGNER_OF_SLITS = replace(
 def _product_of(source: Wavefront, double: bool) -> SeparableTables:
     tables = separable_tables(source.source, double)
     assert tables is not None
-    one, two = (source.coherence_width / math.hypot(*row) for row in tables.frame.rows)
-    return replace(tables, coherence_widths=(one, two))
+    width_x, width_y = (source.coherence_width / math.hypot(*row) for row in tables.frame.rows)
+    return replace(tables, coherence_widths=(width_x, width_y))
 
 
 WIGNER_OF_PRODUCT = replace(

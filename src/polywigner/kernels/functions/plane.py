@@ -15,6 +15,7 @@ from polywigner.kernels.functions.fourier import (
     LinearFrame,
     OutlineSum,
     OutlineTables,
+    enter_frequency,
     fan_sum,
     grid_tables,
     outline_tables,
@@ -79,7 +80,7 @@ def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
 
 
 def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
-    """Return the frame of the plane in a pose (4, 4), whose floats count as exact."""
+    """Return the frame of a plane in a pose (4, 4); the floats of the pose count as exact."""
     exact = [[Fraction(value) for value in row] for row in pose.tolist()]
     in_plane = [Fraction(c) for c in plane.centre]
     centre = [row[0] * in_plane[0] + row[1] * in_plane[1] + row[3] for row in exact[:3]]
@@ -100,27 +101,22 @@ def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
     return OutlineTables(placed_frame(plane.frame, source.pose, double), plane.edges)
 
 
-def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
-    """Return (phase of the centre, nu in the frame)."""
-    return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.frequency(ops, *nu))
-
-
 def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
     """Return (phase of the centre and of the carrier, upsilon and xi in the frame)."""
     upsilon, xi = arguments[: len(arguments) // 2], arguments[len(arguments) // 2 :]
-    turns, *inner = enter_frequency(ops, frame, *upsilon)
-    turns = phases.less_carrier(ops, frame, turns, *xi)
-    return (turns, *inner, *frame.vector(ops, *xi))
+    cycles, *inner = enter_frequency(ops, frame, *upsilon)
+    cycles = phases.less_carrier(ops, frame, cycles, *xi)
+    return (cycles, *inner, *frame.vector(ops, *xi))
 
 
 def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
     """Return (phase of the carrier, x + xi/2 and x - xi/2 in the frame)."""
     count = len(arguments) // 2
     x, xi = arguments[:count], arguments[count:]
-    turns = phases.less_carrier(ops, frame, 0.0 * xi[0], *xi)
+    cycles = phases.less_carrier(ops, frame, 0.0 * xi[0], *xi)
     ahead = (p + 0.5 * lag for p, lag in zip(x, xi, strict=True))
     behind = (p - 0.5 * lag for p, lag in zip(x, xi, strict=True))
-    return (turns, *frame.position(ops, *ahead), *frame.position(ops, *behind))
+    return (cycles, *frame.position(ops, *ahead), *frame.position(ops, *behind))
 
 
 def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
@@ -136,14 +132,14 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 
     u is the sum of the weights of the elements around the point, times their waves. Edges that
     cross the horizontal line to the right of the point count with the weight of their element if
-    they rise, and with its negative if they fall. Lower ends belong to an edge and upper ends do
-    not. So each point of an edge between two polygons belongs to exactly one of them.
+    they rise, and with its negative if they fall. An edge includes its lower end but not its upper
+    end. Therefore each point on an edge between two polygons belongs to exactly one of them.
     """
 
     def term(ax: Any, ay: Any, bx: Any, by: Any, real: Any, imag: Any) -> tuple[Any, Any]:
-        left = ops.cross(bx - ax, by - ay, x - ax, y - ay)
-        up = (ay <= y) & (by > y) & (left > 0.0)
-        down = (ay > y) & (by <= y) & (left < 0.0)
+        side = ops.cross(bx - ax, by - ay, x - ax, y - ay)
+        up = (ay <= y) & (by > y) & (side > 0.0)
+        down = (ay > y) & (by <= y) & (side < 0.0)
         winding = ops.select(up, 1.0, 0.0) - ops.select(down, 1.0, 0.0)
         return real * winding, imag * winding
 
@@ -159,7 +155,7 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 
 def at_both_ends(field: Any) -> Callable[..., Values]:
     """Return the edge sum of an autocorrelation: ``field(ops, tables, x, y)`` at both ends."""
-    return lambda ops, tables, turns, *ends: (
+    return lambda ops, tables, cycles, *ends: (
         *field(ops, tables, *ends[:2]),
         *field(ops, tables, *ends[2:]),
     )

@@ -27,10 +27,10 @@ from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.source.lattices import column_and_row
 
-# An outline is a rectangle if it deviates from one by less than _ROUNDING times its shorter side,
-# or by _ROUNDINGS roundings of its largest coordinate: the rotation of a point takes five along
-# each axis (two products, two sums and the shift). The limit never exceeds _SHAPELESS times the
-# shorter side, because strips of a few ulps have no shape.
+# An outline counts as a rectangle if it deviates from one by less than _ROUNDING times its shorter
+# side, or by less than _ROUNDINGS roundings of its largest coordinate: a rotated point has five
+# roundings along each axis (two products, two sums and the shift). The limit is at most _SHAPELESS
+# times the shorter side, because the shape of a strip a few ulps wide is undefined.
 _ROUNDING, _ROUNDINGS, _SHAPELESS = 1e-14, 8, 1e-6
 
 _UNIT = np.finfo(np.float64).eps / 2
@@ -64,10 +64,11 @@ def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
 # changes W by less than 1e-13 of the energy. Frequencies along an axis are equal if they agree to
 # _EQUAL, in cycles per side or relative to the largest frequency.
 _PRODUCT, _EQUAL = 4e-15, 1e-14
-# Both limits grow with rounding, since frequencies may be rotated and amplitudes contain the phases
-# at the origin. Waves that differ by more than this, in cycles per side, are never equal.
+# Rounding increases both limits, since frequencies may be rotated and amplitudes contain phases
+# relative to the origin. Frequencies that differ by more than this, in cycles per side, never count
+# as equal.
 _LARGEST_ROUNDING = 1e-6
-# Cost of a pair of waves, in cuts of an edge.
+# Cost of a pair of waves, relative to the cost of cutting an edge by another edge.
 _CLIPS_PER_PAIR = 0.5
 
 
@@ -78,9 +79,9 @@ class SeparableTables:
     frame: Frame
     fields: tuple[LineField, LineField]
     coherence_widths: tuple[float, float] = (math.inf, math.inf)
-    """In the frame, which has a unit for each axis."""
+    """Coherence width along each axis in units of the frame, which differ between the axes."""
     terms: ClassVar[int] = 1
-    """Nothing is cut or summed over edges."""
+    """Number of terms, for the choice of an engine: there is no sum over edges."""
 
     @property
     def clips(self) -> int:
@@ -106,15 +107,15 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     a, b, c, d = corners
     (length, width), direction = (high - low).tolist(), (1.0, 0.0)
     is_rotated = bool((b - a).all())
-    if is_rotated:  # along the mean of both longer sides
+    if is_rotated:  # the axis is the mean of both longer sides
         length, width = float(np.hypot(*(b - a))), float(np.hypot(*(d - a)))
         along = (b - a) + (c - d)
         direction = tuple((along / np.hypot(*along)).tolist())
     sizes = power_of_two(length), power_of_two(width)
     frame = frame_along(corners, low + (high - low) / 2, direction, sizes)
     frame = replace(frame, carrier=carrier_of([illumination], 2))
-    # frequencies are rounded to some ulps of the largest one, and the angle of the rectangle by the
-    # rounding of its coordinates over its length
+    # Rounding of frequencies: some ulps of the largest one. For a rotated rectangle the error of
+    # its angle adds to it, which is the rounding of its coordinates over its length.
     largest = float(np.hypot(*illumination.frequencies.T).max())
     phase_rounding = 2 * np.pi * _ROUNDINGS * _UNIT * largest * float(np.abs(corners).max())
     relative = _ROUNDINGS * _UNIT + (rounding / length if is_rotated else 0.0)
@@ -123,8 +124,10 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     if profiles is None:
         return None
     halves = np.abs(frame.vertices(corners)).mean(axis=0).tolist()
-    one, two = (LineField(half, waves) for half, waves in zip(halves, profiles, strict=True))
-    return SeparableTables(frame, (one, two))
+    along_x, along_y = (
+        LineField(half, waves) for half, waves in zip(halves, profiles, strict=True)
+    )
+    return SeparableTables(frame, (along_x, along_y))
 
 
 def _profiles(
@@ -144,15 +147,15 @@ def _profiles(
     product = column_and_row(table, _PRODUCT + phase_rounding)
     if product is None:
         return None
-    one, two = (
+    along_x, along_y = (
         tuple(Wave(a, (f,)) for a, f in zip(column.tolist(), rates.tolist(), strict=True))
         for column, rates in zip(product, (rates_x, rates_y), strict=True)
     )
-    return one, two
+    return along_x, along_y
 
 
 def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
-    """Return distinct numbers in order, equal up to rounding counted once, and indices."""
+    """Return the numbers that differ by more than rounding, ascending, and the index of each."""
     order = np.argsort(values)
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
     number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)
@@ -163,28 +166,28 @@ def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.i
 
 def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
     """Return (phase of the centre, nu in the frame less the carrier)."""
-    return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
+    return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
 
 def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
     """Return W(x, nu) in the frame. Source: (I4)."""
-    one, two = tables.fields
+    along_x, along_y = tables.fields
     width_x, width_y = tables.coherence_widths
-    return one.wigner(ops, x, nu_x, width_x) * two.wigner(ops, y, nu_y, width_y)
+    return along_x.wigner(ops, x, nu_x, width_x) * along_y.wigner(ops, y, nu_y, width_y)
 
 
 def ambiguity(
     ops: Any, tables: SeparableTables, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> tuple[Any, Any]:
     """Return A(upsilon, xi) in the frame as (cosine part, sine part), A = cosine - i sine."""
-    one, two = tables.fields
-    return _parts(one.ambiguity(ops, upsilon_x, xi_x) * two.ambiguity(ops, upsilon_y, xi_y))
+    along_x, along_y = tables.fields
+    return _parts(along_x.ambiguity(ops, upsilon_x, xi_x) * along_y.ambiguity(ops, upsilon_y, xi_y))
 
 
 def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
     """Return F(nu) in the frame as (cosine part, sine part)."""
-    one, two = tables.fields
-    return _parts(one.fourier(ops, nu_x) * two.fourier(ops, nu_y))
+    along_x, along_y = tables.fields
+    return _parts(along_x.fourier(ops, nu_x) * along_y.fourier(ops, nu_y))
 
 
 def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
@@ -192,8 +195,8 @@ def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
 
     Lower ends of either axis belong to the rectangle, upper ends do not.
     """
-    one, two = tables.fields
-    value = one.field(ops, x) * two.field(ops, y)
+    along_x, along_y = tables.fields
+    value = along_x.field(ops, x) * along_y.field(ops, y)
     return value.real, value.imag
 
 
@@ -211,14 +214,14 @@ AMBIGUITY = replace(
     plane.AMBIGUITY,
     name="ambiguity of a product",
     tables=separable_tables,
-    edge_sum=lambda ops, tables, turns, *inner: ambiguity(ops, tables, *inner),
+    edge_sum=lambda ops, tables, cycles, *inner: ambiguity(ops, tables, *inner),
 )
 FOURIER = Kernel(
     "fourier of a product",
     2,
     separable_tables,
     _enter_frequency,
-    lambda ops, tables, turns, *nu: fourier(ops, tables, *nu),
+    lambda ops, tables, cycles, *nu: fourier(ops, tables, *nu),
     leave_wave,
 )
 AUTOCORRELATION = replace(

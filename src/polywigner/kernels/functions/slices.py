@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Edge, View
+from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Cuts, Edge, View
 from polywigner.kernels.cut.pair_grid import PairGrid, cut_edges, rows_at
 from polywigner.kernels.cut.winding import PairClipper, Pass, pairs_of
 from polywigner.kernels.functions.edge_terms import (
     EdgeTerms,
     ambiguity_terms,
-    times,
+    scaled,
     wigner_terms,
 )
 from polywigner.kernels.outline.tables import Tables
@@ -41,17 +41,18 @@ from polywigner.numerics.complex_pairs import Pair
 Values = tuple[Any, ...]
 Array = NDArray[Any]
 Views = tuple[tuple[View, float], ...]
-"""Views, and which copy of the edges each is of: its points are p + side T."""
+"""Pairs (view, side). A point p of an edge is ``scale (p + side T)`` in the slice."""
 Pairing = tuple[int, int, Views, Sequence[WavePair]]
 """Group of edges, group of the other copy, views of the edges there, and pairs of waves."""
 
 # Samples times edges, and parts times frequencies, that NumPy computes at a time: some 2 MB.
 _CUT, _SUMMED = 1 << 14, 1 << 14
-# Number of samples for which the lists of pairs of NumPy are built.
+# Number of samples for which NumPy's lists of pairs are optimised.
 _SAMPLES = 1 << 9
-# More pairs of waves are rows of a table, because each pair as code compiles in 20 ms.
+# Largest number of pairs of waves that become code, which compiles in 20 ms per pair. More pairs
+# are rows of a table.
 MOST_PAIRS_AS_CODE = 16
-# Number of columns of a row (amplitude, shift and rate), padded to a multiple of four.
+# Number of columns of such a row (amplitude, shift and rate), padded to a multiple of four.
 _ROW = 8
 
 
@@ -60,7 +61,7 @@ class SliceSum:
     """The sum of a kernel over edges that are cut."""
 
     views: tuple[View, ...]
-    """In which views edges are cut: one for W, two for A."""
+    """The views in which edges are cut: one for W, two for A."""
     scale: float
     """The offset T between the copies is ``scale`` times the position or lag: 2x, or xi. A point p
     of an edge is the point ``scale (p + side T)`` of the slice."""
@@ -69,13 +70,16 @@ class SliceSum:
     frequency: slice
     pairings: Callable[[Tables], Sequence[Pairing]]
     terms: Callable[[Any, Tables, Values, bool, bool], EdgeTerms]
-    """(ops, tables, frequency, whether weights are real and the fields one, whether only the real
-    part matters) -> terms of a pair of waves."""
+    """(ops, tables, frequency, is_even, is_real) -> terms of a pair of waves. ``is_even``: whether
+    weights are real and both elements have the same field. ``is_real``: whether only the real part
+    is needed.
+    """
     values: int
     """1 for a real sum, or 2: cosine part and sine part, cosine - i sine."""
     arguments: slice | None = None
-    """Components of the position or lag among the user's arguments, if many other arguments may
-    meet it."""
+    """Components of the position or lag among the user's arguments. None if the frequencies at one
+    position cannot share a slice.
+    """
 
     def __call__(self, ops: Any, tables: Tables, *inner: Any) -> Values:
         if ops.target == "numpy":
@@ -85,7 +89,7 @@ class SliceSum:
             if is_plain and np.shape(position[1]) == shape and shape[0] * len(tables.edges) <= _CUT:
                 return self._as_waves(self._sums(ops, tables, position, nu))
             return self._in_blocks(ops, tables, inner)
-        # Dr.Jit has no derivatives of nested loops
+        # Dr.Jit cannot differentiate nested loops
         if ops.needs_gradient(*inner) or (ops.target == "compiled" and tables.fits_code):
             offset = (self.scale * c for c in inner[self.position])
             return self._summed(Clipper(ops, tables, *offset), inner)
@@ -94,12 +98,12 @@ class SliceSum:
     def by_pairs(
         self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
     ) -> Values:
-        """Return the sums with lists of pairs in an engine's memory (default: of the tables)."""
+        """Return the sums by lists of pairs in an engine's memory, by default those of tables."""
         tx, ty = (self.scale * c for c in inner[self.position])
         return self._summed(PairClipper(ops, tables, tx, ty, self.views, inner, pairs), inner)
 
     def passes(self, tables: Tables) -> list[Pass]:
-        """Return the keys of all lists that the sums read."""
+        """Return the keys of all lists of pairs that the sums use."""
         fields = range(len(tables.groups))
         views = {view.point: view for view in reversed(self.views)}.values()
         return [(view, field, other) for view in views for field in fields for other in fields]
@@ -116,10 +120,10 @@ class SliceSum:
     def _summed(self, clipper: Clipper, inner: Values) -> Values:
         nu = inner[self.frequency]
 
-        def sum_of(pair: WavePair, is_even: bool) -> TermSum:
+        def sum_of(views: Views, pair: WavePair, is_even: bool) -> TermSum:
             shifted = pair.detuned(nu)
             terms = self.terms(clipper.ops, clipper.tables, shifted, is_even, pair.is_real)
-            return TermSum(clipper, terms, pair, self.scale)
+            return TermSum(clipper, terms, views, pair, self.scale)
 
         totals, position = [0.0] * self.values, inner[self.position]
         for sums in self._sums_of_pairings(clipper, sum_of, position):
@@ -130,41 +134,28 @@ class SliceSum:
         return tuple(totals) if self.values == 1 else (totals[0], -totals[1])
 
     def _sums_of_pairings(
-        self, clipper: Clipper, sum_of: Callable[[WavePair, bool], TermSum], position: Values
+        self, clipper: Clipper, sum_of: Callable[[Views, WavePair, bool], TermSum], position: Values
     ) -> Iterator[Sequence[Any]]:
-        """Yield the sums over pairs of waves, in one pass over the edges for each two groups.
+        """Yield the sums over pairs of waves, in one pass over the edges for each pair of groups.
 
-        Many pairs of waves are rows of a table. Compiled code loops over it for each part of an
-        edge.
+        If there are many pairs of waves, they are rows of a table. Compiled code loops over this
+        table for each part of an edge.
         """
         tables, ops, count = clipper.tables, clipper.ops, self.values
         pairings: dict[tuple[int, int], list[tuple[Views, Sequence[WavePair]]]] = {}
         for group, other, views, pairs in self.pairings(tables):
             pairings.setdefault((group, other), []).append((views, pairs))
-        for (group, other), beats in pairings.items():
-            if ops.target != "scalar" and sum(len(p) for _, p in beats) > MOST_PAIRS_AS_CODE:
-                for views, pairs in beats:
+        for (group, other), wave_pairs in pairings.items():
+            if ops.target != "scalar" and sum(len(p) for _, p in wave_pairs) > MOST_PAIRS_AS_CODE:
+                for views, pairs in wave_pairs:
                     yield _sum_of_rows(
                         clipper, (group, other), views, pairs, sum_of, position, count
                     )
                 continue
             is_even = other == group and not tables.phased
-            runs = [(views, sum_of(pair, is_even)) for views, pairs in beats for pair in pairs]
-
-            def term(edge: Edge, runs: Any = runs, other: int = other) -> Values:
-                cuts: dict[View, Any] = {}
-                values: list[Any] = []
-                for views, run in runs:
-                    for view, _ in views:
-                        if view not in cuts:
-                            cuts[view] = list(clipper.intervals(edge, view, other))
-                    values += run.terms(edge, [(side, cuts[view]) for view, side in views])
-                return tuple(values)
-
-            count_of_all = sum(run.values for _, run in runs)
-            sums = iter(clipper.sum_over_edges(term, count_of_all, group, other))
-            for _, run in runs:
-                yield run.value([next(sums) for _ in range(run.values)], position)[:count]
+            runs = [sum_of(views, pair, is_even) for views, pairs in wave_pairs for pair in pairs]
+            for run, sums in clipper.sums_of_runs(runs, group, other):
+                yield run.value(sums, position)[:count]
 
     # ---- NumPy
 
@@ -184,12 +175,13 @@ class SliceSum:
     def shared_sums(
         self, ops: Any, tables: Tables, position: Sequence[Array], nu: Sequence[Array]
     ) -> Values:
-        """Return sums (n, m) at points (n,), each cut once for all its frequencies."""
+        """Return sums (n, m) at points (n,), cutting the slice of each point once."""
         columns = np.broadcast_shapes(*(n.shape for n in nu))[1]
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
         if nu[0].shape != nu[1].shape:
             nu = np.broadcast_arrays(*nu)
-        # fewer points per pass if there are many frequencies
+        # temporary arrays have (points, frequencies) entries, so many frequencies allow fewer
+        # points
         step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
         results = [np.zeros((len(position[0]), columns)) for _ in range(self.values)]
         for k in range(0, len(position[0]), step):
@@ -251,7 +243,7 @@ class SliceSum:
             centre = self.scale * (edge[:, 0] + edge[:, 1]) - 0.5 * vector
             centre += (self.scale * side) * offset.take(owner)
             imag: Any = 0.0
-            if weight.dtype.kind == "c":  # the conjugate for the copy AHEAD
+            if weight.dtype.kind == "c":  # the weight of the copy AHEAD is conjugated
                 weight, imag = weight.real, -weight.imag if side > 0.0 else weight.imag
             part = centre.real, centre.imag, vector.real, vector.imag, weight, imag
             yield pairs, is_even, owner, part
@@ -307,10 +299,10 @@ def _row_sums(
     begins, step = np.flatnonzero(np.diff(owner, prepend=-1)), max(1, _SUMMED // (len(owner) or 1))
     numbers = [p[:, None] if np.ndim(p) else p for p in part]
     for k in range(0, columns if len(owner) else 0, step):
-        some = slice(k, k + step)
-        at = terms.at_columns(owner if rows > 1 else None, some)
+        block = slice(k, k + step)
+        at = terms.at_columns(owner if rows > 1 else None, block)
         for result, value in zip(results, at.of_part(*numbers), strict=True):
-            result[owner[begins], some] = np.add.reduceat(value, begins, axis=0)
+            result[owner[begins], block] = np.add.reduceat(value, begins, axis=0)
     return results
 
 
@@ -318,7 +310,7 @@ def _with_amplitude(total: Values, amplitude: tuple[Any, Any]) -> Values:
     """Return a sum, real or complex, times the amplitude of its pair of waves."""
     real, imag = amplitude
     if isinstance(imag, float) and imag == 0.0:
-        return tuple(times(real, value) for value in total)
+        return tuple(scaled(real, value) for value in total)
     product = Pair(*total) * Pair(real, imag)
     return product.real, product.imag
 
@@ -339,10 +331,10 @@ def _sum_of_rows(
     table, is_real = ops.on_device(rows), pairs[0].is_real
 
     def term(edge: Edge) -> Values:
-        cuts = [(side, list(clipper.intervals(edge, view, other))) for view, side in views]
+        cuts = {view: list(clipper.intervals(edge, view, other)) for view, _ in views}
 
         def of_pair(row: Any) -> Values:
-            run = sum_of(pair_of_row(is_real, *ops.gather(table, row)[:6]), False)
+            run = sum_of(views, pair_of_row(is_real, *ops.gather(table, row)[:6]), False)
             return tuple(run.value(run.terms(edge, cuts), position)[:count])
 
         return tuple(ops.plain_sum(0, len(rows), of_pair, count))
@@ -353,19 +345,21 @@ def _sum_of_rows(
 class TermSum:
     """The sum for a pair of waves in compiled code."""
 
-    def __init__(self, clipper: Clipper, terms: EdgeTerms, pair: WavePair, scale: float) -> None:
+    def __init__(
+        self, clipper: Clipper, terms: EdgeTerms, views: Views, pair: WavePair, scale: float
+    ) -> None:
         self.clipper, self.ops, self.function, self.pair = clipper, clipper.ops, terms, pair
-        self.scale, self.values = scale, terms.values
+        self.views, self.scale, self.values = views, scale, terms.values
         if not terms.by_part:
             nu_x, nu_y = terms.nu
-            turns = self.ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
-            self.moved = {side: times(scale * side, turns) for side in (-0.5, 0.5)}
+            cycles = self.ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
+            self.moved = {side: scaled(scale * side, cycles) for side in (-0.5, 0.5)}
 
-    def terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
-        """Return the sums over the cuts of an edge on all sides."""
+    def terms(self, edge: Edge, cuts: Cuts) -> Values:
+        """Return the sums over the parts of an edge in all views."""
         ops, function, scale = self.ops, self.function, self.scale
         if function.by_part:
-            return self._part_terms(edge, sides)
+            return self._part_terms(edge, cuts)
         nu_x, nu_y = function.nu
         key: Any = type(function), self.pair.shift
         if self.pair.is_constant:
@@ -375,22 +369,22 @@ class TermSum:
         length = scale * edge.length
         per_edge = (0.5 * length) * along[0]
         sums: Values | None = None
-        for side, cuts in sides:
+        for view, side in self.views:
             start = ops.fma(nu_y, scale * edge.ay, self.moved[side])
             start = ops.fma(nu_x, scale * edge.ax, start)
-            for ends_sum, extent, *weight in cuts:
-                turns = ops.fma(ends_sum, per_edge, start)
-                sums = function.added(sums, extent * per_edge, turns, extent, weight)
+            for ends_sum, extent, real, imag in cuts[view]:
+                cycles = ops.fma(ends_sum, per_edge, start)
+                sums = function.added(sums, extent * per_edge, cycles, extent, (real, imag))
         if sums is None:
             return (0.0,) * self.values
         return function.of_edge(along, length, sums)
 
-    def _part_terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
+    def _part_terms(self, edge: Edge, cuts: Cuts) -> Values:
         ops, scale, clipper = self.ops, self.scale, self.clipper
         total: Values = (0.0,) * self.values
-        for side, cuts in sides:
+        for view, side in self.views:
             tx, ty = (2.0 * side * t for t in (clipper.tx, clipper.ty))
-            for ends_sum, extent, *weight in cuts:
+            for ends_sum, extent, *weight in cuts[view]:
                 remains = extent > 0.0
                 t = 0.5 * scale * ops.select(remains, ends_sum, 0.0)
                 fraction = scale * ops.select(remains, extent, 0.0)

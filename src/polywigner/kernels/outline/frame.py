@@ -26,9 +26,9 @@ import shapely
 from polywigner.geometry.rings import whole_numbers
 from polywigner.numerics import phases
 
-# Boxes of a larger aspect ratio are stretched. For smaller ones the loss of digits (the aspect
-# ratio, in ulps of the width) is below the rounding errors of the kernels, and edges along the axes
-# stay along the axes.
+# Outlines whose bounding box has a larger aspect ratio are rotated to their axes and stretched. For
+# smaller ratios, rounding costs fewer ulps of the width than in the kernels, and edges along the
+# user's axes stay along the axes.
 NEEDLE_ASPECT = 8.0
 
 Array = npt.NDArray[np.float64]
@@ -50,14 +50,14 @@ class Frame:
     measure: float
     reach: tuple[float, ...]
     carrier: tuple[float, ...] = (0.0, 0.0)
-    """The frequency, in the user's units, relative to which fields on the source are held."""
+    """Frequency, in the user's units, relative to which fields on the source are stored."""
 
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         """Return a point of the aperture plane in the frame."""
         cx, cy = self.centre
         if self.is_diagonal:
             return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
-        # Across a needle almost everything cancels, so the rounding errors of the differences
+        # Products across a needle cancel almost completely, so the rounding errors of dx and dy
         # matter.
         (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
         fine = self._cross_products(ops, lost_x, lost_y)
@@ -66,8 +66,17 @@ class Frame:
 
     @cached_property
     def is_diagonal(self) -> bool:
-        """Whether the frame has the directions of the user's axes."""
+        """Whether the axes of the frame are parallel to the user's axes."""
         return _diagonal(self.matrix)
+
+    def grid_step(self, double: bool) -> float:
+        """Return the spacing of the grid of vertices and offsets, a power of two.
+
+        Offsets at which two copies meet are at most twice the reach. An offset less two vertices is
+        therefore below four times the reach, and exact in float64 (53 bits) or float32 (24 bits).
+        The margin is for offsets that miss by rounding.
+        """
+        return power_of_two(4.001 * max(self.reach)) * 2.0 ** (-53 if double else -24)
 
     @property
     def rows(self) -> Matrix:
@@ -82,7 +91,7 @@ class Frame:
 
     @property
     def axes(self) -> tuple[int, int] | None:
-        """Indices of the user's axes along the axes of the frame; None if the frame is rotated."""
+        """The user's axis to which each axis of the frame is parallel; None in rotated frames."""
         for axes in ((0, 1), (1, 0)):
             if self.inverse_transpose[0][axes[1]] == 0.0 == self.inverse_transpose[1][axes[0]]:
                 return axes
@@ -92,7 +101,7 @@ class Frame:
         """Return a spatial frequency in the frame."""
         if self.is_diagonal:
             return x * self.inverse_transpose[0][0], y * self.inverse_transpose[1][1]
-        return times(ops, self.inverse_transpose, x, y)
+        return matrix_times(ops, self.inverse_transpose, x, y)
 
     def detuned(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
         """Return a spatial frequency relative to the carrier, in the frame."""
@@ -122,17 +131,11 @@ def enter_position_and_frequency(
     return (*frame.position(ops, x, y), *frame.detuned(ops, nu_x, nu_y))
 
 
-def times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
-    """Return matrix nu, each component to about an ulp; across a needle almost all cancels."""
-    return tuple(total + rest for total, rest in times_doubled(ops, matrix, *nu))
-
-
-def times_doubled(ops: Any, matrix: Matrix, *nu: Any) -> tuple[phases.Doubled, ...]:
-    """Return matrix nu, each component as the sum of two floats."""
+def matrix_times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
+    """Return matrix nu; each component is accurate to about an ulp, also across a needle."""
     if _diagonal(matrix):
-        diagonal = (row[k] for k, row in enumerate(matrix))
-        return tuple((n * factor, 0.0) for n, factor in zip(nu, diagonal, strict=True))
-    return tuple(phases.dot(ops, nu, row) for row in matrix)
+        return tuple(n * row[k] for k, (n, row) in enumerate(zip(nu, matrix, strict=True)))
+    return tuple(total + low for total, low in (phases.dot(ops, nu, row) for row in matrix))
 
 
 def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Array:
@@ -201,7 +204,7 @@ def frame_of(points: Array) -> Frame:
 def frame_along(
     points: Array, centre: Array, direction: tuple[float, float], sizes: tuple[float, float]
 ) -> Frame:
-    """Return the frame with a direction of its first axis and powers of two as units."""
+    """Return the frame with a direction of its first axis and with powers of two as units."""
     (c, s), (length, width) = direction, sizes
     norm = c * c + s * s
     matrix = ((c / length, s / length), (-s / width, c / width))

@@ -20,7 +20,7 @@ from polywigner.kernels.outline.wave_pairs import (
 )
 from polywigner.source.normal_form import Source
 
-# Cost of a further wave on an edge, in cuts by another edge.
+# Cost of each further wave on an edge, relative to the cost of cutting the edge by another edge.
 _EDGES_PER_WAVE = 24
 # Edges as code are two to four times as fast as edges as data, and compile in 1 ms for each pair of
 # edges and wave (benchmarks/wigner_cost.py).
@@ -43,16 +43,16 @@ class Tables:
     weights: tuple[Any, ...]
     """Weights of the elements."""
     factors: tuple[complex, ...]
-    """(elements,) weight of each element over the weight of the user."""
+    """(elements,) weight of each element, divided by the user's weight."""
     groups: tuple[Waves, ...]
-    """The different fields on the elements, less their weights."""
+    """The different fields on the elements, without the weights of the elements."""
     double: bool
     coherence: Any = None
     """The matrix from lags in the frame to lags in coherence widths; None for coherent light."""
     pairs: dict[Any, Any] = field(default_factory=dict, repr=False)
-    """Lists of the pairs of edges that can meet, as engines hold them."""
+    """Lists of the pairs of edges that can meet, by view, groups, precision and number of cells."""
     lists: dict[Any, Any] = field(default_factory=dict, repr=False)
-    """The lists of pairs as NumPy uses them, for W and for A."""
+    """The same lists in NumPy's form, one entry for W and one for A."""
 
     @cached_property
     def uniform(self) -> bool:
@@ -61,14 +61,15 @@ class Tables:
 
     @cached_property
     def phased(self) -> bool:
-        """Whether a weight is not real."""
+        """Whether any weight is complex."""
         return any(weight.imag for weight in self.weights)
 
     @cached_property
     def clips(self) -> int:
         """Number of pairs of edges, which is the cost of one slice.
 
-        A further wave counts as 24 edges, because it is integrated over each part of an edge.
+        Each wave after the first counts as 24 edges, because it is integrated over each part of an
+        edge.
         """
         return len(self.edges) * (len(self.edges) + _EDGES_PER_WAVE * (self.waves_per_cut - 1))
 
@@ -76,7 +77,8 @@ class Tables:
     def waves_per_cut(self) -> int:
         """Number of plane waves that are integrated over a part of an edge."""
         return max(
-            sum(len(difference_pairs(one, other)) for other in self.groups) for one in self.groups
+            sum(len(difference_pairs(waves, other)) for other in self.groups)
+            for waves in self.groups
         )
 
     @cached_property

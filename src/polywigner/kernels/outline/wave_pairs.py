@@ -20,7 +20,8 @@ import numpy as np
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 
-# Relative difference below which frequencies are equal: the same sums in another order of terms.
+# Relative difference below which frequencies count as equal: sums of the same terms in another
+# order differ by rounding.
 _EQUAL = 1e-14
 
 Vector = tuple[Any, ...]
@@ -53,8 +54,10 @@ def waves_in_frame(illumination: Any, frame: Any) -> Waves:
         pairs = list(zip(illumination.amplitudes, illumination.frequencies.tolist(), strict=True))
     waves = []
     for amplitude, frequency in pairs:
-        turns = sum(Fraction(k) * Fraction(c) for k, c in zip(frequency, frame.centre, strict=True))
-        phase = np.exp(2j * np.pi * float(turns - round(turns)))
+        cycles = sum(
+            Fraction(k) * Fraction(c) for k, c in zip(frequency, frame.centre, strict=True)
+        )
+        phase = np.exp(2j * np.pi * float(cycles - round(cycles)))
         relative = (k - c for k, c in zip(frequency, frame.carrier, strict=True))
         waves.append(Wave(complex(amplitude * phase), tuple(frame.exact_frequency(*relative))))
     return tuple(waves)
@@ -72,9 +75,9 @@ class WavePair:
     shift: Vector
     """The shift to subtract from the frequency."""
     terms: tuple[tuple[Any, Vector], ...]
-    """Amplitudes, and frequencies along position (W) or lag (A)."""
+    """Amplitude of each pair, and its frequency along the position (W) or the lag (A)."""
     is_real: bool
-    """Whether the conjugates of all pairs are among them: only the real part is wanted."""
+    """Whether the conjugate of each pair is included, so that only real parts are summed."""
 
     def amplitude(self, ops: Any, point: Sequence[Any]) -> tuple[Any, Any]:
         """Return the (real, imaginary) amplitude at a position or lag of the frame."""
@@ -116,12 +119,12 @@ def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
 
 
 def pair_of_row(is_real: bool, real: Any, imag: Any, *vectors: Any) -> WavePair:
-    """Return the pair of a row of an engine."""
+    """Return the pair of waves of a row of `rows_of`, read by an engine."""
     return WavePair(vectors[:2], ((Pair(real, imag), vectors[2:]),), is_real)
 
 
 def _is_zero(number: Any) -> bool:
-    return isinstance(number, float) and number == 0.0  # arrays of an engine may contain any number
+    return isinstance(number, float) and number == 0.0  # values of an engine's arrays are unknown
 
 
 def _summed(
@@ -130,15 +133,15 @@ def _summed(
     point: Sequence[Any],
     imaginary: bool = True,
 ) -> tuple[Any, Any]:
-    """Return sum a exp(2 pi i f.point), and plain numbers if all frequencies are 0."""
+    """Return sum a exp(2 pi i f.point) over terms (a, f); plain numbers if all f are 0."""
     real: Any = 0.0
     imag: Any = 0.0
     for amplitude, frequency in terms:
         if all(map(_is_zero, frequency)):
             real, imag = real + amplitude.real, imag + amplitude.imag
             continue
-        turns = sum(f * p for f, p in zip(frequency, point, strict=True))
-        cosine, sine = cos_sin_turns(ops, turns)
+        cycles = sum(f * p for f, p in zip(frequency, point, strict=True))
+        cosine, sine = cos_sin_turns(ops, cycles)
         real = real + (cosine * amplitude.real - sine * amplitude.imag)
         if imaginary:
             imag = imag + (cosine * amplitude.imag + sine * amplitude.real)
@@ -169,10 +172,10 @@ def difference_pairs(first: Waves, second: Waves) -> tuple[WavePair, ...]:
 
 def _products(first: Waves, second: Waves) -> Iterator[tuple[int, int, complex, Vector, Vector]]:
     """Yield m, n, c_m c_n*, and the mean and the difference of the frequencies of all pairs."""
-    for (m, one), (n, other) in product(enumerate(first), enumerate(second)):
-        components = list(zip(one.frequency, other.frequency, strict=True))
+    for (m, wave), (n, second_wave) in product(enumerate(first), enumerate(second)):
+        components = list(zip(wave.frequency, second_wave.frequency, strict=True))
         mean = tuple(0.5 * (a + b) for a, b in components)
-        amplitude = one.amplitude * complex(other.amplitude).conjugate()
+        amplitude = wave.amplitude * complex(second_wave.amplitude).conjugate()
         yield m, n, amplitude, mean, tuple(a - b for a, b in components)
 
 
