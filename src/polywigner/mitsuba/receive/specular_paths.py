@@ -49,9 +49,13 @@ Complex = NDArray[np.complex128]
 Mesh = tuple[Floats, NDArray[np.intp]]
 """Corners (n, 3) and triangles (t, 3)."""
 
-RAYS = 4096
 # Rounding error of the distance of a hit from the plane of its mirror, relative to the coordinates.
 _IN_PLANE = 4 * ROUNDING
+
+
+def _ray_count() -> int:
+    """Return the number of rays by each path; scalar variants trace them one by one."""
+    return 4096 if dr.is_jit_v(mi.Float) else 1024
 
 
 class PassingRays(NamedTuple):
@@ -67,17 +71,17 @@ class PassingRays(NamedTuple):
 
     @property
     def power(self) -> Floats:
-        """Mean transmission (k, k) of all 4096 rays."""
-        return np.asarray(self.fractions.sum(axis=0) / RAYS)
+        """Mean transmission (k, k) of all rays, including those that do not pass."""
+        return np.asarray(self.fractions.sum(axis=0) / _ray_count())
 
     @property
     def amplitude(self) -> float:
-        """Mean over all 4096 rays of the square root of the transmission.
+        """Mean over all rays of the square root of the transmission.
 
         In a corner of mirrors, each ray belongs to one order of the mirrors. Therefore the sum of
         the means of all orders is the mean of all rays.
         """
-        return float(np.sqrt(self.fractions[:, 0, 0]).sum() / RAYS)
+        return float(np.sqrt(self.fractions[:, 0, 0]).sum() / _ray_count())
 
 
 def passing_rays(
@@ -87,7 +91,7 @@ def passing_rays(
     chain: Sequence[Mirror] = (),
     coherent: bool = False,
 ) -> PassingRays:
-    """Trace 4096 rays from a source by flat mirrors to a receiver.
+    """Trace rays from a source by flat mirrors to a receiver: 4096, in scalar variants 1024.
 
     ``emitter`` is the source itself, not its image. ``coherent``: without the effects of mirrors
     and thin panes on the field, which callers apply to field vectors.
@@ -105,14 +109,14 @@ def passing_rays(
 def _rays_between(
     emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Floats]:
-    """Return points of up to 4096 rays between two sources, as :func:`points_by` does."""
-    start = _points_on(emitter, even_points(RAYS, 4)[:, :2])
+    """Return points of the rays between two sources, as :func:`points_by` does."""
+    start = _points_on(emitter, even_points(_ray_count(), 4)[:, :2])
     return points_by(start, points_on(receiver), chain)
 
 
 def points_on(receiver: PlacedSource) -> Floats:
-    """Return points (4096, 3) in m on a receiver, drawn with the density |u|^2."""
-    return _points_on(receiver, even_points(RAYS, 4)[:, 2:])
+    """Return points (n, 3) in m on a receiver, drawn with the density |u|^2."""
+    return _points_on(receiver, even_points(_ray_count(), 4)[:, 2:])
 
 
 def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]:
