@@ -162,6 +162,33 @@ def _panel(
     ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> Values:
     """Return the contribution of one panel to the field of one wave, and its error."""
+    view, free, moment, phase = seen_from(ops, row, inner, wave, oblique)
+    shared, sine, depth = wave.shared_data(ops, view, free, moment)
+
+    def node(t: Any, s: Any, radius: Any, scale: Any, weights: Values, *pair: Any) -> Values:
+        edge = edge_wave(ops, t, radius, *pair[:5])
+        share, others = tables.share, pair[5:]
+        value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *others).scaled(scale)
+        return node_sums(value.real, value.imag, *weights)
+
+    sums, expected = sums_over_panel(
+        ops, tables.rules, view, (sine, depth, inner[9]), node, SUMS,
+        *phase, view.b, view.z, view.across, view.pz, *shared,
+    )  # fmt: skip
+    error = missed(ops, sums, expected, rounded_turns(ops, row, inner))
+    e, mirrored, grazing = Pair(*shared[:2]), Pair(*shared[2:4]), shared[4]
+    rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
+    closed = (wave.closed(ops, view) * rest).scaled(grazing)
+    return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
+
+
+def seen_from(
+    ops: Any, row: Values, inner: Values, wave: EdgeWave, oblique: bool
+) -> tuple[PanelView, Pair, Values, Values]:
+    """Return the view of a panel, the free wave, the moment and the phase along the panel.
+
+    The moment is () for waves along z, and the phase consists of arguments of :func:`edge_wave`.
+    """
     x, y, ex, ey, length, *cosines, start, _, _ = row
     px, _, py, _, pz, _ = cosines
     # in float32 the sums equal their first terms
@@ -172,25 +199,7 @@ def _panel(
     view = panel_view(ops, first, length, b, z, (px * ex + py * ey, py * ex - px * ey, pz))
     free = Pair(*_free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
     moment = _moment(ops, cosines, offset, ex, ey) if oblique else ()
-    shared, sine, depth = wave.shared_data(ops, view, free, moment)
-    phase = (*_square_along(row, inner), distance, view.along, start)
-
-    def node(t: Any, s: Any, radius: Any, scale: Any, weights: Values, *pair: Any) -> Values:
-        edge = edge_wave(ops, t, radius, *pair[:5])
-        share, others = tables.share, pair[5:]
-        value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *others).scaled(scale)
-        return node_sums(value.real, value.imag, *weights)
-
-    sums, expected = sums_over_panel(
-        ops, tables.rules, view, (sine, depth, inner[9]), node, SUMS,
-        *phase, b, z, view.across, pz, *shared,
-    )  # fmt: skip
-    turns = _rounded_turns(ops, abs(x) + abs(y) + length, distance, abs(px) + abs(py))
-    error = missed(ops, sums, expected, turns)
-    e, mirrored, grazing = Pair(*shared[:2]), Pair(*shared[2:4]), shared[4]
-    rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
-    closed = (wave.closed(ops, view) * rest).scaled(grazing)
-    return _weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
+    return view, free, moment, (*_square_along(row, inner), distance, view.along, start)
 
 
 def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
@@ -302,6 +311,12 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, midpoint, span
 
 
+def rounded_turns(ops: Any, row: Values, inner: Values) -> Number:
+    """Return the cycles whose rounding contributes to the error of a panel."""
+    size = abs(row[0]) + abs(row[1]) + row[4]
+    return _rounded_turns(ops, size, inner[6] + inner[7], abs(row[5]) + abs(row[7]))
+
+
 def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
     """Return the cycles whose rounding contributes to the error.
 
@@ -313,7 +328,7 @@ def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
     return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
 
 
-def _weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
+def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
     """Return the integral of a panel times the amplitude of the wave, and its error."""
     r, i = row[-2:]
     return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
@@ -405,7 +420,7 @@ def _fresnel_panel(
     size = abs(x) + abs(y) + length
     aside = abs(inner[0]) + abs(inner[2])
     turns = _rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
-    return _weighted(row, sums[0], sums[1], missed(ops, sums, expected, turns))
+    return weighted(row, sums[0], sums[1], missed(ops, sums, expected, turns))
 
 
 def _node(ops: Any) -> Callable[..., Values]:
