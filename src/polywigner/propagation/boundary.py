@@ -23,7 +23,7 @@ from polywigner.numerics import phases
 from polywigner.numerics.nodes import gauss_rules
 from polywigner.radiometry.directions import checked_source
 from polywigner.source.normal_form import normal_form
-from polywigner.source.obliquities import DEFAULT, OBLIQUITIES, direction_cosines
+from polywigner.source.obliquities import OBLIQUITIES, direction_cosines
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -219,9 +219,6 @@ def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, F
 
 # Cost of an edge in terms of other kernels, for the choice of an engine.
 _TERMS = 16
-# Largest number of cycles of Fresnel fields on half a panel, and along an outline: 5 s per point.
-_FRESNEL_TURNS, _MOST_TURNS = 60.0, 1e7
-_MOST_ROWS = 1 << 20
 # Largest number of panels of other fields: 2 GB, and a second of a core per point.
 _MOST_PANELS = 1 << 24
 # Panels twice as long as the distance need the fewest nodes. Upper ends of ranges of distance, and
@@ -320,20 +317,29 @@ def _summed(
     bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
     allowed = tolerance * np.minimum(radiator.amplitude, bound)
     digits = math.log(1 / tolerance) + _MARGIN
-    if not paraxial:
-        beyond = np.flatnonzero(points[:, 2] >= _STEEP_HEIGHT * wavelength)
-        values[beyond], errors[beyond] = sums.by_steepest_descent(points[beyond], digits)
-    missing = np.flatnonzero(~(errors <= allowed))
-    for some, longest in strata_of(radiator, points[missing], wavelength, paraxial):
-        remaining, finer = missing[some], digits
-        for _ in range(_ROUNDS):
-            value, error = sums.over_panels(points[remaining], finer, longest)
-            better = error < errors[remaining]
-            values[remaining[better]], errors[remaining[better]] = value[better], error[better]
-            remaining = remaining[~(errors[remaining] <= allowed[remaining])]
-            if not len(remaining):
+
+    def improve(
+        some: Indices, field: Callable[..., tuple[Complex, Floats]], rounds: int, *longest: float
+    ) -> None:
+        """Compute the field at some points, and with more digits where the error is too large."""
+        finer = digits
+        for _ in range(rounds):
+            value, error = field(points[some], finer, *longest)
+            better = error < errors[some]
+            values[some[better]], errors[some[better]] = value[better], error[better]
+            some = some[~(errors[some] <= allowed[some])]
+            if not len(some):
                 break
             finer *= _HARDER
+
+    if paraxial:
+        improve(np.arange(len(points)), sums.by_steepest_descent, _ROUNDS)
+        return values, errors, allowed
+    far = np.flatnonzero(points[:, 2] >= _STEEP_HEIGHT * wavelength)
+    improve(far, sums.by_steepest_descent, 1)
+    missing = np.flatnonzero(~(errors <= allowed))
+    for some, longest in strata_of(radiator, points[missing], wavelength):
+        improve(missing[some], sums.over_panels, _ROUNDS, longest)
     return values, errors, allowed
 
 
@@ -363,17 +369,16 @@ class _PanelSums:
 
         Evanescent waves and waves close to the plane are summed over panels.
         """
+        if self.paraxial:
+            return self._sum(steepest_edge_sum, points, digits, math.inf)
         whole = self._sum(steepest_edge_sum, points, digits, math.inf, _is_steep)
         longest = _STRATA[-1][1]
         others = self._sum(integrals.edge_sum, points, digits, longest, _is_shallow)
         return whole[0] + others[0], whole[1] + others[1]
 
-    def over_panels(
-        self, points: Floats, digits: float, longest: float
-    ) -> tuple[Complex, Floats]:
+    def over_panels(self, points: Floats, digits: float, longest: float) -> tuple[Complex, Floats]:
         """Return the field with errors of about exp(-digits), and its error."""
-        edge_sum = integrals.fresnel_edge_sum if self.paraxial else integrals.edge_sum
-        return self._sum(edge_sum, points, digits, longest)
+        return self._sum(integrals.edge_sum, points, digits, longest)
 
     def _sum(
         self,
@@ -395,9 +400,7 @@ class _PanelSums:
         edges = _TERMS * sum(e.edges for e in radiator.elements)
         engine = resolved(self.engine, self.points, edges)
         field, error = np.zeros(len(points), np.complex128), np.zeros(len(points))
-        blocks_of_panels = panels_of(
-            radiator, self.wavelength, longest, _ROWS, paraxial, is_wanted
-        )
+        blocks_of_panels = panels_of(radiator, self.wavelength, longest, _ROWS, paraxial, is_wanted)
         for panels in blocks_of_panels if len(points) else ():
             step = max(_FEWEST_POINTS, _MOST_PAIRS // len(panels.rows))
             blocks = [slice(low, low + step) for low in range(0, len(points), step)]
@@ -417,12 +420,9 @@ class _PanelSums:
 
 
 def strata_of(
-    radiator: Radiator, points: Floats, wavelength: float, paraxial: bool
+    radiator: Radiator, points: Floats, wavelength: float
 ) -> Iterator[tuple[Indices, float]]:
     """Yield indices of points, and the longest panels for them, in wavelengths."""
-    if paraxial:
-        yield from _paraxial_strata(radiator, points, wavelength)
-        return
     distance = radiator.distance(points) / wavelength
     low = 0.0
     for high, longest in _STRATA:
@@ -430,27 +430,6 @@ def strata_of(
         low = high
         if len(members):
             yield members, longest
-
-
-def _paraxial_strata(
-    radiator: Radiator, points: Floats, wavelength: float
-) -> Iterator[tuple[Indices, float]]:
-    """:func:`strata_of` Fresnel fields, whose phase rate is the slope at which edges are seen."""
-    aside = np.maximum(points[:, :2] - radiator.low, radiator.high - points[:, :2])
-    slope = np.linalg.norm(aside, axis=1) / points[:, 2] + wavelength * radiator.highest_frequency
-    with np.errstate(divide="ignore"):  # slope 0
-        longest = np.minimum(2 * _FRESNEL_TURNS / slope, _STRATA[-1][1])
-    step = np.ceil(-np.log2(longest / _STRATA[-1][1])).astype(np.intp)
-    around = radiator.perimeter / wavelength
-    turns = around * float(slope.max(initial=0.0))
-    if turns > _MOST_TURNS or around > _MOST_ROWS * float(longest.min(initial=1.0)):
-        raise ArgumentError(
-            f"the parabolic waves of Fresnel's integral have {turns:.3g} cycles of phase along the "
-            f"outline, at most {_MOST_TURNS:.0e}; use method={DEFAULT!r}, points nearer to the "
-            "axis, or a plane farther from the source and its images"
-        )
-    for number in np.unique(step):
-        yield np.flatnonzero(step == number), _STRATA[-1][1] / 2.0 ** int(number)
 
 
 def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:

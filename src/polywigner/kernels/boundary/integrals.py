@@ -22,7 +22,6 @@ from polywigner.kernels.boundary.edge_waves import (
     EdgeWave,
     PanelView,
     inverse_sinh,
-    wave_difference,
 )
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.numerics import Number, phases
@@ -378,68 +377,29 @@ def edge_wave(
     return unit_wave(ops, turns)
 
 
-# Distance in half-lengths if there is no singularity, beyond the largest ellipse of the rules.
-_NO_SINGULARITY = 100.0
+def seen_in_parabolic_waves(
+    ops: Any, row: Values, inner: Values, oblique: bool
+) -> tuple[PanelView, Pair, Values, Any]:
+    """Return :func:`seen_from` for the waves of (B6), and the cycles whose rounding is an error.
 
-
-def fresnel_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return the (real, imaginary) paraxial field and its error.
-
-    The phase of the distance from the centre is left out.
+    The axes begin where the ray of the wave through the point crosses the plane. With z for the
+    distances in the phase, :func:`edge_wave` is the parabolic wave.
     """
-    oblique = any(row[5] or row[7] for row in tables.edges)
-
-    def term(*row: Any) -> Values:
-        return _fresnel_panel(ops, tables, row[:-1], inner, oblique)
-
-    total: Values = ops.sum_over(tables.edges, term, 3, like=inner[0], unroll=False)
-    return total
-
-
-def _fresnel_panel(
-    ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool
-) -> Values:
     x, y, ex, ey, length, *cosines, start, _, _ = row
-    z, digits = inner[4] + inner[5], inner[9]
-    offset = _offset_of(inner, x, y)
+    z, offset = inner[4] + inner[5], _offset_of(inner, x, y)
     px, py, one = (cosines[0], cosines[1]), (cosines[2], cosines[3]), (1.0, 0.0)
-    # relative to the position where the wave that reaches the point crosses the plane
     if oblique:
         dx = phases.cross(ops, px, offset[0], one, offset[2])
         dy = phases.cross(ops, py, offset[1], one, offset[2])
     else:
         dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
     first, b = ex * dx + ey * dy, ex * dy - ey * dx
-    free = _free_wave(ops, cosines, offset, inner, start)
-    along = px[0] * ex + py[0] * ey
-    half = 0.5 * length
-    swing = ops.maximum(abs(first), abs(first + length)) / z
-    needed, expected = nodes_needed(ops, digits, _NO_SINGULARITY, 2 * math.pi * half * swing)
-    data = (half, first, b, 0.5 / z, *_square_along(row, inner), along, start, *free)
-    sums = ops.sum_over_rule(rule_of(ops, needed), tables.rules, _node(ops), SUMS, *data)
-    size = abs(x) + abs(y) + length
-    aside = abs(inner[0]) + abs(inner[2])
+    view = panel_view(ops, first, length, b, z, (0.0, 0.0, 1.0))
+    free = Pair(*_free_wave(ops, cosines, offset, inner, start))
+    size, aside = abs(x) + abs(y) + length, abs(inner[0]) + abs(inner[2])
     turns = _rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
-    return weighted(row, sums[0], sums[1], missed(ops, sums, expected, turns))
-
-
-def _node(ops: Any) -> Callable[..., Values]:
-    tiny = 1e-300 if ops.double else 1e-37
-
-    def node(
-        at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, b: Any, inverse: Any,
-        constant: Any, slope: Any, along: Any, start: Any, free_r: Any, free_i: Any,
-    ) -> Values:  # fmt: skip
-        t = half * (1.0 + at)
-        s = first + t
-        distance2 = s * s + b * b
-        turns = (constant + t * (slope + t)) * inverse + (along * t + start)
-        edge = unit_wave(ops, turns)
-        value = wave_difference(ops, edge, Pair(free_r, free_i), distance2 * inverse)
-        factor = half * b / ops.maximum(distance2, tiny)
-        return node_sums(factor * value.real, factor * value.imag, w, v1, v2)
-
-    return node
+    along = px[0] * ex + py[0] * ey
+    return view, free, (*_square_along(row, inner), z, along, start), turns
 
 
 # Integrals along single panels, for gradients (G6) and for polarised fields (VP4). With t the

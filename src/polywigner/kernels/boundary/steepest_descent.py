@@ -29,6 +29,7 @@ from polywigner.kernels.boundary.integrals import (
     edge_wave,
     rounded_turns,
     seen_from,
+    seen_in_parabolic_waves,
     weighted,
 )
 from polywigner.kernels.kernel import Values
@@ -42,6 +43,8 @@ _SIZES = (2, 3, 4, 5, 6, 8, 10)
 # sqrt(2) (2n + 1) n!^2/(2 pi x^2)^(2n), from the derivative of order 2n. The bound also holds for
 # products of such factors whose powers add up to -2, if each of them has a larger x^2.
 _BOUNDS = tuple(math.log(math.sqrt(2) * (2 * n + 1) * math.factorial(n) ** 2) for n in _SIZES)
+# Distance of singularities in half-lengths, beyond the largest ellipse of the rules.
+_NO_SINGULARITY = 100.0
 # Cycles of phase along an edge from which on tails need fewer nodes than the edge.
 _FEW = 2.0
 
@@ -85,7 +88,7 @@ class _End:
 
 @dataclass(frozen=True)
 class _Line:
-    """The line of an edge as seen from a point, and the numbers that are constant along the line."""
+    """The line of an edge as seen from a point, and numbers that are constant along the line."""
 
     view: PanelView
     upright: Any
@@ -102,9 +105,12 @@ class _Line:
     """N' - N."""
     rest: float
     """1/2 - m of (B3)."""
+    curved: float
+    """1 for spherical waves, 0 for parabolic waves."""
 
     @classmethod
-    def of(cls, ops: Any, view: PanelView, lean: Any, rest: float) -> _Line:
+    def spherical(cls, ops: Any, view: PanelView, lean: Any, rest: float) -> _Line:
+        """Return the line for spherical waves."""
         upright = view.across * view.across + view.pz * view.pz
         least = ops.sqrt(upright * (view.b * view.b + view.z * view.z))
         direct = view.pz * view.z - view.b * view.across
@@ -112,14 +118,26 @@ class _Line:
         turned = lean * lean / (least + abs(direct))
         ahead = ops.select(direct > 0.0, turned, least - direct)
         beta = view.pz * view.b - view.z * view.across
-        return cls(view, upright, least, ahead, lean, beta, 2.0 * (view.pz * view.z), rest)
+        return cls(view, upright, least, ahead, lean, beta, 2.0 * (view.pz * view.z), rest, 1.0)
+
+    @classmethod
+    def parabolic(cls, view: PanelView) -> _Line:
+        """Return the line for Fresnel's waves, seen from the ray of the wave through the point.
+
+        It has R = z and c = z in all formulas but the square of the phase.
+        """
+        ahead = view.b * view.b / (2.0 * view.z)
+        return cls(view, 1.0, view.z, ahead, view.b, 0.0, 0.0, 0.0, 0.0)
 
     def end(self, ops: Any, t: Any) -> _End:
         """Return the position t."""
         view, s = self.view, self.view.first + t
-        radius = ops.sqrt(s * s + (view.b * view.b + view.z * view.z))
+        radius = self._radius(ops, s, view.b * view.b + view.z * view.z)
         slope, phase = s + view.along * radius, radius + view.along * s
         return _End(t, s, radius, slope, phase, slope * slope / (self.least + phase))
+
+    def _radius(self, ops: Any, s: Any, foot2: Any) -> Number:
+        return ops.sqrt(s * s + foot2) if self.curved else self.view.z + 0.0 * s
 
     def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
         """Return the ends of the part of an edge that is summed over nodes on the edge.
@@ -129,15 +147,13 @@ class _Line:
         view = self.view
         rim = ops.exp((digits + _BOUNDS[-1]) / (2.0 * _SIZES[-1])) / (2.0 * math.pi)
         foot = -view.along * (self.least + rim) - self.upright * view.first
-        half = ops.sqrt(rim * (2.0 * self.least + rim))
+        half = ops.sqrt(rim * (2.0 * self.least + self.curved * rim))
         low, high = (
             ops.maximum(ops.minimum(t / self.upright, view.length), 0.0)
             for t in (foot - half, foot + half)
         )
         has_foot = (begin.slope < 0.0) & (end.slope > 0.0)
-        cycles = ops.select(
-            has_foot, begin.beyond + end.beyond, abs(end.beyond - begin.beyond)
-        )
+        cycles = ops.select(has_foot, begin.beyond + end.beyond, abs(end.beyond - begin.beyond))
         is_cut = cycles > _FEW + ops.select(low < high, rim, 0.0)
         low, high = ops.select(is_cut, low, 0.0), ops.select(is_cut, high, view.length)
         return self.end(ops, low), self.end(ops, high)
@@ -148,14 +164,16 @@ class _Line:
         level, height = view.b * view.across, view.pz * view.z
 
         def angle(factor: Any, level: Any, first: _End, last: _End) -> Number:
-            ends = (first.s, first.radius), (last.s, last.radius)
-            swept = swept_angle(ops, view, factor, level, *ends, last.t - first.t)
+            ends, length = ((first.s, first.radius), (last.s, last.radius)), last.t - first.t
+            if self.curved:
+                swept = swept_angle(ops, view, factor, level, *ends, length)
+            else:
+                swept = 2.0 * ops.atan2(factor * length, factor * factor + first.s * last.s)
             return ops.select(last.t > first.t, swept, 0.0)
 
-        outside = (
-            angle(self.lean, level - height, *ends) for ends in ((begin, low), (high, end))
-        )
-        return sum(outside), angle(self.beta, level + height, begin, end)
+        outside = (angle(self.lean, level - height, *ends) for ends in ((begin, low), (high, end)))
+        mirrored = angle(self.beta, level + height, begin, end) if self.curved else 0.0
+        return sum(outside), mirrored
 
     def inner_sums(
         self, ops: Any, rules: Rules, low: _End, high: _End, digits: Any, free: Pair,
@@ -164,6 +182,7 @@ class _Line:
         """Return the sums of nodes from ``low`` to ``high``, and their expected errors."""
         view, rest, tiny = self.view, self.rest, 1e-300 if ops.double else 1e-37
         half, foot2 = 0.5 * (high.t - low.t), view.b * view.b + view.z * view.z
+        is_curved = bool(self.curved)
 
         def node(
             at: Any, w: Any, v1: Any, v2: Any, half: Any, begin: Any, first: Any, foot2: Any,
@@ -173,7 +192,7 @@ class _Line:
             (*wave, b, z, across, pz, beta, lift, free_r, free_i), moment = data[:13], data[13:]
             t = half * (1.0 + at)
             s, t = first + t, begin + t
-            radius = ops.sqrt(s * s + foot2)
+            radius = ops.sqrt(s * s + foot2) if is_curved else z
             edge = edge_wave(ops, t, radius, *wave)
             lean, path = detour(ops, t, s, radius, wave[3], b, z, across, pz, *moment)
             over = 0.5 * lean / ops.maximum(path, tiny)
@@ -204,6 +223,8 @@ class _Line:
         rates = low.slope / low.radius, high.slope / high.radius
         outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
         nearest = ops.sqrt(outside * outside + foot2)
+        if not self.curved:  # the integrand is entire
+            nearest = nearest + _NO_SINGULARITY * half
         if self.rest:
             # a lower bound on the sine of the angle to the mirrored ray
             tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
@@ -217,9 +238,7 @@ class _Line:
         path = self.ahead + ops.maximum(low.beyond, high.beyond)
         extra = ops.log(ops.maximum(math.pi * path, 1.0))
         clear = ops.minimum(nearest / half, largest)
-        needed, (_, growth, last) = nodes_needed(
-            ops, digits + extra, clear, 2.0 * math.pi * swing
-        )
+        needed, (_, growth, last) = nodes_needed(ops, digits + extra, clear, 2.0 * math.pi * swing)
         return needed, (digits, growth + extra, last + extra)
 
     def tail(self, ops: Any, at: _End, sign: Any, digits: Any, wave: Pair) -> tuple[Pair, Any]:
@@ -228,16 +247,23 @@ class _Line:
         The wave at the end is ``wave``. The error is at most exp(-digits) of the bound.
         """
         path = at.beyond + self.ahead
-        slope2, rest = at.slope * at.slope, self.rest
+        slope2, rest, curved = at.slope * at.slope, self.rest, self.curved
         swing = ops.log(2.0 * math.pi * ops.maximum(at.beyond, 0.1))
         number = 0.0
         for size, bound in zip(_SIZES[:-1], _BOUNDS[:-1], strict=True):
             number = number + ops.select(digits + bound > 2.0 * size * swing, 1.0, 0.0)
 
         def node(
-            y: Any, weight: Any, slope2: Any, phase: Any, path: Any, lift: Any, half: Any, beta: Any
+            y: Any,
+            weight: Any,
+            slope2: Any,
+            phase: Any,
+            path: Any,
+            lift: Any,
+            half: Any,
+            beta: Any,
         ) -> Values:
-            speed = root(ops, Pair(slope2 - y * y, 2.0 * phase * y))
+            speed = root(ops, Pair(slope2 - curved * (y * y), 2.0 * phase * y))
             value = _quotient(weight * half, Pair(path, y) * speed)
             if rest:
                 value = value + _quotient(weight * beta, Pair(path + lift, y) * speed)
@@ -249,7 +275,9 @@ class _Line:
             slope2, at.phase, path, self.lift, half, beta,
         )  # fmt: skip
         total = (wave * Pair(-imag, real)).scaled(sign)
-        size = abs(half) / ops.maximum(path, 1e-30) + abs(beta) / (path + self.lift)
+        size = abs(half) / ops.maximum(path, 1e-30)
+        if rest:
+            size = size + abs(beta) / (path + self.lift)
         slowest = 2.0 * math.pi * ops.maximum(abs(at.slope), 1e-30)
         return total, abs(sign) * size / slowest
 
@@ -261,14 +289,18 @@ def _quotient(real: Any, divisor: Pair) -> Pair:
 
 def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool) -> Values:
     """Return the contribution of one edge to the field of one wave, and its error."""
-    view, free, moment, phase = seen_from(ops, row, inner, TRAVELLING, oblique)
-    line = _Line.of(ops, view, moment[0] if moment else view.b, 0.5 - tables.share)
-    digits, turns = inner[9], rounded_turns(ops, row, inner)
+    if tables.frame.paraxial:
+        view, free, phase, turns = seen_in_parabolic_waves(ops, row, inner, oblique)
+        line, moment = _Line.parabolic(view), ()
+    else:
+        view, free, moment, phase = seen_from(ops, row, inner, TRAVELLING, oblique)
+        lean = moment[0] if moment else view.b
+        line = _Line.spherical(ops, view, lean, 0.5 - tables.share)
+        turns = rounded_turns(ops, row, inner)
+    digits = inner[9]
     begin, end = line.end(ops, 0.0 * view.length), line.end(ops, view.length)
     low, high = line.inner_part(ops, begin, end, digits)
-    sums, expected = line.inner_sums(
-        ops, tables.rules, low, high, digits, free, moment, phase
-    )
+    sums, expected = line.inner_sums(ops, tables.rules, low, high, digits, free, moment, phase)
     outside, mirrored = line.angles(ops, begin, low, high, end)
     # the waves e of (B2) are constant along the edge
     total = Pair(sums[0], sums[1]) - free.scaled(0.5 * (outside + mirrored))
