@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -219,7 +220,7 @@ def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, F
 
 # Cost of an edge in terms of other kernels, for the choice of an engine.
 _TERMS = 16
-# Largest number of panels of other fields: 2 GB, and a second of a core per point.
+# Largest number of panels: 2 GB, and a second of a core per point.
 _MOST_PANELS = 1 << 24
 # Panels twice as long as the distance need the fewest nodes. Upper ends of ranges of distance, and
 # the longest panels there, in wavelengths.
@@ -234,11 +235,11 @@ _MARGIN = 2.7
 # Pairs of a point and a panel per call, which Ctrl-C cannot interrupt: about a second on two cores.
 # With fewer points, setting up a call takes longer than the computation.
 _MOST_PAIRS, _FEWEST_POINTS = 1 << 20, 1 << 12
-
-
 # Steepest descent requires points at this height in wavelengths, and waves with this p_z: the
 # stationary phase is then at least _STEEP_HEIGHT _STEEP_COSINE cycles, and N' twice that.
 _STEEP_HEIGHT, _STEEP_COSINE = 16.0, 0.5
+# Rounds before panels replace steepest descent.
+_STEEP_ROUNDS = 2
 
 
 class _Table(NamedTuple):
@@ -309,38 +310,49 @@ def _summed(
             f"edges are too long: {cycles:.3g} wavelengths in all, at most {most:.3g}; check the "
             "unit of the wavelength"
         )
-    sums = _PanelSums(radiator, wavelength, share, paraxial, len(points), engine)
-    values, errors = np.zeros(len(points), np.complex128), np.full(len(points), np.inf)
+    sums = _EdgeSums(radiator, wavelength, share, paraxial, len(points), engine)
     # the incident amplitude, or the bound on the field of the source if that is less: a wave and,
     # for the normal derivative of a wave, the static field, which dominates within a wavelength
     distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
     bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
-    allowed = tolerance * np.minimum(radiator.amplitude, bound)
+    found = _Estimates(points, tolerance * np.minimum(radiator.amplitude, bound))
     digits = math.log(1 / tolerance) + _MARGIN
+    if paraxial:
+        found.improve(np.arange(len(points)), sums.by_steepest_descent, digits, _ROUNDS)
+        return found.values, found.errors, found.allowed
+    far = np.flatnonzero(points[:, 2] >= _STEEP_HEIGHT * wavelength)
+    found.improve(far, sums.by_steepest_descent, digits, _STEEP_ROUNDS)
+    missing = np.flatnonzero(~(found.errors <= found.allowed))
+    for some, longest in strata_of(radiator, points[missing], wavelength):
+        panel_sums = partial(sums.over_panels, longest=longest)
+        found.improve(missing[some], panel_sums, digits, _ROUNDS)
+    return found.values, found.errors, found.allowed
+
+
+class _Estimates:
+    """Fields at points (n, 3), with estimated and allowed errors."""
+
+    def __init__(self, points: Floats, allowed: Floats) -> None:
+        self.points, self.allowed = points, allowed
+        self.values = np.zeros(len(points), np.complex128)
+        self.errors = np.full(len(points), np.inf)
 
     def improve(
-        some: Indices, field: Callable[..., tuple[Complex, Floats]], rounds: int, *longest: float
+        self,
+        some: Indices,
+        field: Callable[[Floats, float], tuple[Complex, Floats]],
+        digits: float,
+        rounds: int,
     ) -> None:
-        """Compute the field at some points, and with more digits where the error is too large."""
-        finer = digits
+        """Compute the field at some points, with more digits where the error is too large."""
         for _ in range(rounds):
-            value, error = field(points[some], finer, *longest)
-            better = error < errors[some]
-            values[some[better]], errors[some[better]] = value[better], error[better]
-            some = some[~(errors[some] <= allowed[some])]
             if not len(some):
-                break
-            finer *= _HARDER
-
-    if paraxial:
-        improve(np.arange(len(points)), sums.by_steepest_descent, _ROUNDS)
-        return values, errors, allowed
-    far = np.flatnonzero(points[:, 2] >= _STEEP_HEIGHT * wavelength)
-    improve(far, sums.by_steepest_descent, 1)
-    missing = np.flatnonzero(~(errors <= allowed))
-    for some, longest in strata_of(radiator, points[missing], wavelength):
-        improve(missing[some], sums.over_panels, _ROUNDS, longest)
-    return values, errors, allowed
+                return
+            value, error = field(self.points[some], digits)
+            better = error < self.errors[some]
+            self.values[some[better]], self.errors[some[better]] = value[better], error[better]
+            some = some[~(self.errors[some] <= self.allowed[some])]
+            digits *= _HARDER
 
 
 def _is_steep(cosines: Complex) -> NDArray[np.bool_]:
@@ -353,7 +365,7 @@ def _is_shallow(cosines: Complex) -> NDArray[np.bool_]:
 
 
 @dataclass(frozen=True)
-class _PanelSums:
+class _EdgeSums:
     """Fields as sums over edges, or over panels of edges."""
 
     radiator: Radiator
@@ -401,7 +413,7 @@ class _PanelSums:
         engine = resolved(self.engine, self.points, edges)
         field, error = np.zeros(len(points), np.complex128), np.zeros(len(points))
         blocks_of_panels = panels_of(radiator, self.wavelength, longest, _ROWS, paraxial, is_wanted)
-        for panels in blocks_of_panels if len(points) else ():
+        for panels in blocks_of_panels:
             step = max(_FEWEST_POINTS, _MOST_PAIRS // len(panels.rows))
             blocks = [slice(low, low + step) for low in range(0, len(points), step)]
             with with_progress("points", blocks) as remaining:

@@ -4,13 +4,14 @@ The phase R + p.Q of a wave at an edge is stationary where its diffracted ray (K
 the line of the edge. With c the phase there and x^2 the cycles beyond it, x negative before this
 position, integrals along an edge are divided at x^2 = X, a few cycles. Within, they are sums over
 Gauss-Legendre nodes. Beyond, the path of integration turns into the complex plane, where the wave
-decays. The number of nodes depends on the tolerance, but not on the wavelength. Source: (B10).
+decays. The number of nodes depends on the tolerance, but not on the wavelength. Source: (B10),
+(B11).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from typing import Any
 
@@ -39,9 +40,10 @@ from polywigner.numerics.nodes import SUMS, Rules, missed, node_sums, nodes_need
 
 # Numbers of nodes of the rules of tails.
 _SIZES = (2, 3, 4, 5, 6, 8, 10)
-# n Gauss-Laguerre nodes integrate (1 + iy/x^2)^-2 exp(-2 pi y) with an error of at most
-# sqrt(2) (2n + 1) n!^2/(2 pi x^2)^(2n), from the derivative of order 2n. The bound also holds for
-# products of such factors whose powers add up to -2, if each of them has a larger x^2.
+# Logarithms of the numerators of (B11). From the derivative of order 2n, n Gauss-Laguerre nodes
+# integrate exp(-2 pi y) times (1 + iy/x^2)^-2 with an error of at most
+# sqrt(2) (2n + 1) n!^2/(2 pi x^2)^(2n). The bound also holds for products of such factors whose
+# powers add up to -2, if each of them has a larger x^2.
 _BOUNDS = tuple(math.log(math.sqrt(2) * (2 * n + 1) * math.factorial(n) ** 2) for n in _SIZES)
 # Distance of singularities in half-lengths, beyond the largest ellipse of the rules.
 _NO_SINGULARITY = 100.0
@@ -248,30 +250,22 @@ class _Line:
         """
         path = at.beyond + self.ahead
         slope2, rest, curved = at.slope * at.slope, self.rest, self.curved
-        swing = ops.log(2.0 * math.pi * ops.maximum(at.beyond, 0.1))
-        number = 0.0
-        for size, bound in zip(_SIZES[:-1], _BOUNDS[:-1], strict=True):
-            number = number + ops.select(digits + bound > 2.0 * size * swing, 1.0, 0.0)
+        half, beta = 0.5 * self.lean, rest * self.beta
 
         def node(
-            y: Any,
-            weight: Any,
-            slope2: Any,
-            phase: Any,
-            path: Any,
-            lift: Any,
-            half: Any,
-            beta: Any,
-        ) -> Values:
+            y: Any, weight: Any,
+            slope2: Any, phase: Any, path: Any, lift: Any, half: Any, beta: Any,
+        ) -> Values:  # fmt: skip
+            """Return the integrand of (B10) over E."""
             speed = root(ops, Pair(slope2 - curved * (y * y), 2.0 * phase * y))
             value = _quotient(weight * half, Pair(path, y) * speed)
             if rest:
                 value = value + _quotient(weight * beta, Pair(path + lift, y) * speed)
             return value.real, value.imag
 
-        half, beta = 0.5 * self.lean, rest * self.beta
+        rule = ops.select(sign == 0.0, -1.0, _tail_rule(ops, at.beyond, digits))
         real, imag = ops.sum_over_rule(
-            ops.select(sign == 0.0, -1.0, number), _tail_rules(), node, 2,
+            rule, _tail_rules(), node, 2,
             slope2, at.phase, path, self.lift, half, beta,
         )  # fmt: skip
         total = (wave * Pair(-imag, real)).scaled(sign)
@@ -280,6 +274,15 @@ class _Line:
             size = size + abs(beta) / (path + self.lift)
         slowest = 2.0 * math.pi * ops.maximum(abs(at.slope), 1e-30)
         return total, abs(sign) * size / slowest
+
+
+def _tail_rule(ops: Any, beyond: Any, digits: Any) -> Number:
+    """Return the index of the smallest rule of (B11) for an error of exp(-digits)."""
+    decay = ops.log(2.0 * math.pi * ops.maximum(beyond, 0.1))
+    number = 0.0
+    for size, bound in zip(_SIZES[:-1], _BOUNDS[:-1], strict=True):
+        number = number + ops.select(digits + bound > 2.0 * size * decay, 1.0, 0.0)
+    return number
 
 
 def _quotient(real: Any, divisor: Pair) -> Pair:
@@ -325,16 +328,16 @@ def _signed_ends(
     """
     is_left, is_right = low.t > 0.0, high.t < end.t
     low_on_edge, high_on_edge = is_left & (low.t < end.t), is_right & (high.t > 0.0)
-    t, s, radius, slope, phase, beyond = (
-        ops.select(low_on_edge, getattr(low, name), getattr(high, name))
-        for name in ("t", "s", "radius", "slope", "phase", "beyond")
+    limit = _End(
+        *(
+            ops.select(low_on_edge, getattr(low, field.name), getattr(high, field.name))
+            for field in fields(_End)
+        )
     )
     one = 1.0 + 0.0 * end.t
+    limits = ops.select(low_on_edge, one, 0.0) + ops.select(high_on_edge, one, 0.0)
     return (
         (begin, ops.select(high.t <= 0.0, one, ops.select(is_left, -one, 0.0))),
-        (
-            _End(t, s, radius, slope, phase, beyond),
-            ops.select(low_on_edge, one, 0.0) + ops.select(high_on_edge, one, 0.0),
-        ),
+        (limit, limits),
         (end, ops.select(low.t >= end.t, one, ops.select(is_right, -one, 0.0))),
     )
