@@ -236,9 +236,9 @@ class _Line:
         bend = (0.5 * math.pi) * half * abs(rates[1] - rates[0])
         largest = 0.7 + ops.sqrt(1.0 + 1.0 / ops.maximum(bend, 1e-6))
         swing = half * ops.maximum(abs(rates[0]), abs(rates[1]))
-        # At E = e the integrand is larger than elsewhere by this factor, for complex positions.
+        # This excess, and at complex positions with E = e a larger integrand by pi N.
         path = self.ahead + ops.maximum(low.beyond, high.beyond)
-        extra = ops.log(ops.maximum(math.pi * path, 1.0))
+        extra = 1.0 + ops.log(ops.maximum(math.pi * path, 1.0))
         clear = ops.minimum(nearest / half, largest)
         needed, (_, growth, last) = nodes_needed(ops, digits + extra, clear, 2.0 * math.pi * swing)
         return needed, (digits, growth + extra, last + extra)
