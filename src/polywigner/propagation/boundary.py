@@ -1,4 +1,8 @@
-"""Fields as boundary integrals to a tolerance, over edges that are divided into panels."""
+"""Fields as boundary integrals to a tolerance.
+
+Edges are summed whole by steepest descent. Close to the plane of the source, and for waves close to
+this plane and evanescent waves, edges are divided into panels.
+"""
 
 from __future__ import annotations
 
@@ -155,7 +159,7 @@ def panels_of(
         cosines = cosines_of(element.frequencies, wavelength, paraxial)
         errors = _rounding_of(element.frequencies, wavelength, plane, cosines, paraxial)
         reach = np.full(len(plane), longest)
-        if math.isfinite(longest):
+        if math.isfinite(longest):  # otherwise rows are whole edges
             reach = np.minimum(longest, _TURNS / (1.0 + np.linalg.norm(plane, axis=1)))
         wanted = np.full(len(plane), True) if is_wanted is None else is_wanted(cosines)
         for wave in np.flatnonzero(wanted):
@@ -285,7 +289,7 @@ def parabolic_field(
 
     int u(x) exp(i pi |y - x|^2/spread) dx/(i spread), without the factor exp(i pi |y - c|^2/spread)
     of the centre c. ``spread``: (n,) in m^2, wavelength times distance. The size of the source
-    replaces the wavelength in the kernel, so that panels are as long as edges.
+    replaces the wavelength in the kernel.
     """
     size = float((radiator.high - radiator.low).max())
     scaled = np.column_stack([points, spread / size])
