@@ -180,7 +180,6 @@ def test_irradiance_is_the_wigner_functions_marginal(through):
         ({"through": [SPACE, SQUARE, LINE]}, "along one axis.*move the points"),
         ({"through": [SPACE, pw.shapes.square(1e3), SPACE]}, "waves from its nodes"),
         ({"source": pw.Slits([(0.0, 1.0)])}, "Slits"),
-        ({"through": pw.FirstOrder.free_space(1e-9)}, "cycles of phase along the outline"),
         (
             {"through": pw.FirstOrder.free_space(1e-9) @ pw.FirstOrder.lens((0.1, 0.2))},
             "cycles of phase along an edge",

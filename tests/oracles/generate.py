@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 import polywigner as pw
+from oracles import edge_integrals as plane_waves
 from oracles import exact, positions, simplices, sources
 from oracles.references import DATA, Reference, awkward, awkward_names, read_json
 from oracles.shadow_quadrature import aperture_radiators, lit_regions, shadowed_field, surface_of
 
-COINCIDENT, STABILITY = 20220205, 20220206  # seeds
+COINCIDENT, STABILITY, STEEPEST = 20220205, 20220206, 20220207  # seeds
 # Frequencies, positions and lags of one shape.
 FREQUENCIES, POSITIONS, LAGS = 128, 500, 300
 # Frequencies of one source in each decade.
@@ -105,5 +107,56 @@ def shadows() -> None:
     (DATA / "shadows.json").write_text(json.dumps(reference, indent=1) + "\n", "utf-8")
 
 
+# 20 points of each group on the star of 1 mm at 550 nm: distances in wavelengths or Fresnel zones.
+STAR, LIGHT, TILTED = (5, 0.5e-3, 0.2e-3), 550e-9, (0.3, -0.2)
+
+
+def edge_integrals() -> None:
+    """Write fields of a star by :mod:`oracles.edge_integrals`, in ten minutes."""
+    star = pw.shapes.star(*STAR)
+    groups = {}
+    for name, p, points in star_points(star.rings[0]):
+        values = [plane_waves.fields(star.rings, point, LIGHT, p) for point in points]
+        parts = [[[v.real, v.imag] for v in row] for row in values]
+        groups[name] = {"direction": p, "points": points.tolist(), "fields": parts}
+        if name.endswith("zones"):
+            values = [plane_waves.parabolic_field(star.rings, point, LIGHT) for point in points]
+            groups[name]["fresnel"] = [[v.real, v.imag] for v in values]
+    reference = {"star": STAR, "wavelength": LIGHT, "methods": plane_waves.METHODS}
+    text = json.dumps(reference | {"groups": groups}) + "\n"
+    (DATA / "edge_integrals.json").write_text(text, "utf-8")
+
+
+def star_points(ring: np.ndarray) -> Iterator[tuple[str, tuple[float, float], np.ndarray]]:
+    """Yield a name, the direction cosines of a wave, and 20 points of each group."""
+    rng, radius = np.random.default_rng(STEEPEST), STAR[1]
+    heights = {
+        "20 wavelengths": 20 * LIGHT,
+        "200 Fresnel zones": radius**2 / (200 * LIGHT),
+        "5 Fresnel zones": radius**2 / (5 * LIGHT),
+        "1/100 Fresnel zone": radius**2 / (0.01 * LIGHT),
+    }
+    normal = (0.0, 0.0)
+    for name, z in heights.items():
+        yield name, normal, random_points(rng, max(radius, 1.5 * LIGHT * z / radius), z)
+    z = heights["200 Fresnel zones"]
+    share = rng.uniform(size=(10, 1))
+    shadow = np.concatenate([ring, ring + share * (np.roll(ring, -1, axis=0) - ring)])
+    yield "boundary of the shadow", normal, np.column_stack([shadow, np.full(20, z)])
+    # the lines of edges, beyond their ends, and lines through corners across the edges
+    along = ring - np.roll(ring, -1, axis=0)
+    beyond = np.concatenate([ring + 0.4 * along, ring + 0.4 * along[:, ::-1] * [-1.0, 1.0]])
+    yield "lines through corners", normal, np.column_stack([beyond, np.full(20, z)])
+    ray = z * np.array(TILTED) / np.sqrt(1 - np.dot(TILTED, TILTED))
+    yield "tilted", TILTED, random_points(rng, radius, z) + np.append(ray, 0.0)
+    yield "tilted, boundary", TILTED, np.column_stack([shadow + ray, np.full(20, z)])
+
+
+def random_points(rng: np.random.Generator, spread: float, z: float) -> np.ndarray:
+    """Return 20 points of a square of half-width ``spread`` in the plane z."""
+    return np.column_stack([rng.uniform(-spread, spread, (20, 2)), np.full(20, z)])
+
+
 if __name__ == "__main__":
-    {f.__name__: f for f in (coincident_edges, fourier_stability, shadows)}[sys.argv[1]]()
+    writers = (coincident_edges, edge_integrals, fourier_stability, shadows)
+    {f.__name__: f for f in writers}[sys.argv[1]]()

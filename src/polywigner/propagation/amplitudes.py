@@ -135,7 +135,7 @@ def amplitude(
     ------
     ArgumentError
         For arguments of the wrong type, shape or range, Dr.Jit arrays, points behind the source,
-        Fresnel fields that require too many nodes, and edges of more than 2e8 wavelengths.
+        systems that require too many nodes, and edges of more than 2e8 wavelengths.
     GeometryError
         If elements of an Array do not lie in the plane z = 0.
     EngineError

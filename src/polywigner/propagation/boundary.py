@@ -1,10 +1,15 @@
-"""Fields as boundary integrals to a tolerance, over edges that are divided into panels."""
+"""Fields as boundary integrals to a tolerance.
+
+Edges are summed whole by steepest descent. Close to the plane of the source, and for waves close to
+this plane and evanescent waves, edges are divided into panels.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,12 +22,13 @@ from polywigner.execution.choice import resolved
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture
 from polywigner.kernels.boundary import integrals
+from polywigner.kernels.boundary.steepest_descent import steepest_edge_sum
 from polywigner.kernels.kernel import Kernel
 from polywigner.numerics import phases
 from polywigner.numerics.nodes import gauss_rules
 from polywigner.radiometry.directions import checked_source
 from polywigner.source.normal_form import normal_form
-from polywigner.source.obliquities import DEFAULT, OBLIQUITIES, direction_cosines
+from polywigner.source.obliquities import OBLIQUITIES, direction_cosines
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -136,18 +142,28 @@ class _Panels(NamedTuple):
 
 
 def panels_of(
-    radiator: Radiator, wavelength: float, longest: float, count: int, paraxial: bool
+    radiator: Radiator,
+    wavelength: float,
+    longest: float,
+    count: int,
+    paraxial: bool,
+    is_wanted: Callable[[Complex], NDArray[np.bool_]] | None = None,
 ) -> Iterator[_Panels]:
     """Yield panels of at most ``longest`` wavelengths, in blocks of about ``count`` panels.
 
-    If ``paraxial``, 1 - (p_x^2 + p_y^2)/2 replaces |p_z|, and no wave is evanescent.
+    If ``paraxial``, 1 - (p_x^2 + p_y^2)/2 replaces |p_z|, and no wave is evanescent. ``is_wanted``
+    selects waves by p_z.
     """
     for element in radiator.elements:
         plane = element.frequencies * wavelength
         cosines = cosines_of(element.frequencies, wavelength, paraxial)
         errors = _rounding_of(element.frequencies, wavelength, plane, cosines, paraxial)
-        reach = np.minimum(longest, _TURNS / (1.0 + np.linalg.norm(plane, axis=1)))
-        for wave, amplitude in enumerate(element.amplitudes):
+        reach = np.full(len(plane), longest)
+        if math.isfinite(longest):  # otherwise rows are whole edges
+            reach = np.minimum(longest, _TURNS / (1.0 + np.linalg.norm(plane, axis=1)))
+        wanted = np.full(len(plane), True) if is_wanted is None else is_wanted(cosines)
+        for wave in np.flatnonzero(wanted):
+            amplitude = element.amplitudes[wave]
             begin, along, length = _divided_edges(element.outline, wavelength * reach[wave])
             kappa = tuple(element.frequencies[wave])
             cycles = phases.reduced(_OPS, phases.dot(_OPS, kappa, (begin[:, 0], begin[:, 1])))
@@ -197,7 +213,7 @@ def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, F
     begin = np.concatenate(outline.rings)
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in outline.rings]) - begin
     length = np.hypot(edge[:, 0], edge[:, 1])
-    pieces = np.ceil(length / longest).astype(np.intp)
+    pieces = np.maximum(np.ceil(length / longest), 1.0).astype(np.intp)
     owner = np.repeat(np.arange(len(edge)), pieces)
     number = np.arange(len(owner)) - np.repeat(pieces.cumsum() - pieces, pieces)
     first = begin[owner] + (number / pieces[owner])[:, None] * edge[owner]
@@ -208,10 +224,7 @@ def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, F
 
 # Cost of an edge in terms of other kernels, for the choice of an engine.
 _TERMS = 16
-# Largest number of cycles of Fresnel fields on half a panel, and along an outline: 5 s per point.
-_FRESNEL_TURNS, _MOST_TURNS = 60.0, 1e7
-_MOST_ROWS = 1 << 20
-# Largest number of panels of other fields: 2 GB, and a second of a core per point.
+# Largest number of panels: 2 GB, and a second of a core per point.
 _MOST_PANELS = 1 << 24
 # Panels twice as long as the distance need the fewest nodes. Upper ends of ranges of distance, and
 # the longest panels there, in wavelengths.
@@ -226,6 +239,11 @@ _MARGIN = 2.7
 # Pairs of a point and a panel per call, which Ctrl-C cannot interrupt: about a second on two cores.
 # With fewer points, setting up a call takes longer than the computation.
 _MOST_PAIRS, _FEWEST_POINTS = 1 << 20, 1 << 12
+# Steepest descent requires points at this height in wavelengths, and waves with this p_z: the
+# stationary phase is then at least _STEEP_HEIGHT _STEEP_COSINE cycles, and N' twice that.
+_STEEP_HEIGHT, _STEEP_COSINE = 16.0, 0.5
+# Rounds before panels replace steepest descent.
+_STEEP_ROUNDS = 2
 
 
 class _Table(NamedTuple):
@@ -271,7 +289,7 @@ def parabolic_field(
 
     int u(x) exp(i pi |y - x|^2/spread) dx/(i spread), without the factor exp(i pi |y - c|^2/spread)
     of the centre c. ``spread``: (n,) in m^2, wavelength times distance. The size of the source
-    replaces the wavelength in the kernel, so that panels are as long as edges.
+    replaces the wavelength in the kernel.
     """
     size = float((radiator.high - radiator.low).max())
     scaled = np.column_stack([points, spread / size])
@@ -290,34 +308,124 @@ def _summed(
     paraxial = method == "fresnel"
     # fraction of the second boundary term (B3), which Fresnel fields do not have
     share = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
-    kernel = Kernel(
-        name=f"boundary integral, {method}",
-        dimension=3,
-        tables=lambda table, double: _tables(table, double, share, paraxial),
-        enter=integrals.enter,
-        edge_sum=integrals.fresnel_edge_sum if paraxial else integrals.edge_sum,
-        leave=integrals.leave_phase if paraxial else integrals.leave,
-    )
-    engine = resolved(engine, len(points), _TERMS * sum(e.edges for e in radiator.elements))
     cycles, most = radiator.perimeter / wavelength, _MOST_PANELS * _STRATA[-1][1]
     if not (paraxial or cycles <= most):
         raise ArgumentError(
             f"edges are too long: {cycles:.3g} wavelengths in all, at most {most:.3g}; check the "
             "unit of the wavelength"
         )
+    sums = _EdgeSums(radiator, wavelength, share, paraxial, len(points), engine)
+    # the incident amplitude, or the bound on the field of the source if that is less: a wave and,
+    # for the normal derivative of a wave, the static field, which dominates within a wavelength
+    distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
+    bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
+    found = _Estimates(points, tolerance * np.minimum(radiator.amplitude, bound))
+    digits = math.log(1 / tolerance) + _MARGIN
+    if paraxial:
+        found.improve(np.arange(len(points)), sums.by_steepest_descent, digits, _ROUNDS)
+        return found.values, found.errors, found.allowed
+    far = np.flatnonzero(points[:, 2] >= _STEEP_HEIGHT * wavelength)
+    found.improve(far, sums.by_steepest_descent, digits, _STEEP_ROUNDS)
+    missing = np.flatnonzero(~(found.errors <= found.allowed))
+    for some, longest in strata_of(radiator, points[missing], wavelength):
+        panel_sums = partial(sums.over_panels, longest=longest)
+        found.improve(missing[some], panel_sums, digits, _ROUNDS)
+    return found.values, found.errors, found.allowed
 
-    def panel_sum(some: Floats, digits: float, longest: float) -> tuple[Complex, Floats]:
-        """Field with errors of about exp(-digits), from panels up to ``longest`` wavelengths."""
-        field, error = np.zeros(len(some), np.complex128), np.zeros(len(some))
-        for panels in panels_of(radiator, wavelength, longest, _ROWS, paraxial):
+
+class _Estimates:
+    """Fields at points (n, 3), with estimated and allowed errors."""
+
+    def __init__(self, points: Floats, allowed: Floats) -> None:
+        self.points, self.allowed = points, allowed
+        self.values = np.zeros(len(points), np.complex128)
+        self.errors = np.full(len(points), np.inf)
+
+    def improve(
+        self,
+        some: Indices,
+        field: Callable[[Floats, float], tuple[Complex, Floats]],
+        digits: float,
+        rounds: int,
+    ) -> None:
+        """Compute the field at some points, with more digits where the error is too large."""
+        for _ in range(rounds):
+            if not len(some):
+                return
+            value, error = field(self.points[some], digits)
+            better = error < self.errors[some]
+            self.values[some[better]], self.errors[some[better]] = value[better], error[better]
+            some = some[~(self.errors[some] <= self.allowed[some])]
+            digits *= _HARDER
+
+
+def _is_steep(cosines: Complex) -> NDArray[np.bool_]:
+    """Return which waves have fields by steepest descent."""
+    return cosines.real >= _STEEP_COSINE
+
+
+def _is_shallow(cosines: Complex) -> NDArray[np.bool_]:
+    return ~_is_steep(cosines)
+
+
+@dataclass(frozen=True)
+class _EdgeSums:
+    """Fields as sums over edges, or over panels of edges."""
+
+    radiator: Radiator
+    wavelength: float
+    share: float
+    paraxial: bool
+    points: int
+    """Number of points of the call, from which the engine is chosen."""
+    engine: str
+
+    def by_steepest_descent(self, points: Floats, digits: float) -> tuple[Complex, Floats]:
+        """Return the field with errors of about exp(-digits), and its error.
+
+        Evanescent waves and waves close to the plane are summed over panels.
+        """
+        if self.paraxial:
+            return self._sum(steepest_edge_sum, points, digits, math.inf)
+        whole = self._sum(steepest_edge_sum, points, digits, math.inf, _is_steep)
+        longest = _STRATA[-1][1]
+        others = self._sum(integrals.edge_sum, points, digits, longest, _is_shallow)
+        return whole[0] + others[0], whole[1] + others[1]
+
+    def over_panels(self, points: Floats, digits: float, longest: float) -> tuple[Complex, Floats]:
+        """Return the field with errors of about exp(-digits), and its error."""
+        return self._sum(integrals.edge_sum, points, digits, longest)
+
+    def _sum(
+        self,
+        edge_sum: Callable[..., integrals.Values],
+        points: Floats,
+        digits: float,
+        longest: float,
+        is_wanted: Callable[[Complex], NDArray[np.bool_]] | None = None,
+    ) -> tuple[Complex, Floats]:
+        radiator, paraxial = self.radiator, self.paraxial
+        kernel = Kernel(
+            name=f"boundary integral, {edge_sum.__name__}",
+            dimension=3,
+            tables=lambda table, double: _tables(table, double, self.share, paraxial),
+            enter=integrals.enter,
+            edge_sum=edge_sum,
+            leave=integrals.leave_phase if paraxial else integrals.leave,
+        )
+        edges = _TERMS * sum(e.edges for e in radiator.elements)
+        engine = resolved(self.engine, self.points, edges)
+        field, error = np.zeros(len(points), np.complex128), np.zeros(len(points))
+        blocks_of_panels = panels_of(radiator, self.wavelength, longest, _ROWS, paraxial, is_wanted)
+        for panels in blocks_of_panels:
             step = max(_FEWEST_POINTS, _MOST_PAIRS // len(panels.rows))
-            blocks = [slice(low, low + step) for low in range(0, len(some), step)]
+            blocks = [slice(low, low + step) for low in range(0, len(points), step)]
             with with_progress("points", blocks) as remaining:
                 for block in remaining:
                     real, imag, estimate = execution.evaluate(
                         kernel,
-                        _Table(panels, radiator, wavelength),
-                        [*some[block].T, np.asarray(digits)],
+                        _Table(panels, radiator, self.wavelength),
+                        [*points[block].T, np.asarray(digits)],
                         double=True,
                         engine=engine,
                         outputs=3,
@@ -326,32 +434,11 @@ def _summed(
                     error[block] += estimate
         return field, error
 
-    values, errors = np.zeros(len(points), np.complex128), np.full(len(points), np.inf)
-    # the incident amplitude, or the bound on the field of the source if that is less: a wave and,
-    # for the normal derivative of a wave, the static field, which dominates within a wavelength
-    distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
-    bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
-    allowed = tolerance * np.minimum(radiator.amplitude, bound)
-    for remaining, longest in strata_of(radiator, points, wavelength, paraxial):
-        digits = math.log(1 / tolerance) + _MARGIN
-        for _ in range(_ROUNDS):
-            value, error = panel_sum(points[remaining], digits, longest)
-            better = error < errors[remaining]
-            values[remaining[better]], errors[remaining[better]] = value[better], error[better]
-            remaining = remaining[~(errors[remaining] <= allowed[remaining])]
-            if not len(remaining):
-                break
-            digits *= _HARDER
-    return values, errors, allowed
-
 
 def strata_of(
-    radiator: Radiator, points: Floats, wavelength: float, paraxial: bool
+    radiator: Radiator, points: Floats, wavelength: float
 ) -> Iterator[tuple[Indices, float]]:
     """Yield indices of points, and the longest panels for them, in wavelengths."""
-    if paraxial:
-        yield from _paraxial_strata(radiator, points, wavelength)
-        return
     distance = radiator.distance(points) / wavelength
     low = 0.0
     for high, longest in _STRATA:
@@ -359,27 +446,6 @@ def strata_of(
         low = high
         if len(members):
             yield members, longest
-
-
-def _paraxial_strata(
-    radiator: Radiator, points: Floats, wavelength: float
-) -> Iterator[tuple[Indices, float]]:
-    """:func:`strata_of` Fresnel fields, whose phase rate is the slope at which edges are seen."""
-    aside = np.maximum(points[:, :2] - radiator.low, radiator.high - points[:, :2])
-    slope = np.linalg.norm(aside, axis=1) / points[:, 2] + wavelength * radiator.highest_frequency
-    with np.errstate(divide="ignore"):  # slope 0
-        longest = np.minimum(2 * _FRESNEL_TURNS / slope, _STRATA[-1][1])
-    step = np.ceil(-np.log2(longest / _STRATA[-1][1])).astype(np.intp)
-    around = radiator.perimeter / wavelength
-    turns = around * float(slope.max(initial=0.0))
-    if turns > _MOST_TURNS or around > _MOST_ROWS * float(longest.min(initial=1.0)):
-        raise ArgumentError(
-            f"the parabolic waves of Fresnel's integral have {turns:.3g} cycles of phase along the "
-            f"outline, at most {_MOST_TURNS:.0e}; use method={DEFAULT!r}, points nearer to the "
-            "axis, or a plane farther from the source and its images"
-        )
-    for number in np.unique(step):
-        yield np.flatnonzero(step == number), _STRATA[-1][1] / 2.0 ** int(number)
 
 
 def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:

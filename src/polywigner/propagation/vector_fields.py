@@ -369,7 +369,7 @@ def edge_integrals(
     entered = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
     relative = np.stack([high for high, _ in entered], axis=1)
     waves = np.exp(2j * math.pi * phases.reduced(_OPS, distance_of(_OPS, entered)))[:, None]
-    for where, longest in strata_of(radiator, points, wavelength, False):
+    for where, longest in strata_of(radiator, points, wavelength):
         for rows, amplitudes, evanescent in panels_of(
             radiator, wavelength, longest, _PANELS, False
         ):

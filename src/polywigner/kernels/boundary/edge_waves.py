@@ -94,11 +94,10 @@ class _Travelling:
     def closed(self, ops: Any, view: PanelView) -> Pair:
         """Return the integral of b'/(N' R), (B4)."""
         beta = view.pz * view.b - view.z * view.across
-        sign, begin, end, constant = _ends(ops, view)
-        low = begin + (constant + view.pz * view.z)
-        high = end + (constant + view.pz * view.z)
-        angle = ops.atan2(beta * (high - low), beta * beta + low * high)
-        return Pair(2.0 * sign * angle, 0.0 * angle)
+        first, last = (view.first, view.radius_first), (view.last, view.radius_last)
+        level = view.b * view.across + view.pz * view.z
+        angle = swept_angle(ops, view, beta, level, first, last, view.length)
+        return Pair(angle, 0.0 * angle)
 
     def integrand(
         self, ops: Any, share: float, edge: Pair, t: Any, s: Any, radius: Any,
@@ -107,15 +106,7 @@ class _Travelling:
     ) -> Pair:  # fmt: skip
         """Return the integrand times the radius, at t from the begin of the panel."""
         tiny = 1e-300 if ops.double else 1e-37
-        # N = R - p.(P - Q), without cancellation if they are parallel
-        if moment:
-            lean, run, side = moment
-            ahead = pz * z - (s * along + b * across)
-            e, n = run + pz * t, side + across * t
-            crossed = lean * lean + (e * e + n * n)
-            path = ops.select(ahead > 0.0, crossed / (radius + abs(ahead)), radius - ahead)
-        else:
-            lean, path = b, (s * s + b * b) / (radius + z)
+        lean, path = detour(ops, t, s, radius, along, b, z, across, pz, *moment)
         mirror = path + 2.0 * (pz * z)
         free, mirrored = Pair(free_r, free_i), Pair(mirrored_r, mirrored_i)
         first = wave_difference(ops, edge, free, path).scaled(0.5 * lean / ops.maximum(path, tiny))
@@ -156,8 +147,11 @@ class _Evanescent:
 
         It is a difference of logarithms along two vertical lines.
         """
-        sign, begin, end, constant = _ends(ops, view)
-        lift = view.pz * view.b
+        # the sign stands in front of s, so that the factor 1 + |along| is not 0
+        sign = ops.select(view.along < 0.0, -1.0, 1.0)
+        begin = _total(ops, view, view.first, view.radius_first)
+        end = _total(ops, view, view.last, view.radius_last)
+        lift, constant = view.pz * view.b, view.b * view.across
         real, imag = 0.0, 0.0
         for side in (1.0, -1.0):
             x = -view.z * (view.across + side * view.pz)
@@ -197,6 +191,23 @@ EdgeWave = _Travelling | _Evanescent
 TRAVELLING, EVANESCENT = _Travelling(), _Evanescent()
 
 
+def detour(
+    ops: Any, t: Any, s: Any, radius: Any, along: Any, b: Any, z: Any, across: Any, pz: Any,
+    *moment: Any,
+) -> tuple[Any, Any]:  # fmt: skip
+    """Return a and N = R - p.(P - Q) of (B2), without cancellation if the two are parallel.
+
+    ``moment``: as for :meth:`_Travelling.shared_data`.
+    """
+    if not moment:
+        return b, (s * s + b * b) / (radius + z)
+    lean, run, side = moment
+    ahead = pz * z - (s * along + b * across)
+    e, n = run + pz * t, side + across * t
+    crossed = lean * lean + (e * e + n * n)
+    return lean, ops.select(ahead > 0.0, crossed / (radius + abs(ahead)), radius - ahead)
+
+
 def wave_difference(
     ops: Any, edge: Pair, free: Pair, path: Any, factor: Any = None, lost: Any = None
 ) -> Pair:
@@ -213,20 +224,27 @@ def wave_difference(
     return select(ops, close, edge * turned, edge - free)
 
 
-def _ends(ops: Any, view: PanelView) -> tuple[Any, Any, Any, Any]:
-    """Return the sign of ``along``, (1 + |along|) (R +- s) at both ends, and the b term of (B4).
+def swept_angle(
+    ops: Any, view: PanelView, factor: Any, level: Any, first: Values, last: Values, length: Any
+) -> Number:
+    """Return the integral of factor/(M R) along a part of an edge, M = R + p_e s + level, (B4).
+
+    ``factor``: a for M = N and b' for M = N'. ``first``, ``last``: s and R at the ends of the part.
+    """
+    begin, end = (_total(ops, view, *at) for at in (first, last))
+    rise = factor * length * (begin + end) / (first[1] + last[1])
+    return 2.0 * ops.atan2(rise, factor * factor + (begin + level) * (end + level))
+
+
+def _total(ops: Any, view: PanelView, s: Any, radius: Any) -> Number:
+    """Return (1 + |along|) (R +- s) with the sign of ``along``, without cancellation.
 
     The sign stands in front of s, so that the factor is not 0.
     """
-    sign = ops.select(view.along < 0.0, -1.0, 1.0)
+    t = ops.select(view.along < 0.0, -s, s)
     foot2 = view.b * view.b + view.z * view.z
-    ends = []
-    for s, radius in ((view.first, view.radius_first), (view.last, view.radius_last)):
-        t = sign * s
-        # R + t without cancellation
-        total = ops.select(t < 0.0, foot2 / (radius + abs(t)), radius + abs(t))
-        ends.append((1.0 + abs(view.along)) * total)
-    return sign, *ends, view.b * view.across
+    total = ops.select(t < 0.0, foot2 / (radius + abs(t)), radius + abs(t))
+    return (1.0 + abs(view.along)) * total
 
 
 def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Number:
@@ -395,7 +413,7 @@ def edge_wave(
             stretched = Pair(1.0 + slant * q, slant * y)
             z = Pair(q, y)
             risen = z * stretched
-            rooted = _root(ops, z * stretched * Pair(risen.real + foot, risen.imag))
+            rooted = root(ops, z * stretched * Pair(risen.real + foot, risen.imag))
             below = Pair(detour + q, y) * Pair(total_path + q, y) * rooted
             norm = weight / (below.real * below.real + below.imag * below.imag)
             total = total + Pair(below.real * norm, -below.imag * norm)
@@ -471,7 +489,7 @@ def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:
     return ops.select(sinh < 0.0, -logarithm, logarithm)
 
 
-def _root(ops: Any, z: Pair) -> Pair:
+def root(ops: Any, z: Pair) -> Pair:
     """Return the square root of a number to the right of the imaginary axis."""
     real = ops.sqrt(0.5 * (ops.sqrt(z.real * z.real + z.imag * z.imag) + z.real))
     return Pair(real, 0.5 * z.imag / real)

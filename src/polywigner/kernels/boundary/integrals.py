@@ -22,7 +22,6 @@ from polywigner.kernels.boundary.edge_waves import (
     EdgeWave,
     PanelView,
     inverse_sinh,
-    wave_difference,
 )
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.numerics import Number, phases
@@ -162,6 +161,33 @@ def _panel(
     ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> Values:
     """Return the contribution of one panel to the field of one wave, and its error."""
+    view, free, moment, phase = seen_from(ops, row, inner, wave, oblique)
+    shared, sine, depth = wave.shared_data(ops, view, free, moment)
+
+    def node(t: Any, s: Any, radius: Any, scale: Any, weights: Values, *pair: Any) -> Values:
+        edge = edge_wave(ops, t, radius, *pair[:5])
+        share, others = tables.share, pair[5:]
+        value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *others).scaled(scale)
+        return node_sums(value.real, value.imag, *weights)
+
+    sums, expected = sums_over_panel(
+        ops, tables.rules, view, (sine, depth, inner[9]), node, SUMS,
+        *phase, view.b, view.z, view.across, view.pz, *shared,
+    )  # fmt: skip
+    error = missed(ops, sums, expected, rounded_turns(ops, row, inner))
+    e, mirrored, grazing = Pair(*shared[:2]), Pair(*shared[2:4]), shared[4]
+    rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
+    closed = (wave.closed(ops, view) * rest).scaled(grazing)
+    return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
+
+
+def seen_from(
+    ops: Any, row: Values, inner: Values, wave: EdgeWave, oblique: bool
+) -> tuple[PanelView, Pair, Values, Values]:
+    """Return the view of a panel, the free wave, the moment and the phase along the panel.
+
+    The moment is () for waves along z, and the phase consists of arguments of :func:`edge_wave`.
+    """
     x, y, ex, ey, length, *cosines, start, _, _ = row
     px, _, py, _, pz, _ = cosines
     # in float32 the sums equal their first terms
@@ -172,25 +198,7 @@ def _panel(
     view = panel_view(ops, first, length, b, z, (px * ex + py * ey, py * ex - px * ey, pz))
     free = Pair(*_free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
     moment = _moment(ops, cosines, offset, ex, ey) if oblique else ()
-    shared, sine, depth = wave.shared_data(ops, view, free, moment)
-    phase = (*_square_along(row, inner), distance, view.along, start)
-
-    def node(t: Any, s: Any, radius: Any, scale: Any, weights: Values, *pair: Any) -> Values:
-        edge = edge_wave(ops, t, radius, *pair[:5])
-        share, others = tables.share, pair[5:]
-        value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *others).scaled(scale)
-        return node_sums(value.real, value.imag, *weights)
-
-    sums, expected = sums_over_panel(
-        ops, tables.rules, view, (sine, depth, inner[9]), node, SUMS,
-        *phase, b, z, view.across, pz, *shared,
-    )  # fmt: skip
-    turns = _rounded_turns(ops, abs(x) + abs(y) + length, distance, abs(px) + abs(py))
-    error = missed(ops, sums, expected, turns)
-    e, mirrored, grazing = Pair(*shared[:2]), Pair(*shared[2:4]), shared[4]
-    rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
-    closed = (wave.closed(ops, view) * rest).scaled(grazing)
-    return _weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
+    return view, free, moment, (*_square_along(row, inner), distance, view.along, start)
 
 
 def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
@@ -302,6 +310,12 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, midpoint, span
 
 
+def rounded_turns(ops: Any, row: Values, inner: Values) -> Number:
+    """Return the cycles whose rounding contributes to the error of a panel."""
+    size = abs(row[0]) + abs(row[1]) + row[4]
+    return _rounded_turns(ops, size, inner[6] + inner[7], abs(row[5]) + abs(row[7]))
+
+
 def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
     """Return the cycles whose rounding contributes to the error.
 
@@ -313,7 +327,7 @@ def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
     return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
 
 
-def _weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
+def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
     """Return the integral of a panel times the amplitude of the wave, and its error."""
     r, i = row[-2:]
     return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
@@ -363,68 +377,29 @@ def edge_wave(
     return unit_wave(ops, turns)
 
 
-# Distance in half-lengths if there is no singularity, beyond the largest ellipse of the rules.
-_NO_SINGULARITY = 100.0
+def seen_in_parabolic_waves(
+    ops: Any, row: Values, inner: Values, oblique: bool
+) -> tuple[PanelView, Pair, Values, Any]:
+    """Return :func:`seen_from` for the waves of (B6), and the cycles whose rounding is an error.
 
-
-def fresnel_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return the (real, imaginary) paraxial field and its error.
-
-    The phase of the distance from the centre is left out.
+    The axes begin where the ray of the wave through the point crosses the plane. With z for the
+    distances in the phase, :func:`edge_wave` is the parabolic wave.
     """
-    oblique = any(row[5] or row[7] for row in tables.edges)
-
-    def term(*row: Any) -> Values:
-        return _fresnel_panel(ops, tables, row[:-1], inner, oblique)
-
-    total: Values = ops.sum_over(tables.edges, term, 3, like=inner[0], unroll=False)
-    return total
-
-
-def _fresnel_panel(
-    ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool
-) -> Values:
     x, y, ex, ey, length, *cosines, start, _, _ = row
-    z, digits = inner[4] + inner[5], inner[9]
-    offset = _offset_of(inner, x, y)
+    z, offset = inner[4] + inner[5], _offset_of(inner, x, y)
     px, py, one = (cosines[0], cosines[1]), (cosines[2], cosines[3]), (1.0, 0.0)
-    # relative to the position where the wave that reaches the point crosses the plane
     if oblique:
         dx = phases.cross(ops, px, offset[0], one, offset[2])
         dy = phases.cross(ops, py, offset[1], one, offset[2])
     else:
         dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
     first, b = ex * dx + ey * dy, ex * dy - ey * dx
-    free = _free_wave(ops, cosines, offset, inner, start)
-    along = px[0] * ex + py[0] * ey
-    half = 0.5 * length
-    swing = ops.maximum(abs(first), abs(first + length)) / z
-    needed, expected = nodes_needed(ops, digits, _NO_SINGULARITY, 2 * math.pi * half * swing)
-    data = (half, first, b, 0.5 / z, *_square_along(row, inner), along, start, *free)
-    sums = ops.sum_over_rule(rule_of(ops, needed), tables.rules, _node(ops), SUMS, *data)
-    size = abs(x) + abs(y) + length
-    aside = abs(inner[0]) + abs(inner[2])
+    view = panel_view(ops, first, length, b, z, (0.0, 0.0, 1.0))
+    free = Pair(*_free_wave(ops, cosines, offset, inner, start))
+    size, aside = abs(x) + abs(y) + length, abs(inner[0]) + abs(inner[2])
     turns = _rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
-    return _weighted(row, sums[0], sums[1], missed(ops, sums, expected, turns))
-
-
-def _node(ops: Any) -> Callable[..., Values]:
-    tiny = 1e-300 if ops.double else 1e-37
-
-    def node(
-        at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, b: Any, inverse: Any,
-        constant: Any, slope: Any, along: Any, start: Any, free_r: Any, free_i: Any,
-    ) -> Values:  # fmt: skip
-        t = half * (1.0 + at)
-        s = first + t
-        distance2 = s * s + b * b
-        turns = (constant + t * (slope + t)) * inverse + (along * t + start)
-        edge = unit_wave(ops, turns)
-        value = wave_difference(ops, edge, Pair(free_r, free_i), distance2 * inverse)
-        factor = half * b / ops.maximum(distance2, tiny)
-        return node_sums(factor * value.real, factor * value.imag, w, v1, v2)
-
-    return node
+    along = px[0] * ex + py[0] * ey
+    return view, free, (*_square_along(row, inner), z, along, start), turns
 
 
 # Integrals along single panels, for gradients (G6) and for polarised fields (VP4). With t the

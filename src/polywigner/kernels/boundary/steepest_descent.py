@@ -1,0 +1,343 @@
+"""Fields of plane waves behind an aperture by steepest descent from the ends of its edges.
+
+The phase R + p.Q of a wave at an edge is stationary where its diffracted ray (Keller's cone) meets
+the line of the edge. With c the phase there and x^2 the cycles beyond it, x negative before this
+position, integrals along an edge are divided at x^2 = X, a few cycles. Within, they are sums over
+Gauss-Legendre nodes. Beyond, the path of integration turns into the complex plane, where the wave
+decays. The number of nodes depends on the tolerance, but not on the wavelength. Source: (B10),
+(B11).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from polywigner.kernels.boundary.edge_waves import (
+    TRAVELLING,
+    PanelView,
+    detour,
+    root,
+    swept_angle,
+    wave_difference,
+)
+from polywigner.kernels.boundary.integrals import (
+    BoundaryTables,
+    edge_wave,
+    rounded_turns,
+    seen_from,
+    seen_in_parabolic_waves,
+    weighted,
+)
+from polywigner.kernels.kernel import Values
+from polywigner.numerics import Number
+from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
+
+# Numbers of nodes of the rules of tails.
+_SIZES = (2, 3, 4, 5, 6, 8, 10)
+# Logarithms of the numerators of (B11). From the derivative of order 2n, n Gauss-Laguerre nodes
+# integrate exp(-2 pi y) times (1 + iy/x^2)^-2 with an error of at most
+# sqrt(2) (2n + 1) n!^2/(2 pi x^2)^(2n). The bound also holds for products of such factors whose
+# powers add up to -2, if each of them has a larger x^2.
+_BOUNDS = tuple(math.log(math.sqrt(2) * (2 * n + 1) * math.factorial(n) ** 2) for n in _SIZES)
+# Distance of singularities in half-lengths, beyond the largest ellipse of the rules.
+_NO_SINGULARITY = 100.0
+# Cycles of phase along an edge from which on tails need fewer nodes than the edge.
+_FEW = 2.0
+
+
+@cache
+def _tail_rules() -> Rules:
+    """Return Gauss-Laguerre rules in cycles, (n, 2) of nodes and weights."""
+    rules = (np.polynomial.laguerre.laggauss(n) for n in _SIZES)
+    return tuple(np.stack(rule, axis=1) / (2.0 * math.pi) for rule in rules)
+
+
+def steepest_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
+    """Return the (real, imaginary) field of travelling waves and its error.
+
+    The rows of ``tables`` are whole edges. The phase of the distance from the centre is left out.
+    """
+    rows = [row[:-1] for row in tables.edges]
+    oblique = any(row[5] or row[7] for row in rows)
+
+    def term(*row: Any) -> Values:
+        return _edge(ops, tables, row, inner, oblique)
+
+    total: Values = ops.sum_over(rows, term, 3, like=inner[0], unroll=False)
+    return total
+
+
+@dataclass(frozen=True)
+class _End:
+    """A position t from the begin of an edge, at the distance R from the point."""
+
+    t: Any
+    s: Any
+    radius: Any
+    slope: Any
+    """s + p_e R, the derivative of the phase times R."""
+    phase: Any
+    """R + p_e s."""
+    beyond: Any
+    """x^2, the phase beyond the stationary phase."""
+
+
+@dataclass(frozen=True)
+class _Line:
+    """The line of an edge as seen from a point, and numbers that are constant along the line."""
+
+    view: PanelView
+    upright: Any
+    """1 - p_e^2."""
+    least: Any
+    """c, the stationary phase."""
+    ahead: Any
+    """N - x^2, which is c - p.(P - Q)."""
+    lean: Any
+    """a of (B2)."""
+    beta: Any
+    """b' of (B2)."""
+    lift: Any
+    """N' - N."""
+    rest: float
+    """1/2 - m of (B3)."""
+    curved: float
+    """1 for spherical waves, 0 for parabolic waves."""
+
+    @classmethod
+    def spherical(cls, ops: Any, view: PanelView, lean: Any, rest: float) -> _Line:
+        """Return the line for spherical waves."""
+        upright = view.across * view.across + view.pz * view.pz
+        least = ops.sqrt(upright * (view.b * view.b + view.z * view.z))
+        direct = view.pz * view.z - view.b * view.across
+        # without cancellation close to the boundary of the shadow
+        turned = lean * lean / (least + abs(direct))
+        ahead = ops.select(direct > 0.0, turned, least - direct)
+        beta = view.pz * view.b - view.z * view.across
+        return cls(view, upright, least, ahead, lean, beta, 2.0 * (view.pz * view.z), rest, 1.0)
+
+    @classmethod
+    def parabolic(cls, view: PanelView) -> _Line:
+        """Return the line for Fresnel's waves, seen from the ray of the wave through the point.
+
+        It has R = z and c = z in all formulas but the square of the phase.
+        """
+        ahead = view.b * view.b / (2.0 * view.z)
+        return cls(view, 1.0, view.z, ahead, view.b, 0.0, 0.0, 0.0, 0.0)
+
+    def end(self, ops: Any, t: Any) -> _End:
+        """Return the position t."""
+        view, s = self.view, self.view.first + t
+        radius = self._radius(ops, s, view.b * view.b + view.z * view.z)
+        slope, phase = s + view.along * radius, radius + view.along * s
+        return _End(t, s, radius, slope, phase, slope * slope / (self.least + phase))
+
+    def _radius(self, ops: Any, s: Any, foot2: Any) -> Number:
+        return ops.sqrt(s * s + foot2) if self.curved else self.view.z + 0.0 * s
+
+    def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
+        """Return the ends of the part of an edge that is summed over nodes on the edge.
+
+        An edge with few cycles of phase is summed as a whole.
+        """
+        view = self.view
+        rim = ops.exp((digits + _BOUNDS[-1]) / (2.0 * _SIZES[-1])) / (2.0 * math.pi)
+        foot = -view.along * (self.least + rim) - self.upright * view.first
+        half = ops.sqrt(rim * (2.0 * self.least + self.curved * rim))
+        low, high = (
+            ops.maximum(ops.minimum(t / self.upright, view.length), 0.0)
+            for t in (foot - half, foot + half)
+        )
+        has_foot = (begin.slope < 0.0) & (end.slope > 0.0)
+        cycles = ops.select(has_foot, begin.beyond + end.beyond, abs(end.beyond - begin.beyond))
+        is_cut = cycles > _FEW + ops.select(low < high, rim, 0.0)
+        low, high = ops.select(is_cut, low, 0.0), ops.select(is_cut, high, view.length)
+        return self.end(ops, low), self.end(ops, high)
+
+    def angles(self, ops: Any, begin: _End, low: _End, high: _End, end: _End) -> tuple[Any, Any]:
+        """Return the integral of a/(N R) outside of the inner part, and of b'/(N' R)."""
+        view = self.view
+        level, height = view.b * view.across, view.pz * view.z
+
+        def angle(factor: Any, level: Any, first: _End, last: _End) -> Number:
+            ends, length = ((first.s, first.radius), (last.s, last.radius)), last.t - first.t
+            if self.curved:
+                swept = swept_angle(ops, view, factor, level, *ends, length)
+            else:
+                swept = 2.0 * ops.atan2(factor * length, factor * factor + first.s * last.s)
+            return ops.select(last.t > first.t, swept, 0.0)
+
+        outside = (angle(self.lean, level - height, *ends) for ends in ((begin, low), (high, end)))
+        mirrored = angle(self.beta, level + height, begin, end) if self.curved else 0.0
+        return sum(outside), mirrored
+
+    def inner_sums(
+        self, ops: Any, rules: Rules, low: _End, high: _End, digits: Any, free: Pair,
+        moment: Values, phase: Values,
+    ) -> tuple[Values, Values]:  # fmt: skip
+        """Return the sums of nodes from ``low`` to ``high``, and their expected errors."""
+        view, rest, tiny = self.view, self.rest, 1e-300 if ops.double else 1e-37
+        half, foot2 = 0.5 * (high.t - low.t), view.b * view.b + view.z * view.z
+        is_curved = bool(self.curved)
+
+        def node(
+            at: Any, w: Any, v1: Any, v2: Any, half: Any, begin: Any, first: Any, foot2: Any,
+            *data: Any,
+        ) -> Values:  # fmt: skip
+            """Return the integrand of (B3) without e in its second term."""
+            (*wave, b, z, across, pz, beta, lift, free_r, free_i), moment = data[:13], data[13:]
+            t = half * (1.0 + at)
+            s, t = first + t, begin + t
+            radius = ops.sqrt(s * s + foot2) if is_curved else z
+            edge = edge_wave(ops, t, radius, *wave)
+            lean, path = detour(ops, t, s, radius, wave[3], b, z, across, pz, *moment)
+            over = 0.5 * lean / ops.maximum(path, tiny)
+            value = wave_difference(ops, edge, Pair(free_r, free_i), path).scaled(over)
+            # the largest |E - e|: where the two waves cancel, their errors do not
+            size = abs(over) * ops.minimum(2.0, 2.0 * math.pi * path)
+            if rest:
+                value = value + edge.scaled(rest * beta / (path + lift))
+                size = size + abs(rest * beta / (path + lift))
+            step = half / radius
+            real, imag, _, *last = node_sums(step * value.real, step * value.imag, w, v1, v2)
+            return real, imag, w * step * size, *last
+
+        needed, expected = self._nodes_needed(ops, low, high, half, foot2, digits)
+        rule = ops.select(half > 0.0, rule_of(ops, needed), -1.0)
+        sums = ops.sum_over_rule(
+            rule, rules, node, SUMS, half, low.t, low.s, foot2, *phase,
+            view.b, view.z, view.across, view.pz, self.beta, self.lift,
+            free.real, free.imag, *moment,
+        )  # fmt: skip
+        return sums, expected
+
+    def _nodes_needed(
+        self, ops: Any, low: _End, high: _End, half: Any, foot2: Any, digits: Any
+    ) -> tuple[Any, tuple[Any, ...]]:
+        """Return :func:`nodes_needed` in the length from ``low`` to ``high``."""
+        half = ops.maximum(half, 1e-30)
+        rates = low.slope / low.radius, high.slope / high.radius
+        outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
+        nearest = ops.sqrt(outside * outside + foot2)
+        if not self.curved:  # the integrand is entire
+            nearest = nearest + _NO_SINGULARITY * half
+        if self.rest:
+            # a lower bound on the sine of the angle to the mirrored ray
+            tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
+            nearest = nearest * ops.minimum(tilt, 1.0)
+        # A phase of q radians that is quadratic in the position grows by q sinh(u) cosh(u) in the
+        # ellipse u, and 2 q sinh(u) is expected. The excess is below 1 in smaller ellipses only.
+        bend = (0.5 * math.pi) * half * abs(rates[1] - rates[0])
+        largest = 0.7 + ops.sqrt(1.0 + 1.0 / ops.maximum(bend, 1e-6))
+        swing = half * ops.maximum(abs(rates[0]), abs(rates[1]))
+        # This excess, and at complex positions with E = e a larger integrand by pi N.
+        path = self.ahead + ops.maximum(low.beyond, high.beyond)
+        extra = 1.0 + ops.log(ops.maximum(math.pi * path, 1.0))
+        clear = ops.minimum(nearest / half, largest)
+        needed, (_, growth, last) = nodes_needed(ops, digits + extra, clear, 2.0 * math.pi * swing)
+        return needed, (digits, growth + extra, last + extra)
+
+    def tail(self, ops: Any, at: _End, sign: Any, digits: Any, wave: Pair) -> tuple[Pair, Any]:
+        """Return the integral of E from an end to infinity times a sign, and a bound on it.
+
+        The wave at the end is ``wave``. The error is at most exp(-digits) of the bound.
+        """
+        path = at.beyond + self.ahead
+        slope2, rest, curved = at.slope * at.slope, self.rest, self.curved
+        half, beta = 0.5 * self.lean, rest * self.beta
+
+        def node(
+            y: Any, weight: Any,
+            slope2: Any, phase: Any, path: Any, lift: Any, half: Any, beta: Any,
+        ) -> Values:  # fmt: skip
+            """Return the integrand of (B10) over E."""
+            speed = root(ops, Pair(slope2 - curved * (y * y), 2.0 * phase * y))
+            value = _quotient(weight * half, Pair(path, y) * speed)
+            if rest:
+                value = value + _quotient(weight * beta, Pair(path + lift, y) * speed)
+            return value.real, value.imag
+
+        rule = ops.select(sign == 0.0, -1.0, _tail_rule(ops, at.beyond, digits))
+        real, imag = ops.sum_over_rule(
+            rule, _tail_rules(), node, 2,
+            slope2, at.phase, path, self.lift, half, beta,
+        )  # fmt: skip
+        total = (wave * Pair(-imag, real)).scaled(sign)
+        size = abs(half) / ops.maximum(path, 1e-30)
+        if rest:
+            size = size + abs(beta) / (path + self.lift)
+        slowest = 2.0 * math.pi * ops.maximum(abs(at.slope), 1e-30)
+        return total, abs(sign) * size / slowest
+
+
+def _tail_rule(ops: Any, beyond: Any, digits: Any) -> Number:
+    """Return the index of the smallest rule of (B11) for an error of exp(-digits)."""
+    decay = ops.log(2.0 * math.pi * ops.maximum(beyond, 0.1))
+    number = 0.0
+    for size, bound in zip(_SIZES[:-1], _BOUNDS[:-1], strict=True):
+        number = number + ops.select(digits + bound > 2.0 * size * decay, 1.0, 0.0)
+    return number
+
+
+def _quotient(real: Any, divisor: Pair) -> Pair:
+    """Return a real number over a complex number."""
+    return divisor.conjugate().scaled(real / divisor.norm())
+
+
+def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool) -> Values:
+    """Return the contribution of one edge to the field of one wave, and its error."""
+    if tables.frame.paraxial:
+        view, free, phase, turns = seen_in_parabolic_waves(ops, row, inner, oblique)
+        line, moment = _Line.parabolic(view), ()
+    else:
+        view, free, moment, phase = seen_from(ops, row, inner, TRAVELLING, oblique)
+        lean = moment[0] if moment else view.b
+        line = _Line.spherical(ops, view, lean, 0.5 - tables.share)
+        turns = rounded_turns(ops, row, inner)
+    digits = inner[9]
+    begin, end = line.end(ops, 0.0 * view.length), line.end(ops, view.length)
+    low, high = line.inner_part(ops, begin, end, digits)
+    sums, expected = line.inner_sums(ops, tables.rules, low, high, digits, free, moment, phase)
+    outside, mirrored = line.angles(ops, begin, low, high, end)
+    # the waves e of (B2) are constant along the edge
+    total = Pair(sums[0], sums[1]) - free.scaled(0.5 * (outside + mirrored))
+    size, missing = abs(outside) + abs(mirrored), missed(ops, sums, expected, turns)
+    for at, sign in _signed_ends(ops, begin, low, high, end):
+        wave = edge_wave(ops, at.t, at.radius, *phase)
+        tail, bound = line.tail(ops, at, sign, digits, wave)
+        total, size = total + tail, size + bound
+        missing = missing + bound * ops.exp(-digits)
+    ulp = 2.0**-52 if ops.double else 2.0**-23
+    missing = missing + size * ulp * (4.0 + 2.0 * turns)
+    return weighted(row, total.real, total.imag, missing)
+
+
+def _signed_ends(
+    ops: Any, begin: _End, low: _End, high: _End, end: _End
+) -> tuple[tuple[_End, Any], ...]:
+    """Return the ends of the outer parts of an edge, with the signs of their tails.
+
+    The integral from ``high`` to ``end`` is the tail at ``high`` minus the tail at ``end``. At both
+    limits of the inner part that lie on the edge the tails are equal.
+    """
+    is_left, is_right = low.t > 0.0, high.t < end.t
+    low_on_edge, high_on_edge = is_left & (low.t < end.t), is_right & (high.t > 0.0)
+    limit = _End(
+        *(
+            ops.select(low_on_edge, getattr(low, field.name), getattr(high, field.name))
+            for field in fields(_End)
+        )
+    )
+    one = 1.0 + 0.0 * end.t
+    limits = ops.select(low_on_edge, one, 0.0) + ops.select(high_on_edge, one, 0.0)
+    return (
+        (begin, ops.select(high.t <= 0.0, one, ops.select(is_left, -one, 0.0))),
+        (limit, limits),
+        (end, ops.select(low.t >= end.t, one, ops.select(is_right, -one, 0.0))),
+    )
