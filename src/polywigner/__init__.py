@@ -86,11 +86,13 @@ if TYPE_CHECKING:
     from polywigner.source import te_mode as te_mode
     from polywigner.source import uniform as uniform
     from polywigner.source import write_source as write_source
+    from polywigner.transforms import Aberration as Aberration
     from polywigner.transforms import ambiguity as ambiguity
     from polywigner.transforms import array_factor as array_factor
     from polywigner.transforms import autocorrelation as autocorrelation
     from polywigner.transforms import differentiable as differentiable
     from polywigner.transforms import explain as explain
+    from polywigner.transforms import fit_zernike as fit_zernike
     from polywigner.transforms import fourier as fourier
     from polywigner.transforms import lag_marginal as lag_marginal
     from polywigner.transforms import mtf as mtf
@@ -99,10 +101,13 @@ if TYPE_CHECKING:
     from polywigner.transforms import position_marginal as position_marginal
     from polywigner.transforms import projections as projections
     from polywigner.transforms import sample_automean as sample_automean
+    from polywigner.transforms import strehl as strehl
     from polywigner.transforms import (
         transmission_cross_coefficient as transmission_cross_coefficient,
     )
+    from polywigner.transforms import wavefront_error as wavefront_error
     from polywigner.transforms import wigner as wigner
+    from polywigner.transforms import zernike as zernike
 
 __version__ = "0.1.0"
 
@@ -135,9 +140,9 @@ _NAMES = {
     "polywigner.reception": "coupling",
     "polywigner.scattering": "rcs rcs_pattern",
     "polywigner.transforms": """
-        ambiguity array_factor autocorrelation differentiable explain fourier lag_marginal mtf
-        otf partially_coherent_image position_marginal projections sample_automean
-        transmission_cross_coefficient wigner
+        Aberration ambiguity array_factor autocorrelation differentiable explain fit_zernike
+        fourier lag_marginal mtf otf partially_coherent_image position_marginal projections
+        sample_automean strehl transmission_cross_coefficient wavefront_error wigner zernike
     """,
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}

@@ -1,4 +1,4 @@
-"""Fields behind first-order systems and stops, and in images of points. Source: (O4) to (O8)."""
+"""Fields behind first-order systems and stops. Source: (O4) to (O8)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
@@ -18,9 +18,6 @@ from polywigner.execution import Engine
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront, triangulate
 from polywigner.geometry.arguments import (
-    Points,
-    checked_length,
-    checked_row,
     checked_wavelength,
 )
 from polywigner.numerics.chirps import waves_of_turns
@@ -37,13 +34,11 @@ from polywigner.propagation.point_grids import (
     warn_of_missed,
 )
 from polywigner.propagation.quadrature import gauss_rule, node_count
-from polywigner.radiometry.directions import checked_radiator
 from polywigner.source import Array
 from polywigner.source.normal_form import SourceElement, normal_form
-from polywigner.transforms import autocorrelation, fourier, pupil
+from polywigner.transforms import autocorrelation, fourier
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
-from polywigner.transforms.xarray_arguments import takes_xarray
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -348,7 +343,7 @@ def _behind(
         return image, bounds[0] * scale, bounds[1] * scale
     bend, slopes, out = _waves_of(system, points, wavelength)
     rate = _rate(radiator_of(stop), others[-1], before[-1], bend, slopes, wavelength)
-    sums, lattice = [], _Lattice(slopes / wavelength)
+    sums, lattice = [], FrequencyLattice(slopes / wavelength)
     for extra in _EXTRA:
         nodes, weights = _rule(stop, rate, extra, lattice)
         there, error, _ = inner(nodes)
@@ -378,7 +373,9 @@ def _rate(
     return most / wavelength + stop.highest_frequency
 
 
-def _rule(stop: Any, rate: float, extra: float, lattice: _Lattice) -> tuple[Floats, Complex]:
+def _rule(
+    stop: Any, rate: float, extra: float, lattice: FrequencyLattice
+) -> tuple[Floats, Complex]:
     """Return nodes (m, 2) on a stop, and weights (m,) times its transmission."""
     elements = normal_form(stop).in_plane.elements
     triangles = [corners[t] for corners, t in (triangulate(e.shape) for e in elements)]
@@ -394,7 +391,7 @@ def _rule(stop: Any, rate: float, extra: float, lattice: _Lattice) -> tuple[Floa
     return np.concatenate([x for x, _ in rules]), np.concatenate(fields)
 
 
-class _Lattice:
+class FrequencyLattice:
     """Frequencies (n, 2), factorised by axes if the points lie on a grid."""
 
     def __init__(self, nu: Floats) -> None:
@@ -441,86 +438,3 @@ def squared_field(field: Complex, error: Floats) -> tuple[Floats, Floats]:
     """Return |U|^2 and its error."""
     modulus = np.abs(field).astype(np.float64)
     return np.square(modulus), (2 * modulus + error) * error
-
-
-@takes_xarray("points", units="m-2", long_name="point spread function")
-def psf(
-    source: Aperture | Array,
-    points: Points,
-    wavelength: ArrayLike,
-    focal_length: float,
-    defocus: float = 0.0,
-    pupil_radius: float | None = None,
-    *,
-    weights: ArrayLike | None = None,
-    engine: Engine = "auto",
-) -> Floats:
-    """Compute the point spread function of a lens with a pupil of this shape.
-
-    This is the irradiance in the focal plane of a lens from a star on the axis, per m^2 and per
-    power of the star. Its integral over the plane is 1, its Fourier transform is :func:`otf`. For
-    several wavelengths it is the mean, as a detector of all of them measures. For other
-    first-order systems use :func:`irradiance` with ``through``.
-
-    Parameters
-    ----------
-    source : Aperture or Array
-        Field in the pupil, in the plane z = 0; the axis passes through the origin.
-    points : array_like, shape (..., 2)
-        Points in the image in m.
-    wavelength : float or array_like, shape (k,)
-        Wavelength in m, or wavelengths of a polychromatic source.
-    focal_length : float
-        Focal length, or distance of the image from the pupil, in m.
-    defocus : float, default 0
-        Wavefront aberration W20 at ``pupil_radius``, in waves of the mean wavelength; the
-        aberration in m is the same at all wavelengths.
-    pupil_radius : float, optional
-        See :func:`otf`.
-    weights : array_like, shape (k,), optional
-        Weights of the wavelengths, at least 0; equal by default.
-    engine : {"auto", "numpy", "llvm", "cuda"}
-        See :func:`fourier`.
-
-    Returns
-    -------
-    ndarray of float64, shape (...)
-        Values in 1/m^2, at least 0. An ``xarray.DataArray`` of points gives a DataArray.
-
-    Raises
-    ------
-    ArgumentError
-        For arguments of the wrong type, shape or range.
-    IlluminationError
-        If the fields of an Array cancel everywhere.
-    GeometryError
-        If elements of an Array do not lie in the plane z = 0.
-    EngineError
-        If the engine is not available.
-
-    Examples
-    --------
-    >>> import polywigner as pw
-    >>> pupil = pw.shapes.square(10e-3)
-    >>> peak = pw.psf(pupil, (0.0, 0.0), 0.5e-6, 0.1)  # area/(lambda f)^2
-    >>> round(float(peak * (0.5e-6 * 0.1) ** 2 / 1e-4), 12)
-    1.0
-    """
-    checked_radiator(source)
-    lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
-    for length in lengths.tolist():
-        checked_length(length, "wavelength")
-    distance = checked_length(focal_length, "focal_length")
-    system = FirstOrder.fourier(distance)
-    fractions = pupil.fractions_of(weights, lengths.size)
-    radius = pupil.checked_pupil_radius(source, pupil_radius)
-    # exp(2 pi i w |x|^2/a^2) is a lens of power -2 w lambda/a^2, the same for all wavelengths
-    bend = 2.0 * pupil.checked_waves(defocus) * float(fractions @ lengths) / radius / radius
-    if bend:
-        system = system @ FirstOrder([[1.0, 0.0], [bend, 1.0]])
-    total: Any = 0.0
-    for fraction, length in zip(fractions.tolist(), lengths.tolist(), strict=True):
-        part = source.at_wavelength(length)
-        field, error = field_behind(part, points, length, system, None, {}, engine)
-        total = total + fraction * squared_field(field, error)[0]
-    return np.asarray(total / pupil.checked_energy(source))[()]

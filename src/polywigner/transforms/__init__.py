@@ -16,6 +16,7 @@ this is more (docs/accuracy.md, "Limits").
 """
 
 from polywigner.execution import Differentiable
+from polywigner.transforms.aberrations import Aberration, fit_zernike, zernike
 from polywigner.transforms.automean_samples import sample_automean
 from polywigner.transforms.calls import explain
 from polywigner.transforms.checked_calls import PhaseSpaceSource, Source
@@ -34,8 +35,10 @@ from polywigner.transforms.projection import PhaseSpaceFunction, projections
 from polywigner.transforms.pupil import mtf, otf
 from polywigner.transforms.spectrum import array_factor, fourier
 from polywigner.transforms.traced_sources import differentiable
+from polywigner.transforms.wavefront_errors import strehl, wavefront_error
 
 __all__ = [
+    "Aberration",
     "Differentiable",
     "PhaseSpaceFunction",
     "PhaseSpaceSource",
@@ -45,6 +48,7 @@ __all__ = [
     "autocorrelation",
     "differentiable",
     "explain",
+    "fit_zernike",
     "fourier",
     "lag_marginal",
     "mtf",
@@ -53,6 +57,9 @@ __all__ = [
     "position_marginal",
     "projections",
     "sample_automean",
+    "strehl",
     "transmission_cross_coefficient",
+    "wavefront_error",
     "wigner",
+    "zernike",
 ]

@@ -1,0 +1,173 @@
+"""Point spread functions of lenses and their pupils, with and without aberrations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.execution import Engine
+from polywigner.geometry import Aperture
+from polywigner.geometry.arguments import Points, checked_length, checked_row
+from polywigner.optics import FirstOrder
+from polywigner.propagation.collins import (
+    FrequencyLattice,
+    checked_points_behind,
+    field_behind,
+    squared_field,
+)
+from polywigner.radiometry.directions import checked_radiator
+from polywigner.source import Array
+from polywigner.transforms import pupil
+from polywigner.transforms.aberrated_pupils import (
+    TOLERANCE,
+    AberratedPupil,
+    Converged,
+    checked_aberration,
+    checked_tolerance,
+    converged,
+)
+from polywigner.transforms.aberrations import Aberration
+from polywigner.transforms.xarray_arguments import takes_xarray
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+@takes_xarray("points", units="m-2", long_name="point spread function")
+def psf(
+    source: Aperture | Array,
+    points: Points,
+    wavelength: ArrayLike,
+    focal_length: float | None = None,
+    defocus: float = 0.0,
+    pupil_radius: float | None = None,
+    *,
+    numerical_aperture: float | None = None,
+    aberration: Aberration | None = None,
+    weights: ArrayLike | None = None,
+    tolerance: float = TOLERANCE,
+    engine: Engine = "auto",
+) -> Floats:
+    """Compute the point spread function of a lens with a pupil of this shape.
+
+    This is the irradiance in the focal plane of a lens from a star on the axis, per m^2 and per
+    power of the star. Its integral over the plane is 1, its Fourier transform is :func:`otf`. For
+    several wavelengths it is the mean, as a detector of all of them measures. For other
+    first-order systems use :func:`irradiance` with ``through``.
+
+    Parameters
+    ----------
+    source : Aperture or Array
+        Field in the pupil, in the plane z = 0; the axis passes through the origin.
+    points : array_like, shape (..., 2)
+        Points in the image in m.
+    wavelength : float or array_like, shape (k,)
+        Wavelength in m, or wavelengths of a polychromatic source.
+    focal_length : float, optional
+        Focal length, or distance of the image from the pupil, in m. This or ``numerical_aperture``.
+    defocus : float, default 0
+        Wavefront aberration W20 at ``pupil_radius``, in waves of the mean wavelength; the
+        aberration in m is the same at all wavelengths.
+    pupil_radius : float, optional
+        See :func:`otf`.
+    numerical_aperture : float, optional
+        Sine of the marginal ray's angle in the image, from the ``pupil_radius`` a: by Abbe's sine
+        condition the focal length is a/numerical_aperture. For a disc give its radius.
+    aberration : Aberration, optional
+        Path length in m, the same at all wavelengths, in addition to the defocus. The field is a
+        sum over nodes in the pupil (docs/imaging.md, (IM4)).
+    weights : array_like, shape (k,), optional
+        Weights of the wavelengths, at least 0; equal by default.
+    tolerance : float, default 1e-10
+        Allowed error of the field of aberrated pupils over the field of the source in phase,
+        estimated by a second rule; at least 1e-13.
+    engine : {"auto", "numpy", "llvm", "cuda"}
+        See :func:`fourier`; aberrated pupils use NumPy.
+
+    Returns
+    -------
+    ndarray of float64, shape (...)
+        Values in 1/m^2, at least 0. An ``xarray.DataArray`` of points gives a DataArray. A Dr.Jit
+        ``Float`` (n,) with derivatives for a :func:`differentiable` pupil, and for an aberration
+        with Dr.Jit coefficients.
+
+    Raises
+    ------
+    ArgumentError
+        For arguments of the wrong type, shape or range.
+    IlluminationError
+        If the fields of an Array cancel everywhere.
+    GeometryError
+        If elements of an Array do not lie in the plane z = 0.
+    EngineError
+        If the engine is not available.
+
+    Warns
+    -----
+    PolywignerWarning
+        If the estimated error of an aberrated pupil exceeds the tolerance.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> pupil = pw.shapes.square(10e-3)
+    >>> peak = pw.psf(pupil, (0.0, 0.0), 0.5e-6, 0.1)  # area/(lambda f)^2
+    >>> round(float(peak * (0.5e-6 * 0.1) ** 2 / 1e-4), 12)
+    1.0
+    """
+    checked_radiator(source)
+    lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
+    for length in lengths.tolist():
+        checked_length(length, "wavelength")
+    fractions = pupil.fractions_of(weights, lengths.size)
+    radius = pupil.checked_pupil_radius(source, pupil_radius)
+    distance = pupil.image_distance(focal_length, numerical_aperture, radius)
+    # exp(2 pi i w |x|^2/a^2) is a lens of power -2 w lambda/a^2, the same for all wavelengths
+    bend = 2.0 * pupil.checked_waves(defocus) * float(fractions @ lengths) / radius / radius
+    system = FirstOrder.fourier(distance)
+    if bend:
+        system = system @ FirstOrder([[1.0, 0.0], [bend, 1.0]])
+    total: Any = 0.0
+    for fraction, length in zip(fractions.tolist(), lengths.tolist(), strict=True):
+        part = source.at_wavelength(length)
+        if aberration is None:
+            field, error = field_behind(part, points, length, system, None, {}, engine)
+        else:
+            scale = checked_aberration(aberration, length) * distance
+            aberrated = AberratedPupil.of(part, aberration, length, bend / (2.0 * length))
+            nu = checked_points_behind(points) / scale
+            field, error, _ = aberrated_spectrum(aberrated, nu, checked_tolerance(tolerance))
+            field, error = field / scale, error / scale
+        total = total + fraction * squared_field(field, error)[0]
+    return np.asarray(total / pupil.checked_energy(source))[()]
+
+
+# Largest number of waves from nodes to points, about 1e9 a minute.
+_MOST_WORK = 2e10
+
+
+def aberrated_spectrum(pupil: AberratedPupil, nu: Floats, tolerance: float) -> Converged:
+    """Return int u exp(2 pi i W/lambda - 2 pi i nu.x) dx (...) at nu (..., 2), and its error.
+
+    ``tolerance``: allowed error over int |u|.
+    """
+    flat = nu.reshape(-1, 2)
+    lattice = FrequencyLattice(flat)
+    finite = flat[np.isfinite(flat).all(axis=1)]
+    band = (finite.min(axis=0), finite.max(axis=0)) if len(finite) else (np.zeros(2), np.zeros(2))
+
+    def evaluate(extra: int) -> Complex:
+        rules = [pupil.rule(k, band, extra, tolerance) for k in range(len(pupil.elements))]
+        nodes = np.concatenate([nodes for nodes, _ in rules])
+        waves = [w * weight for (_, w), weight in zip(rules, pupil.weights, strict=True)]
+        if len(nodes) * lattice.work > _MOST_WORK:
+            raise ArgumentError(
+                f"the aberrated pupil requires {len(nodes) * lattice.work:.1e} waves from nodes to "
+                f"points, at most {_MOST_WORK:.0e}; use fewer points, or a grid along x and y"
+            )
+        return lattice.summed(nodes, np.concatenate(waves)).reshape(nu.shape[:-1])
+
+    return converged(evaluate, tolerance * pupil.content, "the field of the pupil")

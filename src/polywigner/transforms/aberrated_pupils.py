@@ -1,0 +1,339 @@
+"""Pupils with aberrations: Gauss rules on triangles of outlines and of position slices.
+
+The integrand u exp(2 pi i W/lambda) is smooth within each element, and so is its product with a
+shifted conjugate copy within the intersection of two elements. Gauss rules on triangles of these
+polygons therefore converge spectrally: no edge is sampled. The number of nodes along each side
+follows from the cycles of the phase along it. A rule with more nodes gives the error estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
+from polywigner.geometry.convex import triangles_of
+from polywigner.numerics.triangles import (
+    Floats,
+    Indices,
+    Triangles,
+    counts_for,
+    from_apex,
+    rule_of_counts,
+)
+from polywigner.source.normal_form import SourceElement, normal_form
+from polywigner.transforms.aberrations import Aberration
+
+Complex = NDArray[np.complex128]
+
+TOLERANCE = 1e-10
+"""Default tolerance of aberrated pupils, as a fraction of the largest value."""
+
+# Nodes along a side in addition to the nodes for a linear phase, in the order of refinement.
+_EXTRA = (1, 4, 8, 14, 22, 34)
+# Largest number of nodes of a rule, and nodes in a block: some tens of megabytes.
+_MOST, _BLOCK = 1 << 26, 1 << 17
+# Lags whose slices are cut together.
+_LAGS = 128
+# Points of a triangle where slopes of the phase are evaluated: corners, midpoints and centroid.
+_SAMPLES = (
+    np.array([[6, 0, 0], [0, 6, 0], [0, 0, 6], [3, 3, 0], [0, 3, 3], [3, 0, 3], [2, 2, 2]]) / 6.0
+)
+
+
+class Converged(NamedTuple):
+    """Values of a rule, their estimated errors, and the additional nodes of the rule."""
+
+    values: Complex
+    errors: Floats
+    extra: int
+
+
+def converged(evaluate: Callable[[int], Complex], allowed: float, what: str) -> Converged:
+    """Evaluate a rule with more and more additional nodes until it changes by less than allowed."""
+    previous = evaluate(_EXTRA[0])
+    for extra in _EXTRA[1:]:
+        values = evaluate(extra)
+        errors = np.asarray(np.abs(values - previous), np.float64)
+        worst = float(errors.max(initial=0.0))
+        if not worst > allowed:
+            return Converged(values, errors, extra)
+        previous = values
+    warn_caller(
+        f"the estimated error of {what} is {worst / allowed:.2g} times the tolerance: the path "
+        "length has kinks or changes fast; use a smooth function, or a larger tolerance"
+    )
+    return Converged(values, errors, extra)
+
+
+@dataclass(frozen=True, eq=False)
+class AberratedPupil:
+    """The field of a pupil at one wavelength, times exp(2 pi i (W/lambda + bend |x|^2))."""
+
+    elements: tuple[SourceElement, ...]
+    aberration: Aberration | None
+    wavelength: float
+    bend: float
+    """Defocus in waves over the square of the pupil's radius, in 1/m^2."""
+    curvature: Floats
+    """Q (2, 2) in 1/m^2 of a curved wave."""
+    centre: Floats
+    """(2,) in m, where the curved wave touches the plane."""
+
+    @classmethod
+    def of(
+        cls, source: Any, aberration: Aberration | None, wavelength: float, bend: float
+    ) -> AberratedPupil:
+        """Return the pupil of a public source, coherent, at this wavelength."""
+        form = normal_form(source)
+        if form.dimension != 2:
+            raise ArgumentError("expected an Aperture or Array as an aberrated pupil, got slits")
+        elements = form.in_plane.elements
+        return cls(elements, aberration, wavelength, bend, form.curvature, form.centre)
+
+    @cached_property
+    def weights(self) -> Complex:
+        """(k,) weights of the elements."""
+        return np.array([element.weight for element in self.elements], np.complex128)
+
+    @cached_property
+    def polygons(self) -> NDArray[Any]:
+        """(k,) polygons of the elements."""
+        outlines: list[Any] = [element.outline for element in self.elements]
+        return np.array([outline.polygons for outline in outlines], object)
+
+    @cached_property
+    def content(self) -> float:
+        """Bound on int |u|."""
+        return float((np.abs(self.weights) * self.amplitudes) @ shapely.area(self.polygons))
+
+    @cached_property
+    def amplitudes(self) -> Floats:
+        """(k,) bounds on the fields of the elements, without weights."""
+        return np.array([float(np.abs(e.amplitudes).sum()) for e in self.elements])
+
+    def cycles(self, x: Floats) -> Floats:
+        """Return the phase (...) of the aberration at x (..., 2) in cycles."""
+        total: Any = self.bend * np.square(x).sum(axis=-1)
+        if self.curvature.any():
+            away = x - self.centre
+            total = total + 0.5 * ((away @ self.curvature) * away).sum(axis=-1)
+        if self.aberration is not None:
+            total = total + self.aberration(x[..., 0], x[..., 1]) / self.wavelength
+        return np.asarray(total)
+
+    def slopes(self, x: Floats) -> Floats:
+        """Return the gradient (..., 2) of the phase in cycles per metre."""
+        total = 2.0 * self.bend * x + (x - self.centre) @ self.curvature
+        if self.aberration is not None:
+            total = total + self.aberration.slopes(x[..., 0], x[..., 1]) / self.wavelength
+        return np.asarray(total)
+
+    def waves(self, number: int, x: Floats) -> Complex:
+        """Return the field (n,) of an element at x (n, 2), without weight and aberration."""
+        element = self.elements[number]
+        if element.has_unit_field:
+            return np.ones(len(x), np.complex128)
+        return np.exp(2j * np.pi * (x @ element.frequencies.T)) @ element.amplitudes
+
+    def rule(
+        self, number: int, band: tuple[Floats, Floats], extra: int, error: float
+    ) -> tuple[Floats, Complex]:
+        """Return nodes (n, 2) on an element, and weights (n,) times its field, without its weight.
+
+        ``band``: lowest and highest frequencies (2,) of the waves exp(-2 pi i nu.x) that multiply
+        the field.
+        """
+        kappa = self.elements[number].frequencies
+        low, high = kappa.min(axis=0) - band[1], kappa.max(axis=0) - band[0]
+        corners = from_apex(triangles_of(self.polygons[number : number + 1])[0])[0]
+        middle = (low + high) / 2
+        counts = node_counts(
+            corners, lambda x: self.slopes(x) + middle, (high - low) / 2, extra, error
+        )
+        nodes, weights, _ = rule_of_counts(corners, counts)
+        return nodes, weights * self.waves(number, nodes) * np.exp(2j * np.pi * self.cycles(nodes))
+
+
+def node_counts(
+    corners: Triangles,
+    slopes: Callable[[Floats], Floats],
+    half_band: Floats,
+    extra: int,
+    error: float,
+) -> Indices:
+    """Return the numbers (n, 2) of nodes on triangles (n, 3, 2), as :func:`rule_of_counts` does.
+
+    ``slopes``: gradient of the phase in cycles per metre; ``half_band`` (2,): largest deviations
+    from it, by waves of other frequencies.
+    """
+    gradient = slopes(_SAMPLES @ corners)
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    sides = np.stack([a, b, b - a], axis=1)
+    cycles = np.abs(np.einsum("nsk,nek->nse", gradient, sides)).max(axis=1)
+    cycles += np.abs(sides) @ half_band
+    along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2]], axis=1)
+    counts = counts_for(along, error) + extra
+    total = float(counts.prod(axis=1).sum())
+    if total > _MOST:
+        raise ArgumentError(
+            f"the aberrated pupil requires {total:.1e} nodes, at most {_MOST:.1e}; use a smaller "
+            "aberration, fewer points far from the axis, or a larger tolerance"
+        )
+    return counts
+
+
+def blocks_of(counts: Indices) -> Iterator[slice]:
+    """Yield ranges of triangles with about ``_BLOCK`` nodes together."""
+    ends = np.cumsum(counts.prod(axis=1))
+    start = 0
+    while start < len(counts):
+        done = ends[start - 1] if start else 0
+        stop = max(start + 1, int(np.searchsorted(ends, done + _BLOCK, "right")))
+        yield slice(start, stop)
+        start = stop
+
+
+# ---- position slices ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Slices:
+    """Common regions of two copies of pupil elements, moved by -/+ half a lag."""
+
+    lags: Floats
+    row: Indices
+    """Number of the lag of each region."""
+    first: Indices
+    """Element moved by -xi/2, where x + xi/2 lies in it."""
+    second: Indices
+    polygons: NDArray[Any]
+
+
+def slices_of(pupil: AberratedPupil, lags: Floats) -> Slices:
+    """Return the regions where both x + xi/2 and x - xi/2 lie in the pupil, for lags (n, 2)."""
+    boxes = shapely.bounds(pupil.polygons)
+    low, high = boxes[:, :2], boxes[:, 2:]
+    half = lags[:, None, None] / 2
+    apart = ((high[:, None] - half) <= (low + half)) | ((high + half) <= (low[:, None] - half))
+    row, first, second = np.nonzero(~apart.any(axis=-1))
+    ahead = shifted(pupil.polygons[first], -lags[row] / 2)
+    behind = shifted(pupil.polygons[second], lags[row] / 2)
+    return Slices(lags, row, first, second, shapely.intersection(ahead, behind))
+
+
+def shifted(polygons: NDArray[Any], shifts: Floats) -> NDArray[Any]:
+    """Return polygons (n,) moved by shifts (n, 2)."""
+    points, number = shapely.get_coordinates(polygons, return_index=True)
+    moved: NDArray[Any] = shapely.set_coordinates(polygons.copy(), points + shifts[number])
+    return moved
+
+
+def slice_integrals(
+    pupil: AberratedPupil,
+    regions: Slices,
+    extra: int,
+    error: float,
+    by: Callable[[Floats, Floats], Floats] | None = None,
+) -> Complex:
+    """Return the integrals (n,) of u(x + xi/2) u*(x - xi/2) over regions, without weights.
+
+    ``by``: factors (k, m) of the integrand at the two points (m, 2); the result is (k, n) then.
+    """
+    plane = shapely.get_type_id(regions.polygons)
+    parts, of_part = shapely.get_parts(regions.polygons, return_index=True)
+    plane = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
+    triangles, polygon = triangles_of(parts[plane])
+    owner, corners = of_part[plane][polygon], from_apex(triangles)[0]
+    half = regions.lags[regions.row[owner]] / 2
+    kappa = [element.frequencies for element in pupil.elements]
+    band = max(np.ptp(np.concatenate(kappa), axis=0).max(), 0.0) * np.ones(2)
+
+    def slopes(x: Floats) -> Floats:
+        lag = half[:, None]
+        return pupil.slopes(x + lag) - pupil.slopes(x - lag)
+
+    counts = node_counts(corners, slopes, band, extra, error)
+    total: Any = np.zeros((1, len(regions.row)), np.complex128)
+    for some in blocks_of(counts):
+        nodes, weights, triangle = rule_of_counts(corners[some], counts[some])
+        region, lag = owner[some][triangle], half[some][triangle]
+        ahead, behind = nodes + lag, nodes - lag
+        phase = pupil.cycles(ahead) - pupil.cycles(behind)
+        terms = (
+            weights
+            * np.exp(2j * np.pi * phase)
+            * _pair_waves(pupil, regions, region, ahead, behind)
+        )
+        rows = terms[None] if by is None else by(ahead, behind) * terms
+        total = total + np.array([_summed(region, row, len(regions.row)) for row in rows])
+    return np.asarray(total[0] if by is None else total)
+
+
+def _summed(index: Indices, values: Complex, count: int) -> Complex:
+    real, imag = (np.bincount(index, part, count) for part in (values.real, values.imag))
+    return real + 1j * imag
+
+
+def _pair_waves(
+    pupil: AberratedPupil, regions: Slices, region: Indices, ahead: Floats, behind: Floats
+) -> Complex | float:
+    """Return the product of the fields of the two elements of each region."""
+    if all(element.has_unit_field for element in pupil.elements):
+        return 1.0
+    product = np.ones(len(region), np.complex128)
+    for of_region, points, is_second in (
+        (regions.first, ahead, False), (regions.second, behind, True)
+    ):  # fmt: skip
+        number = of_region[region]
+        for k in np.unique(number).tolist():
+            some = number == k
+            waves = pupil.waves(k, points[some])
+            product[some] *= waves.conj() if is_second else waves
+    return product
+
+
+def autocorrelations(
+    pupil: AberratedPupil, lags: Floats, tolerance: float
+) -> tuple[Complex, Floats]:
+    """Return int u(x + xi/2) u*(x - xi/2) dx at lags (n, 2), and the estimated errors."""
+    sums, errors = np.zeros(len(lags), np.complex128), np.zeros(len(lags))
+    energy = float((np.abs(pupil.weights) * pupil.amplitudes) ** 2 @ shapely.area(pupil.polygons))
+    for start in range(0, len(lags), _LAGS):
+        some = slice(start, start + _LAGS)
+        regions = slices_of(pupil, lags[some])
+        weights = pupil.weights[regions.first] * pupil.weights[regions.second].conj()
+
+        def evaluate(extra: int, regions: Slices = regions, weights: Complex = weights) -> Complex:
+            integrals = weights * slice_integrals(pupil, regions, extra, tolerance)
+            return _summed(regions.row, integrals, len(regions.lags))
+
+        sums[some], errors[some], _ = converged(evaluate, tolerance * energy, "the OTF")
+    return sums, errors
+
+
+def checked_aberration(aberration: Any, wavelength: Any) -> float:
+    """Return the wavelength of an aberration; raise ArgumentError without one."""
+    if aberration is not None and not isinstance(aberration, Aberration):
+        raise ArgumentError(
+            f"expected aberration as a polywigner.Aberration, got {type(aberration).__name__}; use "
+            "polywigner.zernike, or Aberration(function)"
+        )
+    if wavelength is None:
+        raise ArgumentError("an aberration is a path length in m; pass wavelength=... as well")
+    return checked_wavelength(wavelength)
+
+
+def checked_tolerance(tolerance: Any) -> float:
+    """Return the tolerance of an aberrated pupil; raise ArgumentError for other values."""
+    number = checked_number(tolerance, "tolerance", "a fraction from 1e-13 to 0.1")
+    if not 1e-13 <= number <= 0.1:
+        raise ArgumentError(f"expected tolerance from 1e-13 to 0.1, got {number:g}")
+    return number
