@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import Points, checked_length, checked_row
 from polywigner.optics import FirstOrder
+from polywigner.propagation.aberrated_fields import aberrated_spectrum
 from polywigner.propagation.collins import (
-    FrequencyLattice,
     checked_points_behind,
     field_behind,
     squared_field,
@@ -24,10 +23,8 @@ from polywigner.transforms import pupil
 from polywigner.transforms.aberrated_pupils import (
     TOLERANCE,
     AberratedPupil,
-    Converged,
     checked_aberration,
     checked_tolerance,
-    converged,
 )
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.xarray_arguments import takes_xarray
@@ -143,31 +140,3 @@ def psf(
             field, error = field / scale, error / scale
         total = total + fraction * squared_field(field, error)[0]
     return np.asarray(total / pupil.checked_energy(source))[()]
-
-
-# Largest number of waves from nodes to points, about 1e9 a minute.
-_MOST_WORK = 2e10
-
-
-def aberrated_spectrum(pupil: AberratedPupil, nu: Floats, tolerance: float) -> Converged:
-    """Return int u exp(2 pi i W/lambda - 2 pi i nu.x) dx (...) at nu (..., 2), and its error.
-
-    ``tolerance``: allowed error over int |u|.
-    """
-    flat = nu.reshape(-1, 2)
-    lattice = FrequencyLattice(flat)
-    finite = flat[np.isfinite(flat).all(axis=1)]
-    band = (finite.min(axis=0), finite.max(axis=0)) if len(finite) else (np.zeros(2), np.zeros(2))
-
-    def evaluate(extra: int) -> Complex:
-        rules = [pupil.rule(k, band, extra, tolerance) for k in range(len(pupil.elements))]
-        nodes = np.concatenate([nodes for nodes, _ in rules])
-        waves = [w * weight for (_, w), weight in zip(rules, pupil.weights, strict=True)]
-        if len(nodes) * lattice.work > _MOST_WORK:
-            raise ArgumentError(
-                f"the aberrated pupil requires {len(nodes) * lattice.work:.1e} waves from nodes to "
-                f"points, at most {_MOST_WORK:.0e}; use fewer points, or a grid along x and y"
-            )
-        return lattice.summed(nodes, np.concatenate(waves)).reshape(nu.shape[:-1])
-
-    return converged(evaluate, tolerance * pupil.content, "the field of the pupil")

@@ -259,7 +259,6 @@ def rule_on(
     return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
 
 
-@lru_cache(maxsize=1024)
 def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:
     """Return the highest frequencies along x and y of the field times the wave to each point.
 

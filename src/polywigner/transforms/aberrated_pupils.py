@@ -247,39 +247,55 @@ def slice_integrals(
 
     ``by``: factors (k, m) of the integrand at the two points (m, 2); the result is (k, n) then.
     """
-    plane = shapely.get_type_id(regions.polygons)
-    parts, of_part = shapely.get_parts(regions.polygons, return_index=True)
+    half = regions.lags[regions.row] / 2
+    kappa = np.concatenate([element.frequencies for element in pupil.elements])
+
+    def slopes(x: Floats, region: Indices) -> Floats:
+        lag = half[region, None]
+        return pupil.slopes(x + lag) - pupil.slopes(x - lag)
+
+    def integrand(x: Floats, region: Indices) -> Complex:
+        ahead, behind = x + half[region], x - half[region]
+        values = np.exp(2j * np.pi * (pupil.cycles(ahead) - pupil.cycles(behind)))
+        values = values * _pair_waves(pupil, regions, region, ahead, behind)
+        return values[None] if by is None else by(ahead, behind) * values
+
+    total = region_integrals(
+        regions.polygons, slopes, integrand, np.ptp(kappa, axis=0), extra, error
+    )
+    return total[0] if by is None else total
+
+
+def region_integrals(
+    polygons: NDArray[Any],
+    slopes: Callable[[Floats, Indices], Floats],
+    integrand: Callable[[Floats, Indices], Complex],
+    half_band: Floats,
+    extra: int,
+    error: float,
+) -> Complex:
+    """Return integrals (k, n) over polygons (n,) of an integrand (k, m) at points (m, 2).
+
+    ``slopes``, ``half_band``: see :func:`node_counts`. Both functions also take the number of the
+    polygon of each point, or of each row of points.
+    """
+    parts, of_part = shapely.get_parts(polygons, return_index=True)
     plane = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     triangles, polygon = triangles_of(parts[plane])
     owner, corners = of_part[plane][polygon], from_apex(triangles)[0]
-    half = regions.lags[regions.row[owner]] / 2
-    kappa = [element.frequencies for element in pupil.elements]
-    band = max(np.ptp(np.concatenate(kappa), axis=0).max(), 0.0) * np.ones(2)
-
-    def slopes(x: Floats) -> Floats:
-        lag = half[:, None]
-        return pupil.slopes(x + lag) - pupil.slopes(x - lag)
-
-    counts = node_counts(corners, slopes, band, extra, error)
-    total: Any = np.zeros((1, len(regions.row)), np.complex128)
+    counts = node_counts(corners, lambda x: slopes(x, owner), half_band, extra, error)
+    total: Any = np.zeros((1, len(polygons)), np.complex128)
     for some in blocks_of(counts):
         nodes, weights, triangle = rule_of_counts(corners[some], counts[some])
-        region, lag = owner[some][triangle], half[some][triangle]
-        ahead, behind = nodes + lag, nodes - lag
-        phase = pupil.cycles(ahead) - pupil.cycles(behind)
-        terms = (
-            weights
-            * np.exp(2j * np.pi * phase)
-            * _pair_waves(pupil, regions, region, ahead, behind)
-        )
-        rows = terms[None] if by is None else by(ahead, behind) * terms
-        total = total + np.array([_summed(region, row, len(regions.row)) for row in rows])
-    return np.asarray(total[0] if by is None else total)
+        region = owner[some][triangle]
+        rows = weights * integrand(nodes, region)
+        total = total + np.array([_summed(region, row, len(polygons)) for row in rows])
+    return np.asarray(total)
 
 
 def _summed(index: Indices, values: Complex, count: int) -> Complex:
     real, imag = (np.bincount(index, part, count) for part in (values.real, values.imag))
-    return real + 1j * imag
+    return np.asarray(real + 1j * imag)
 
 
 def _pair_waves(

@@ -60,11 +60,11 @@ class ZernikeModes:
 
     def values(self, x: Floats, y: Floats) -> Floats:
         known = polynomials.values(self.orders, x / self.radius, y / self.radius)
-        return np.tensordot(self.matrix, known, 1)
+        return np.asarray(np.einsum("kj,j...->k...", self.matrix, known))
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
         known = polynomials.gradients(self.orders, x / self.radius, y / self.radius)
-        return np.tensordot(self.matrix / self.radius, known, 1)
+        return np.asarray(np.einsum("kj,j...->k...", self.matrix / self.radius, known))
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +213,7 @@ class Aberration:
     def __call__(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return W in m at x, y (...) in m."""
         points = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-        return np.asarray(np.tensordot(self.coefficients, self.modes(*points), 1))[()]
+        return np.asarray(np.einsum("k,k...->...", self.coefficients, self.modes(*points)))[()]
 
     def slopes(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the slopes (..., 2) of W along x and y at x, y (...) in m, without unit.
@@ -225,7 +225,7 @@ class Aberration:
         total, start = np.zeros((2, *points[0].shape)), 0
         for modes, count in self._parts:
             some = self.coefficients[start : start + count]
-            total += np.tensordot(some, modes.gradients(*points), 1)
+            total += np.einsum("k,k...->...", some, modes.gradients(*points))
             start += count
         return np.moveaxis(total, 0, -1)
 
