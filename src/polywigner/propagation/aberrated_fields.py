@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,9 +12,18 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.numerics.chirps import waves_of_turns
+from polywigner.numerics.triangles import Indices, counts_for
 from polywigner.propagation.collins import FrequencyLattice
 from polywigner.transforms.aberrated_pupils import AberratedPupil, Converged, converged
 from polywigner.transforms.aberrations import Aberration
+from polywigner.transforms.pupil_gradients import (
+    Edges,
+    Jets,
+    Parts,
+    PupilNumbers,
+    edges_of,
+    nodes_on,
+)
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -45,6 +56,78 @@ def aberrated_spectrum(
         return lattice.summed(nodes - centre, np.concatenate(waves)).reshape(nu.shape[:-1])
 
     return converged(evaluate, tolerance * pupil.content, "the field of the pupil")
+
+
+def spectrum_jets(
+    pupil: AberratedPupil, nu: Floats, numbers: PupilNumbers, tolerance: float
+) -> Jets:
+    """Return jets (n, 1 + m) of :func:`aberrated_spectrum` at nu (n, 2)."""
+    values, _, extra = aberrated_spectrum(pupil, nu, tolerance)
+    return numbers.joined(values, pupil, _OfSpectrum(nu, extra, tolerance))
+
+
+@dataclass(frozen=True, eq=False)
+class _OfSpectrum(Parts):
+    """Derivatives of the spectrum of a pupil."""
+
+    nu: Floats
+    extra: int
+    error: float
+
+    @cached_property
+    def lattice(self) -> FrequencyLattice:
+        return FrequencyLattice(self.nu)
+
+    @property
+    def band(self) -> tuple[Floats, Floats]:
+        return self.nu.min(axis=0), self.nu.max(axis=0)
+
+    def _rules(self, pupil: AberratedPupil) -> list[tuple[Floats, Complex]]:
+        count = len(pupil.elements)
+        return [pupil.rule(k, self.band, self.extra, self.error) for k in range(count)]
+
+    def weights(self, pupil: AberratedPupil) -> tuple[Complex, Complex]:
+        sums = [self.lattice.summed(nodes, waves) for nodes, waves in self._rules(pupil)]
+        by_weight = np.stack(sums, axis=1)
+        return by_weight, np.zeros_like(by_weight)
+
+    def coefficients(self, pupil: AberratedPupil) -> Complex:
+        assert pupil.aberration is not None
+        total: Any = 0.0
+        for (nodes, waves), weight in zip(self._rules(pupil), pupil.weights, strict=True):
+            terms = (weight * waves) * pupil.aberration.modes(*nodes.T)
+            total = total + np.stack([self.lattice.summed(nodes, t) for t in terms], axis=1)
+        return np.asarray(total * (2j * np.pi / pupil.wavelength))
+
+    def vertices(self, pupil: AberratedPupil) -> Complex:
+        parts = []
+        for k, (edges, weight) in enumerate(zip(edges_of(pupil), pupil.weights, strict=True)):
+            x, terms, owner = self._boundary(pupil, k, edges)
+            by_node = np.zeros((len(x), len(edges.begin), 2), np.complex128)
+            row = np.arange(len(x))
+            for corner, fraction in ((edges.first, 0), (edges.second, 1)):
+                local = corner[owner] - edges.first[0]
+                by_node[row, local] += terms[:, fraction, None] * edges.normal[owner]
+            waves = np.exp(-2j * np.pi * (self.nu @ x.T))
+            parts.append(weight * np.tensordot(waves, by_node, 1))
+        return np.concatenate(parts, axis=1)
+
+    def _boundary(
+        self, pupil: AberratedPupil, number: int, edges: Edges
+    ) -> tuple[Floats, Complex, Indices]:
+        """Return nodes (m, 2) on edges, the field times (1 - t, t) dt (m, 2), and edges (m,)."""
+        ends = edges.begin[:, None] + np.array([0.0, 0.5, 1.0])[:, None] * edges.vector[:, None]
+        slope = np.abs((pupil.slopes(ends) * edges.vector[:, None]).sum(axis=-1)).max()
+        kappa = np.abs(pupil.elements[number].frequencies).max(axis=0)
+        reach = kappa + np.abs(np.stack(self.band)).max(axis=0)
+        cycles = slope + float((np.abs(edges.vector) @ reach).max())
+        count = int(counts_for(np.array(cycles), self.error)) + self.extra
+        every = np.ones(len(edges.begin))
+        t, weights = nodes_on(0.0 * every, every, count)
+        x = (edges.begin[:, None] + t[..., None] * edges.vector[:, None]).reshape(-1, 2)
+        field = pupil.waves(number, x) * np.exp(2j * np.pi * pupil.cycles(x)) * weights.ravel()
+        terms = field[:, None] * np.stack([1.0 - t.ravel(), t.ravel()], axis=1)
+        return x, terms, np.repeat(np.arange(len(every)), count)
 
 
 def aberrated_fresnel_field(

@@ -11,7 +11,7 @@ from polywigner.execution import Engine
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import Points, checked_length, checked_row
 from polywigner.optics import FirstOrder
-from polywigner.propagation.aberrated_fields import aberrated_spectrum
+from polywigner.propagation.aberrated_fields import aberrated_spectrum, spectrum_jets
 from polywigner.propagation.collins import (
     checked_points_behind,
     field_behind,
@@ -27,6 +27,12 @@ from polywigner.transforms.aberrated_pupils import (
     checked_tolerance,
 )
 from polywigner.transforms.aberrations import Aberration
+from polywigner.transforms.pupil_gradients import (
+    PupilNumbers,
+    autocorrelation_jets,
+    quotient,
+    squared_modulus,
+)
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 Floats = NDArray[np.float64]
@@ -115,6 +121,7 @@ def psf(
     >>> round(float(peak * (0.5e-6 * 0.1) ** 2 / 1e-4), 12)
     1.0
     """
+    source, numbers = PupilNumbers.of(source, aberration)
     checked_radiator(source)
     lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
     for length in lengths.tolist():
@@ -130,13 +137,21 @@ def psf(
     total: Any = 0.0
     for fraction, length in zip(fractions.tolist(), lengths.tolist(), strict=True):
         part = source.at_wavelength(length)
-        if aberration is None:
+        if aberration is None and numbers is None:
             field, error = field_behind(part, points, length, system, None, {}, engine)
         else:
             scale = checked_aberration(aberration, length) * distance
             aberrated = AberratedPupil.of(part, aberration, length, bend / (2.0 * length))
             nu = checked_points_behind(points) / scale
-            field, error, _ = aberrated_spectrum(aberrated, nu, checked_tolerance(tolerance))
+            allowed = checked_tolerance(tolerance)
+            if numbers is not None:
+                jets = spectrum_jets(aberrated, nu.reshape(-1, 2), numbers, allowed) / scale
+                axis = autocorrelation_jets(aberrated, np.zeros((1, 2)), numbers, allowed)
+                total = total + fraction * quotient(squared_modulus(jets), axis)
+                continue
+            field, error, _ = aberrated_spectrum(aberrated, nu, allowed)
             field, error = field / scale, error / scale
         total = total + fraction * squared_field(field, error)[0]
+    if numbers is not None:
+        return numbers.result(total, False)
     return np.asarray(total / pupil.checked_energy(source))[()]

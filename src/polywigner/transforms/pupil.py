@@ -29,6 +29,13 @@ from polywigner.transforms.aberrated_pupils import (
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.checked_calls import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
+from polywigner.transforms.pupil_gradients import (
+    Jets,
+    PupilNumbers,
+    autocorrelation_jets,
+    modulus,
+    quotient,
+)
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
@@ -110,6 +117,7 @@ def otf(
     >>> float(pw.otf(square, (0.5, 0.0)).real)
     0.75
     """
+    source, numbers = PupilNumbers.of(source, aberration)
     kernel = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(source)))
     radius = checked_pupil_radius(source, pupil_radius)
     waves = checked_waves(defocus)
@@ -118,17 +126,28 @@ def otf(
     lags = checked_points("xi", xi, kernel.dimension)
     if wavelength is not None:
         source = source.at_wavelength(wavelength)
-    if aberration is not None:
-        length = checked_aberration(aberration, wavelength)
+    error = checked_tolerance(tolerance)
+    if aberration is not None or numbers is not None:
+        length = 1.0 if aberration is None else checked_aberration(aberration, wavelength)
         pupil = AberratedPupil.of(source, aberration, length, waves / radius**2)
-        error = checked_tolerance(tolerance)
-        values, _ = autocorrelations(pupil, lags.reshape(-1, 2), error)
-        return (values.reshape(lags.shape[:-1]) / checked_energy(source))[()]
+        energy, flat = checked_energy(source), lags.reshape(-1, 2)
+        if numbers is not None:
+            return numbers.result(otf_jets(pupil, flat, numbers, error), True)
+        values, _ = autocorrelations(pupil, flat, error)
+        return (values.reshape(lags.shape[:-1]) / energy)[()]
     how: dict[str, Any] = {"precision": precision, "engine": engine}
     slope = -2.0 * waves / radius**2
     if slope == 0.0:  # in focus it is an area, without sines
         return (lag_marginal(source, lags, **how) + 0j) / checked_energy(source)
     return ambiguity(source, slope * lags, lags, **how) / checked_energy(source)
+
+
+def otf_jets(
+    pupil: AberratedPupil, lags: NDArray[np.float64], numbers: PupilNumbers, tolerance: float
+) -> Jets:
+    """Return the OTF at lags (n, 2) with its derivatives in the numbers of a pupil."""
+    jets = autocorrelation_jets(pupil, np.concatenate([lags, np.zeros((1, 2))]), numbers, tolerance)
+    return quotient(jets[:-1], jets[-1:])
 
 
 @takes_xarray("frequency", units="1", long_name="modulation transfer function")
@@ -205,6 +224,7 @@ def mtf(
     radius = checked_pupil_radius(source, pupil_radius)
     distance = image_distance(focal_length, numerical_aperture, radius)
     fractions = fractions_of(weights, lengths.size)
+    source, numbers = PupilNumbers.of(source, aberration)
     dimension = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(source))).dimension
     cycles = checked_points("frequency", frequency, dimension)
     sides = checked_row(pixel, "expected pixel in m")
@@ -215,12 +235,20 @@ def mtf(
     how: dict[str, Any] = {"precision": precision, "engine": engine}
     how |= {"aberration": aberration, "tolerance": tolerance}
     path = checked_waves(defocus) * float(fractions @ lengths)
+    detector = np.sinc(np.asarray(cycles) * sides).prod(axis=-1)
     total: Any = 0.0
     for fraction, length in zip(fractions, lengths.tolist(), strict=True):
         lags = np.asarray(cycles) * (length * distance)
-        values = otf(source, lags, path / length, radius, wavelength=length, **how)
+        if numbers is not None:
+            part = source.at_wavelength(length)
+            pupil = AberratedPupil.of(part, aberration, length, path / length / radius**2)
+            error = checked_tolerance(tolerance)
+            values = otf_jets(pupil, lags.reshape(-1, 2), numbers, error)
+        else:
+            values = otf(source, lags, path / length, radius, wavelength=length, **how)
         total = total + fraction * values
-    detector = np.sinc(np.asarray(cycles) * sides).prod(axis=-1)
+    if numbers is not None:
+        return numbers.result(modulus(total * detector.reshape(-1, 1)), False)
     return np.abs(total * detector).astype(np.float64)[()]
 
 
