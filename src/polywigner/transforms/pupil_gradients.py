@@ -114,14 +114,15 @@ def modulus(jets: Jets) -> Jets:
     """Return the jet of |V|; the derivative of zero is zero."""
     size = np.abs(jets[:, :1])
     phase = np.divide(jets[:, :1].conj(), size, where=size > 0, out=np.zeros_like(jets[:, :1]))
-    return np.concatenate([size, (phase * jets[:, 1:]).real], axis=1)
+    slopes = (phase * jets[:, 1:]).real
+    return np.concatenate([size, slopes], axis=1).astype(np.complex128)
 
 
 def squared_modulus(jets: Jets) -> Jets:
     """Return the jet of |V|^2."""
     products = (jets[:, :1].conj() * jets).real
     products[:, 1:] *= 2.0
-    return products + 0j
+    return np.asarray(products, np.complex128)
 
 
 # ---- edges ---------------------------------------------------------------------------------------
