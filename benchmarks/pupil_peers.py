@@ -64,7 +64,8 @@ def with_poppy(pixels: int, wave: Wave) -> Any:
     hexagon = poppy.NgonAperture(nsides=6, radius=0.5 * u.m)
     light = poppy.Wavefront(npix=pixels, diam=WIDTH * u.m, wavelength=1e-6)
     y, x = light.coordinates()
-    mask = hexagon.get_transmission(light) * wave(x, y)
+    # The transform has the other sign, so the pupil, which is symmetric, is turned by 180 degrees.
+    mask = hexagon.get_transmission(light) * wave(-x, -y)
     field = poppy.matrixDFT.matrix_dft(mask, 2 * REACH * WIDTH, COUNT, centering="FFTSTYLE")
     return field * (WIDTH / pixels) ** 2 / (WIDTH / pixels * (AXIS[1] - AXIS[0]))
 
@@ -129,7 +130,7 @@ def nodes_of(aberration: pw.Aberration) -> int:
     """Nodes of the second rule for the spectrum, the larger one."""
     pupil = AberratedPupil.of(HEXAGON, aberration, 1.0, 0.0)
     band = np.full(2, AXIS[0]), np.full(2, AXIS[-1])
-    return len(pupil.rule(0, band, 4, 1e-10)[0])
+    return sum(part.y.size for part in pupil.columns(0, band, 4, 1e-10))
 
 
 def main() -> None:

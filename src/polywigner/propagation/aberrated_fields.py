@@ -14,7 +14,12 @@ from polywigner.errors import ArgumentError
 from polywigner.numerics.chirps import waves_of_turns
 from polywigner.numerics.triangles import Indices, counts_for
 from polywigner.propagation.collins import FrequencyLattice
-from polywigner.transforms.aberrated_pupils import AberratedPupil, Converged, converged
+from polywigner.transforms.aberrated_pupils import (
+    AberratedPupil,
+    Columns,
+    Converged,
+    converged,
+)
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.pupil_gradients import (
     Edges,
@@ -28,8 +33,10 @@ from polywigner.transforms.pupil_gradients import (
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Largest number of waves from nodes to points, about 1e9 a minute.
-_MOST_WORK = 2e10
+# Values of waves in a block: some tens of megabytes. Largest number of waves, about 1e9 a minute.
+_BLOCK, _MOST = 1 << 20, 2e10
+# Points at which the error of a rule is estimated.
+_CHECKED = 32
 
 
 def aberrated_spectrum(
@@ -37,25 +44,57 @@ def aberrated_spectrum(
 ) -> Converged:
     """Return int u exp(2 pi i W/lambda - 2 pi i nu.(x - centre)) dx (...) at nu (..., 2).
 
-    ``tolerance``: allowed error over int |u|.
+    ``tolerance``: allowed error over int |u|. The error is estimated at some of the points.
     """
     flat = nu.reshape(-1, 2)
-    lattice = FrequencyLattice(flat)
-    finite = flat[np.isfinite(flat).all(axis=1)]
-    band = (finite.min(axis=0), finite.max(axis=0)) if len(finite) else (np.zeros(2), np.zeros(2))
+    band = band_of(flat)
+    some = np.unique(np.linspace(0, max(len(flat) - 1, 0), _CHECKED).astype(int))[: len(flat)]
 
-    def evaluate(extra: int) -> Complex:
-        rules = [pupil.rule(k, band, extra, tolerance) for k in range(len(pupil.elements))]
-        nodes = np.concatenate([nodes for nodes, _ in rules])
-        waves = [w * weight for (_, w), weight in zip(rules, pupil.weights, strict=True)]
-        if len(nodes) * lattice.work > _MOST_WORK:
-            raise ArgumentError(
-                f"the aberrated pupil requires {len(nodes) * lattice.work:.1e} waves from nodes to "
-                f"points, at most {_MOST_WORK:.0e}; use fewer points, or a grid along x and y"
-            )
-        return lattice.summed(nodes - centre, np.concatenate(waves)).reshape(nu.shape[:-1])
+    def evaluate(extra: int, points: Floats) -> Complex:
+        lattice, total = FrequencyLattice(points), np.zeros(len(points), np.complex128)
+        for k, weight in enumerate(pupil.weights):
+            for part in pupil.columns(k, band, extra, tolerance):
+                total += weight * lattice_sum(lattice, part, centre)
+        return total
 
-    return converged(evaluate, tolerance * pupil.content, "the field of the pupil")
+    checked = converged(
+        lambda extra: evaluate(extra, flat[some]), tolerance * pupil.content, "the pupil's field"
+    )
+    values = evaluate(checked.extra, flat).reshape(nu.shape[:-1])
+    errors = np.full(values.shape, np.nanmax(checked.errors, initial=0.0))
+    return Converged(values, errors, checked.extra)
+
+
+def band_of(nu: Floats) -> tuple[Floats, Floats]:
+    """Return the lowest and highest frequencies (2,) of nu (n, 2)."""
+    finite = nu[np.isfinite(nu).all(axis=1)]
+    if not len(finite):
+        return np.zeros(2), np.zeros(2)
+    return finite.min(axis=0), finite.max(axis=0)
+
+
+def lattice_sum(lattice: FrequencyLattice, part: Columns, centre: Any = (0.0, 0.0)) -> Complex:
+    """Return sums (n,) of a field at nodes times exp(-2 pi i nu.(x - centre)).
+
+    On a grid the sums over y are shared by all frequencies along x.
+    """
+    waves = part.field.size * (lattice.work if lattice.index is None else len(lattice.axes[1]))
+    if waves > _MOST:
+        raise ArgumentError(
+            f"the aberrated pupil requires {waves:.1e} waves from nodes to points, at most "
+            f"{_MOST:.0e}; use fewer points, or a grid along x and y"
+        )
+    if lattice.index is None:
+        return lattice.summed(part.nodes - centre, part.field.ravel())
+    x, y = part.x - centre[0], part.y - centre[1]
+    total: Any = 0.0
+    rows = max(1, _BLOCK // max(1, y.shape[1] * len(lattice.axes[1])))
+    for start in range(0, len(x), rows):
+        some = slice(start, start + rows)
+        along_y = waves_of_turns(-y[some, :, None] * lattice.axes[1])
+        sums = (part.field[some, None, :] @ along_y)[:, 0]
+        total = total + waves_of_turns(-np.outer(lattice.axes[0], x[some])) @ sums
+    return np.asarray(total[lattice.index])
 
 
 def spectrum_jets(
@@ -78,25 +117,26 @@ class _OfSpectrum(Parts):
     def lattice(self) -> FrequencyLattice:
         return FrequencyLattice(self.nu)
 
-    @property
-    def band(self) -> tuple[Floats, Floats]:
-        return self.nu.min(axis=0), self.nu.max(axis=0)
-
-    def _rules(self, pupil: AberratedPupil) -> list[tuple[Floats, Complex]]:
-        count = len(pupil.elements)
-        return [pupil.rule(k, self.band, self.extra, self.error) for k in range(count)]
+    def _columns(self, pupil: AberratedPupil, number: int) -> list[Columns]:
+        return pupil.columns(number, band_of(self.nu), self.extra, self.error)
 
     def weights(self, pupil: AberratedPupil) -> tuple[Complex, Complex]:
-        sums = [self.lattice.summed(nodes, waves) for nodes, waves in self._rules(pupil)]
+        sums = [
+            sum(lattice_sum(self.lattice, part) for part in self._columns(pupil, k))
+            for k in range(len(pupil.elements))
+        ]
         by_weight = np.stack(sums, axis=1)
         return by_weight, np.zeros_like(by_weight)
 
     def coefficients(self, pupil: AberratedPupil) -> Complex:
         assert pupil.aberration is not None
         total: Any = 0.0
-        for (nodes, waves), weight in zip(self._rules(pupil), pupil.weights, strict=True):
-            terms = (weight * waves) * pupil.aberration.modes(*nodes.T)
-            total = total + np.stack([self.lattice.summed(nodes, t) for t in terms], axis=1)
+        for k, weight in enumerate(pupil.weights):
+            for part in self._columns(pupil, k):
+                modes = pupil.aberration.modes(*part.nodes.T)
+                fields = weight * part.field * modes.reshape(-1, *part.y.shape)
+                terms = [lattice_sum(self.lattice, part._replace(field=f)) for f in fields]
+                total = total + np.stack(terms, axis=1)
         return np.asarray(total * (2j * np.pi / pupil.wavelength))
 
     def vertices(self, pupil: AberratedPupil) -> Complex:
@@ -119,7 +159,7 @@ class _OfSpectrum(Parts):
         ends = edges.begin[:, None] + np.array([0.0, 0.5, 1.0])[:, None] * edges.vector[:, None]
         slope = np.abs((pupil.slopes(ends) * edges.vector[:, None]).sum(axis=-1)).max()
         kappa = np.abs(pupil.elements[number].frequencies).max(axis=0)
-        reach = kappa + np.abs(np.stack(self.band)).max(axis=0)
+        reach = kappa + np.abs(np.stack(band_of(self.nu))).max(axis=0)
         cycles = slope + float((np.abs(edges.vector) @ reach).max())
         count = int(counts_for(np.array(cycles), self.error)) + self.extra
         every = np.ones(len(edges.begin))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
-from polywigner.geometry.convex import triangles_of
+from polywigner.geometry.convex import Trapezoids, trapezoids, triangles_of
 from polywigner.numerics.triangles import (
     Floats,
     Indices,
@@ -27,6 +27,7 @@ from polywigner.numerics.triangles import (
     counts_for,
     from_apex,
     rule_of_counts,
+    unit_rule,
 )
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.transforms.aberrations import Aberration
@@ -46,6 +47,12 @@ _LAGS = 128
 _SAMPLES = (
     np.array([[6, 0, 0], [0, 6, 0], [0, 0, 6], [3, 3, 0], [0, 3, 3], [3, 0, 3], [2, 2, 2]]) / 6.0
 )
+
+
+_CELL_SAMPLES = np.array(
+    [[4, 0, 0, 0], [0, 4, 0, 0], [0, 0, 4, 0], [0, 0, 0, 4], [2, 2, 0, 0], [0, 0, 2, 2],
+     [2, 0, 2, 0], [0, 2, 0, 2], [1, 1, 1, 1]]
+) / 4.0  # fmt: skip
 
 
 class Converged(NamedTuple):
@@ -143,23 +150,74 @@ class AberratedPupil:
             return np.ones(len(x), np.complex128)
         return np.exp(2j * np.pi * (x @ element.frequencies.T)) @ element.amplitudes
 
-    def rule(
+    def columns(
         self, number: int, band: tuple[Floats, Floats], extra: int, error: float
-    ) -> tuple[Floats, Complex]:
-        """Return nodes (n, 2) on an element, and weights (n,) times its field, without its weight.
+    ) -> list[Columns]:
+        """Return the nodes of a rule on an element, without its weight.
 
         ``band``: lowest and highest frequencies (2,) of the waves exp(-2 pi i nu.x) that multiply
         the field.
         """
         kappa = self.elements[number].frequencies
         low, high = kappa.min(axis=0) - band[1], kappa.max(axis=0) - band[0]
-        corners = from_apex(triangles_of(self.polygons[number : number + 1])[0])[0]
-        middle = (low + high) / 2
-        counts = node_counts(
-            corners, lambda x: self.slopes(x) + middle, (high - low) / 2, extra, error
-        )
-        nodes, weights, _ = rule_of_counts(corners, counts)
-        return nodes, weights * self.waves(number, nodes) * np.exp(2j * np.pi * self.cycles(nodes))
+        cells = trapezoids(self.elements[number].rings)
+        counts = _cell_counts(cells, self.slopes, low, high, extra, error)
+        rules = []
+        for shared in np.unique(counts, axis=0):
+            some = Trapezoids(*cells.rows[(counts == shared).all(axis=1)].T[..., None])
+            (t, of_t), (s, of_s) = (unit_rule(count) for count in shared.tolist())
+            bottom = some.low_left + t * (some.low_right - some.low_left)
+            height = some.height_left + t * (some.height_right - some.height_left)
+            x = (some.left + t * some.width).ravel()
+            y = (bottom[..., None] + height[..., None] * s).reshape(len(x), -1)
+            weights = ((some.width * of_t * height)[..., None] * of_s).reshape(y.shape)
+            nodes = np.stack([np.broadcast_to(x[:, None], y.shape), y], axis=-1)
+            field = weights * np.exp(2j * np.pi * self.cycles(nodes))
+            waves = self.waves(number, nodes.reshape(-1, 2)).reshape(y.shape)
+            rules.append(Columns(x, y, field * waves))
+        return rules
+
+
+class Columns(NamedTuple):
+    """Nodes of a rule in columns of one x, with the field times the weights of the rule."""
+
+    x: Floats
+    """(n,) in m."""
+    y: Floats
+    """(n, m) in m."""
+    field: Complex
+    """(n, m)."""
+
+    @property
+    def nodes(self) -> Floats:
+        """The nodes (n m, 2), column by column."""
+        return np.stack([np.repeat(self.x, self.y.shape[1]), self.y.ravel()], axis=1)
+
+
+def _cell_counts(
+    cells: Trapezoids,
+    slopes: Callable[[Floats], Floats],
+    low: Floats,
+    high: Floats,
+    extra: int,
+    error: float,
+) -> Indices:
+    """Return the numbers (n, 2) of nodes along x and y on trapezoids.
+
+    ``slopes``: gradient of the phase in cycles per metre, to which frequencies from ``low`` to
+    ``high`` (2,) are added.
+    """
+    left, right = cells.left, cells.left + cells.width
+    ends = [(left, cells.low_left), (right, cells.low_right)]
+    ends += [(left, cells.low_left + cells.height_left)]
+    ends += [(right, cells.low_right + cells.height_right)]
+    corners = np.stack([np.stack(end, axis=-1) for end in ends], axis=1)
+    sides = corners[:, (1, 3, 2, 3)] - corners[:, (0, 2, 0, 1)]
+    gradient = slopes(_CELL_SAMPLES @ corners) + (low + high) / 2
+    cycles = np.abs(np.einsum("nsk,nek->nse", gradient, sides)).max(axis=1)
+    cycles += np.abs(sides) @ ((high - low) / 2)
+    along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2:].max(axis=1)], axis=1)
+    return _checked_counts(counts_for(along, error) + extra)
 
 
 def node_counts(
@@ -180,7 +238,11 @@ def node_counts(
     cycles = np.abs(np.einsum("nsk,nek->nse", gradient, sides)).max(axis=1)
     cycles += np.abs(sides) @ half_band
     along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2]], axis=1)
-    counts = counts_for(along, error) + extra
+    return _checked_counts(counts_for(along, error) + extra)
+
+
+def _checked_counts(counts: Indices) -> Indices:
+    """Return numbers (n, 2) of nodes; raise ArgumentError if they are too many together."""
     total = float(counts.prod(axis=1).sum())
     if total > _MOST:
         raise ArgumentError(

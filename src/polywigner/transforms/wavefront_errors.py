@@ -107,8 +107,8 @@ def _strehl_ratio(pupil: AberratedPupil, tolerance: float) -> float:
     def evaluate(extra: int) -> NDArray[np.complex128]:
         total = np.zeros(2, np.complex128)
         for k, weight in enumerate(pupil.weights):
-            field = weight * pupil.rule(k, band, extra, tolerance)[1]
-            total += field.sum(), np.abs(field).sum()
+            for part in pupil.columns(k, band, extra, tolerance):
+                total += weight * part.field.sum(), abs(weight) * np.abs(part.field).sum()
         return total
 
     sums = converged(evaluate, 0.5 * tolerance * pupil.content, "the Strehl ratio").values
