@@ -20,7 +20,7 @@ DISC, EXTRAPOLATED = 1e-8, 1.0 / 15.0
 DENSE = 1e-9
 
 
-def of_a_disc(function, n=128):
+def of_a_disc(function, n=96):
     """The limit of a function of discs of n and 2 n corners."""
     coarse, fine = (function(pw.shapes.disc(RADIUS, k)) for k in (n, 2 * n))
     return fine + (fine - coarse) * EXTRAPOLATED

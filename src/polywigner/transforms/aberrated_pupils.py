@@ -43,16 +43,19 @@ _EXTRA = (1, 4, 8, 14, 22, 34)
 _MOST, _BLOCK = 1 << 26, 1 << 17
 # Lags whose slices are cut together.
 _LAGS = 128
-# Points of a triangle where slopes of the phase are evaluated: corners, midpoints and centroid.
-_SAMPLES = (
-    np.array([[6, 0, 0], [0, 6, 0], [0, 0, 6], [3, 3, 0], [0, 3, 3], [3, 0, 3], [2, 2, 2]]) / 6.0
-)
-
-
+# Points where slopes of the phase are evaluated: barycentric coordinates of a triangle, and
+# bilinear ones of a trapezoid, which may span the pupil.
+_SAMPLES = np.array([(i, j, 3 - i - j) for i in range(4) for j in range(4 - i)]) / 3.0
 _CELL_SAMPLES = np.array(
-    [[4, 0, 0, 0], [0, 4, 0, 0], [0, 0, 4, 0], [0, 0, 0, 4], [2, 2, 0, 0], [0, 0, 2, 2],
-     [2, 0, 2, 0], [0, 2, 0, 2], [1, 1, 1, 1]]
-) / 4.0  # fmt: skip
+    [
+        ((1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v)
+        for u in np.linspace(0, 1, 5)
+        for v in np.linspace(0, 1, 9)
+    ]
+)
+# Rules whose additional nodes exceed this number also have more nodes per cycle, because the
+# slopes between the samples can be steeper.
+_STEEP = 4
 
 
 class Converged(NamedTuple):
@@ -217,7 +220,7 @@ def _cell_counts(
     cycles = np.abs(np.einsum("nsk,nek->nse", gradient, sides)).max(axis=1)
     cycles += np.abs(sides) @ ((high - low) / 2)
     along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2:].max(axis=1)], axis=1)
-    return _checked_counts(counts_for(along, error) + extra)
+    return _counts(along, extra, error)
 
 
 def node_counts(
@@ -238,11 +241,13 @@ def node_counts(
     cycles = np.abs(np.einsum("nsk,nek->nse", gradient, sides)).max(axis=1)
     cycles += np.abs(sides) @ half_band
     along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2]], axis=1)
-    return _checked_counts(counts_for(along, error) + extra)
+    return _counts(along, extra, error)
 
 
-def _checked_counts(counts: Indices) -> Indices:
+def _counts(cycles: Floats, extra: int, error: float) -> Indices:
     """Return numbers (n, 2) of nodes; raise ArgumentError if they are too many together."""
+    steeper = 1.0 + max(extra - _STEEP, 0) / 12.0
+    counts = counts_for(steeper * cycles, error) + extra
     total = float(counts.prod(axis=1).sum())
     if total > _MOST:
         raise ArgumentError(
