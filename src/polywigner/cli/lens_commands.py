@@ -37,7 +37,7 @@ class LensOptions(SourceOptions):
 
     focal_length: Annotated[Text, "Focal length, or image distance, such as '100 mm'."] = None
     numerical_aperture: Annotated[
-        float | None, typer.Option(help="In place of the focal length, from the pupil's radius.")
+        float | None, typer.Option(help="Instead of the focal length, for this pupil radius.")
     ] = None
     wavelengths: Annotated[Text, "Several wavelengths: '450 nm, 550 nm, 650 nm'."] = None
     defocus: Annotated[str, "Defocus W20 in waves at the pupil's edge: '-1, 0, 1'."] = "0"

@@ -284,7 +284,7 @@ def zernike(
     Returns
     -------
     Aberration
-        Its ``coefficients`` are those of the mapping, in its order.
+        With the ``coefficients`` of the mapping, in the same order.
 
     Raises
     ------
