@@ -168,9 +168,9 @@ figure.colorbar(picture, ax=panels, label="PSF (dB below the ideal peak, floor â
 # %%
 # A segment that is bent
 # ----------------------
-# Errors within segments are aberrations: path lengths in m on the pupil. One segment gets 150 nm rms
-# of astigmatism, by the Zernike polynomial that is orthogonal on a hexagon. The function is zero on
-# all other segments. It jumps within the gaps only, so it is smooth on every piece of glass.
+# Errors within segments are aberrations: path lengths in m on the pupil. One segment gets 150 nm
+# rms of astigmatism, by the Zernike polynomial that is orthogonal on a hexagon. The function is
+# zero on all other segments. It jumps within the gaps only, so it is smooth on every segment.
 
 glass = shapely.get_parts(hexagons.polygons)
 centres = np.array([hexagon.centroid.coords[0] for hexagon in glass])
