@@ -61,16 +61,15 @@ def aberrated_spectrum(
         lambda extra: evaluate(extra, flat[some]), tolerance * pupil.content, "the pupil's field"
     )
     values = evaluate(checked.extra, flat).reshape(nu.shape[:-1])
-    errors = np.full(values.shape, np.nanmax(checked.errors, initial=0.0))
+    errors = np.full(values.shape, checked.errors.max(initial=0.0))
     return Converged(values, errors, checked.extra)
 
 
 def band_of(nu: Floats) -> tuple[Floats, Floats]:
     """Return the lowest and highest frequencies (2,) of nu (n, 2)."""
-    finite = nu[np.isfinite(nu).all(axis=1)]
-    if not len(finite):
+    if not len(nu):
         return np.zeros(2), np.zeros(2)
-    return finite.min(axis=0), finite.max(axis=0)
+    return nu.min(axis=0), nu.max(axis=0)
 
 
 def lattice_sum(lattice: FrequencyLattice, part: Columns, centre: Any = (0.0, 0.0)) -> Complex:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.execution import Engine
+from polywigner.execution import Differentiable, Engine
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import Points, checked_length, checked_row
 from polywigner.optics import FirstOrder
@@ -41,7 +41,7 @@ Complex = NDArray[np.complex128]
 
 @takes_xarray("points", units="m-2", long_name="point spread function")
 def psf(
-    source: Aperture | Array,
+    source: Aperture | Array | Differentiable,
     points: Points,
     wavelength: ArrayLike,
     focal_length: float | None = None,
@@ -121,13 +121,13 @@ def psf(
     >>> round(float(peak * (0.5e-6 * 0.1) ** 2 / 1e-4), 12)
     1.0
     """
-    source, numbers = PupilNumbers.of(source, aberration)
-    checked_radiator(source)
+    plain, numbers = PupilNumbers.of(source, aberration)
+    checked_radiator(plain)
     lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
     for length in lengths.tolist():
         checked_length(length, "wavelength")
     fractions = pupil.fractions_of(weights, lengths.size)
-    radius = pupil.checked_pupil_radius(source, pupil_radius)
+    radius = pupil.checked_pupil_radius(plain, pupil_radius)
     distance = pupil.image_distance(focal_length, numerical_aperture, radius)
     # exp(2 pi i w |x|^2/a^2) is a lens of power -2 w lambda/a^2, the same for all wavelengths
     bend = 2.0 * pupil.checked_waves(defocus) * float(fractions @ lengths) / radius / radius
@@ -136,7 +136,7 @@ def psf(
         system = system @ FirstOrder([[1.0, 0.0], [bend, 1.0]])
     total: Any = 0.0
     for fraction, length in zip(fractions.tolist(), lengths.tolist(), strict=True):
-        part = source.at_wavelength(length)
+        part = plain.at_wavelength(length)
         if aberration is None and numbers is None:
             field, error = field_behind(part, points, length, system, None, {}, engine)
         else:
@@ -154,4 +154,4 @@ def psf(
         total = total + fraction * squared_field(field, error)[0]
     if numbers is not None:
         return numbers.result(total, False)
-    return np.asarray(total / pupil.checked_energy(source))[()]
+    return np.asarray(total / pupil.checked_energy(plain))[()]

@@ -38,7 +38,7 @@ TOLERANCE = 1e-10
 """Default tolerance of aberrated pupils, as a fraction of the largest value."""
 
 # Nodes along a side in addition to the nodes for a linear phase, in the order of refinement.
-_EXTRA = (1, 4, 8, 14, 22, 34)
+_EXTRA = (1, 3, 6, 10, 16, 24, 34)
 # Largest number of nodes of a rule, and nodes in a block: some tens of megabytes.
 _MOST, _BLOCK = 1 << 26, 1 << 17
 # Lags whose slices are cut together.
@@ -346,10 +346,11 @@ def region_integrals(
     ``slopes``, ``half_band``: see :func:`node_counts`. Both functions also take the number of the
     polygon of each point, or of each row of points.
     """
-    parts, of_part = shapely.get_parts(polygons, return_index=True)
+    outer, of_outer = shapely.get_parts(polygons, return_index=True)
+    parts, of_part = shapely.get_parts(outer, return_index=True)
     plane = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
-    triangles, polygon = triangles_of(parts[plane])
-    owner, corners = of_part[plane][polygon], from_apex(triangles)[0]
+    triangles, part = triangles_of(parts[plane])
+    owner, corners = of_outer[of_part[plane][part]], from_apex(triangles)[0]
     counts = node_counts(corners, lambda x: slopes(x, owner), half_band, extra, error)
     total: Any = np.zeros((1, len(polygons)), np.complex128)
     for some in blocks_of(counts):
@@ -387,6 +388,11 @@ def autocorrelations(
     pupil: AberratedPupil, lags: Floats, tolerance: float
 ) -> tuple[Complex, Floats]:
     """Return int u(x + xi/2) u*(x - xi/2) dx at lags (n, 2), and the estimated errors."""
+    finite = np.isfinite(lags).all(axis=1)
+    if not finite.all():
+        both = np.full((2, len(lags)), complex(np.nan))
+        both[:, finite] = autocorrelations(pupil, lags[finite], tolerance)
+        return both[0], both[1].real
     sums, errors = np.zeros(len(lags), np.complex128), np.zeros(len(lags))
     energy = float((np.abs(pupil.weights) * pupil.amplitudes) ** 2 @ shapely.area(pupil.polygons))
     for start in range(0, len(lags), _LAGS):

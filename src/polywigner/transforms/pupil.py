@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError, value_text
-from polywigner.execution import Engine, Precision
+from polywigner.execution import Differentiable, Engine, Precision
 from polywigner.geometry import Slits
 from polywigner.geometry.arguments import (
     checked_length,
@@ -46,7 +46,7 @@ _DARK = 1e-13
 
 @takes_xarray("xi", units="1", long_name="optical transfer function")
 def otf(
-    source: PhaseSpaceSource,
+    source: PhaseSpaceSource | Differentiable,
     xi: ArrayLike,
     defocus: float = 0.0,
     pupil_radius: float | None = None,
@@ -117,20 +117,20 @@ def otf(
     >>> float(pw.otf(square, (0.5, 0.0)).real)
     0.75
     """
-    source, numbers = PupilNumbers.of(source, aberration)
-    kernel = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(source)))
-    radius = checked_pupil_radius(source, pupil_radius)
+    plain, numbers = PupilNumbers.of(source, aberration)
+    kernel = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(plain)))
+    radius = checked_pupil_radius(plain, pupil_radius)
     waves = checked_waves(defocus)
     if execution.is_drjit(xi):
         raise ArgumentError("expected xi as a NumPy array, got a Dr.Jit array; use xi.numpy()")
     lags = checked_points("xi", xi, kernel.dimension)
     if wavelength is not None:
-        source = source.at_wavelength(wavelength)
+        plain = plain.at_wavelength(wavelength)
     error = checked_tolerance(tolerance)
     if aberration is not None or numbers is not None:
         length = 1.0 if aberration is None else checked_aberration(aberration, wavelength)
-        pupil = AberratedPupil.of(source, aberration, length, waves / radius**2)
-        energy, flat = checked_energy(source), lags.reshape(-1, 2)
+        pupil = AberratedPupil.of(plain, aberration, length, waves / radius**2)
+        energy, flat = checked_energy(plain), lags.reshape(-1, 2)
         if numbers is not None:
             return numbers.result(otf_jets(pupil, flat, numbers, error), True)
         values, _ = autocorrelations(pupil, flat, error)
@@ -138,8 +138,8 @@ def otf(
     how: dict[str, Any] = {"precision": precision, "engine": engine}
     slope = -2.0 * waves / radius**2
     if slope == 0.0:  # in focus it is an area, without sines
-        return (lag_marginal(source, lags, **how) + 0j) / checked_energy(source)
-    return ambiguity(source, slope * lags, lags, **how) / checked_energy(source)
+        return (lag_marginal(plain, lags, **how) + 0j) / checked_energy(plain)
+    return ambiguity(plain, slope * lags, lags, **how) / checked_energy(plain)
 
 
 def otf_jets(
@@ -152,7 +152,7 @@ def otf_jets(
 
 @takes_xarray("frequency", units="1", long_name="modulation transfer function")
 def mtf(
-    source: PhaseSpaceSource,
+    source: PhaseSpaceSource | Differentiable,
     frequency: ArrayLike,
     wavelength: ArrayLike,
     focal_length: float | None = None,
@@ -221,11 +221,11 @@ def mtf(
     lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
     for length in lengths.tolist():
         checked_wavelength(length)
-    radius = checked_pupil_radius(source, pupil_radius)
-    distance = image_distance(focal_length, numerical_aperture, radius)
     fractions = fractions_of(weights, lengths.size)
-    source, numbers = PupilNumbers.of(source, aberration)
-    dimension = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(source))).dimension
+    plain, numbers = PupilNumbers.of(source, aberration)
+    radius = checked_pupil_radius(plain, pupil_radius)
+    distance = image_distance(focal_length, numerical_aperture, radius)
+    dimension = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(plain))).dimension
     cycles = checked_points("frequency", frequency, dimension)
     sides = checked_row(pixel, "expected pixel in m")
     if sides.size not in (1, dimension) or not (np.isfinite(sides) & (sides >= 0)).all():
@@ -240,12 +240,12 @@ def mtf(
     for fraction, length in zip(fractions, lengths.tolist(), strict=True):
         lags = np.asarray(cycles) * (length * distance)
         if numbers is not None:
-            part = source.at_wavelength(length)
+            part = plain.at_wavelength(length)
             pupil = AberratedPupil.of(part, aberration, length, path / length / radius**2)
             error = checked_tolerance(tolerance)
             values = otf_jets(pupil, lags.reshape(-1, 2), numbers, error)
         else:
-            values = otf(source, lags, path / length, radius, wavelength=length, **how)
+            values = otf(plain, lags, path / length, radius, wavelength=length, **how)
         total = total + fraction * values
     if numbers is not None:
         return numbers.result(modulus(total * detector.reshape(-1, 1)), False)
