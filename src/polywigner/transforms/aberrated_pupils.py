@@ -153,6 +153,21 @@ class AberratedPupil:
             return np.ones(len(x), np.complex128)
         return np.exp(2j * np.pi * (x @ element.frequencies.T)) @ element.amplitudes
 
+    @cached_property
+    def _cells(self) -> list[Cells]:
+        """The trapezoids of each element."""
+        result = []
+        for element in self.elements:
+            cells = trapezoids(element.rings)
+            left, right = cells.left, cells.left + cells.width
+            ends = [(left, cells.low_left), (right, cells.low_right)]
+            ends += [(left, cells.low_left + cells.height_left)]
+            ends += [(right, cells.low_right + cells.height_right)]
+            corners = np.stack([np.stack(end, axis=-1) for end in ends], axis=1)
+            sides = corners[:, (1, 3, 2, 3)] - corners[:, (0, 2, 0, 1)]
+            result.append(Cells(cells, sides, self.slopes(_CELL_SAMPLES @ corners)))
+        return result
+
     def columns(
         self, number: int, band: tuple[Floats, Floats], extra: int, error: float
     ) -> list[Columns]:
@@ -163,9 +178,11 @@ class AberratedPupil:
         """
         kappa = self.elements[number].frequencies
         low, high = kappa.min(axis=0) - band[1], kappa.max(axis=0) - band[0]
-        cells = trapezoids(self.elements[number].rings)
-        counts = _cell_counts(cells, self.slopes, low, high, extra, error)
-        rules = []
+        cells, sides, gradient = self._cells[number]
+        cycles = np.abs((gradient + (low + high) / 2) @ sides.transpose(0, 2, 1)).max(axis=1)
+        cycles += np.abs(sides) @ ((high - low) / 2)
+        along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2:].max(axis=1)], axis=1)
+        counts, rules = _counts(along, extra, error), []
         for shared in np.unique(counts, axis=0):
             some = Trapezoids(*cells.rows[(counts == shared).all(axis=1)].T[..., None])
             (t, of_t), (s, of_s) = (unit_rule(count) for count in shared.tolist())
@@ -197,30 +214,14 @@ class Columns(NamedTuple):
         return np.stack([np.repeat(self.x, self.y.shape[1]), self.y.ravel()], axis=1)
 
 
-def _cell_counts(
-    cells: Trapezoids,
-    slopes: Callable[[Floats], Floats],
-    low: Floats,
-    high: Floats,
-    extra: int,
-    error: float,
-) -> Indices:
-    """Return the numbers (n, 2) of nodes along x and y on trapezoids.
+class Cells(NamedTuple):
+    """The trapezoids of an element."""
 
-    ``slopes``: gradient of the phase in cycles per metre, to which frequencies from ``low`` to
-    ``high`` (2,) are added.
-    """
-    left, right = cells.left, cells.left + cells.width
-    ends = [(left, cells.low_left), (right, cells.low_right)]
-    ends += [(left, cells.low_left + cells.height_left)]
-    ends += [(right, cells.low_right + cells.height_right)]
-    corners = np.stack([np.stack(end, axis=-1) for end in ends], axis=1)
-    sides = corners[:, (1, 3, 2, 3)] - corners[:, (0, 2, 0, 1)]
-    gradient = slopes(_CELL_SAMPLES @ corners) + (low + high) / 2
-    cycles = np.abs(np.einsum("nsk,nek->nse", gradient, sides)).max(axis=1)
-    cycles += np.abs(sides) @ ((high - low) / 2)
-    along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2:].max(axis=1)], axis=1)
-    return _counts(along, extra, error)
+    trapezoids: Trapezoids
+    sides: Floats
+    """(n, 4, 2): the lower, upper, left and right side."""
+    gradient: Floats
+    """(n, samples, 2): gradient of the phase in cycles per metre at points of each trapezoid."""
 
 
 def node_counts(
