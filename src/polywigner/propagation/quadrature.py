@@ -11,21 +11,16 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.convex import triangles_of
 from polywigner.geometry.parts import grid_size, polygons_in
-from polywigner.numerics.nodes import chirp_node_counts
-from polywigner.numerics.triangles import (
-    Floats,
-    Indices,
-    Triangles,
-    from_apex,
-    rule_of_counts,
-    unit_rule,
-)
+from polywigner.numerics.nodes import chirp_node_counts, gauss_legendre
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 from polywigner.source.support import mutual_support
 
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Triangles = NDArray[np.float64]
+"""Corners (n, 3, 2)."""
 Trapezoids = NDArray[np.float64]
 """(n, 3, 2): y, x on the left, and x on the right, of the lower and the upper side."""
 Polygons = Sequence[shapely.Polygon] | NDArray[np.object_]
@@ -54,7 +49,8 @@ def quartered(triangles: Triangles) -> Triangles:
 
 def triangulated(polygons: Polygons) -> Triangles:
     """Constrained Delaunay triangles (n, 3, 2) of polygons."""
-    corners, _ = triangles_of(np.asarray(polygons))
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(np.asarray(polygons)))
+    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
     corners.setflags(write=False)
     return corners
 
@@ -73,19 +69,30 @@ def rule_by_triangles(
     triangles: Triangles, rate: float, extra: float
 ) -> tuple[Floats, Floats, Indices]:
     """Return the rule of :func:`gauss_rule`, and the index (n,) of the triangle of each node."""
-    corners, long, short = from_apex(triangles)
-    return rule_of_counts(corners, _counts(long, short, rate, extra).astype(np.intp))
+    corners, long, short = _from_apex(triangles)
+    counts = _counts(long, short, rate, extra).astype(np.intp)
+    nodes, weights, owners = [], [], []
+    for shared in np.unique(counts, axis=0):
+        members = np.flatnonzero((counts == shared).all(axis=1))
+        (u, of_u), (v, of_v) = (_unit_rule(count) for count in shared.tolist())
+        apex, first, second = corners[members].transpose(1, 0, 2)[:, :, None, None]
+        along = first - apex + v[:, None] * (second - first)
+        nodes.append((apex + u[:, None, None] * along).reshape(-1, 2))
+        on_unit = np.outer(of_u * u, of_v).ravel()
+        weights.append(np.outer(2 * areas(corners[members]), on_unit).ravel())
+        owners.append(np.repeat(members, len(on_unit)))
+    return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
 
 
 def node_count(triangles: Triangles, rate: float, extra: float) -> float:
     """Estimate the number of nodes of :func:`gauss_rule`."""
-    _, long, short = from_apex(triangles)
+    _, long, short = _from_apex(triangles)
     return float(_counts(long, short, rate, extra).prod(axis=1).sum())
 
 
 def spacings(triangles: Triangles, rate: float, extra: float) -> Floats:
     """Distances (n,) between nodes of :func:`gauss_rule` along the longer lines of triangles."""
-    _, long, short = from_apex(triangles)
+    _, long, short = _from_apex(triangles)
     sides = np.column_stack([long, short])
     return np.asarray((sides / _counts(long, short, rate, extra)).max(axis=1))
 
@@ -93,6 +100,21 @@ def spacings(triangles: Triangles, rate: float, extra: float) -> Floats:
 def _counts(long: Floats, short: Floats, rate: float, extra: float) -> Floats:
     sides = np.column_stack([long, short])
     return np.asarray(np.maximum(np.ceil(extra + NODES_PER_CYCLE * rate * sides), 1.0))
+
+
+def areas(triangles: Triangles) -> Floats:
+    """Areas (n,) of triangles (n, 3, 2), in square metres."""
+    a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
+
+
+def _from_apex(triangles: Triangles) -> tuple[Triangles, Floats, Floats]:
+    """Return corners, starting opposite to the shortest side; longest sides; shortest sides."""
+    sides = np.linalg.norm(triangles[:, (1, 2, 0)] - triangles[:, (2, 0, 1)], axis=-1)
+    apex = sides.argmin(axis=1)
+    order = (apex[:, None] + np.arange(3)) % 3
+    corners = np.take_along_axis(triangles, order[:, :, None], axis=1)
+    return corners, sides.max(axis=1), sides.min(axis=1)
 
 
 # ---- triangles where W is smooth -----------------------------------------------------------------
@@ -233,7 +255,7 @@ def rows_of(trapezoids: Trapezoids, counts: Indices) -> tuple[Floats, Floats, Fl
 
     Each trapezoid has m rows of n nodes; ``counts``: (m, n).
     """
-    (up, of_rows), (along, on_row) = (unit_rule(count) for count in counts.tolist())
+    (up, of_rows), (along, on_row) = (_unit_rule(count) for count in counts.tolist())
     lines = trapezoids[..., :1] + up * np.diff(trapezoids)
     y, left, right = (lines[..., k, :] for k in range(3))
     length = (right - left)[..., None]
@@ -257,6 +279,13 @@ def rule_on(
         weights.append(amounts.ravel())
         owners.append(np.repeat(members, amounts[0].size))
     return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
+
+
+@lru_cache(maxsize=1024)
+def _unit_rule(count: int) -> Rule:
+    """Nodes and weights on [0, 1]."""
+    nodes, weights = gauss_legendre(count)[:, :2].T / 2
+    return nodes + 0.5, weights
 
 
 def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:

@@ -25,8 +25,12 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.parts import polygons_in
-from polywigner.numerics.triangles import areas
-from polywigner.propagation.quadrature import NODES_PER_CYCLE, rule_by_triangles, triangulated
+from polywigner.propagation.quadrature import (
+    NODES_PER_CYCLE,
+    areas,
+    rule_by_triangles,
+    triangulated,
+)
 from polywigner.radiometry.directions import steepest
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import Obliquity
