@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from polywigner import Aperture, Array
 
 _STYLES = ("-", "-.", ":", (0, (1, 3)))
-# Largest difference of curves that are drawn as one line.
+# Largest difference of the curves along x and y that are drawn as one line.
 _ALIKE = 2e-3
 
 
@@ -33,7 +33,7 @@ def draw_psf(
     *,
     figure: Figure | SubFigure | None = None,
 ) -> Figure:
-    """Draw point spread functions, a panel for each defocus.
+    """Draw point spread functions, with one panel for each defocus.
 
     Parameters
     ----------

@@ -54,17 +54,17 @@ def psf(
     tolerance: float = TOLERANCE,
     engine: Engine = "auto",
 ) -> Floats:
-    """Compute the point spread function of a lens with a pupil of this shape.
+    """Compute the point spread function of a lens whose pupil is the source.
 
-    This is the irradiance in the focal plane of a lens from a star on the axis, per m^2 and per
-    power of the star. Its integral over the plane is 1, its Fourier transform is :func:`otf`. For
-    several wavelengths it is the mean, as a detector of all of them measures. For other
-    first-order systems use :func:`irradiance` with ``through``.
+    The point spread function is the irradiance in the focal plane due to a star on the axis,
+    divided by the power of the star in the pupil. Its integral over the plane is 1, and its Fourier
+    transform is :func:`otf`. For several wavelengths it is the weighted mean, which a broadband
+    detector measures. For other first-order systems use :func:`irradiance` with ``through``.
 
     Parameters
     ----------
     source : Aperture or Array
-        Field in the pupil, in the plane z = 0; the axis passes through the origin.
+        Field in the pupil, in the plane z = 0. The optical axis passes through the origin.
     points : array_like, shape (..., 2)
         Points in the image in m.
     wavelength : float or array_like, shape (k,)
@@ -83,7 +83,7 @@ def psf(
         Path length in m, the same at all wavelengths, in addition to the defocus. The field is a
         sum over nodes in the pupil (docs/imaging.md, (IM4)).
     weights : array_like, shape (k,), optional
-        Weights of the wavelengths, at least 0; equal by default.
+        Weights of the wavelengths, zero or more; equal by default.
     tolerance : float, default 1e-10
         Allowed error of the field of aberrated pupils over the field of the source in phase,
         estimated by a second rule; at least 1e-13.
@@ -100,7 +100,7 @@ def psf(
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type, shape or range.
+        If an argument has the wrong type, shape or range.
     IlluminationError
         If the fields of an Array cancel everywhere.
     GeometryError
