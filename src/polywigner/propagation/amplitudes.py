@@ -122,7 +122,7 @@ def amplitude(
         Boundary condition of the far field for "fraunhofer" only: "rayleigh-sommerfeld-1"
         (default), "kirchhoff" or "rayleigh-sommerfeld-2".
     aberration : Aberration, optional
-        Path length in m on the source, for "fresnel" and "fraunhofer" (docs/imaging.md, (IM4)).
+        Path length in m on the source, for "fresnel" and "fraunhofer" (docs/imaging.md, (IM3)).
     tolerance : float, optional
         Allowed error, as a fraction of the incident amplitude or, if that is less, of
         |u| area/(wavelength distance), the field of the source in phase (within a wavelength, of

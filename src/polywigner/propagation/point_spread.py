@@ -81,7 +81,7 @@ def psf(
         condition the focal length is a/numerical_aperture. For a disc give its radius.
     aberration : Aberration, optional
         Path length in m, the same at all wavelengths, in addition to the defocus. The field is a
-        sum over nodes in the pupil (docs/imaging.md, (IM4)).
+        sum over nodes in the pupil (docs/imaging.md, (IM3)).
     weights : array_like, shape (k,), optional
         Weights of the wavelengths, zero or more; equal by default.
     tolerance : float, default 1e-10

@@ -62,7 +62,7 @@ def otf(
     ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function of the pupil in focus:
     the aberration exp(2 pi i w |x|^2/a^2) is linear in x on both copies. Source: K.-H. Brenner,
     A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983). With an ``aberration`` it is a
-    Gauss rule on the position slice, where the integrand is smooth (docs/imaging.md, (IM3)).
+    Gauss rule on the position slice, where the integrand is smooth (docs/imaging.md, (IM4)).
 
     Parameters
     ----------
