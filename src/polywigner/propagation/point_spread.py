@@ -140,7 +140,7 @@ def psf(
         if aberration is None and numbers is None:
             field, error = field_behind(part, points, length, system, None, {}, engine)
         else:
-            scale = checked_aberration(aberration, length) * distance
+            scale = checked_aberration(aberration, length, has_gradients=True) * distance
             aberrated = AberratedPupil.of(part, aberration, length, bend / (2.0 * length))
             nu = checked_points_behind(points) / scale
             allowed = checked_tolerance(tolerance)

@@ -409,12 +409,20 @@ def autocorrelations(
     return sums, errors
 
 
-def checked_aberration(aberration: Any, wavelength: Any) -> float:
-    """Return the wavelength of an aberration; raise ArgumentError without one."""
+def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool = False) -> float:
+    """Return the wavelength of an aberration; raise ArgumentError without one.
+
+    Dr.Jit coefficients are for functions with gradients only.
+    """
     if aberration is not None and not isinstance(aberration, Aberration):
         raise ArgumentError(
             f"expected aberration as a polywigner.Aberration, got {type(aberration).__name__}; use "
             "polywigner.zernike, or Aberration(function)"
+        )
+    if aberration is not None and aberration.traced is not None and not has_gradients:
+        raise ArgumentError(
+            "an aberration with Dr.Jit coefficients is for psf, otf and mtf only; use "
+            "with_coefficients and NumPy arrays"
         )
     if wavelength is None:
         raise ArgumentError("an aberration is a path length in m; pass wavelength=... as well")

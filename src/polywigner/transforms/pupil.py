@@ -128,7 +128,11 @@ def otf(
         plain = plain.at_wavelength(wavelength)
     error = checked_tolerance(tolerance)
     if aberration is not None or numbers is not None:
-        length = 1.0 if aberration is None else checked_aberration(aberration, wavelength)
+        length = (
+            1.0
+            if aberration is None
+            else checked_aberration(aberration, wavelength, has_gradients=True)
+        )
         pupil = AberratedPupil.of(plain, aberration, length, waves / radius**2)
         energy, flat = checked_energy(plain), lags.reshape(-1, 2)
         if numbers is not None:
