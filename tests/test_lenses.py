@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+import polywigner.figures
 from polywigner.cli import main
 from polywigner.errors import ArgumentError
 
@@ -153,6 +154,49 @@ def test_commands_write_spots_and_transfer_functions(tmp_path: Any, pupil_file: 
         assert (tmp_path / f"pupil_{kind}.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_commands_take_zernike_coefficients_and_a_numerical_aperture(
+    tmp_path: Any, pupil_file: Any
+) -> None:
+    import xarray as xr
+
+    lens = ["--numerical-aperture", "0.05", "--pupil-radius", "5 mm", "--wavelength", "500 nm"]
+    lens += ["--zernike", "8: 0.1, 6: -0.05", "--samples", "9", "--out", str(tmp_path) + "/"]
+    wave = pw.zernike({8: 50e-9, 6: -25e-9}, 5e-3)
+    square = pw.shapes.square(10e-3)
+    assert main(["psf", str(pupil_file), "--linear", "--width", "40 um", *lens]) == 0
+    with xr.open_dataset(tmp_path / "pupil_psf.nc") as result:
+        x, spot = result["x"].values, result["psf"].values[0]
+        assert result.attrs["focal_length"] == pytest.approx(0.1)
+    points = np.stack(np.meshgrid(x, x), axis=-1)
+    assert spot == pytest.approx(pw.psf(square, points, 500e-9, 0.1, aberration=wave))
+    assert main(["mtf", str(pupil_file), *lens]) == 0
+    rows = np.genfromtxt(tmp_path / "pupil_mtf.csv", delimiter=",", names=True)
+    at = np.column_stack([1e3 * rows["frequency_per_mm"], np.zeros(9)])
+    expected = pw.mtf(square, at, 500e-9, 0.1, aberration=wave)
+    assert rows["mtf_x_defocus_0"] == pytest.approx(expected, abs=1e-9)
+
+
+def test_figures_mark_reversed_contrast_and_masks() -> None:
+    import xarray as xr
+
+    curves = np.array([[[1.0, 0.2, 0.1], [1.0, 0.4, 0.2]]])
+    dims = ("defocus", "direction", "frequency")
+    values = xr.Dataset(
+        {"mtf": (dims, curves), "reversed": (dims, curves < 0.15), "limit": (dims[1:], curves[0])},
+        {"defocus": [1.0], "direction": ["x", "y"], "frequency": [0.0, 50.0, 100.0]},
+    )
+    figure = pw.figures.draw_mtf(values)
+    names = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert "contrast reversed" in names and "without aberrations" in names
+    x = np.linspace(-2e-6, 2e-6, 5)
+    image = xr.DataArray(np.eye(5), coords=[("y", x), ("x", x)])
+    figure = pw.figures.draw_image(image, pw.shapes.square(1e-6))
+    assert len(figure.axes[0].patches) == 1
+    assert figure.axes[1].get_ylabel() == "fraction of 1"
+    with pytest.raises(ArgumentError, match="image"):
+        pw.figures.draw_image(image[0])
+
+
 @pytest.mark.parametrize(
     ("command", "options"),
     [
@@ -160,6 +204,9 @@ def test_commands_write_spots_and_transfer_functions(tmp_path: Any, pupil_file: 
         ("psf", ["--wavelengths", "500 nm", "--wavelength", "500 nm"]),
         ("mtf", ["--wavelengths", "blue"]),
         ("mtf", ["--pupil-radius", "0 m"]),
+        ("mtf", ["--zernike", "coma"]),
+        ("psf", ["--zernike", "4: 0.1, 4: 0.2"]),
+        ("psf", ["--numerical-aperture", "0.1"]),
     ],
 )
 def test_odd_options_of_lenses_are_refused(

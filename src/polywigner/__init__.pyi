@@ -90,3 +90,8 @@ from polywigner.transforms import transmission_cross_coefficient as transmission
 from polywigner.transforms import wigner as wigner
 
 __version__: str
+from polywigner.transforms import Aberration as Aberration
+from polywigner.transforms import fit_zernike as fit_zernike
+from polywigner.transforms import strehl as strehl
+from polywigner.transforms import wavefront_error as wavefront_error
+from polywigner.transforms import zernike as zernike

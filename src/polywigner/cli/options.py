@@ -81,6 +81,21 @@ def parse_numbers(option: str, text: str, example: str) -> tuple[float, ...]:
     raise QuantityError(f"{option}: expected numbers such as {example!r}, got {value_text(text)}")
 
 
+def parse_coefficients(option: str, text: str) -> dict[int, float]:
+    """Return numbers by index from a text such as "4: 0.05, 11: 0.1"."""
+    try:
+        pairs = [part.split(":") for part in text.split(",")]
+        numbers = {int(index): float(value) for index, value in pairs}
+        if len(numbers) == len(pairs) and all(map(math.isfinite, numbers.values())):
+            return numbers
+    except ValueError:
+        pass
+    raise QuantityError(
+        f"{option}: expected different indices and numbers such as '4: 0.05, 11: 0.1', got "
+        f"{value_text(text)}"
+    )
+
+
 # ---- commands ------------------------------------------------------------------------------------
 
 

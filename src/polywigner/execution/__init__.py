@@ -44,6 +44,7 @@ from polywigner.execution.points import (
     numbers_of,
     on_components,
     shifted,
+    sibling,
     split,
     times_complex,
     unit_wave,
@@ -54,4 +55,5 @@ from polywigner.execution.traced import (
     evaluate_traced,
     kernel_with_derivatives,
     site_sum,
+    with_jacobian,
 )

@@ -228,3 +228,22 @@ def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit
         return a * cosine + b * sine, b * cosine - a * sine
 
     return type(weights)(*ops.plain_sum(0, len(positions), term, 2))
+
+
+def with_jacobian(
+    values: NDArray[np.float64], jacobian: NDArray[np.float64], numbers: Sequence[Drjit]
+) -> Drjit:
+    """Return values (n,) as a ``Float`` whose derivatives in numbers are a Jacobian (n, m).
+
+    ``numbers``: Dr.Jit floats with m entries in all, in the order of the columns.
+    """
+    import drjit as dr
+
+    kind = type(numbers[0])
+    change, column = dr.zeros(kind, len(values)), 0
+    for array in numbers:
+        for entry in range(dr.width(array)):
+            part = dr.gather(kind, array, dr.uint32_array_t(kind)(entry))
+            change = change + array_of(kind, jacobian[:, column]) * part
+            column += 1
+    return dr.replace_grad(array_of(kind, values), change)

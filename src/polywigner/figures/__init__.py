@@ -4,14 +4,15 @@
 ``levels`` converts signed radiance to dB above a floor and reads labelled arrays. ``field_plots``
 and ``volumes`` draw fields in front of a source, ``far_field_plots`` radiation patterns and cross
 sections, ``scene_plots`` rendered images, channels and the power of receivers, ``transforms`` the
-transforms of a source, spots and transfer functions, ``projections`` projections of phase space. No
-window is opened: the caller saves the figures.
+transforms of a source, ``lens_plots`` spots, images and transfer functions, ``projections``
+projections of phase space. No window is opened: the caller saves the figures.
 """
 
 from __future__ import annotations
 
 from polywigner.figures.far_field_plots import draw_pattern, draw_rcs, draw_tolerance
 from polywigner.figures.field_plots import draw_hemispheres, draw_lines, draw_planes
+from polywigner.figures.lens_plots import draw_image, draw_mtf, draw_psf
 from polywigner.figures.levels import image_peak, level_db
 from polywigner.figures.projections import draw_projections
 from polywigner.figures.scene_plots import (
@@ -27,8 +28,6 @@ from polywigner.figures.scene_plots import (
 from polywigner.figures.transforms import (
     LARGEST_SAMPLES,
     TransformSlices,
-    draw_mtf,
-    draw_psf,
     draw_transforms,
     outline_of,
     samples_needed,
@@ -43,6 +42,7 @@ __all__ = [
     "draw_arrivals",
     "draw_channel",
     "draw_hemispheres",
+    "draw_image",
     "draw_lines",
     "draw_mtf",
     "draw_pattern",

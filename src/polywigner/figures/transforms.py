@@ -1,9 +1,8 @@
-"""Figures of transforms, point spread functions and modulation transfer functions."""
+"""Figures of the transforms of a source."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 import polywigner as pw
 from polywigner.errors import ArgumentError
 from polywigner.figures import style
-from polywigner.figures.levels import check_floor, checked_dataset, level_db
+from polywigner.figures.levels import check_floor, level_db
 from polywigner.geometry.arguments import (
     checked_count,
     checked_flag,
@@ -24,7 +23,6 @@ from polywigner.source.array import mutual_support
 from polywigner.transforms.wavefronts import flat_source
 
 if TYPE_CHECKING:
-    import xarray
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
@@ -34,9 +32,6 @@ LARGEST_SAMPLES = 4096
 
 # Half width of the frequency axes without a wavelength, in 1/diameter: five lobes of a square.
 _LOBES = 8.0
-_DASHES = ("-", "--", "-.", ":")
-# Largest difference of the curves along x and y that are drawn as one line.
-_SAME_CURVE = 2e-3
 
 Point = tuple[float, float]
 
@@ -340,113 +335,3 @@ def _heading(title: str, wavelength: float | None, note: str) -> str:
     unit = length_unit(wavelength)
     text = f"λ = {wavelength / unit.metres:.4g} {unit.name}{note}"
     return f"{title}; {text}" if title else text
-
-
-# ---- lenses -------------------------------------------------------------------------------------
-
-
-@style.typeset
-def draw_psf(
-    dataset: Any,
-    floor_db: float = -40.0,
-    title: str = "",
-    *,
-    figure: Figure | SubFigure | None = None,
-) -> Figure:
-    """Draw point spread functions, with one panel for each defocus.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        Variable ``psf`` (defocus, y, x) in 1/m^2, with x and y in m.
-    floor_db : float, default -40
-        Lowest level in dB relative to the largest value of all panels.
-    title : str, optional
-        Title of the figure.
-    figure : matplotlib.figure.Figure or SubFigure, default a new figure
-        Figure to draw on.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure.
-
-    Raises
-    ------
-    ArgumentError
-        If the dataset has no point spread functions, the floor is not below 0 dB, or ``figure`` has
-        another type.
-    """
-    check_floor(floor_db)
-    spots = _checked_lens(dataset, "psf", ("defocus", "y", "x"))
-    unit = length_unit(float(np.ptp(dataset["x"].values)))
-    peak = float(spots.max())
-    count = spots.sizes["defocus"]
-    figure = style.figure_on(figure, 2.4 + 2.6 * count, 3.5, title)
-    panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
-    across, up = (dataset[name].values / unit.metres for name in ("x", "y"))
-    for axes, spot in zip(panels, spots, strict=True):
-        levels = level_db(spot.values, peak, floor_db)
-        shown = style.draw_levels(axes, levels, across, up, low=floor_db)
-        axes.set_title(_of_focus(spot))
-        style.length_axes(axes, "x", unit)
-        axes.set_adjustable("box")
-        axes.label_outer()
-    style.colour_bar(panels, shown, f"dB relative to {peak:.3g} /m², {style.floor_text(floor_db)}")
-    return figure
-
-
-@style.typeset
-def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None = None) -> Figure:
-    """Draw modulation transfer functions along x and y, with a line style for each defocus.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        Variable ``mtf`` (defocus, direction, frequency), with the frequency in cycles/mm.
-    title : str, optional
-        Title of the figure.
-    figure : matplotlib.figure.Figure or SubFigure, default a new figure
-        Figure to draw on.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure.
-
-    Raises
-    ------
-    ArgumentError
-        If the dataset has no modulation transfer functions, or ``figure`` has another type.
-    """
-    curves = _checked_lens(dataset, "mtf", ("defocus", "direction", "frequency"))
-    figure = style.figure_on(figure, 6.4, 3.8, title)
-    axes = figure.subplots()
-    frequency = dataset["frequency"].values
-    for part, dashes in zip(curves, cycle(_DASHES), strict=False):
-        lines = dict(zip(("along x", "along y"), part.values, strict=True))
-        if np.ptp(part.values, axis=0).max() <= _SAME_CURVE:
-            lines = {"along x and y": part.values[0]}
-        state = f", {_of_focus(part)}" if len(curves) > 1 or float(part["defocus"]) else ""
-        for (name, line), colour in zip(lines.items(), (style.RED, style.BLUE), strict=False):
-            axes.plot(frequency, line, color=colour, ls=dashes, label=name + state)
-    style.finish_lines(
-        axes, legend=9, xlim=(0.0, frequency.max()), ylim=(0.0, 1.05),
-        xlabel="frequency (cycles/mm)", ylabel="modulation transfer function",
-    )  # fmt: skip
-    return figure
-
-
-def _of_focus(part: Any) -> str:
-    waves = float(part["defocus"])
-    return f"{waves:g} waves of defocus" if waves else "in focus"
-
-
-def _checked_lens(dataset: Any, name: str, dims: tuple[str, ...]) -> xarray.DataArray:
-    values = checked_dataset(dataset, "dataset").get(name)
-    if values is None or values.dims != dims or not all(dim in dataset.coords for dim in dims):
-        raise ArgumentError(
-            f"expected a dataset with {name} over {', '.join(dims)}, got another dataset; use a "
-            f"dataset that polywigner {name} writes"
-        )
-    return values

@@ -11,6 +11,8 @@ module                   content
 ``nodes``                Gauss rules: along edges, on triangles, and for means over mixtures
 ``chirps``               integrals of quadratic phases, by Fresnel integrals
 ``jets``                 numbers with their derivatives
+``triangles``            Gauss rules on triangles
+``zernike``              Zernike polynomials and their derivatives
 =======================  =======================================================================
 """
 

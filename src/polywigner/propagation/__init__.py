@@ -40,7 +40,6 @@ from polywigner.propagation import horns
 from polywigner.propagation.amplitudes import amplitude, amplitude_with_error
 from polywigner.propagation.array_patterns import array_tolerance, two_way_pattern
 from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
-from polywigner.propagation.collins import psf
 from polywigner.propagation.datasets import hemisphere, line, plane, volume
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
 from polywigner.propagation.far_fields import radiated_power
@@ -49,6 +48,7 @@ from polywigner.propagation.pattern_files import read_pattern, write_pattern
 from polywigner.propagation.patterns import beam_cuts, radiation_pattern
 from polywigner.propagation.phase_space_tables import ambiguity_table, wigner_table
 from polywigner.propagation.point_grids import METHODS
+from polywigner.propagation.point_spread import psf
 from polywigner.propagation.screens import PlaneWave, PointSource, Screen
 from polywigner.propagation.stores import write_netcdf
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling

@@ -20,6 +20,7 @@ from polywigner.kernels.boundary.integrals import distance_of, point_in_waveleng
 from polywigner.numerics.phases import reduced
 from polywigner.optics import FirstOrder
 from polywigner.propagation import shadows
+from polywigner.propagation.aberrated_fields import aberrated_fresnel_field, aberrated_spectrum
 from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.collins import field_behind
 from polywigner.propagation.curved_fields import curved_field
@@ -43,6 +44,8 @@ from polywigner.propagation.screens import (
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition
+from polywigner.transforms.aberrated_pupils import AberratedPupil, checked_aberration
+from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 from polywigner.transforms.xarray_arguments import takes_xarray
@@ -64,6 +67,7 @@ class AmplitudeOptions(TypedDict, total=False):
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None
     obstacles: Obstacle | Sequence[Obstacle] | None
     obliquity: BoundaryCondition | None
+    aberration: Aberration | None
     tolerance: float | None
     engine: Engine
 
@@ -79,6 +83,7 @@ def amplitude(
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
     obliquity: BoundaryCondition | None = None,
+    aberration: Aberration | None = None,
     tolerance: float | None = None,
     engine: Engine = "auto",
 ) -> Complex:
@@ -116,12 +121,14 @@ def amplitude(
     obliquity : str, optional
         Boundary condition of the far field for "fraunhofer" only: "rayleigh-sommerfeld-1"
         (default), "kirchhoff" or "rayleigh-sommerfeld-2".
+    aberration : Aberration, optional
+        Path length in m on the source, for "fresnel" and "fraunhofer" (docs/imaging.md, (IM3)).
     tolerance : float, optional
         Allowed error, as a fraction of the incident amplitude or, if that is less, of
         |u| area/(wavelength distance), the field of the source in phase (within a wavelength, of
         the static field |u| area/(2 pi distance^2)). Default 1e-9, at least 1e-13. With obstacles:
         default 1e-6, at least 1e-8, of the largest field, from three wavelengths off the source.
-        Not for "fraunhofer".
+        Not for "fraunhofer" without an aberration.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.
 
@@ -158,7 +165,7 @@ def amplitude(
     """
     return field_and_error(
         source, points, wavelength, method, through=through, obstacles=obstacles,
-        obliquity=obliquity, tolerance=tolerance, engine=engine,
+        obliquity=obliquity, aberration=aberration, tolerance=tolerance, engine=engine,
     )[0]  # fmt: skip
 
 
@@ -211,12 +218,16 @@ def field_and_error(
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
     obliquity: BoundaryCondition | None = None,
+    aberration: Aberration | None = None,
     tolerance: float | None = None,
     engine: Engine = "auto",
     with_error: bool = False,
 ) -> tuple[Complex, Floats]:
     """Return the field (...) and its error; behind obstacles the error requires ``with_error``."""
     check_no_drjit(source=source, points=points, wavelength=wavelength)
+    pupil = None
+    if aberration is not None:
+        pupil = _checked_aberrated(source, method, through, obstacles, obliquity)
     if through is not None and obstacles is None and not isinstance(source, PointSource):
         others: dict[str, object] = {"obliquity": obliquity}
         others["method"] = None if method in (DEFAULT, "fresnel") else method
@@ -238,7 +249,11 @@ def field_and_error(
     if obstacles is not None:
         limits = shadows.DEFAULT_TOLERANCE, shadows.LEAST_TOLERANCE
         allowed, tolerance = tolerance_from(tolerance, *limits, " with obstacles"), None
-    field, errors = _free_field(source, flat, length, name, obliquity, tolerance, engine)
+    if pupil is not None and aberration is not None:
+        allowed = checked_amplitude_tolerance(tolerance)
+        field, errors = _aberrated_field(pupil, aberration, flat, length, name, allowed)
+    else:
+        field, errors = _free_field(source, flat, length, name, obliquity, tolerance, engine)
     if obstacles is not None:
         bodies = obstacles_of(obstacles, length)
         change, inside, missed = shadows.shadow_of(
@@ -263,6 +278,56 @@ def _check_rays(source: object, method: object, through: object, obliquity: obje
             "a Screen cannot be combined with obstacles; pass the screen's plate as an obstacle "
             "and its PointSource as the source"
         )
+
+
+def _checked_aberrated(
+    source: object, method: object, through: object, obstacles: object, obliquity: object
+) -> Aperture | Array | Wavefront:
+    """Return the source; raise ArgumentError for options that aberrated sources do not have."""
+    others = [value for value in (through, obstacles, obliquity) if value is not None]
+    if (
+        others
+        or not isinstance(source, Aperture | Array | Wavefront)
+        or method not in ("fresnel", "fraunhofer")
+    ):
+        raise ArgumentError(
+            'an aberration requires an Aperture, Array or Wavefront and method="fresnel" or '
+            f'"fraunhofer" without a system, obstacles and an obliquity, got method={method!r}; '
+            "leave the others out, or use polywigner.psf for a lens"
+        )
+    return source
+
+
+def _aberrated_field(
+    source: Aperture | Array | Wavefront,
+    aberration: Aberration,
+    points: Floats,
+    wavelength: float,
+    method: str,
+    tolerance: float,
+) -> tuple[Complex, Floats]:
+    """Return the field of an aberrated source and its error, (n,), at points (n, 3)."""
+    if isinstance(source, Wavefront):
+        checked_wavefront(source)
+    checked_aberration(aberration, wavelength)
+    if method == "fresnel":
+        return aberrated_fresnel_field(source, aberration, points, wavelength, tolerance)
+    pupil = AberratedPupil.of(source, aberration, wavelength, 0.0)
+    centre = radiator_of(flat_source(source)).centre
+    directions, distance, wave = _about(centre, points, wavelength)
+    nu, cosine = directions[:, :2] / wavelength, np.maximum(directions[:, 2], 0.0)
+    values, errors, _ = aberrated_spectrum(pupil, nu, tolerance, centre)
+    scale = cosine / (distance * wavelength**2)
+    return scale * values * wave / 1j, scale * errors
+
+
+def _about(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
+    """Return unit vectors (n, 3) from a centre, distances in wavelengths and exp(ikr), (n,)."""
+    x, y = centre.tolist()
+    ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
+    doubled = distance_of(_OPS, ahead)
+    directions = np.stack([high / doubled[0] for high, _ in ahead], axis=1)
+    return directions, doubled[0], np.exp(2j * math.pi * reduced(_OPS, doubled))
 
 
 def _free_field(
@@ -318,15 +383,10 @@ def _fraunhofer(
     flat = flat_source(source)
     radiator = radiator_of(flat)
     check_slopes(source, kind)
-    x, y = radiator.centre.tolist()
-    ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
-    doubled = distance_of(_OPS, ahead)
-    distance = doubled[0]
-    directions = np.stack([high / distance for high, _ in ahead], axis=1)
+    directions, distance, wave = _about(radiator.centre, points, wavelength)
     centred = normal_form(flat).moved(-radiator.centre).public
     if isinstance(source, Wavefront):
         centred = source.on(centred, -radiator.centre)
     pattern = far_field(centred, directions, wavelength, kind, engine=engine)
-    wave = np.exp(2j * math.pi * reduced(_OPS, doubled))
     error = _FOURIER_ERROR * radiator.content
     return pattern * wave / (distance * wavelength), error / wavelength**2 / distance

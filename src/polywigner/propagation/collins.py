@@ -1,7 +1,4 @@
-"""Fields behind first-order systems and stops, in images, and point spread functions.
-
-Source: (O4) to (O8).
-"""
+"""Fields behind first-order systems and stops. Source: (O4) to (O8)."""
 
 from __future__ import annotations
 
@@ -13,14 +10,14 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront, triangulate
-from polywigner.geometry.arguments import Points, checked_length, checked_row, checked_wavelength
+from polywigner.geometry.arguments import checked_wavelength
 from polywigner.numerics.chirps import waves_of_turns
 from polywigner.numerics.nodes import gauss_rule, node_count
 from polywigner.optics import FirstOrder
@@ -30,13 +27,11 @@ from polywigner.propagation.point_grids import (
     checked_coordinates,
     warn_of_missed,
 )
-from polywigner.radiometry.directions import checked_radiator
 from polywigner.source import Array
 from polywigner.source.normal_form import SourceElement, normal_form
-from polywigner.transforms import autocorrelation, fourier, pupil
+from polywigner.transforms import autocorrelation, fourier
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
-from polywigner.transforms.xarray_arguments import takes_xarray
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -352,7 +347,7 @@ def _behind(
         return image, bounds[0] * scale, bounds[1] * scale
     bend, slopes, out = _waves_of(system, points, wavelength)
     rate = _rate(radiator_of(stop), others[-1], earlier_systems[-1], bend, slopes, wavelength)
-    sums, lattice = [], _Lattice(slopes / wavelength)
+    sums, lattice = [], FrequencyLattice(slopes / wavelength)
     for extra in _EXTRA:
         nodes, weights = _rule(stop, rate, extra, lattice)
         there, error, _ = inner(nodes)
@@ -383,7 +378,9 @@ def _rate(
     return steepest / wavelength + stop.highest_frequency
 
 
-def _rule(stop: Any, rate: float, extra: float, lattice: _Lattice) -> tuple[Floats, Complex]:
+def _rule(
+    stop: Any, rate: float, extra: float, lattice: FrequencyLattice
+) -> tuple[Floats, Complex]:
     """Return nodes (m, 2) on a stop, and weights (m,) times its transmission."""
     elements = normal_form(stop).in_plane.elements
     triangles = [corners[t] for corners, t in (triangulate(e.shape) for e in elements)]
@@ -399,7 +396,7 @@ def _rule(stop: Any, rate: float, extra: float, lattice: _Lattice) -> tuple[Floa
     return np.concatenate([x for x, _ in rules]), np.concatenate(fields)
 
 
-class _Lattice:
+class FrequencyLattice:
     """Frequencies (n, 2) of waves, which are products of waves along x and y.
 
     If the frequencies lie on a lattice, waves along an axis are computed once for each coordinate.
@@ -451,87 +448,3 @@ def squared_field(field: Complex, error: Floats) -> tuple[Floats, Floats]:
     """Return |U|^2 and its error from U and its error."""
     modulus = np.abs(field).astype(np.float64)
     return np.square(modulus), (2 * modulus + error) * error
-
-
-@takes_xarray("points", units="m-2", long_name="point spread function")
-def psf(
-    source: Aperture | Array,
-    points: Points,
-    wavelength: ArrayLike,
-    focal_length: float,
-    defocus: float = 0.0,
-    pupil_radius: float | None = None,
-    *,
-    weights: ArrayLike | None = None,
-    engine: Engine = "auto",
-) -> Floats:
-    """Compute the point spread function of a lens whose pupil is the source.
-
-    The point spread function is the irradiance in the focal plane due to a star on the axis,
-    divided by the power of the star in the pupil. Its integral over the plane is 1, and its Fourier
-    transform is :func:`otf`. For several wavelengths it is the weighted mean, which a broadband
-    detector measures. For other first-order systems use :func:`irradiance` with ``through``.
-
-    Parameters
-    ----------
-    source : Aperture or Array
-        Field in the pupil, in the plane z = 0. The optical axis passes through the origin.
-    points : array_like, shape (..., 2)
-        Points in the image in m.
-    wavelength : float or array_like, shape (k,)
-        Wavelength in m, or wavelengths of a polychromatic source.
-    focal_length : float
-        Focal length, or distance of the image from the pupil, in m.
-    defocus : float, default 0
-        Wavefront aberration W20 at ``pupil_radius``, in units of the mean wavelength. The
-        aberration in m is the same at all wavelengths.
-    pupil_radius : float, optional
-        See :func:`otf`.
-    weights : array_like, shape (k,), optional
-        Weights of the wavelengths, zero or more; equal by default.
-    engine : {"auto", "numpy", "llvm", "cuda"}
-        See :func:`fourier`.
-
-    Returns
-    -------
-    ndarray of float64, shape (...)
-        Values in 1/m^2, zero or more. If ``points`` is an ``xarray.DataArray``, the result is a
-        DataArray.
-
-    Raises
-    ------
-    ArgumentError
-        If an argument has the wrong type, shape or range.
-    IlluminationError
-        If the fields of an Array cancel everywhere.
-    GeometryError
-        If elements of an Array do not lie in the plane z = 0.
-    EngineError
-        If the engine is not available.
-
-    Examples
-    --------
-    >>> import polywigner as pw
-    >>> pupil = pw.shapes.square(10e-3)
-    >>> peak = pw.psf(pupil, (0.0, 0.0), 0.5e-6, 0.1)  # area/(lambda f)^2
-    >>> round(float(peak * (0.5e-6 * 0.1) ** 2 / 1e-4), 12)
-    1.0
-    """
-    checked_radiator(source)
-    lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
-    for length in lengths.tolist():
-        checked_length(length, "wavelength")
-    distance = checked_length(focal_length, "focal_length")
-    system = FirstOrder.fourier(distance)
-    fractions = pupil.fractions_of(weights, lengths.size)
-    radius = pupil.checked_pupil_radius(source, pupil_radius)
-    # exp(2 pi i w |x|^2/a^2) is a lens of power -2 w lambda/a^2, the same for all wavelengths
-    bend = 2.0 * pupil.checked_waves(defocus) * float(fractions @ lengths) / radius / radius
-    if bend:
-        system = system @ FirstOrder([[1.0, 0.0], [bend, 1.0]])
-    total: Any = 0.0
-    for fraction, length in zip(fractions.tolist(), lengths.tolist(), strict=True):
-        part = source.at_wavelength(length)
-        field, error = field_behind(part, points, length, system, None, {}, engine)
-        total = total + fraction * squared_field(field, error)[0]
-    return np.asarray(total / pupil.checked_energy(source))[()]

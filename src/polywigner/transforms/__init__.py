@@ -15,6 +15,7 @@ perimeter (docs/accuracy.md, "Limits").
 """
 
 from polywigner.execution import Differentiable
+from polywigner.transforms.aberrations import Aberration, fit_zernike, zernike
 from polywigner.transforms.automean_samples import sample_automean
 from polywigner.transforms.calls import explain
 from polywigner.transforms.checked_calls import PhaseSpaceSource, Source
@@ -33,8 +34,10 @@ from polywigner.transforms.projection import PhaseSpaceFunction, projections
 from polywigner.transforms.pupil import mtf, otf
 from polywigner.transforms.spectrum import array_factor, fourier
 from polywigner.transforms.traced_sources import differentiable
+from polywigner.transforms.wavefront_errors import strehl, wavefront_error
 
 __all__ = [
+    "Aberration",
     "Differentiable",
     "PhaseSpaceFunction",
     "PhaseSpaceSource",
@@ -44,6 +47,7 @@ __all__ = [
     "autocorrelation",
     "differentiable",
     "explain",
+    "fit_zernike",
     "fourier",
     "lag_marginal",
     "mtf",
@@ -52,6 +56,9 @@ __all__ = [
     "position_marginal",
     "projections",
     "sample_automean",
+    "strehl",
     "transmission_cross_coefficient",
+    "wavefront_error",
     "wigner",
+    "zernike",
 ]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +31,12 @@ from polywigner.geometry.arguments import (
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
+from polywigner.transforms.aberrated_pupils import (
+    checked_aberration,
+    converged,
+    region_integrals,
+)
+from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.checked_calls import broadcast_shape, checked_points
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
 from polywigner.transforms.sections import edges_of
@@ -48,6 +54,8 @@ _BLOCK = 1 << 22
 _PAIRS = 1 << 15
 # Orders, and parts of an image relative to the largest, below which they are rounding errors.
 _ROUNDING = 1e-15
+# Error of the integrals of aberrated pupils, relative to the power of the condenser.
+_PRECISE = 1e-9
 # Overlaps of elements of a mask below this fraction of an element's area are rounding errors.
 _OVERLAP = 1e-9
 
@@ -137,6 +145,7 @@ def partially_coherent_image(
     defocus: float = 0.0,
     pupil_radius: float | None = None,
     *,
+    aberration: Aberration | None = None,
     transmission: complex = 1.0,
     background: complex = 0.0,
 ) -> Floats:
@@ -163,6 +172,9 @@ def partially_coherent_image(
     distance : float
         Distance of the object from the pupil, or the focal length in front of it, in m: the
         frequency f is at wavelength distance f in the pupil.
+    aberration : Aberration, optional
+        Path length in m in the pupil, in addition to the defocus. Its integrals are Gauss rules
+        with an error of 1e-9.
     transmission : complex, default 1
         Amplitude that the elements transmit, times their weights; 0 is opaque.
     background : complex, default 0
@@ -197,8 +209,12 @@ def partially_coherent_image(
     >>> light.round(3)
     array([1.292, 0.019])
     """
+    length = checked_wavelength(wavelength)
     system = _System.of(pupil, condenser, defocus, pupil_radius)
-    scale = checked_wavelength(wavelength) * checked_length(distance, "distance")
+    if aberration is not None:
+        checked_aberration(aberration, length)
+        system = replace(system, aberration=aberration * (1.0 / length))
+    scale = length * checked_length(distance, "distance")
     lattice = _checked_lattice(period)
     cell = abs(np.linalg.det(lattice))
     _check_overlaps(mask, lattice)
@@ -233,6 +249,8 @@ class _System:
     """w/a^2 of the defocus, in 1/m^2."""
     power: float
     """int S."""
+    aberration: Aberration | None = None
+    """Path length in cycles."""
 
     @classmethod
     def of(cls, pupil: Any, condenser: Any, defocus: Any, pupil_radius: Any) -> _System:
@@ -273,9 +291,33 @@ class _System:
                     waves = np.exp(2j * np.pi * (lags[first] @ a.kappa - lags[second] @ b.kappa))
                     weight = light.weight * a.weight * b.weight.conjugate()
                     kappa = a.kappa - b.kappa + light.kappa
-                    total += weight * waves * _transforms(both, nu - kappa)
+                    values = self._integrals(both, nu - kappa, lags[first], lags[second])
+                    total += weight * waves * values
         chirp = np.exp(2j * np.pi * self.slope * np.square(lags).sum(axis=1))
         return total * chirp[first] * chirp[second].conj() / self.power
+
+    def _integrals(self, polygons: Any, nu: Floats, ahead: Floats, behind: Floats) -> Complex:
+        """Return int exp(-2 pi i nu.x + 2 pi i [W(x + ahead) - W(x + behind)]) dx, (n,)."""
+        path = self.aberration
+        if path is None:
+            return _transforms(polygons, nu)
+
+        def slopes(x: Floats, region: Indices) -> Floats:
+            first, second = x + ahead[region, None], x + behind[region, None]
+            bend = path.slopes(*np.moveaxis(first, -1, 0)) - path.slopes(
+                *np.moveaxis(second, -1, 0)
+            )
+            return np.asarray(bend - nu[region, None])
+
+        def integrand(x: Floats, region: Indices) -> Complex:
+            cycles = path(*(x + ahead[region]).T) - path(*(x + behind[region]).T)
+            cycles -= np.einsum("ij,ij->i", nu[region], x)
+            return np.exp(2j * np.pi * cycles)[None]
+
+        def evaluate(extra: int) -> Complex:
+            return region_integrals(polygons, slopes, integrand, np.zeros(2), extra, _PRECISE)[0]
+
+        return converged(evaluate, _PRECISE * self.power, "the image").values
 
     def matrix(self, lags: Floats) -> Complex:
         """Return T (n, n) of all pairs of lags (n, 2)."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError, value_text
-from polywigner.execution import Engine, Precision
+from polywigner.execution import Differentiable, Engine, Precision
 from polywigner.geometry import Slits
 from polywigner.geometry.arguments import (
     checked_length,
@@ -19,8 +19,23 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
 )
 from polywigner.source import Array
+from polywigner.transforms.aberrated_pupils import (
+    TOLERANCE,
+    AberratedPupil,
+    autocorrelations,
+    checked_aberration,
+    checked_tolerance,
+)
+from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.checked_calls import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
+from polywigner.transforms.pupil_gradients import (
+    Jets,
+    PupilNumbers,
+    autocorrelation_jets,
+    modulus,
+    quotient,
+)
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
@@ -31,11 +46,14 @@ _DARK = 1e-13
 
 @takes_xarray("xi", units="1", long_name="optical transfer function")
 def otf(
-    source: PhaseSpaceSource,
+    source: PhaseSpaceSource | Differentiable,
     xi: ArrayLike,
     defocus: float = 0.0,
     pupil_radius: float | None = None,
     *,
+    aberration: Aberration | None = None,
+    wavelength: float | None = None,
+    tolerance: float = TOLERANCE,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[Any]:
@@ -43,7 +61,8 @@ def otf(
 
     ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function of the pupil in focus:
     the aberration exp(2 pi i w |x|^2/a^2) is linear in x on both copies. Source: K.-H. Brenner,
-    A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983).
+    A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983). With an ``aberration`` it is a
+    Gauss rule on the position slice, where the integrand is smooth (docs/imaging.md, (IM4)).
 
     Parameters
     ----------
@@ -59,23 +78,37 @@ def otf(
         pass R: ``otf(shapes.disc(R), xi, defocus, R)``. The vertices of its n-gon, which has the
         disc's area, are farther out. With them the error for one wave of defocus is up to 1.3e-3
         (n = 64; 1e-5 with R) or 2e-2 (n = 16; 1.4e-3 with R).
+    aberration : Aberration, optional
+        Path length in m, in addition to the defocus; not for slits.
+    wavelength : float, optional
+        Wavelength in m of the aberration, and of pistons and tilts of segments. Required with an
+        aberration.
+    tolerance : float, default 1e-10
+        Allowed error of aberrated pupils, estimated by a second rule; at least 1e-13.
     precision, engine : str, optional
-        See :func:`fourier`.
+        See :func:`fourier`; aberrated pupils are computed in double precision by NumPy.
 
     Returns
     -------
     ndarray of complex, shape (...)
-        Without unit. Points may be NumPy arrays or DataArrays, as in :func:`fourier`.
+        Without unit. Points may be NumPy arrays or DataArrays, as in :func:`fourier`. A Dr.Jit
+        ``Complex2f`` (n,) with derivatives for a :func:`differentiable` pupil, and for an
+        aberration with Dr.Jit coefficients.
 
     Raises
     ------
     ArgumentError
-        If an argument has the wrong type, shape or range.
+        If an argument has the wrong type, shape or range, or an aberration has no wavelength.
     IlluminationError
         For an Array whose fields cancel everywhere, and for partly coherent sources, whose images
         are not linear in the field of the object.
     EngineError
         If the engine is not available.
+
+    Warns
+    -----
+    PolywignerWarning
+        If the estimated error of an aberrated pupil exceeds the tolerance.
 
     Examples
     --------
@@ -84,30 +117,57 @@ def otf(
     >>> float(pw.otf(square, (0.5, 0.0)).real)
     0.75
     """
-    kernel = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(source)))
-    radius = checked_pupil_radius(source, pupil_radius)
+    plain, numbers = PupilNumbers.of(source, aberration)
+    kernel = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(plain)))
+    radius = checked_pupil_radius(plain, pupil_radius)
     waves = checked_waves(defocus)
-    slope = -2.0 * waves / radius**2
     if execution.is_drjit(xi):
         raise ArgumentError("expected xi as a NumPy array, got a Dr.Jit array; use xi.numpy()")
     lags = checked_points("xi", xi, kernel.dimension)
+    if wavelength is not None:
+        plain = plain.at_wavelength(wavelength)
+    error = checked_tolerance(tolerance)
+    if aberration is not None or numbers is not None:
+        length = (
+            1.0
+            if aberration is None
+            else checked_aberration(aberration, wavelength, has_gradients=True)
+        )
+        pupil = AberratedPupil.of(plain, aberration, length, waves / radius**2)
+        energy, flat = checked_energy(plain), lags.reshape(-1, 2)
+        if numbers is not None:
+            return numbers.result(otf_jets(pupil, flat, numbers, error), True)
+        values, _ = autocorrelations(pupil, flat, error)
+        return (values.reshape(lags.shape[:-1]) / energy)[()]
     how: dict[str, Any] = {"precision": precision, "engine": engine}
+    slope = -2.0 * waves / radius**2
     if slope == 0.0:  # in focus it is an area, without sines
-        return (lag_marginal(source, lags, **how) + 0j) / checked_energy(source)
-    return ambiguity(source, slope * lags, lags, **how) / checked_energy(source)
+        return (lag_marginal(plain, lags, **how) + 0j) / checked_energy(plain)
+    return ambiguity(plain, slope * lags, lags, **how) / checked_energy(plain)
+
+
+def otf_jets(
+    pupil: AberratedPupil, lags: NDArray[np.float64], numbers: PupilNumbers, tolerance: float
+) -> Jets:
+    """Return the OTF at lags (n, 2) with its derivatives in the numbers of a pupil."""
+    jets = autocorrelation_jets(pupil, np.concatenate([lags, np.zeros((1, 2))]), numbers, tolerance)
+    return quotient(jets[:-1], jets[-1:])
 
 
 @takes_xarray("frequency", units="1", long_name="modulation transfer function")
 def mtf(
-    source: PhaseSpaceSource,
+    source: PhaseSpaceSource | Differentiable,
     frequency: ArrayLike,
     wavelength: ArrayLike,
-    focal_length: float,
+    focal_length: float | None = None,
     defocus: float = 0.0,
     pupil_radius: float | None = None,
     *,
+    numerical_aperture: float | None = None,
+    aberration: Aberration | None = None,
     weights: ArrayLike | None = None,
     pixel: float | ArrayLike = 0.0,
+    tolerance: float = TOLERANCE,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[Any]:
@@ -124,17 +184,24 @@ def mtf(
         Spatial frequencies in the image in cycles per metre: 50e3 for 50 cycles per mm.
     wavelength : float or array_like, shape (k,)
         In m; k wavelengths of a polychromatic source.
-    focal_length : float
-        In m, or the distance of the image from the pupil.
+    focal_length : float, optional
+        In m, or the distance of the image from the pupil. This or ``numerical_aperture``.
     defocus : float, default 0
         Wavefront aberration W20 at ``pupil_radius`` in waves of the mean wavelength; all
         wavelengths have the same aberration in m.
     pupil_radius : float, optional
         See :func:`otf`.
+    numerical_aperture : float, optional
+        Sine of the marginal ray's angle in the image, from the ``pupil_radius`` a: by Abbe's sine
+        condition the focal length is a/numerical_aperture. For a disc give its radius.
+    aberration : Aberration, optional
+        Path length in m, the same at all wavelengths, in addition to the defocus; see :func:`otf`.
     weights : array_like, shape (k,), optional
         Weights of the wavelengths, zero or more; default: equal.
     pixel : float or array_like, shape (d,), default 0
         Side p in m of a detector's pixels: a factor sin(pi f p)/(pi f p) for each axis.
+    tolerance : float, default 1e-10
+        See :func:`otf`.
     precision, engine : str, optional
         See :func:`fourier`.
 
@@ -158,9 +225,11 @@ def mtf(
     lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
     for length in lengths.tolist():
         checked_wavelength(length)
-    distance = checked_length(focal_length, "focal_length")
     fractions = fractions_of(weights, lengths.size)
-    dimension = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(source))).dimension
+    plain, numbers = PupilNumbers.of(source, aberration)
+    radius = checked_pupil_radius(plain, pupil_radius)
+    distance = image_distance(focal_length, numerical_aperture, radius)
+    dimension = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(plain))).dimension
     cycles = checked_points("frequency", frequency, dimension)
     sides = checked_row(pixel, "expected pixel in m")
     if sides.size not in (1, dimension) or not (np.isfinite(sides) & (sides >= 0)).all():
@@ -168,13 +237,22 @@ def mtf(
             f"expected pixel as lengths of zero or more in m, got {value_text(pixel)}"
         )
     how: dict[str, Any] = {"precision": precision, "engine": engine}
-    aberration = checked_waves(defocus) * float(fractions @ lengths)
+    how |= {"aberration": aberration, "tolerance": tolerance}
+    path = checked_waves(defocus) * float(fractions @ lengths)
+    detector = np.sinc(np.asarray(cycles) * sides).prod(axis=-1)
     total: Any = 0.0
     for fraction, length in zip(fractions, lengths.tolist(), strict=True):
         lags = np.asarray(cycles) * (length * distance)
-        pupil = source.at_wavelength(length)
-        total = total + fraction * otf(pupil, lags, aberration / length, pupil_radius, **how)
-    detector = np.sinc(np.asarray(cycles) * sides).prod(axis=-1)
+        if numbers is not None:
+            part = plain.at_wavelength(length)
+            pupil = AberratedPupil.of(part, aberration, length, path / length / radius**2)
+            error = checked_tolerance(tolerance)
+            values = otf_jets(pupil, lags.reshape(-1, 2), numbers, error)
+        else:
+            values = otf(plain, lags, path / length, radius, wavelength=length, **how)
+        total = total + fraction * values
+    if numbers is not None:
+        return numbers.result(modulus(total * detector.reshape(-1, 1)), False)
     return np.abs(total * detector).astype(np.float64)[()]
 
 
@@ -215,6 +293,24 @@ def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
     if given is None:
         return max(float(np.linalg.norm(points, axis=1).max()) for points in _vertices(source))
     return checked_length(given, "pupil_radius")
+
+
+def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) -> float:
+    """Return the distance of the image from the pupil, from one of the two arguments."""
+    if (focal_length is None) == (numerical_aperture is None):
+        raise ArgumentError(
+            "expected one of focal_length and numerical_aperture, got "
+            + ("neither" if focal_length is None else "both")
+        )
+    if focal_length is not None:
+        return checked_length(focal_length, "focal_length")
+    sine = checked_number(numerical_aperture, "numerical_aperture", "a number from 0 to 1")
+    if not 0.0 < sine <= 1.0:
+        raise ArgumentError(
+            f"numerical_aperture must be above 0 and at most 1, got {sine:g}; in a medium divide "
+            "it and the wavelength by the refractive index"
+        )
+    return radius / sine
 
 
 def _vertices(source: PhaseSpaceSource) -> Iterator[NDArray[np.float64]]:

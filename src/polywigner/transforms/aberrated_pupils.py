@@ -1,0 +1,437 @@
+"""Pupils with aberrations: Gauss rules on triangles of outlines and of position slices.
+
+The integrand u exp(2 pi i W/lambda) is smooth within each element, and so is its product with a
+shifted conjugate copy within the intersection of two elements. Gauss rules on triangles of these
+polygons therefore converge spectrally: no edge is sampled. The number of nodes along each side
+follows from the cycles of the phase along it. A rule with more nodes gives the error estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
+from polywigner.geometry.convex import Trapezoids, trapezoids, triangles_of
+from polywigner.numerics.triangles import (
+    Floats,
+    Indices,
+    Triangles,
+    counts_for,
+    from_apex,
+    rule_of_counts,
+    unit_rule,
+)
+from polywigner.source.normal_form import SourceElement, normal_form
+from polywigner.transforms.aberrations import Aberration
+
+Complex = NDArray[np.complex128]
+
+TOLERANCE = 1e-10
+"""Default tolerance of aberrated pupils, as a fraction of the largest value."""
+
+# Nodes along a side in addition to the nodes for a linear phase, in the order of refinement.
+_EXTRA = (1, 3, 6, 10, 16, 24, 34)
+# Largest number of nodes of a rule, and nodes in a block: some tens of megabytes.
+_MOST, _BLOCK = 1 << 26, 1 << 17
+# Lags whose slices are cut together.
+_LAGS = 128
+# Points where slopes of the phase are evaluated: barycentric coordinates of a triangle, and
+# bilinear ones of a trapezoid, which may span the pupil.
+_SAMPLES = np.array([(i, j, 3 - i - j) for i in range(4) for j in range(4 - i)]) / 3.0
+_CELL_SAMPLES = np.array(
+    [
+        ((1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v)
+        for u in np.linspace(0, 1, 5)
+        for v in np.linspace(0, 1, 9)
+    ]
+)
+# Rules whose additional nodes exceed this number also have more nodes per cycle, because the
+# slopes between the samples can be steeper.
+_STEEP = 4
+
+
+class Converged(NamedTuple):
+    """Values of a rule, their estimated errors, and the additional nodes of the rule."""
+
+    values: Complex
+    errors: Floats
+    extra: int
+
+
+def converged(evaluate: Callable[[int], Complex], allowed: float, what: str) -> Converged:
+    """Evaluate a rule with more and more additional nodes until it changes by less than allowed."""
+    previous = evaluate(_EXTRA[0])
+    for extra in _EXTRA[1:]:
+        values = evaluate(extra)
+        errors = np.asarray(np.abs(values - previous), np.float64)
+        worst = float(errors.max(initial=0.0))
+        if not worst > allowed:
+            return Converged(values, errors, extra)
+        previous = values
+    warn_caller(
+        f"the estimated error of {what} is {worst / allowed:.2g} times the tolerance: the path "
+        "length has kinks or changes fast; use a smooth function, or a larger tolerance"
+    )
+    return Converged(values, errors, extra)
+
+
+@dataclass(frozen=True, eq=False)
+class AberratedPupil:
+    """The field of a pupil at one wavelength, times exp(2 pi i (W/lambda + bend |x|^2))."""
+
+    elements: tuple[SourceElement, ...]
+    aberration: Aberration | None
+    wavelength: float
+    bend: float
+    """Defocus in waves over the square of the pupil's radius, in 1/m^2."""
+    curvature: Floats
+    """Q (2, 2) in 1/m^2 of a curved wave."""
+    centre: Floats
+    """(2,) in m, where the curved wave touches the plane."""
+
+    @classmethod
+    def of(
+        cls, source: Any, aberration: Aberration | None, wavelength: float, bend: float
+    ) -> AberratedPupil:
+        """Return the pupil of a public source, coherent, at this wavelength."""
+        form = normal_form(source)
+        if form.dimension != 2:
+            raise ArgumentError("expected an Aperture or Array as an aberrated pupil, got slits")
+        elements = form.in_plane.elements
+        return cls(elements, aberration, wavelength, bend, form.curvature, form.centre)
+
+    @cached_property
+    def weights(self) -> Complex:
+        """(k,) weights of the elements."""
+        return np.array([element.weight for element in self.elements], np.complex128)
+
+    @cached_property
+    def polygons(self) -> NDArray[Any]:
+        """(k,) polygons of the elements."""
+        outlines: list[Any] = [element.outline for element in self.elements]
+        return np.array([outline.polygons for outline in outlines], object)
+
+    @cached_property
+    def content(self) -> float:
+        """Bound on int |u|."""
+        return float((np.abs(self.weights) * self.amplitudes) @ shapely.area(self.polygons))
+
+    @cached_property
+    def amplitudes(self) -> Floats:
+        """(k,) bounds on the fields of the elements, without weights."""
+        return np.array([float(np.abs(e.amplitudes).sum()) for e in self.elements])
+
+    def cycles(self, x: Floats) -> Floats:
+        """Return the phase (...) of the aberration at x (..., 2) in cycles."""
+        total: Any = self.bend * np.square(x).sum(axis=-1)
+        if self.curvature.any():
+            away = x - self.centre
+            total = total + 0.5 * ((away @ self.curvature) * away).sum(axis=-1)
+        if self.aberration is not None:
+            total = total + self.aberration(x[..., 0], x[..., 1]) / self.wavelength
+        return np.asarray(total)
+
+    def slopes(self, x: Floats) -> Floats:
+        """Return the gradient (..., 2) of the phase in cycles per metre."""
+        total = 2.0 * self.bend * x + (x - self.centre) @ self.curvature
+        if self.aberration is not None:
+            total = total + self.aberration.slopes(x[..., 0], x[..., 1]) / self.wavelength
+        return np.asarray(total)
+
+    def waves(self, number: int, x: Floats) -> Complex:
+        """Return the field (n,) of an element at x (n, 2), without weight and aberration."""
+        element = self.elements[number]
+        if element.has_unit_field:
+            return np.ones(len(x), np.complex128)
+        return np.exp(2j * np.pi * (x @ element.frequencies.T)) @ element.amplitudes
+
+    @cached_property
+    def _cells(self) -> list[Cells]:
+        """The trapezoids of each element."""
+        result = []
+        for element in self.elements:
+            cells = trapezoids(element.rings)
+            left, right = cells.left, cells.left + cells.width
+            ends = [(left, cells.low_left), (right, cells.low_right)]
+            ends += [(left, cells.low_left + cells.height_left)]
+            ends += [(right, cells.low_right + cells.height_right)]
+            corners = np.stack([np.stack(end, axis=-1) for end in ends], axis=1)
+            sides = corners[:, (1, 3, 2, 3)] - corners[:, (0, 2, 0, 1)]
+            result.append(Cells(cells, sides, self.slopes(_CELL_SAMPLES @ corners)))
+        return result
+
+    def columns(
+        self, number: int, band: tuple[Floats, Floats], extra: int, error: float
+    ) -> list[Columns]:
+        """Return the nodes of a rule on an element, without its weight.
+
+        ``band``: lowest and highest frequencies (2,) of the waves exp(-2 pi i nu.x) that multiply
+        the field.
+        """
+        kappa = self.elements[number].frequencies
+        low, high = kappa.min(axis=0) - band[1], kappa.max(axis=0) - band[0]
+        cells, sides, gradient = self._cells[number]
+        cycles = np.abs((gradient + (low + high) / 2) @ sides.transpose(0, 2, 1)).max(axis=1)
+        cycles += np.abs(sides) @ ((high - low) / 2)
+        along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2:].max(axis=1)], axis=1)
+        counts, rules = _counts(along, extra, error), []
+        for shared in np.unique(counts, axis=0):
+            some = Trapezoids(*cells.rows[(counts == shared).all(axis=1)].T[..., None])
+            (t, of_t), (s, of_s) = (unit_rule(count) for count in shared.tolist())
+            bottom = some.low_left + t * (some.low_right - some.low_left)
+            height = some.height_left + t * (some.height_right - some.height_left)
+            x = (some.left + t * some.width).ravel()
+            y = (bottom[..., None] + height[..., None] * s).reshape(len(x), -1)
+            weights = ((some.width * of_t * height)[..., None] * of_s).reshape(y.shape)
+            nodes = np.stack([np.broadcast_to(x[:, None], y.shape), y], axis=-1)
+            field = weights * np.exp(2j * np.pi * self.cycles(nodes))
+            waves = self.waves(number, nodes.reshape(-1, 2)).reshape(y.shape)
+            rules.append(Columns(x, y, field * waves))
+        return rules
+
+
+class Columns(NamedTuple):
+    """Nodes of a rule in columns of one x, with the field times the weights of the rule."""
+
+    x: Floats
+    """(n,) in m."""
+    y: Floats
+    """(n, m) in m."""
+    field: Complex
+    """(n, m)."""
+
+    @property
+    def nodes(self) -> Floats:
+        """The nodes (n m, 2), column by column."""
+        return np.stack([np.repeat(self.x, self.y.shape[1]), self.y.ravel()], axis=1)
+
+
+class Cells(NamedTuple):
+    """The trapezoids of an element."""
+
+    trapezoids: Trapezoids
+    sides: Floats
+    """(n, 4, 2): the lower, upper, left and right side."""
+    gradient: Floats
+    """(n, samples, 2): gradient of the phase in cycles per metre at points of each trapezoid."""
+
+
+def node_counts(
+    corners: Triangles,
+    slopes: Callable[[Floats], Floats],
+    half_band: Floats,
+    extra: int,
+    error: float,
+) -> Indices:
+    """Return the numbers (n, 2) of nodes on triangles (n, 3, 2), as :func:`rule_of_counts` does.
+
+    ``slopes``: gradient of the phase in cycles per metre; ``half_band`` (2,): largest deviations
+    from it, by waves of other frequencies.
+    """
+    gradient = slopes(_SAMPLES @ corners)
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    sides = np.stack([a, b, b - a], axis=1)
+    cycles = np.abs(np.einsum("nsk,nek->nse", gradient, sides)).max(axis=1)
+    cycles += np.abs(sides) @ half_band
+    along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2]], axis=1)
+    return _counts(along, extra, error)
+
+
+def _counts(cycles: Floats, extra: int, error: float) -> Indices:
+    """Return numbers (n, 2) of nodes; raise ArgumentError if they are too many together."""
+    steeper = 1.0 + max(extra - _STEEP, 0) / 12.0
+    counts = counts_for(steeper * cycles, error) + extra
+    total = float(counts.prod(axis=1).sum())
+    if total > _MOST:
+        raise ArgumentError(
+            f"the aberrated pupil requires {total:.1e} nodes, at most {_MOST:.1e}; use a smaller "
+            "aberration, fewer points far from the axis, or a larger tolerance"
+        )
+    return counts
+
+
+def blocks_of(counts: Indices) -> Iterator[slice]:
+    """Yield ranges of triangles with about ``_BLOCK`` nodes together."""
+    ends = np.cumsum(counts.prod(axis=1))
+    start = 0
+    while start < len(counts):
+        done = ends[start - 1] if start else 0
+        stop = max(start + 1, int(np.searchsorted(ends, done + _BLOCK, "right")))
+        yield slice(start, stop)
+        start = stop
+
+
+# ---- position slices ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Slices:
+    """Common regions of two copies of pupil elements, moved by -/+ half a lag."""
+
+    lags: Floats
+    row: Indices
+    """Number of the lag of each region."""
+    first: Indices
+    """Element moved by -xi/2, where x + xi/2 lies in it."""
+    second: Indices
+    polygons: NDArray[Any]
+
+
+def slices_of(pupil: AberratedPupil, lags: Floats) -> Slices:
+    """Return the regions where both x + xi/2 and x - xi/2 lie in the pupil, for lags (n, 2)."""
+    boxes = shapely.bounds(pupil.polygons)
+    low, high = boxes[:, :2], boxes[:, 2:]
+    half = lags[:, None, None] / 2
+    apart = ((high[:, None] - half) <= (low + half)) | ((high + half) <= (low[:, None] - half))
+    row, first, second = np.nonzero(~apart.any(axis=-1))
+    ahead = shifted(pupil.polygons[first], -lags[row] / 2)
+    behind = shifted(pupil.polygons[second], lags[row] / 2)
+    return Slices(lags, row, first, second, shapely.intersection(ahead, behind))
+
+
+def shifted(polygons: NDArray[Any], shifts: Floats) -> NDArray[Any]:
+    """Return polygons (n,) moved by shifts (n, 2)."""
+    points, number = shapely.get_coordinates(polygons, return_index=True)
+    moved: NDArray[Any] = shapely.set_coordinates(polygons.copy(), points + shifts[number])
+    return moved
+
+
+def slice_integrals(
+    pupil: AberratedPupil,
+    regions: Slices,
+    extra: int,
+    error: float,
+    by: Callable[[Floats, Floats], Floats] | None = None,
+) -> Complex:
+    """Return the integrals (n,) of u(x + xi/2) u*(x - xi/2) over regions, without weights.
+
+    ``by``: factors (k, m) of the integrand at the two points (m, 2); the result is (k, n) then.
+    """
+    half = regions.lags[regions.row] / 2
+    kappa = np.concatenate([element.frequencies for element in pupil.elements])
+
+    def slopes(x: Floats, region: Indices) -> Floats:
+        lag = half[region, None]
+        return pupil.slopes(x + lag) - pupil.slopes(x - lag)
+
+    def integrand(x: Floats, region: Indices) -> Complex:
+        ahead, behind = x + half[region], x - half[region]
+        values = np.exp(2j * np.pi * (pupil.cycles(ahead) - pupil.cycles(behind)))
+        values = values * _pair_waves(pupil, regions, region, ahead, behind)
+        return values[None] if by is None else by(ahead, behind) * values
+
+    total = region_integrals(
+        regions.polygons, slopes, integrand, np.ptp(kappa, axis=0), extra, error
+    )
+    return total[0] if by is None else total
+
+
+def region_integrals(
+    polygons: NDArray[Any],
+    slopes: Callable[[Floats, Indices], Floats],
+    integrand: Callable[[Floats, Indices], Complex],
+    half_band: Floats,
+    extra: int,
+    error: float,
+) -> Complex:
+    """Return integrals (k, n) over polygons (n,) of an integrand (k, m) at points (m, 2).
+
+    ``slopes``, ``half_band``: see :func:`node_counts`. Both functions also take the number of the
+    polygon of each point, or of each row of points.
+    """
+    outer, of_outer = shapely.get_parts(polygons, return_index=True)
+    parts, of_part = shapely.get_parts(outer, return_index=True)
+    plane = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
+    triangles, part = triangles_of(parts[plane])
+    owner, corners = of_outer[of_part[plane][part]], from_apex(triangles)[0]
+    counts = node_counts(corners, lambda x: slopes(x, owner), half_band, extra, error)
+    total: Any = np.zeros((1, len(polygons)), np.complex128)
+    for some in blocks_of(counts):
+        nodes, weights, triangle = rule_of_counts(corners[some], counts[some])
+        region = owner[some][triangle]
+        rows = weights * integrand(nodes, region)
+        total = total + np.array([_summed(region, row, len(polygons)) for row in rows])
+    return np.asarray(total)
+
+
+def _summed(index: Indices, values: Complex, count: int) -> Complex:
+    real, imag = (np.bincount(index, part, count) for part in (values.real, values.imag))
+    return np.asarray(real + 1j * imag)
+
+
+def _pair_waves(
+    pupil: AberratedPupil, regions: Slices, region: Indices, ahead: Floats, behind: Floats
+) -> Complex | float:
+    """Return the product of the fields of the two elements of each region."""
+    if all(element.has_unit_field for element in pupil.elements):
+        return 1.0
+    product = np.ones(len(region), np.complex128)
+    for of_region, points, is_second in (
+        (regions.first, ahead, False), (regions.second, behind, True)
+    ):  # fmt: skip
+        number = of_region[region]
+        for k in np.unique(number).tolist():
+            some = number == k
+            waves = pupil.waves(k, points[some])
+            product[some] *= waves.conj() if is_second else waves
+    return product
+
+
+def autocorrelations(
+    pupil: AberratedPupil, lags: Floats, tolerance: float
+) -> tuple[Complex, Floats]:
+    """Return int u(x + xi/2) u*(x - xi/2) dx at lags (n, 2), and the estimated errors."""
+    finite = np.isfinite(lags).all(axis=1)
+    if not finite.all():
+        both = np.full((2, len(lags)), complex(np.nan))
+        both[:, finite] = autocorrelations(pupil, lags[finite], tolerance)
+        return both[0], both[1].real
+    sums, errors = np.zeros(len(lags), np.complex128), np.zeros(len(lags))
+    energy = float((np.abs(pupil.weights) * pupil.amplitudes) ** 2 @ shapely.area(pupil.polygons))
+    for start in range(0, len(lags), _LAGS):
+        some = slice(start, start + _LAGS)
+        regions = slices_of(pupil, lags[some])
+        weights = pupil.weights[regions.first] * pupil.weights[regions.second].conj()
+
+        def evaluate(extra: int, regions: Slices = regions, weights: Complex = weights) -> Complex:
+            integrals = weights * slice_integrals(pupil, regions, extra, tolerance)
+            return _summed(regions.row, integrals, len(regions.lags))
+
+        sums[some], errors[some], _ = converged(evaluate, tolerance * energy, "the OTF")
+    return sums, errors
+
+
+def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool = False) -> float:
+    """Return the wavelength of an aberration; raise ArgumentError without one.
+
+    Dr.Jit coefficients are for functions with gradients only.
+    """
+    if aberration is not None and not isinstance(aberration, Aberration):
+        raise ArgumentError(
+            f"expected aberration as a polywigner.Aberration, got {type(aberration).__name__}; use "
+            "polywigner.zernike, or Aberration(function)"
+        )
+    if aberration is not None and aberration.traced is not None and not has_gradients:
+        raise ArgumentError(
+            "an aberration with Dr.Jit coefficients is for psf, otf and mtf only; use "
+            "with_coefficients and NumPy arrays"
+        )
+    if wavelength is None:
+        raise ArgumentError("an aberration is a path length in m; pass wavelength=... as well")
+    return checked_wavelength(wavelength)
+
+
+def checked_tolerance(tolerance: Any) -> float:
+    """Return the tolerance of an aberrated pupil; raise ArgumentError for other values."""
+    number = checked_number(tolerance, "tolerance", "a fraction from 1e-13 to 0.1")
+    if not 1e-13 <= number <= 0.1:
+        raise ArgumentError(f"expected tolerance from 1e-13 to 0.1, got {number:g}")
+    return number

@@ -1,0 +1,446 @@
+"""Aberrations of pupils as path lengths: Zernike polynomials, power series and functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner import execution
+from polywigner.errors import ArgumentError, value_text
+from polywigner.geometry import Aperture
+from polywigner.geometry.arguments import (
+    DrJitArray,
+    checked_choice,
+    checked_count,
+    checked_length,
+    checked_number,
+    finite_array,
+)
+from polywigner.geometry.convex import triangles_of
+from polywigner.numerics import zernike as polynomials
+from polywigner.numerics.triangles import from_apex, rule_of_counts
+from polywigner.source import Array
+from polywigner.source.normal_form import normal_form
+
+Floats = NDArray[np.float64]
+Path = Callable[[Floats, Floats], ArrayLike]
+
+# Step of the differences that estimate the slopes of a function, over the pupil's radius.
+_STEP = 1e-6
+# Largest order of Zernike polynomials.
+_HIGHEST = 200
+# Smallest diagonal element of the Gram-Schmidt matrix over the largest.
+_DEPENDENT = 1e-10
+
+
+class Modes(Protocol):
+    """Functions on a pupil whose sum with coefficients in m is a path length."""
+
+    def values(self, x: Floats, y: Floats) -> Floats:
+        """Return the functions (k, ...) at x, y (...) in m."""
+        ...
+
+    def gradients(self, x: Floats, y: Floats) -> Floats:
+        """Return their derivatives (k, 2, ...) in 1/m."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class ZernikeModes:
+    """Sums of Zernike polynomials."""
+
+    orders: tuple[polynomials.Order, ...]
+    radius: float
+    matrix: Floats
+    """(k, orders): the polynomials in each of k sums."""
+
+    def values(self, x: Floats, y: Floats) -> Floats:
+        known = polynomials.values(self.orders, x / self.radius, y / self.radius)
+        return np.asarray(np.einsum("kj,j...->k...", self.matrix, known))
+
+    def gradients(self, x: Floats, y: Floats) -> Floats:
+        known = polynomials.gradients(self.orders, x / self.radius, y / self.radius)
+        return np.asarray(np.einsum("kj,j...->k...", self.matrix / self.radius, known))
+
+
+@dataclass(frozen=True, eq=False)
+class PowerModes:
+    """Products of powers (x/radius)^i (y/radius)^j."""
+
+    powers: NDArray[np.intp]
+    """(k, 2) exponents i and j."""
+    radius: float
+
+    def values(self, x: Floats, y: Floats) -> Floats:
+        return np.array([(x / self.radius) ** i * (y / self.radius) ** j for i, j in self.powers])
+
+    def gradients(self, x: Floats, y: Floats) -> Floats:
+        u, v = x / self.radius, y / self.radius
+        both = [
+            (i * u ** max(i - 1, 0) * v**j, j * u**i * v ** max(j - 1, 0)) for i, j in self.powers
+        ]
+        return np.array(both) / self.radius
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionMode:
+    """A function of the user, multiplied by a coefficient without unit."""
+
+    path: Path
+    radius: float
+
+    def values(self, x: Floats, y: Floats) -> Floats:
+        path = np.asarray(self.path(x, y), np.float64)
+        if path.shape not in ((), np.shape(x)) or not np.isfinite(path).all():
+            raise ArgumentError(
+                f"expected path(x, y) as finite numbers of shape {np.shape(x)}, got shape "
+                f"{path.shape}; the function must be defined on the pupil and take arrays"
+            )
+        return np.broadcast_to(path, np.shape(x))[None]
+
+    def gradients(self, x: Floats, y: Floats) -> Floats:
+        step = _STEP * self.radius
+        by_x = self.values(x + step, y) - self.values(x - step, y)
+        by_y = self.values(x, y + step) - self.values(x, y - step)
+        return np.stack([by_x, by_y], axis=1) / (2 * step)
+
+
+@final
+class Aberration:
+    """A path length W(x, y) in metres on a pupil.
+
+    The field in the pupil is multiplied by exp(+2 pi i W/lambda), with waves exp(+i k R) and the
+    time exp(-i omega t). W > 0 is a longer path, a wavefront that is late, as a positive ``piston``
+    of :func:`segmented_pupil`. x and y are distances from the optical axis in m. The axes of the
+    image are parallel to them: W = t x shifts the spot by t times the focal length along +x. W is
+    the same at all wavelengths. Aberrations are added by ``+`` and scaled by numbers.
+    :func:`zernike` makes the usual aberrations.
+
+    Parameters
+    ----------
+    path : array_like, shape (m, n), or callable
+        Coefficients c_ij in m of W = sum_ij c_ij (x/radius)^i (y/radius)^j, or a function
+        ``path(x, y)`` of arrays that returns W in m. A function must be smooth within the pupil;
+        the accuracy falls at kinks and steps.
+    radius : float, default 1.0
+        Unit of length of the coefficients in m. For a function: size of the pupil, which the steps
+        of differences are proportional to.
+
+    Raises
+    ------
+    ArgumentError
+        If the coefficients are not finite, or the radius is not above zero.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> astigmatism = pw.Aberration([[0, 0, -50e-9], [0, 0, 0], [50e-9, 0, 0]], radius=5e-3)
+    >>> float(astigmatism(5e-3, 0.0))
+    5e-08
+    """
+
+    def __init__(self, path: ArrayLike | Path, radius: float = 1.0) -> None:
+        size = checked_length(radius, "radius")
+        modes: Modes
+        if callable(path):
+            modes, coefficients = FunctionMode(path, size), np.ones(1)
+        else:
+            expected = "expected path as coefficients (m, n) in m, or as a function of x and y"
+            table = finite_array(path, expected, (None, None))
+            powers = np.argwhere(table)
+            modes, coefficients = PowerModes(powers, size), table[tuple(powers.T)]
+        self._parts: tuple[tuple[Modes, int], ...] = ((modes, len(coefficients)),)
+        self._coefficients = coefficients
+        self._traced: Any = None
+
+    @classmethod
+    def _of(cls, parts: Any, coefficients: Floats, traced: Any = None) -> Aberration:
+        aberration: Aberration = cls.__new__(cls)
+        aberration._parts, aberration._coefficients = tuple(parts), coefficients
+        aberration._traced = traced
+        return aberration
+
+    @property
+    def coefficients(self) -> Floats:
+        """Coefficients (k,) of its terms: in m, or without unit for a function."""
+        return self._coefficients
+
+    @property
+    def traced(self) -> Any:
+        """The Dr.Jit array of the coefficients, or None."""
+        return self._traced
+
+    def with_coefficients(self, coefficients: ArrayLike | DrJitArray) -> Aberration:
+        """Return the aberration with other coefficients.
+
+        Parameters
+        ----------
+        coefficients : array_like or Dr.Jit Float, shape (k,)
+            In the order of :attr:`coefficients`. :func:`psf`, :func:`otf` and :func:`mtf` return
+            Dr.Jit arrays for a Dr.Jit array, with derivatives in it.
+
+        Returns
+        -------
+        Aberration
+            With the same terms.
+
+        Raises
+        ------
+        ArgumentError
+            If there are not k finite numbers.
+
+        Examples
+        --------
+        >>> import polywigner as pw
+        >>> coma = pw.zernike({8: 10e-9}, radius=5e-3).with_coefficients([20e-9])
+        >>> coma.coefficients.tolist()
+        [2e-08]
+        """
+        traced: Any = None
+        given: Any = coefficients
+        if execution.is_drjit(given):
+            pair = execution.numbers_of("coefficients", given, "Complex2f")
+            traced, given = pair[0], execution.columns_of(pair)[:, 0]
+        expected = f"expected coefficients as finite numbers ({len(self.coefficients)},)"
+        return self._of(
+            self._parts, finite_array(given, expected, (len(self.coefficients),)), traced
+        )
+
+    def __call__(self, x: ArrayLike, y: ArrayLike) -> Floats:
+        """Return W in m at x, y (...) in m."""
+        points = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+        return np.asarray(np.einsum("k,k...->...", self.coefficients, self.modes(*points)))[()]
+
+    def slopes(self, x: ArrayLike, y: ArrayLike) -> Floats:
+        """Return the slopes (..., 2) of W along x and y at x, y (...) in m, without unit.
+
+        A ray from there meets the focal plane at the slope times the focal length from the axis.
+        Slopes of functions are differences.
+        """
+        points = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+        total, start = np.zeros((2, *points[0].shape)), 0
+        for modes, count in self._parts:
+            some = self.coefficients[start : start + count]
+            total += np.einsum("k,k...->...", some, modes.gradients(*points))
+            start += count
+        return np.moveaxis(total, 0, -1)
+
+    def modes(self, x: Floats, y: Floats) -> Floats:
+        """Return the derivatives (k, ...) of W by its coefficients at x, y (...) in m."""
+        return np.concatenate([modes.values(x, y) for modes, _ in self._parts])
+
+    def __add__(self, other: Aberration) -> Aberration:
+        if not isinstance(other, Aberration):
+            return NotImplemented
+        if self.traced is not None or other.traced is not None:
+            raise ArgumentError(
+                "aberrations with Dr.Jit coefficients cannot be added; add the aberrations, then "
+                "use with_coefficients"
+            )
+        both = np.concatenate([self.coefficients, other.coefficients])
+        return self._of((*self._parts, *other._parts), both)
+
+    def __mul__(self, factor: float) -> Aberration:
+        number = checked_number(factor, "factor", "a finite number")
+        traced = None if self.traced is None else self.traced * number
+        return self._of(self._parts, self.coefficients * number, traced)
+
+    __rmul__ = __mul__
+
+    def __repr__(self) -> str:
+        return f"Aberration({len(self.coefficients)} terms)"
+
+
+def zernike(
+    coefficients: Mapping[int, float],
+    radius: float,
+    indexing: str = "noll",
+    *,
+    orthogonal_on: Aperture | Array | None = None,
+) -> Aberration:
+    """Return a sum of Zernike polynomials as an aberration.
+
+    Polynomials of "noll" and "osa" have unit rms on the disc of this radius, so a coefficient is
+    the rms wavefront error in m. Polynomials of "fringe" have the value 1 at the rim. Sources: R.
+    J. Noll, J. Opt. Soc. Am. 66, 207 (1976); ANSI Z80.28.
+
+    Parameters
+    ----------
+    coefficients : mapping of int to float
+        Coefficients in metres of path by the index of their polynomial: ``{4: 25e-9, 11: 10e-9}``.
+    radius : float
+        Radius of the disc in m. The polynomials continue outside.
+    indexing : {"noll", "fringe", "osa"}
+        Meaning of the indices: from 1 for "noll" and "fringe", from 0 for "osa".
+    orthogonal_on : Aperture or Array, optional
+        Pupil on which the polynomials are made orthogonal, with unit rms: annular, hexagonal or
+        segmented polynomials. Gram-Schmidt in the order of the indices, with exact integrals over
+        the polygon: each polynomial is the Zernike polynomial of its index plus lower ones.
+
+    Returns
+    -------
+    Aberration
+        With the ``coefficients`` of the mapping, in the same order.
+
+    Raises
+    ------
+    ArgumentError
+        For unknown indices and coefficients that are not finite.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> defocus = pw.zernike({4: 25e-9}, radius=5e-3)  # 25 nm rms on the disc
+    >>> round(float(defocus(5e-3, 0.0)) * 1e9, 3)  # times sqrt(3) at the rim
+    43.301
+    """
+    if not isinstance(coefficients, Mapping) or not coefficients:
+        raise ArgumentError(
+            f"expected coefficients as a mapping such as {{4: 25e-9}}, got {coefficients!r:.80}"
+        )
+    indices = _checked_indices(coefficients, indexing)
+    values = [
+        checked_number(value, f"coefficient {index}", "a finite number of metres")
+        for index, value in coefficients.items()
+    ]
+    modes = _zernike_modes(indices, radius, indexing, orthogonal_on)
+    return Aberration._of([(modes, len(values))], np.array(values))
+
+
+class FittedAberration(NamedTuple):
+    """The result of :func:`fit_zernike`."""
+
+    aberration: Aberration
+    coefficients: dict[int, float]
+    """Coefficients in m by index."""
+    residual: float
+    """Rms of the samples minus the fit, in m."""
+
+
+def fit_zernike(
+    x: ArrayLike,
+    y: ArrayLike,
+    opd: ArrayLike,
+    radius: float,
+    terms: int | Collection[int],
+    indexing: str = "noll",
+    *,
+    orthogonal_on: Aperture | Array | None = None,
+) -> FittedAberration:
+    """Fit Zernike polynomials to samples of a path length by least squares.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (...)
+        Positions of the samples in m.
+    opd : array_like, shape (...)
+        Path lengths in m.
+    radius, indexing, orthogonal_on
+        See :func:`zernike`.
+    terms : int or collection of int
+        Number of polynomials, from the first one, or their indices.
+
+    Returns
+    -------
+    FittedAberration
+        Named tuple (aberration, coefficients, residual).
+
+    Raises
+    ------
+    ArgumentError
+        If the samples do not match or do not determine the polynomials.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import polywigner as pw
+    >>> x, y = np.meshgrid(*2 * [np.linspace(-5e-3, 5e-3, 9)])
+    >>> fit = pw.fit_zernike(x, y, 1e-3 * (x**2 - y**2), 5e-3, 6)
+    >>> round(fit.coefficients[6] * 1e9, 3)  # 25 nm at the rim over sqrt(6)
+    10.206
+    """
+    expected = "expected x, y and opd as finite numbers of one shape"
+    samples = [finite_array(np.ravel(a), expected, (None,)) for a in (x, y, opd)]
+    if len({len(a) for a in samples}) != 1:
+        raise ArgumentError(f"{expected}, got {', '.join(str(len(a)) for a in samples)} of them")
+    first = polynomials.INDEXINGS[_checked_indexing(indexing)][1]
+    if isinstance(terms, Collection):
+        indices = _checked_indices(terms, indexing)
+    else:
+        indices = list(range(first, first + checked_count(terms, "terms", 1)))
+    modes = _zernike_modes(indices, radius, indexing, orthogonal_on)
+    matrix = modes.values(*samples[:2]).T
+    solution, _, rank, _ = np.linalg.lstsq(matrix, samples[2], rcond=None)
+    values: Floats = np.asarray(solution, np.float64)
+    if rank < len(indices):
+        raise ArgumentError(
+            f"{len(samples[0])} samples determine {rank} of {len(indices)} polynomials; use fewer "
+            "terms, or samples that cover the pupil"
+        )
+    residual = float(np.sqrt(np.square(samples[2] - matrix @ values).mean()))
+    known = dict(zip(indices, values.tolist(), strict=True))
+    return FittedAberration(Aberration._of([(modes, len(values))], values), known, residual)
+
+
+def _checked_indexing(indexing: Any) -> str:
+    return checked_choice(indexing, "indexing", polynomials.INDEXINGS)
+
+
+def _checked_indices(indices: Any, indexing: str) -> list[int]:
+    """Return distinct indices of Zernike polynomials; raise ArgumentError for others."""
+    order, first, _ = polynomials.INDEXINGS[_checked_indexing(indexing)]
+    for index in indices:
+        is_index = isinstance(index, int | np.integer) and not isinstance(index, bool)
+        if not is_index or index < first or order(int(index))[0] > _HIGHEST:
+            raise ArgumentError(
+                f"expected indices of {indexing} from {first} up to the order {_HIGHEST}, got "
+                f"{value_text(index)}"
+            )
+    if len(set(indices)) != len(indices) or not len(indices):
+        raise ArgumentError(f"expected different indices, got {value_text(list(indices))}")
+    return [int(index) for index in indices]
+
+
+def _zernike_modes(
+    indices: list[int], radius: float, indexing: str, orthogonal_on: Aperture | Array | None
+) -> ZernikeModes:
+    order, first, is_normalised = polynomials.INDEXINGS[indexing]
+    size = checked_length(radius, "radius")
+    if orthogonal_on is None:
+        orders = tuple(order(index) for index in indices)
+        norms = [polynomials.norm(order) if is_normalised else 1.0 for order in orders]
+        return ZernikeModes(orders, size, np.diag(norms))
+    orders = tuple(order(index) for index in range(first, max(indices) + 1))
+    norms = [polynomials.norm(order) for order in orders]
+    modes = ZernikeModes(orders, size, np.diag(norms))
+    rows = [index - first for index in indices]
+    return replace(modes, matrix=_gram_schmidt(modes, orthogonal_on)[rows] @ modes.matrix)
+
+
+def polygons_of(pupil: Aperture | Array) -> NDArray[Any]:
+    """Return the polygons (n,) of the elements of a pupil."""
+    elements: list[Any] = [element.outline for element in normal_form(pupil).in_plane.elements]
+    return np.array([outline.polygons for outline in elements], object)
+
+
+def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
+    """Return sums (k, k) of modes, lower triangular, that are orthonormal on a pupil."""
+    degree = max(n for n, _ in modes.orders)
+    triangles, _ = triangles_of(polygons_of(pupil))
+    corners, _, _ = from_apex(triangles)
+    # Products have twice the degree, and the map to a triangle one more.
+    counts = np.full((len(corners), 2), degree + 2, np.intp)
+    nodes, weights, _ = rule_of_counts(corners, counts)
+    table = modes.values(*nodes.T) * np.sqrt(weights / weights.sum())
+    upper = np.linalg.qr(table.T, mode="r")
+    diagonal = np.diagonal(upper)
+    if not (abs(diagonal) > _DEPENDENT * abs(diagonal).max()).all():
+        raise ArgumentError(
+            f"the pupil determines fewer than {len(diagonal)} polynomials; use lower indices, or "
+            "the radius of the pupil"
+        )
+    return np.linalg.inv(upper * np.sign(diagonal)[:, None]).T
