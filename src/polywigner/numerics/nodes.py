@@ -1,4 +1,4 @@
-"""Gauss-Legendre rules of many sizes and on triangles, node counts, and error estimates.
+"""Gauss-Legendre rules of many sizes, node counts, and error estimates.
 
 Let an integrand on [-1, 1] be analytic inside the ellipse with foci -1 and 1 and half-axes cosh u
 and sinh u, and bounded there by M. Its Legendre coefficients c_n are about M exp(-n u), and the
@@ -11,14 +11,13 @@ larger than expected indicate a larger error. Source: (B5).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 from itertools import count
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import shapely
 
 from polywigner.numerics import Number
 
@@ -247,98 +246,8 @@ def _frozen(nodes: npt.NDArray[np.float64], weights: npt.NDArray[np.float64]) ->
     return nodes, weights
 
 
-# ---- rules on triangles --------------------------------------------------------------------------
-
-Floats = npt.NDArray[np.float64]
-Triangles = Floats
-"""Corners (n, 3, 2)."""
-
-# Nodes along a side per cycle of the phase of a field. W oscillates at twice its frequency, and
-# Gauss rules converge above pi/2 nodes per cycle of the integrand.
-NODES_PER_CYCLE = 3.5
-
-
 @lru_cache(maxsize=1024)
-def unit_rule(count: int) -> tuple[Floats, Floats]:
+def unit_rule(count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Return the nodes and weights of the Gauss-Legendre rule on [0, 1]."""
     nodes, weights = gauss_legendre(count)[:, :2].T / 2
     return nodes + 0.5, weights
-
-
-def quartered(triangles: Triangles) -> Triangles:
-    """Divide each triangle at the midpoints of its sides into four, in order of the triangles."""
-    a, b, c = triangles.transpose(1, 0, 2)
-    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return np.stack([np.stack(q, axis=1) for q in quarters], axis=1).reshape(-1, 3, 2)
-
-
-def triangulated(polygons: Sequence[shapely.Polygon] | npt.NDArray[np.object_]) -> Triangles:
-    """Return the constrained Delaunay triangles (n, 3, 2) of polygons."""
-    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(np.asarray(polygons)))
-    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
-    corners.setflags(write=False)
-    return corners
-
-
-def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats, Floats]:
-    """Return nodes (m, 2) and weights (m,) of a rule on triangles (n, 3, 2).
-
-    The integrand has up to ``rate`` cycles per metre. Along a side of length s the rule has ``extra
-    + 3.5 s rate`` nodes, at least 1. The lines of nodes meet in the corner opposite to the shortest
-    side of each triangle.
-    """
-    nodes, weights, _ = rule_by_triangles(triangles, rate, extra)
-    return nodes, weights
-
-
-def rule_by_triangles(
-    triangles: Triangles, rate: float, extra: float
-) -> tuple[Floats, Floats, npt.NDArray[np.intp]]:
-    """Return the rule of :func:`gauss_rule`, and the index (m,) of the triangle of each node."""
-    corners, long, short = _from_apex(triangles)
-    counts = _counts(long, short, rate, extra).astype(np.intp)
-    nodes, weights, owners = [], [], []
-    for shared in np.unique(counts, axis=0):
-        members = np.flatnonzero((counts == shared).all(axis=1))
-        (u, u_weights), (v, v_weights) = (unit_rule(count) for count in shared.tolist())
-        apex, first, second = corners[members].transpose(1, 0, 2)[:, :, None, None]
-        along = first - apex + v[:, None] * (second - first)
-        nodes.append((apex + u[:, None, None] * along).reshape(-1, 2))
-        on_unit = np.outer(u_weights * u, v_weights).ravel()
-        weights.append(np.outer(2 * areas(corners[members]), on_unit).ravel())
-        owners.append(np.repeat(members, len(on_unit)))
-    return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
-
-
-def node_count(triangles: Triangles, rate: float, extra: float) -> float:
-    """Estimate the number of nodes of :func:`gauss_rule`."""
-    _, long, short = _from_apex(triangles)
-    return float(_counts(long, short, rate, extra).prod(axis=1).sum())
-
-
-def spacings(triangles: Triangles, rate: float, extra: float) -> Floats:
-    """Return the largest distance between neighbouring nodes of :func:`gauss_rule`, (n,)."""
-    _, long, short = _from_apex(triangles)
-    sides = np.column_stack([long, short])
-    return np.asarray((sides / _counts(long, short, rate, extra)).max(axis=1))
-
-
-def _counts(long: Floats, short: Floats, rate: float, extra: float) -> Floats:
-    sides = np.column_stack([long, short])
-    return np.asarray(np.maximum(np.ceil(extra + NODES_PER_CYCLE * rate * sides), 1.0))
-
-
-def areas(triangles: Triangles) -> Floats:
-    """Return the areas (n,) of triangles (n, 3, 2)."""
-    a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
-
-
-def _from_apex(triangles: Triangles) -> tuple[Triangles, Floats, Floats]:
-    """Return corners, the first opposite to the shortest side, and longest and shortest sides."""
-    sides = np.linalg.norm(triangles[:, (1, 2, 0)] - triangles[:, (2, 0, 1)], axis=-1)
-    apex = sides.argmin(axis=1)
-    order = (apex[:, None] + np.arange(3)) % 3
-    corners = np.take_along_axis(triangles, order[:, :, None], axis=1)
-    return corners, sides.max(axis=1), sides.min(axis=1)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
 from polywigner.geometry.convex import Trapezoids, trapezoids, triangles_of
+from polywigner.numerics.nodes import unit_rule
 from polywigner.numerics.triangles import (
     Floats,
     Indices,
@@ -27,7 +28,6 @@ from polywigner.numerics.triangles import (
     counts_for,
     from_apex,
     rule_of_counts,
-    unit_rule,
 )
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.transforms.aberrations import Aberration

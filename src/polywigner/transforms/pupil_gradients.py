@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.execution import Differentiable
-from polywigner.numerics.triangles import Floats, Indices, counts_for, unit_rule
+from polywigner.numerics.nodes import unit_rule
+from polywigner.numerics.triangles import Floats, Indices, counts_for
 from polywigner.transforms.aberrated_pupils import (
     AberratedPupil,
     Slices,
