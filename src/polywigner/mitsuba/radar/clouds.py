@@ -23,9 +23,9 @@ from polywigner.source import Array
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# Number of scatterers of a step, for which the responses of all elements take tens of megabytes.
+# Number of scatterers per step; the responses of all elements to them take tens of megabytes.
 _CHUNK = 1 << 16
-# Relative tolerance of fields.
+# Relative tolerance of the fields at the scatterers.
 _TOLERANCE = 1e-6
 
 
@@ -171,8 +171,8 @@ def _checked(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
         return positions, intensity, {name: cloud.attrs[name] for name in names}
     except (AttributeError, KeyError, TypeError, IndexError, ValueError):
         raise ArgumentError(
-            f"expected a cloud of polywigner.mitsuba.scatterers, got {type(cloud).__name__} "
-            "without its variables and attributes"
+            f"expected a cloud made by polywigner.mitsuba.scatterers, got {type(cloud).__name__}, "
+            "which lacks the variables and attributes of a cloud"
         ) from None
 
 

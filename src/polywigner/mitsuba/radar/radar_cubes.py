@@ -307,7 +307,8 @@ def _coherent(
         paths, of_link = paths_between(
             scene, emitter, receiver, routes, options.polarisation, shortest
         )
-        if any(receiver is parts[0] for parts in radar.receivers):  # notes of the first element
+        # The notes of a receiver are those of its first element.
+        if any(receiver is parts[0] for parts in radar.receivers):
             notes.extend(of_link)
         h = amplitudes_of(paths, wave.frequencies, options.tolerance)
         rates = [_rate_of(path.route, emitter, receiver, speeds) for path in paths]
@@ -485,7 +486,7 @@ def _frame(
     chosen: NDArray[np.bool_],
     starts: Floats,
 ) -> Complexes:
-    """Return the sum (RC1) over the ``chosen`` scatterers in successive repetitions.
+    """Return the sum (RC1) over the ``chosen`` scatterers for successive repetitions.
 
     The numbers m and n of repetition and sample are counted from the centre of the frame. The phase
     of a scatterer is a constant, plus terms that are linear in m and n, plus two small terms. A
@@ -533,7 +534,7 @@ def _summed_waves(slopes: list[Floats], terms: Complexes, shape: list[int]) -> C
 
 
 def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complexes, Floats]]:
-    """Yield pairs of arrays, whose products add up to exp(2 pi i amounts along): a power series."""
+    """Yield pairs of arrays whose products add up to exp(2 pi i amounts along)."""
     reach = float(np.abs(along).max()) or 1.0
     phases = 2j * np.pi * amounts * reach
     largest = float(np.abs(phases).max(initial=0.0))

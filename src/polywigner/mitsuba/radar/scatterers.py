@@ -165,7 +165,7 @@ def _thinning_error(power: Floats, probabilities: Floats) -> float:
 # Default number of rays per scatterer; the scatterers are selected from the events of all rays.
 _RAYS = 4
 _FEWEST_RAYS = 4096
-# Largest numbers of scatterers and of rays: one or two gigabytes of events.
+# Largest number of scatterers, and of rays. Their events take one or two gigabytes.
 _MOST = 1_000_000
 _MOST_RAYS = 10_000_000
 _NO_LIMIT = 2**20
@@ -249,7 +249,7 @@ def scatterers(
     if rays is not None:
         launched = checked_count(rays, "rays", 1, _MOST_RAYS)
     depth = max_depth
-    if depth is not None:  # -1: no limit
+    if depth is not None:  # -1 means no limit
         is_endless = isinstance(depth, int) and depth == -1
         depth = _NO_LIMIT if is_endless else checked_count(depth, "max_depth", 1, _NO_LIMIT)
     options = ReceiveOptions(seed=seed)
@@ -293,7 +293,7 @@ def scatterers(
 
 @dataclass(frozen=True)
 class _Names:
-    """Ids of shapes and lights by their numbers in events."""
+    """Ids of shapes and lights, by the numbers that events contain."""
 
     shapes: dict[int, str]
     lights: dict[int, str]
@@ -355,7 +355,7 @@ def checked_velocity(name: str, value: ArrayLike) -> Floats:
 
 
 def _longest_path(integrator: Any) -> int:
-    """Return the longest path of an integrator according to its parameters."""
+    """Return the largest depth of paths (``max_depth``) of an integrator."""
     if integrator is None:
         return _NO_LIMIT
     if integrator.class_name() == "DirectIntegrator":

@@ -177,12 +177,12 @@ class Motion:
 EVENT = np.dtype(
     [
         ("ray", np.int64),  # number of the ray that left the receiver
-        ("radiance", np.float64),  # along that ray
-        ("position", np.float64, 3),  # on the first surface
-        ("normal", np.float64, 3),  # of the first surface, on the receiver's side
+        ("radiance", np.float64),  # radiance along that ray
+        ("position", np.float64, 3),  # position on the first surface
+        ("normal", np.float64, 3),  # normal of the first surface, on the receiver's side
         ("first_shape", np.int64),  # number of the first surface's shape
-        ("distance", np.float64),  # to the first surface
-        ("length", np.float64),  # of the complete path
+        ("distance", np.float64),  # distance to the first surface
+        ("length", np.float64),  # length of the complete path
         ("rate", np.float64),  # growth of the path length, per second
         ("bounces", np.int64),
         ("light", np.int64),  # number of the light
@@ -228,7 +228,7 @@ def events_of(
             here.rate += _dot(velocity - speeds, step["d"])
         yield from _lights(here, step, velocity, motion)
         bounced = step["is_bounce"]
-        # null surfaces only add to the length
+        # null surfaces only add to the length of the path
         state.length = here.length
         here.bounces += 1
         state[bounced] = here[bounced]

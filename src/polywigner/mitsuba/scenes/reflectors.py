@@ -200,16 +200,17 @@ class Surface:
         return across, along
 
     def reflectance_in_mitsuba(self, cosine: Any) -> Floats:
-        """Return the reflectance of the BSDF in Mitsuba, which has no polarisation in sheets."""
+        """Return the reflectance of Mitsuba's BSDF, which treats light in sheets as unpolarised."""
         faces = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
         mean = np.mean([np.square(np.abs(r)) for r in faces], axis=0)
         return _of_sheet(mean) if self.is_thin else mean
 
     def _of_one_face(self, cosine: Any) -> tuple[Complexes, Complexes]:
-        """Return Fresnel's reflection coefficients."""
+        """Return Fresnel's reflection coefficients of one interface."""
         assert self.index is not None
         square = self.index**2
-        behind = np.sqrt(square - 1 + np.square(cosine) + 0j)  # n cos behind; Im > 0 decays
+        # n cos behind the surface; Im > 0 means decay
+        behind = np.sqrt(square - 1 + np.square(cosine) + 0j)
         return (
             (cosine - behind) / (cosine + behind),
             (square * cosine - behind) / (square * cosine + behind),
@@ -260,7 +261,7 @@ def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -
 
 # ---- conducting bodies --------------------------------------------------------------------------
 
-# Error of an echo relative to the sum in phase of all illuminated parts. The error of physical
+# Error of an echo relative to the echo of all illuminated parts in phase. The error of physical
 # optics itself is much larger.
 OF_ECHO = 1e-3
 # Largest number of paths by bodies; each takes some milliseconds.
@@ -366,7 +367,7 @@ def checked_bodies(bodies: Any) -> tuple[Body, ...]:
 
 def _body(name: str, value: Any) -> Body:
     if not name.strip():
-        raise ArgumentError("expected a name of each body, got an empty text; name the body")
+        raise ArgumentError("expected a name for each body, got an empty string; name the body")
     bounces = 1
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int | np.integer):
         value, bounces = value

@@ -156,7 +156,9 @@ def render_file(
         As :func:`load_scene` and :func:`render`.
     """
     if scheduler is not None and store is None:
-        raise ArgumentError("expected a store with a scheduler, got none; name one for the parts")
+        raise ArgumentError(
+            "expected a store with scheduler=, got none; pass store= for the computed parts"
+        )
     if threads is not None:
         checked_count(threads, "threads", 1, MOST_THREADS)
     chosen = choose_variant(mi.variant() if variant is None else variant)

@@ -268,7 +268,7 @@ def _translated(error: Exception, state: mi.parser.ParserState | None) -> Polywi
     if cause is not None:
         return type(cause)(_printable(f"{at[1]}: {cause}" if at else str(cause)))
     head, _, traceback = text.partition("Traceback (most recent call last)")
-    last = traceback.strip().splitlines()[-1:]  # the error of a plugin in Python
+    last = traceback.strip().splitlines()[-1:]  # The last line is the error of a plugin in Python.
     line = _printable(" ".join(" ".join([head, *last]).split()))
     names = [] if state is None or at is None else _file_names_at(state, at[1])
     about = f" (file {_printable(names[0])})" if names and names[0] not in line else ""
@@ -381,7 +381,7 @@ def _parsed(
         state = mi.parser.parse_file(config, str(file), **texts)
         for name in sorted({node.props.plugin_name() for node in state.nodes}):
             _check_type(name)
-        # copies, because Mitsuba reports properties that plugins do not read
+        # Copies are read, because Mitsuba reports properties that plugins do not read.
         copies = [values_of(mi.Properties(node.props)) for node in state.nodes]
         texts_in = {value for props in copies for value in props.values() if isinstance(value, str)}
         for text in sorted(texts_in):
@@ -453,7 +453,7 @@ class _CheckedFiles:
                     self.add_xml(path, level + 1)
 
     def _filled(self, text: str) -> str:
-        """Replace ``$parameters`` in a text by their values, as Mitsuba does."""
+        """Replace ``$parameters`` in a string by their values, as Mitsuba does."""
         for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
             text = text.replace(f"${name}", self.values[name])
             check_bytes(len(text), LARGEST_SCENE, "text, $parameters filled in")
@@ -462,7 +462,7 @@ class _CheckedFiles:
 
 def _resolved(name: str) -> Path | None:
     """Return the absolute path, without links, of an existing file or folder; otherwise None."""
-    with suppress(OSError, ValueError, RuntimeError):  # a text that cannot be a file name
+    with suppress(OSError, ValueError, RuntimeError):  # The text may not be a valid file name.
         path = Path(str(mi.file_resolver().resolve(name)))
         return path.resolve() if name and path.exists() else None
     return None
