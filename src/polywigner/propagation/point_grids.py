@@ -56,7 +56,7 @@ def angle_axes(theta: Angles, phi: Angles) -> dict[str, xarray.Variable]:
 def unit_vectors(theta: Angles, phi: Angles) -> NDArray[np.float64]:
     """Return unit vectors (n, m, 3) at angles (n,) from the z axis and (m,) from the x axis."""
     sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
-    # cos(pi/2) is 6e-17 in floating point, but the horizon must count as both front and back
+    # In floating point cos(pi/2) is 6e-17, but the horizon must count as both front and back.
     cosine = np.where(np.abs(cosine) < 1e-15, 0.0, cosine)
     parts = np.broadcast_arrays(sine * np.cos(phi), sine * np.sin(phi), cosine)
     return np.stack(parts, axis=-1)
