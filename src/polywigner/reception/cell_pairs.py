@@ -150,11 +150,12 @@ def cells_of(source: Any, wavelength: float) -> Cells:
     return Cells(source, wavelength)
 
 
-# Values of the kernel, or of fields at nodes, per block: their arrays stay in the cache.
+# Number of values of the kernel, or of fields at nodes, per block; their arrays stay in the cache.
 _BLOCK = 1 << 14
-# Terms of a matrix product per block. For more terms BLAS starts threads, which are slower.
+# Number of terms of a matrix product per block. For more terms, BLAS starts threads, which are
+# slower.
 _PRODUCT = 1 << 18
-# Moments per block, 64 MiB.
+# Number of moments per block, 64 MiB.
 _MOMENTS = 1 << 21
 # Rates of waves are rounded up to multiples of this value, so that poses share their nodes.
 _RATE_STEP = 0.125
@@ -367,15 +368,18 @@ def _basis(points: Floats, order: int) -> Floats:
 # of 10 wavelengths at a distance of 10 wavelengths are one pair of order 22 with 2e5 values, or
 # pairs of order 18 with twice as many values.
 _ORDERS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 32, 38, 46, 56])
-# Pairs are split without evaluation if the phase across them exceeds this limit in radians, ...
+# Largest phase in radians across a pair of cells. Pairs with a larger phase are split without
+# evaluation.
 _MOST_PHASE = 70.0
-# ... or if half the diagonals of both cells, added, exceed this multiple of their distance.
+# Largest ratio of the sum of the half diagonals of both cells to their distance. Pairs with a
+# larger ratio are split without evaluation.
 _MOST_RATIO = 4.0
-# Orders per radian of phase below which interpolation has no accuracy. Gauss rules require 1/2.
+# Number of orders per radian of phase below which interpolation has no accuracy. Gauss rules
+# require 1/2.
 _IDLE = 0.25
 # Rounding error of a pair's sum, relative to the sum of moduli.
 _ROUNDING = 1e-15
-# Limits per pose: number of values of the kernel, which take some minutes, and number of pairs.
+# Largest number of values of the kernel per pose, which take some minutes, and of pairs per pose.
 _MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 
 
@@ -448,7 +452,7 @@ def _expected_error(links: Links, parts: Pairs) -> Floats:
 def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
     """Evaluate pairs at the first two orders with any accuracy."""
     phase = _phase(links, pairs)
-    # fitted to the lowest sufficient orders of squares at all distances
+    # This formula was fitted to the lowest sufficient orders of squares at all distances.
     likely = 1 + digits / 3 + 0.8 * np.sqrt(phase)
     least = np.minimum(np.maximum(2 + _IDLE * phase, likely), _ORDERS[-2])
     orders = np.searchsorted(_ORDERS, least)

@@ -242,7 +242,7 @@ class _Link:
                     values[block] += terms[0]
                     errors[block] += terms[1]
                     limits[block] += terms[2]
-        # the norm comes last, so that sums that would take too long raise their error at once
+        # The norm comes last, so that sums that would take too long raise their error at once.
         norm = self.norm(self.normalise)
         return values / norm, errors / norm, limits / norm
 
@@ -384,7 +384,7 @@ def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
         real += mixed
         mixed *= near
         imag += mixed
-    # times -i exp(ikR)/R
+    # factor -i exp(ikR)/R
     real *= inverse
     imag *= inverse
     first = real * sine
@@ -463,7 +463,8 @@ def root_of_norm(
 
     Raises IlluminationError for a source whose elements cancel, or that does not radiate.
     """
-    key = None if jones is None else (jones.tobytes(), jones.shape)  # arrays have no hash
+    # tuples, because arrays have no hash
+    key = None if jones is None else (jones.tobytes(), jones.shape)
     return _root_of_norm(source, wavelength, method, normalise, key)
 
 
