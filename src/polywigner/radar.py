@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# Largest numbers of samples in a repetition, and of repetitions.
+# Largest number of samples in a repetition, and largest number of repetitions.
 _MOST = 1 << 20
 # Relative error of an interval that is rounded to fewer digits than the samples take.
 _ROUNDING = 1e-9
-# Points of a window, between which its values are interpolated.
+# Number of points of a window, between which its values are interpolated.
 _WINDOW_POINTS = 1025
 
 
@@ -151,8 +151,8 @@ class SteppedFrequency(FMCW):
 class Pulse(FMCW):
     """Pulses with a flat spectrum, after matched filtering; parameters as for :class:`FMCW`.
 
-    ``start`` and ``bandwidth`` describe the spectrum. Sample n of the receiver has the time
-    ``n / bandwidth`` after the pulse, so that it is the range bin n; ``sample_rate`` must equal
+    ``start`` and ``bandwidth`` describe the spectrum. Sample n is received at the time
+    ``n / bandwidth`` after the pulse and is therefore range bin n. ``sample_rate`` must equal
     ``bandwidth``.
     """
 
@@ -194,7 +194,7 @@ _TEXT = re.compile(
 
 
 def parse_waveform(text: str | FMCW) -> FMCW:
-    """Parse a text to a waveform; a waveform is returned unchanged.
+    """Parse a string to a waveform; a waveform is returned unchanged.
 
     Parameters
     ----------
@@ -250,8 +250,8 @@ def waveform_of(cube: Any) -> FMCW:
     except (AttributeError, KeyError, TypeError):
         pass
     raise ArgumentError(
-        f"expected a data cube of polywigner.mitsuba.radar_cube, got {type(cube).__name__} without "
-        "its signal and attributes"
+        f"expected a data cube made by polywigner.mitsuba.radar_cube, got {type(cube).__name__}, "
+        "which lacks the signal and attributes of a cube"
     )
 
 
@@ -351,7 +351,7 @@ def range_angle(
         raise ArgumentError(
             f"expected several elements along {array_axis}, got positions {positions.ravel()!r:.60}"
         )
-    # one spacing wider than the array, so that no element has the weight zero
+    # The window is one spacing wider than the array, so that no element has the weight zero.
     spacing = extent / (len(np.unique(positions.round(9))) - 1)
     across = (positions - positions.min() + spacing / 2) / (extent + spacing)
     shape = _window(window, _WINDOW_POINTS)
@@ -359,10 +359,11 @@ def range_angle(
     weights /= weights.sum()
     waves = np.exp(2j * np.pi / waveform.wavelength * np.multiply.outer(cosines, positions))
     image = np.zeros((len(values), len(cosines), len(ranges)))
-    for rate in range(values.shape[3]):  # one rate at a time needs little memory
+    # Only one rate is computed at a time, which needs little memory.
+    for rate in range(values.shape[3]):
         beams = np.tensordot(values[..., rate, :], waves * weights, axes=([1, 2], [1, 2]))
         image += np.square(np.abs(beams)).swapaxes(1, 2)
-    # the sum over rates counts a target as often as the window's noise bandwidth in bins
+    # The sum over rates counts a target several times: the window's noise bandwidth, in bins.
     of_rates = _window(window, waveform.chirps)
     image /= len(of_rates) * (of_rates**2).sum() / of_rates.sum() ** 2
     floor = float((np.mean(_noise_of(cube)) * of_range) * (weights**2).sum())
@@ -378,7 +379,7 @@ def detections(
     training: Sequence[int] = (8, 8),
     false_alarm: float = 1e-6,
 ) -> xarray.DataArray:
-    """Detect peaks with a constant rate of false alarms (cell averaging, CA-CFAR).
+    """Detect peaks at a constant rate of false alarms (cell averaging, CA-CFAR).
 
     A bin is detected if it exceeds the mean of the training bins around it by the factor
     ``N (P**(-1/N) - 1)`` for N training bins and the false-alarm probability P.

@@ -25,7 +25,7 @@ Values = NDArray[np.float64]
 _METRES = (1.0, 0.0254, 0.01, 0.3048, 0.001)
 _MM = 4
 
-_IDENTIFIERS = 1010, 8675309  # current and older versions of the format
+_IDENTIFIERS = 1010, 8675309  # identifiers of the current and of older versions of the format
 _HEADER = np.dtype(
     [("Identifier", "<i4"), ("NbrRays", "<u4"), ("Description", "S100")]
     + [(name, "<f4") for name in ("SourceFlux", "RaySetFlux", "Wavelength")]
@@ -34,10 +34,10 @@ _HEADER = np.dtype(
     + [("unused", "<f4", 4), ("ray_format_type", "<i4"), ("flux_type", "<i4")]
     + [("reserved", "<i4", 2)]
 )
-# Count of numbers per ray, by the header field ray_format_type.
+# Number of columns of numbers per ray, by the header field ray_format_type.
 _NUMBERS = {0: 7, 2: 8}
 _MICROMETRE = 1e-6
-# Sign of the powers, suffix of the file's name, and description in the header, of each file.
+# For each file that is written: sign, suffix of the file's name, and description in the header.
 _SIGNED = 1, "", "signed"
 _SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
 # Description in files written by polywigner: number of rays drawn, and sign of their powers.
@@ -126,7 +126,7 @@ def _write_part(
     header["InclinationEnd"], header["AzimuthEnd"] = 180.0, 360.0
     header["DimensionUnits"] = _MM
     header["Scale"] = 1.0
-    with atomic_path(path) as scratch, np.errstate(over="ignore"):  # lost rays may overflow
+    with atomic_path(path) as scratch, np.errstate(over="ignore"):  # Lost rays may overflow.
         scratch.write_bytes(header.tobytes() + columns.astype("<f4").tobytes())
     return path
 
@@ -208,12 +208,13 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     wavelength = float([*wavelengths, header["Wavelength"]][0])
     attrs: dict[str, Any] = {"wavelength": wavelength * _MICROMETRE} if wavelength > 0 else {}
     position, direction, weight = rays[:, :3] * _METRES[unit], rays[:, 3:6], rays[:, 6]
-    is_valid = np.isfinite(position).all(axis=1)  # positions of lost rays are NaN
+    # The positions of lost rays are NaN.
+    is_valid = np.isfinite(position).all(axis=1)
     if not np.isfinite(rays[is_valid, 3:7]).all():
         raise wrong("directions or powers that are NaN")
     if not direction.any(axis=1).all():
         raise wrong("directions of length zero")
-    # unit vectors in single precision have errors of 6e-8
+    # Unit vectors in single precision have errors of 6e-8.
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if ours := _OURS.match(header["Description"].decode("utf-8", "replace")):
         attrs["count"] = int(ours[1])
