@@ -76,7 +76,8 @@ class Transform:
     plane: tuple[str, ...] = ()
     """Names of the position or lag and of the frequency that an optical system maps together."""
     full: str | None = None
-    """For a marginal, the transform of which it is the value with the other point at zero."""
+    """Name of the transform from which a marginal results if the other point is zero; None: no
+    marginal."""
     takes_degree: bool = False
     """Whether the transform of a partly coherent source is that of the coherent source times the
     degree of coherence at the last point.
@@ -253,12 +254,13 @@ def explain(
         )
     if execution.has_drjit(arguments):
         raise ArgumentError(
-            "expected NumPy arrays, got Dr.Jit arrays, whose backend computes every call"
+            "expected NumPy arrays, got Dr.Jit arrays, which are always evaluated by their own "
+            "backend, so that there is no choice of engine to explain"
         )
     if function == "fourier" and isinstance(source, Array):
         raise ArgumentError(
-            "F of an Array is a sum of several calls and has no single plan; explain F of an "
-            "element"
+            "fourier of an Array consists of several calls and has no single plan; pass an element "
+            "of the Array"
         )
     name = function
     if function == "fourier" and isinstance(source, Aperture):
@@ -268,12 +270,12 @@ def explain(
     plan = execution.explained(lambda: compute(name, source, points, precision, engine))
     if plan is None:
         raise ArgumentError(
-            "F of a curved wave is always computed by NumPy, so there is no choice to explain"
+            "fourier of a curved wave is always computed by NumPy, so there is no choice to explain"
         )
     return plan
 
 
-# --- optical systems: points of phase space behind them, as points before them
+# --- optical systems: points behind a system are mapped to points in front of it
 
 
 def _before(
