@@ -33,15 +33,18 @@ if TYPE_CHECKING:
 # ---- rcs -----------------------------------------------------------------------------------------
 
 _Format = StrEnum("_Format", "csv nc")
-# Default steps of the map in degrees, and time in which the map should be computed [s].
-_STEPS, _MAP_SECONDS = (1.0, 2.0, 5.0, 10.0), 60.0
+# Default steps of the map in degrees.
+_STEPS = (1.0, 2.0, 5.0, 10.0)
+# Time in s in which the map should be computed.
+_MAP_SECONDS = 60.0
 # Number of directions that are timed to choose default steps.
 _TIMED = 8
 # Largest number of directions of the map: hours of work for a simple body, and 0.1 GB of values.
 _MOST = 4_000_000
-# Default number of steps per lobe of backscatter in the cuts, and time in which a cut should be
-# computed [s].
-_STEPS_PER_LOBE, _CUT_SECONDS = 4.0, 30.0
+# Default number of steps per lobe of backscatter in the cuts.
+_STEPS_PER_LOBE = 4.0
+# Time in s in which a cut should be computed.
+_CUT_SECONDS = 30.0
 _FINEST, _MOST_OF_CUTS = 1e-3, 33_000_000_000
 
 
@@ -118,7 +121,7 @@ def _steps(
     import numpy as np
 
     azimuth, elevation = np.linspace(-3.0, 3.0, _TIMED), np.linspace(-1.4, 1.5, _TIMED)
-    pattern.at(azimuth[:1], elevation[:1])  # fills caches before the timing
+    pattern.at(azimuth[:1], elevation[:1])  # This call fills the caches before the timing.
     start = time.perf_counter()
     pattern.at(azimuth, elevation)
     seconds = (time.perf_counter() - start) / _TIMED
