@@ -31,7 +31,7 @@ Complexes = NDArray[np.complex128]
 
 # Largest number of samples in a repetition, and largest number of repetitions.
 _MOST = 1 << 20
-# Relative error of an interval that is rounded to fewer digits than the samples take.
+# Largest relative rounding error of an interval or of a sample rate that a user specifies.
 _ROUNDING = 1e-9
 # Number of points of a window, between which its values are interpolated.
 _WINDOW_POINTS = 1025

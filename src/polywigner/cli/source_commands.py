@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 # ---- transform -----------------------------------------------------------------------------------
 
 _FEWEST = 257
-_MOST_BY_DEFAULT = 513  # about ten seconds for an aperture with a hundred edges
+# Largest default number of samples along an axis: about ten seconds for an aperture with a hundred
+# edges.
+_MOST_BY_DEFAULT = 513
 
 
 def transform(

@@ -31,7 +31,7 @@ _DARK = -400.0
 # Largest difference in dB between samples to which a parabola is fitted. Levels next to a null are
 # steeper and do not follow a parabola.
 _STEEP = 10.0
-# A cut this far below the beam, in dB, consists of rounding errors.
+# Difference in dB between the beam and a cut above which the cut consists of rounding errors.
 _NOTHING = 150.0
 # Ratio of polarisations in dB above which the weaker polarisation is a rounding error.
 _LINEAR = 200
@@ -370,7 +370,7 @@ def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) ->
     if not rising.size:
         return _Side(half)
     null = flank + int(rising[0])
-    # |E|^2 is a parabola next to a null
+    # |E|^2 is a parabola next to a null.
     scale = levels[null - 1 : null + 2].max()
     null_angle, _ = _vertex(angles, -(10 ** ((levels - scale) / 10)), null)
     peak_angle, peak_level = _vertex(angles, levels, null + int(levels[null:].argmax()))

@@ -132,7 +132,7 @@ _TURNS = 48.0
 
 
 class _Panels(NamedTuple):
-    """One row for each panel and wave. All lengths are in wavelengths."""
+    """Table with one row for each panel and wave; all lengths are in wavelengths."""
 
     rows: Floats
     """(m, 12): first end x, y relative to the centre, direction x, y, length, p_x, p_y, |p_z|,
@@ -185,7 +185,7 @@ def panels_of(
 
 
 def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Complex:
-    """p_z of waves (m, 2), or 1 - (p_x^2 + p_y^2)/2 if ``paraxial``."""
+    """Return p_z of waves (m, 2), or 1 - (p_x^2 + p_y^2)/2 if ``paraxial``."""
     if not paraxial:
         return direction_cosines(frequencies, wavelength)
     return (1 - ((frequencies * wavelength) ** 2).sum(axis=1) / 2).astype(np.complex128)
@@ -194,7 +194,7 @@ def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Comple
 def _rounding_of(
     frequencies: Floats, wavelength: float, plane: Floats, cosines: Complex, paraxial: bool
 ) -> Floats:
-    """Rounding errors (m, 3) of p_x, p_y and p_z of waves."""
+    """Return the rounding errors (m, 3) of p_x, p_y and p_z of waves."""
     x, y = plane.T
     rest = np.stack([phases.dot(_OPS, (kappa,), (wavelength,))[1] for kappa in frequencies.T])
     lost = -2 * (x * rest[0] + y * rest[1])
@@ -317,8 +317,9 @@ def _summed(
             "unit of the wavelength"
         )
     sums = _EdgeSums(radiator, wavelength, share, paraxial, len(points), engine)
-    # the incident amplitude, or the bound on the field of the source if that is less: a wave and,
-    # for the normal derivative of a wave, the static field, which dominates within a wavelength
+    # The tolerance is relative to the incident amplitude, or to the bound on the source's field if the
+    # bound is smaller. The bound consists of a wave and, for the normal derivative of a wave, of the
+    # static field, which dominates within a wavelength.
     distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
     bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
     found = _Estimates(points, tolerance * np.minimum(radiator.amplitude, bound))

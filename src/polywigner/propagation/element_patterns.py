@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Rounding of the angles in files, in rad.
+# Largest rounding error of angles in files, in rad.
 _EVEN = 1e-6
 # Number of samples from which a value on a meridian that ends at the horizon is interpolated. With
 # 8 samples per lobe the error is 1e-6 (docs/patterns.md). Rounding errors of files are amplified

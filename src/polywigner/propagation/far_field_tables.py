@@ -286,7 +286,7 @@ def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats
     if not values:
         raise FileFormatError("expected a line for each direction, got none")
     table = np.array(values)
-    valid = np.abs(table) <= LARGEST_NUMBER  # False for NaN
+    valid = np.abs(table) <= LARGEST_NUMBER  # The comparison is False for NaN.
     if not valid.all():
         raise FileFormatError(
             f"expected finite numbers up to {LARGEST_NUMBER:g}, got {table[~valid][0]:g}"

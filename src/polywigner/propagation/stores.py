@@ -67,7 +67,7 @@ LARGEST_CHUNK = 1 << 22
 
 
 def required(*names: str) -> ModuleType:
-    """Import modules of the extra ``datasets``, and return the last; raise MissingExtraError."""
+    """Import modules of the extra ``datasets``; return the last one, or raise MissingExtraError."""
     modules: list[ModuleType] = [
         require(name, "datasets", "large results are stored and distributed with") for name in names
     ]

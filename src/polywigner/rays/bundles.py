@@ -143,7 +143,7 @@ def _columns(count: int, *values: Any) -> tuple[Values, Values, Values]:
             raise ArgumentError(f"expected {name} of shape {shape}, got {columns[-1].shape}")
     position, direction, weight = columns
     with np.errstate(over="ignore"):
-        # This is False for lost rays.
+        # The comparison is False for lost rays, which contain NaN.
         wrong = np.abs(np.linalg.norm(direction, axis=1) - 1) > _UNIT
     if wrong.any():
         raise ArgumentError(
@@ -159,8 +159,8 @@ _MOST_ALONG_AXIS = 1 << 14
 _MOST_PIXELS, _MOST_SUMS = 1 << 22, 1 << 26
 # Number of rays per block, some 100 MB.
 _BLOCK = 1 << 20
-# Largest distance behind the plane, as a fraction of the largest coordinate, at which a ray may
-# start and still counts.
+# Rays that start behind the plane still count if their distance from the plane is below this
+# fraction of the largest coordinate.
 _ON_PLANE = 1e-9
 
 

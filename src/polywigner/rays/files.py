@@ -37,7 +37,8 @@ _HEADER = np.dtype(
 # Number of columns of numbers per ray, by the header field ray_format_type.
 _NUMBERS = {0: 7, 2: 8}
 _MICROMETRE = 1e-6
-# For each file that is written: sign, suffix of the file's name, and description in the header.
+# For each file that is written: sign of its powers, suffix of its name, and description in its
+# header.
 _SIGNED = 1, "", "signed"
 _SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
 # Description in files written by polywigner: number of rays drawn, and sign of their powers.
@@ -187,19 +188,19 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
         check_regular(file)
     content = file.read_bytes()
     if len(content) < _HEADER.itemsize:
-        raise wrong(f"{len(content)} bytes")
+        raise wrong(f"a file of {len(content)} bytes")
     header = np.frombuffer(content, _HEADER, 1)[0]
     if header["Identifier"] not in _IDENTIFIERS:
         raise wrong(f"the identifier {header['Identifier']}")
     columns = _NUMBERS.get(int(header["ray_format_type"]))
     unit, count = int(header["DimensionUnits"]), int(header["NbrRays"])
     if columns is None or not 0 <= unit < len(_METRES):
-        raise wrong(f"format {header['ray_format_type']} in unit {unit}")
+        raise wrong(f"ray format {header['ray_format_type']} with unit of length {unit}")
     if header["flux_type"] != 0:
         raise wrong("powers in lumens, not in watts")
     size = len(content) - _HEADER.itemsize
     if size != 4 * count * columns:
-        raise wrong(f"{size} bytes for {count} rays")
+        raise wrong(f"{size} bytes of data for {count} rays")
     rays = np.frombuffer(content, "<f4", offset=_HEADER.itemsize).astype(np.float64)
     rays = rays.reshape(count, columns)
     wavelengths = np.unique(rays[:, 7:])

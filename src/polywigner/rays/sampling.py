@@ -149,7 +149,7 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
         angle = checked_number(half_angle, "cone", meaning, lambda x: 0 < x <= math.pi / 2)
     vector = checked_unit_vectors("axis", axis)
     if vector.ndim > 1:
-        raise ArgumentError(f"expected axis as one unit vector (3,), got {vector.shape}")
+        raise ArgumentError(f"expected axis as one unit vector (3,), got shape {vector.shape}")
     vector = vector / np.linalg.norm(vector)
     tilt = math.atan2(math.hypot(*vector[:2]), vector[2])
     if tilt + angle > math.pi / 2 * (1 + _UNIT):

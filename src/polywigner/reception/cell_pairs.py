@@ -35,13 +35,14 @@ Indices = NDArray[np.intp]
 
 # Parts of a cut polygon below this fraction of the cell's area are due to rounding.
 _SLIVER = 1e-14
-# The shorter side of a box is halved with the longer one if it is at least this fraction of it.
-# Otherwise boxes become elongated, which wastes nodes along the short side.
+# Both sides of a box are halved if the shorter one is at least this fraction of the longer one. If
+# only the longer side were halved, boxes would become elongated, which wastes nodes along the short
+# side.
 _SQUARE = 0.7
 # Nodes per cycle of a wave, as a fraction of NODES_PER_CYCLE: 2.5 nodes, while Gauss rules require
 # pi/2. With 4 additional nodes, moments of triangles have errors of 1e-11 of the area.
 _NODE_RATIO = 0.7
-# Number of cached rules of other poses and orders, at most some hundred kB each.
+# Number of cached rules for other poses and orders. Each takes at most some hundred kB.
 _MOST_CACHED = 256
 
 
@@ -248,7 +249,7 @@ class Links:
         return vectors
 
     def sums(self, pairs: Pairs, order: int) -> tuple[Complex, Floats]:
-        """Return (RX3) of pairs (n,) without the phase of the sources' distance, and sizes (n,).
+        """Return the sums (RX3) of pairs (n,) without the phase of the distance, and sizes (n,).
 
         The size is about the sum of the moduli of all terms, to which rounding errors are relative.
         """
@@ -309,7 +310,8 @@ class Links:
                 size = 1 + len(rows) * first.size // _BLOCK
                 for block in np.array_split(rows, min(len(rows), size)):
                     field = exp_cycles(waves[block] @ relative[part].T) * weights[part]
-                    # as pairs of real numbers, since BLAS cannot multiply real by complex matrices
+                    # Complex terms are pairs of real numbers, since BLAS cannot multiply real by
+                    # complex matrices.
                     terms = (field[:, :, None] * second).view(np.float64)
                     moments[block] += (first.T @ terms).view(np.complex128)
         return moments.reshape(len(numbers), order * order)

@@ -252,7 +252,7 @@ class _Link:
         """Return couplings of two parts before the division by the norms, and both errors."""
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
-        # from the transmitter's centre to the receiver's centre
+        # vector from the transmitter's centre to the receiver's centre
         offset = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre
         offset[:, :2] -= cells[0].centre
         point = point_in_wavelengths(_OPS, (0.0, 0.0), self.wavelength, *offset.T)
@@ -493,7 +493,8 @@ def _check_field(source: Any) -> None:
     )
     if not norm > _DARK * parts:
         raise IlluminationError(
-            f"expected a source with a field, got elements that cancel, int |u|^2 = {norm:.3g}"
+            f"expected a source with a field, got elements that cancel, int |u|^2 = {norm:.3g}; "
+            "change their weights"
         )
 
 

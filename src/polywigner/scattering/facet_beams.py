@@ -56,7 +56,8 @@ _MOST_COMPARED = 4e8
 _BLOCK = 1 << 19
 # Errors that can occur in single directions: GEOS fails, or a limit of memory or time is exceeded.
 _ERRORS = GEOSException, ArgumentError
-# Number of triangles, times the pairs of directions whose beams are traced together.
+# Largest product of the number of triangles and the number of pairs of directions whose beams are
+# traced together.
 _AT_ONCE = 1 << 10
 # Margin of boxes that are placed side by side, as a fraction of the body's size. It exceeds the
 # rounding errors of coordinates up to thousands of body sizes.
@@ -97,7 +98,7 @@ def sums_of_beams(
             later[ends.samples] = 0.0
             if len(group) == 1:
                 failures.add(ends.samples, error)
-            else:  # isolate the directions that fail
+            else:  # Each direction is computed alone, to isolate those that fail.
                 for view in group:
                     add([view])
 
@@ -170,7 +171,7 @@ class Ends:
 
 
 def _runs(counts: ArrayLike) -> tuple[Indices, Indices]:
-    """Return the first index and the length of consecutive runs of these lengths."""
+    """Return the first index and the length of each of several consecutive runs."""
     numbers = np.asarray(counts, np.intp)
     return np.cumsum(numbers) - numbers, numbers
 

@@ -234,7 +234,7 @@ _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
 
 @dataclass(frozen=True)
 class Pieces:
-    """Parts of the triangles of a body, which are n triangles."""
+    """Parts of the triangles of a body; the parts are n triangles."""
 
     corner: Floats
     """First corners (n, 3) in m."""

@@ -467,7 +467,7 @@ def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
         wave_number = 2 * np.pi / antenna.wavelength
         to_centre = np.linalg.norm(centre - antenna.position, axis=1)
         height = np.abs(antenna.inside(centre)[:, 2])
-        # distance of the antenna's nearest point.
+        # Distance of the antenna's nearest point.
         distance = np.maximum(to_centre - antenna.extent / 2, height)
         total += wave_number * longest**2 * _OF_TRIANGLE / distance
         spread = antenna.extent / np.hypot(distance, antenna.extent)

@@ -96,7 +96,7 @@ def _numbers(samples: Any, columns: int, seed: Any) -> Values:
         raise ArgumentError(f"{expected}, got {type(samples).__name__}") from None
     if array.ndim != 2 or array.shape[1] != columns:
         raise ArgumentError(f"{expected}, got shape {array.shape}")
-    inside = (array >= 0.0) & (array < 1.0)  # This is False for NaN.
+    inside = (array >= 0.0) & (array < 1.0)  # The comparison is False for NaN.
     if not inside.all():
         raise ArgumentError(f"{expected}, got {array[~inside][0]}")
     return array

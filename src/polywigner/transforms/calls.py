@@ -76,12 +76,11 @@ class Transform:
     plane: tuple[str, ...] = ()
     """Names of the position or lag and of the frequency that an optical system maps together."""
     full: str | None = None
-    """Name of the transform from which a marginal results if the other point is zero; None: no
+    """Name of the transform whose value with the other point at zero is this marginal; None: no
     marginal."""
     takes_degree: bool = False
-    """Whether the transform of a partly coherent source is that of the coherent source times the
-    degree of coherence at the last point.
-    """
+    """Whether partial coherence multiplies the transform by the degree of coherence at the last
+    point."""
 
 
 TRANSFORMS = {
@@ -185,7 +184,7 @@ def _flat(
         return compute(name, source, points, *how, shear=shear, has_kernel=True)
     is_real = TRANSFORMS[name].is_real
     if isinstance(source, Differentiable):
-        # These kernels accept arrays as well. The kernels of arrays have no derivatives.
+        # The kernels for Arrays have no derivatives, but these kernels also accept an Array.
         kernels_of_all = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
         if name not in kernels_of_all:
             raise ArgumentError(
@@ -354,7 +353,7 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
     """
     if name == "fourier":
         raise IlluminationError(
-            f"expected a coherent source for {name}, got one that is coherent over "
+            f"expected a coherent source for {name}, got a coherence width of "
             f"{wave.coherence_width:g} m, whose spectrum has no phase; use "
             "polywigner.radiant_intensity, or wigner and ambiguity"
         )
@@ -406,7 +405,7 @@ def _checked_point(label: str, value: Any, dimension: int) -> Values:
 
 
 def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
-    """Return a transform of a curved wave from the flat source, as coherent as the wave."""
+    """Return a transform of a curved wave from the flat source with the same coherence."""
     if name == "fourier":
         return _curved_spectrum(wave, points["nu"], how)
     d, q = wave.dimension, wave.curvature

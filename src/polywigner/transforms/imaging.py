@@ -126,7 +126,7 @@ def transmission_cross_coefficient(
     if len(pairs[0]) * system.size > _MOST:
         raise ArgumentError(
             f"too many pairs of lags: {len(pairs[0])}, at most {_MOST // system.size} for this "
-            "pupil and condenser"
+            "pupil and condenser; pass fewer pairs at once"
         )
     lags, number = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
     values = system.coefficients(lags, *number.reshape(2, -1))

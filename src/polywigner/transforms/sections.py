@@ -219,7 +219,7 @@ class Overlaps:
     weight: NDArray[Any]
     first: Indices
     second: Indices
-    """Elements ``first`` and ``second`` whose common region it is."""
+    """Each region is the intersection of the elements ``first`` and ``second``."""
 
 
 Image = tuple[tuple[float, float], Floats]

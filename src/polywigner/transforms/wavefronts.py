@@ -50,7 +50,7 @@ def checked_wavefront(wave: Wavefront) -> Wavefront:
     """Return the source. Raises IlluminationError if it is partly coherent."""
     if not wave.is_coherent:
         raise IlluminationError(
-            "expected a coherent source, got one that is coherent over "
+            "expected a coherent source, got a coherence width of "
             f"{wave.coherence_width:g} m, whose field has no phase; use polywigner.irradiance or "
             "radiant_intensity"
         )

@@ -62,8 +62,8 @@ ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
     "exact": ExactEstimator,
 }
 
-# Finite stand-in for an infinite density; its square, and products with radiances, are finite in
-# float32.
+# Finite stand-in for an infinite probability density. Its square, and its products with radiances,
+# are finite in float32.
 _OVERWHELMING = 1e12
 
 
@@ -83,7 +83,8 @@ class WignerEmitter(VariantPlugin):
         self.wavelength = self._adjustable(spec.wavelength)
         self.power = self._adjustable(spec.power)
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
-        # opaque: Dr.Jit cannot record loops over one sample that contain literals
+        # The value is opaque, because Dr.Jit cannot record loops over one sample that contain
+        # literals.
         self._dark = opaque(m, 0.0)
         self.polariser = Polariser(m, spec.polarisation)
         self._set_source(spec, spec.wavelength)
@@ -344,7 +345,7 @@ def _build(variant: str, props: mi.Properties) -> mi.Mesh:
     name, sizes = props.id() or EMITTER, (len(points), len(triangles))
     mesh = m.Mesh(name, *sizes, props=inner, has_vertex_texcoords=True)
     cover(mesh, spec.pose, spec)
-    if not spec.visible:  # all corners coincide, so no ray meets the triangles
+    if not spec.visible:  # All corners coincide, so no ray meets the triangles.
         set_mesh(mesh, faces=np.zeros_like(triangles))
     return mesh
 

@@ -94,7 +94,7 @@ class EquivalentSources:
             total = Pair(0.0, 0.0)
             for k, (offset, point_shift) in enumerate(points):
                 radius = ops.sqrt(offset * offset + foot2)
-                # one division for 1/radius and for 1/(radius + distance)
+                # One division serves 1/radius and 1/(radius + distance).
                 sum_ = radius + distance
                 quotient = 1.0 / (radius * sum_)
                 inverse = sum_ * quotient
@@ -133,7 +133,7 @@ def equivalent_sources(
     grid = equivalent_grid(source, radiator, wavelength, condition, _ERROR, pays)
     if grid is None:
         return None
-    # lines along the shorter side, because the length of the code is proportional to that side
+    # Lines run along the shorter side, because the length of the code is proportional to that side.
     half, nodes, table = grid.half, grid.nodes, np.stack(grid.weights, axis=-1)
     is_swapped = len(nodes[0]) < len(nodes[1])
     across, along = (1, 0) if is_swapped else (0, 1)
@@ -245,7 +245,8 @@ class ExactEstimator:
             )
             if not dr.is_jit_v(self._m.Float):
                 raise SceneError(message)
-            # a warning, since Dr.Jit also traces the sources of scenes that are not rendered
+            # This is a warning, since Dr.Jit also traces the sources of scenes that are not
+            # rendered.
             warnings.warn(f"{message}. Its light is NaN", RuntimeWarning, stacklevel=2)
             return self._m.Float(math.nan)
         if self._shadows is not None:
@@ -261,8 +262,8 @@ class ExactField:
     def __init__(self, m: Any, source: SceneSource, wavelength: float, obliquity: str) -> None:
         source, condition = plane_waves_of(source), CONDITIONS[obliquity]
         self._m, self._jit = m, dr.is_jit_v(m.Float)
-        # scalar variants compute one sample at a time, so NumPy evaluates its panels and nodes at
-        # once
+        # Scalar variants compute one sample at a time, so NumPy evaluates its panels and nodes at
+        # once.
         self._ops = ops_for(m.Float) if self._jit else NumpyOperations()
         radiator = radiator_of(source)
         self._tables = boundary_tables(
@@ -365,7 +366,7 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
         count = 8 * math.ceil(min(cycles, _MOST_WAVES) + 20)
         y = -np.cos(np.linspace(0.0, math.pi, count)) * size / 2
         chirp = np.exp(1j * math.pi * q * y * y)
-        # the frequencies of the chirp span 1/size times the number of cycles
+        # The frequencies of the chirp span 1/size times the number of cycles.
         fits = (
             _fit(y, chirp, np.linspace(-0.5, 0.5, n) * ((n - 1) / (period * size)))
             for n in range(3 + 2 * int(min(cycles, _MOST_WAVES) / 2), _MOST_WAVES + 1, 2)

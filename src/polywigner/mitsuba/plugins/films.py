@@ -28,7 +28,7 @@ _DATE = len("2000-01-01 00:00:00 ")
 
 @contextmanager
 def to_list() -> Iterator[list[str]]:
-    """Collect Mitsuba's messages of the block in a list."""
+    """Collect Mitsuba's messages in a list while the block runs."""
     messages: list[str] = []
     # Mitsuba's threads can write messages to a file, but must not call Python code. An appender to
     # a file also omits progress bars.
@@ -218,7 +218,7 @@ def tiling_of(camera: mi.Sensor, samples: int) -> Tiling:
     return Tiling(width, height, rows, samples, math.ceil(samples / longest))
 
 
-# Largest number of samples per pixel; noise falls only with its square root.
+# Largest number of samples per pixel; noise falls only with the square root of this number.
 _LARGEST_SPP = 2**30
 
 

@@ -186,7 +186,8 @@ def _energy(source: Aperture | Array) -> float:
     energy = energy_of(source)
     if not energy > 0:
         raise SceneError(
-            "expected a source with a field, got elements that cancel each other everywhere"
+            "expected a source with a field, got elements that cancel each other everywhere; "
+            "change their weights"
         )
     return energy
 

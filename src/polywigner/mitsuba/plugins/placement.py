@@ -71,7 +71,7 @@ class PlacedSource(SourceParameters):
         return result
 
     def touching(self, scene: mi.Scene) -> PlacedSource:
-        """Return a copy with the ``reach`` of surfaces of a scene."""
+        """Return a copy whose ``reach`` includes surfaces of a scene that touch the source."""
         return replace(self, reach=self.reach_in(scene, self.pose) * self.scene_unit)
 
     @property

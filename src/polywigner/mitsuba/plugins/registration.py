@@ -178,7 +178,8 @@ def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
             f"expected finite triangles in {path}, got no triangles, or NaN or inf; "
             "export the file again"
         )
-    if np.linalg.det(matrix[:3, :3]) < 0:  # normals of mirrored bodies point outwards
+    # The triangles of mirrored bodies are reversed, so that normals point outwards.
+    if np.linalg.det(matrix[:3, :3]) < 0:
         triangles = triangles[:, ::-1]
     name, sizes = props.id() or STL, (len(vertices), len(triangles))
     mesh = getattr(mi, variant).Mesh(name, *sizes, props=nested_properties(STL, props))

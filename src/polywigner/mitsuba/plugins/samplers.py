@@ -28,10 +28,11 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-# For fields that are not uniform: largest number of strips across an element, and largest number of
-# pieces of all elements.
+# For elements whose field is not uniform: largest number of strips across an element, and largest
+# number of pieces of all elements.
 _STRIPS, _PIECES = 32, 1 << 16
-# Points of the table of directions per lobe; a lobe is wavelength/size wide in direction cosines.
+# Number of points of the table of directions per lobe. A lobe is wavelength/size wide in direction
+# cosines.
 _IN_LOBE = 4
 _FEWEST, _MOST = 32, 1024
 # Largest number of samples along each side of a cell of the table. The cell contains their mean,

@@ -235,7 +235,7 @@ def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
         write_netcdf(cloud, file)
         return
     if file.suffix.lower() != ".csv":
-        raise ArgumentError(f"expected a file of .csv or .nc for scatterers, got {str(file)!r}")
+        raise ArgumentError(f"expected a path with the suffix .csv or .nc, got {str(file)!r}")
     columns: dict[str, list[Any]] = {}
     for name, array in cloud.data_vars.items():
         if array.ndim == 2:

@@ -94,7 +94,8 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integra
     """Return an integrator that measures lengths of the same paths as another integrator."""
     require_transients()
     checked_scene(scene)
-    for emitter in scene.emitters():  # Mitsuba places infinite lights on a sphere
+    # Mitsuba places infinite lights on a sphere, so the lengths of their paths have no meaning.
+    for emitter in scene.emitters():
         if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite):
             raise SceneError(
                 "expected lights at finite distances for ranges, got a light at infinity "

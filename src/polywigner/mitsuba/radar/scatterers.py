@@ -327,7 +327,7 @@ class _Names:
         for name in speeds:
             if name not in names:
                 raise ArgumentError(
-                    f"expected velocities of {', '.join(map(repr, sorted(names)))}, got one of "
+                    f"expected velocities of {', '.join(map(repr, sorted(names)))}, got the id "
                     f"{name!r}; mi.load_dict merges meshes of equal BSDFs: load the scene with "
                     "polywigner.mitsuba.load_scene, which keeps ids"
                 )

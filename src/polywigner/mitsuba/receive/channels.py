@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 _MOST_FREQUENCIES = 1 << 16
-# A note reports default polarisations of two ends whose match in power is below this fraction.
+# Fraction of the power below which a note reports that two default polarisations do not match.
 _MATCHED = 0.99
 
 

@@ -311,7 +311,8 @@ def _across(normal: Any, direction: Any) -> Drjit:
     )
 
 
-# |n x k| below which the incidence is normal, up to rounding errors of single precision.
+# Value of |n x k| below which the incidence counts as normal, due to rounding errors of single
+# precision.
 _ALONG = 1e-6
 
 

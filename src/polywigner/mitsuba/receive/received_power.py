@@ -232,7 +232,7 @@ def received(
         parties = matched(scene, numbers, options)
         ends = list(zip(parties.sensors, parties.receivers, strict=True))
         plans = [_scattering(scene, k, options, end.scene_unit, edges) for k, end in ends]
-        # direct light first, because its errors should be raised before the slow renders
+        # Direct light comes first, because its errors should be raised before the slow renders.
         direct = [_direct(scene, *end, parties.emitters, options) for end in ends]
         batches = np.asarray(sample(plans), np.float64)
         batches = batches.reshape(*batches.shape[:3], -1)

@@ -48,9 +48,9 @@ Complexes = NDArray[np.complex128]
 
 # ---- rays towards small shapes ------------------------------------------------------------------
 
-# Fraction S of the samples that are aimed. Errors outside of boxes increase by a factor of 1.07 if
-# they fall with the square root of the number of samples, and by 1/(1 - S), 1.14, if they fall with
-# the number itself, as for stratified samples.
+# Fraction S of the samples that are aimed at boxes. Errors outside of boxes increase, because fewer
+# samples remain there: by a factor of 1.07 if errors fall with the square root of the number of
+# samples, and by 1/(1 - S), 1.14, if they fall with the number itself, as for stratified samples.
 _AIMED = 1 / 8
 # Fraction of the aimed samples that all boxes share equally: range profiles need samples of each
 # box.

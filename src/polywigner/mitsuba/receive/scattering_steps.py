@@ -17,8 +17,8 @@ from polywigner.mitsuba.scenes.surfaces import Reaches
 
 Floats = NDArray[np.float64]
 
-# Number of uniform numbers for a step: two for a light, three for a direction, one for the random
-# end of a path.
+# Number of uniform random numbers per step: two for a light, three for a direction, one for the
+# random end of a path.
 _SAMPLES = 6
 # Number of bounces after which paths continue with a probability equal to their throughput, but at
 # most _SURVIVORS, as in Mitsuba.
@@ -86,7 +86,7 @@ class Steps:
         return paths, values
 
     def _met(self, paths: Paths, si: Drjit) -> dict[str, Drjit]:
-        """Return values of the lights that rays meet: radiance at the receiver, and number."""
+        """Return the radiance at the receiver, and the number, of the lights that rays meet."""
         light = si.emitter(self._scene, paths.active)
         direction = mi.DirectionSample3f(self._scene, si, paths.last)
         can_sample = paths.active & (paths.is_smooth ^ True)
@@ -103,7 +103,7 @@ class Steps:
     def _sampled(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, sample: Drjit
     ) -> dict[str, Drjit]:
-        """Sample a light at the surface: radiance at the receiver, number, distance, direction."""
+        """Sample a light: its radiance at the receiver, number, distance and direction."""
         scatters = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         active = is_met & scatters & (paths.bounces < self._most)
         direction, weight = self._scene.sample_emitter_direction(si, sample, False, active)

@@ -165,7 +165,8 @@ def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
 MASK, THIN = "MaskBSDF", "ThinDielectric"
 _TWO_SIDED, _CONDUCTOR = "TwoSidedBRDF", "SmoothConductor"
 _SURFACES = (_CONDUCTOR, THIN, "SmoothDielectric", "SmoothPlastic")
-# |n x k| below which the incidence is normal and the plane of incidence is arbitrary.
+# Value of |n x k| below which the incidence counts as normal, and the plane of incidence is
+# arbitrary.
 _ALONG = 1e-9
 
 
@@ -237,7 +238,7 @@ def surface_of(mirror: Mirror, is_before: bool) -> Surface:
     params = mi.traverse(bsdf)
     if bsdf.class_name() == _CONDUCTOR:
         index = complex(*(_single(t.mean()) for t in list(params.hierarchy)[1:3]))
-        return Surface(None if index == 1j else index)  # Mitsuba's "none" is 0 + 1i
+        return Surface(None if index == 1j else index)  # Mitsuba represents "none" by 0 + 1i.
     ratio = _single(params["eta"])
     is_inside = not (is_before or _TWO_SIDED in kinds or bsdf.class_name() == THIN)
     return Surface(complex(1 / ratio if is_inside else ratio), bsdf.class_name() == THIN)

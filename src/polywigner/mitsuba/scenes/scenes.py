@@ -260,7 +260,8 @@ def _translated(error: Exception, state: mi.parser.ParserState | None) -> Polywi
     if isinstance(error, PolywignerError):
         return error
     text = str(error)
-    if isinstance(error, UnicodeDecodeError):  # Mitsuba's message quotes a binary file
+    # Mitsuba's message quotes bytes of a file that are not valid text.
+    if isinstance(error, UnicodeDecodeError):
         text = error.object.decode(errors="replace")
     text = re.sub(r"^\[\w+\.cpp:\d+\] ", "", text)
     at = re.match(r"(?:At|While loading) (.*?(?:\(line \d+, col \d+\)|node \"[^\"]*\")):", text)
@@ -398,7 +399,8 @@ def _check_type(name: str) -> None:
         resolver = mi.FileResolver()
         resolver.clear()
         resolver.append(str(_MITSUBA))
-        with _resolver(resolver):  # the plugin manager may load the library of the plugin
+        # The plugin manager may load the plugin's library, so it searches only Mitsuba's folder.
+        with _resolver(resolver):
             kind = mi.PluginManager.instance().plugin_type(name)
         is_known = kind != mi.ObjectType.Unknown
     if name in _REFUSED or not is_known:
@@ -433,7 +435,9 @@ class _CheckedFiles:
     def add_xml(self, file: Path, level: int = 0) -> None:
         """Add a scene file, its includes, and the spectra that Mitsuba's parser reads."""
         if level > _DEEPEST_INCLUDE:
-            raise FileFormatError("expected scenes that do not include each other in a circle")
+            raise FileFormatError(
+                "expected scenes that do not include each other in a circle; remove one <include>"
+            )
         content = bytes_of(file, LARGEST_SCENE)
         self.paths.add(file.resolve())
         for element in _root_of(text_of(content)).iter():
