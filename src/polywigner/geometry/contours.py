@@ -35,6 +35,8 @@ _BESIDE = 1e-10
 _TOUCHING = 1e-6
 # Distance of sides of triangles on the border of a figure, as a fraction of its extent.
 _BORDER = 1e-11
+# Difference of two equal silhouettes, as a fraction of their extent.
+_EQUAL = 1e-6
 # Axes of the six pyramids, rotated out of the planes in which faces of bodies usually lie.
 _CUBE = np.linalg.qr(np.array([[0.83, 0.31, 0.47], [-0.29, 0.91, 0.17], [0.41, -0.23, 0.87]]))[0]
 
@@ -95,6 +97,25 @@ class Silhouette:
         )
         touching = frozenset[tuple[int, int]]().union(*(part.touching for part in parts))
         return cls(edges, numbers, bodies, behind, touching)
+
+    def is_like(self, other: Silhouette) -> bool:
+        """Return whether another silhouette has the same edges, which may be split elsewhere."""
+        keys, sums = self._lengths()
+        other_keys, other_sums = other._lengths()
+        within = _EQUAL * float(np.abs(self.edges).max(initial=0.0))
+        return np.array_equal(keys, other_keys) and bool(
+            np.allclose(sums, other_sums, 1e-6, within)
+        )
+
+    def _lengths(self) -> tuple[Indices, Floats]:
+        """Return lengths (k,) and centroids of all edges of one number before one face."""
+        keys = np.column_stack([self.numbers, self.bodies, self.behind])
+        unique, which = np.unique(keys, axis=0, return_inverse=True)
+        length = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1)
+        moments = length[:, None] * self.edges.mean(axis=1)
+        columns = [length, *moments.T]
+        sums = np.stack([np.bincount(which.ravel(), column) for column in columns], axis=1)
+        return unique, np.column_stack([sums[:, 0], sums[:, 1:] / sums[:, :1]])
 
     def subset(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
         """Return the masked edges, shortened to ``edges`` (m, 2, 3)."""

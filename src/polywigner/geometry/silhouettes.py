@@ -230,9 +230,27 @@ class Obstacles:
 
         For large meshes all points have the silhouette of their mean.
         """
-        if len(sources) * sum(len(body.triangles) for body in self.bodies) > _MOST_FACES:
+        if self._is_large(len(sources)):
             return [self.silhouette(np.mean(sources, axis=0))] * len(sources)
         return [self.silhouette(point) for point in sources]
+
+    def shared_silhouette(self, sources: Floats) -> Silhouette | None:
+        """Return the silhouette that points (k, 3) in one plane have in common, if any.
+
+        All points have the silhouette of their mean if the mesh is large.
+        """
+        low, high = sources.min(axis=0), sources.max(axis=0)
+        shared = self.silhouette(0.5 * (low + high))
+        if self._is_large(len(sources)):
+            return shared
+        for is_high in ([0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]):
+            if not shared.is_like(self.silhouette(np.where(is_high, high, low))):
+                return None
+        return shared
+
+    def _is_large(self, count: int) -> bool:
+        """Return whether one silhouette is to be computed for this number of points."""
+        return count * sum(len(body.triangles) for body in self.bodies) > _MOST_FACES
 
     def silhouette(self, source: Floats) -> Silhouette:
         """Return the edges of the shadows of all bodies for a point source at (3,)."""
