@@ -109,8 +109,13 @@ def all_points(points: Sequence[RadiatingPoint]) -> SourceNodes:
 
 
 def nodes_for(points: Sequence[RadiatingPoint], edges: Floats) -> SourceNodes:
-    """Return the nodes of a source whose edges are at (m, 2, 3), few if the edges are far away."""
-    every, places = all_points(points), edges.reshape(-1, 3)
+    """Return the nodes of a source for edges with ends (m, 2, 3), few if all edges are far away."""
+    every = all_points(points)
+    start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
+    squares = np.maximum((along * along).sum(axis=1), 1e-300)
+    nearest = np.clip(((every.centre - start) * along).sum(axis=1) / squares, 0.0, 1.0)
+    fractions = [0.0 * nearest, 0.5 * nearest, nearest, 0.5 + 0.5 * nearest, 0.0 * nearest + 1.0]
+    places = np.concatenate([start + part[:, None] * along for part in fractions])
     limit = _INTERPOLATED * every.peak
     counts = [
         next((n for n in _COUNTS if _error(points, places, k, n) <= limit), len(points))

@@ -117,10 +117,13 @@ class Shadows:
         self._near = [opaque(m, value) for value in (near / scale).tolist()]
         self._is_oblique = any(point.field for point in points)
         self._is_blocked = len(tables.triangles) > 0
-        every = silhouettes * (len(points) // len(silhouettes))
-        self._on_host = partial(shadows.diffracted, obstacles, points, every, tolerance=_HOST_ERROR)
         if self._jit:
             self._load(nodes, tables)
+        else:
+            seen = [surfaces.before_plane(s) for s in obstacles.silhouettes(list(positions))]
+            self._on_host = partial(
+                shadows.diffracted, obstacles, points, seen, tolerance=_HOST_ERROR
+            )
 
     def either(self, point: mi.Point3f, free: Callable[[mi.Point3f], Drjit]) -> Drjit:
         """Return |U|^2 at a point in front; close to the source ``free`` computes it unshadowed."""
@@ -389,11 +392,11 @@ def _nodes_and_silhouettes(
     """Return the nodes of a source, and one silhouette for all nodes or for each of them."""
     every = all_points(points)
     shared = obstacles.shared_silhouette(every.positions)
-    if shared is None:
-        seen = [obstacles.silhouette(position) for position in every.positions]
-        return every, [surfaces.before_plane(silhouette) for silhouette in seen]
-    shared = surfaces.before_plane(shared)
-    return nodes_for(points, shared.edges), [shared]
+    if shared is not None:
+        shared = surfaces.before_plane(shared)
+        return nodes_for(points, shared.edges), [shared]
+    seen = [obstacles.silhouette(position) for position in every.positions]
+    return every, [surfaces.before_plane(silhouette) for silhouette in seen]
 
 
 def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
