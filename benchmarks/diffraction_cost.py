@@ -134,10 +134,9 @@ def rendered(made: Any) -> tuple[list[float], Any]:
 
 
 def from_all_points(what: Any) -> tuple[float, Any]:
-    usual = source_nodes._INTERPOLATED
-    source_nodes._INTERPOLATED = -1.0
+    usual, source_nodes._LIMITS = source_nodes._LIMITS, {}
     (_, seconds), image = rendered(scene(what, True))
-    source_nodes._INTERPOLATED = usual
+    source_nodes._LIMITS = usual
     return seconds, image
 
 

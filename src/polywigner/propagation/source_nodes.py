@@ -27,11 +27,12 @@ EDGE_AMPLITUDE = 1.0 / (math.sqrt(8.0) * math.pi)
 """Amplitude of the wave around an edge over the free wave, times the root of the detour."""
 NEAR = 0.3
 """Detour below which the wave of an edge has the weights of the nodes at the point."""
-# Largest error of the wave of an edge, over the largest free field: of the interpolation, which is
-# estimated four to ten times too large, and of the replacement of all nodes by the centre.
-_INTERPOLATED, _BY_CENTRE = 8e-3, 5e-4
-# Numbers of nodes along x or y. They are odd, so that the centre is a node.
-_COUNTS = (1, 3, 5, 7)
+# Numbers of nodes along x or y, odd, so that the centre is a node. Values: the largest errors
+# of the wave of an edge by interpolation, over the largest free field, for which each number is
+# used. The error is estimated four to ten times too large for several nodes.
+_LIMITS = {1: 1e-3, 3: 8e-3, 5: 8e-3, 7: 8e-3}
+# Largest error in the same unit if the centre replaces all nodes.
+_BY_CENTRE = 5e-4
 # Directions along an axis of the hemisphere in which the largest far field is searched.
 _DIRECTIONS = 33
 # Positions on edges, times radiating points, per block: some 100 MB.
@@ -116,9 +117,9 @@ def nodes_for(points: Sequence[RadiatingPoint], edges: Floats) -> SourceNodes:
     nearest = np.clip(((every.centre - start) * along).sum(axis=1) / squares, 0.0, 1.0)
     fractions = [0.0 * nearest, 0.5 * nearest, nearest, 0.5 + 0.5 * nearest, 0.0 * nearest + 1.0]
     places = np.concatenate([start + part[:, None] * along for part in fractions])
-    limit = _INTERPOLATED * every.peak
+    limits = {count: limit * every.peak for count, limit in _LIMITS.items()}
     counts = [
-        next((n for n in _COUNTS if _error(points, places, k, n) <= limit), len(points))
+        next((n for n, most in limits.items() if _error(points, places, k, n) <= most), len(points))
         for k in range(2)
     ]
     return every if math.prod(counts) >= len(points) else _grid(points, counts)

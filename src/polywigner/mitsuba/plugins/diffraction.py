@@ -13,6 +13,7 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -57,7 +58,7 @@ _MOST_POINTS = 1024
 _RULE = edge_waves.EdgeRule.of(2.0, 16, 2)
 # Edges whose wave adds less than this to |U|^2 over its free peak are left out. Fields below
 # _WEAK times the peak count as equal to it.
-_FAINT, _WEAK = 2e-4, 0.1
+_FAINT, _WEAK = 5e-5, 0.1
 # Waves behind a surface are left out if it transmits less than this fraction.
 _OPAQUE = 2e-3
 # Illuminated points are shifted by this fraction of their distance, so that none lies on the
@@ -110,6 +111,8 @@ class Shadows:
         faces = sum(len(body.triangles) for body in bodies)
         numbers = faces, len(tables.edges), len(nodes.positions), len(points)
         _log.info("shadows: %d faces, %d edges, %d nodes of %d points", *numbers)
+        if len(silhouettes) < len(nodes.positions):
+            bodies = [_spanned(body, nodes.centre) for body in bodies]
         self._obstacles = _scene_of(m, bodies)
         self._start = opaque(m, max(surfaces.BEHIND, surfaces.ROUNDING * reach * scale))
         self._centre = tuple(positions.mean(axis=0).tolist())
@@ -397,6 +400,22 @@ def _nodes_and_silhouettes(
         return nodes_for(points, shared.edges), [shared]
     seen = [obstacles.silhouette(position) for position in every.positions]
     return every, [surfaces.before_plane(silhouette) for silhouette in seen]
+
+
+def _spanned(body: Obstacle, source: Floats) -> Obstacle:
+    """Return a surface that hides what a convex body hides from near a source.
+
+    Its rim is the silhouette that all nodes of the source share, so that their shadows end at the
+    edges of this silhouette.
+    """
+    if not (body.is_solid and body.is_simple):
+        return body
+    ends = body.silhouette(source)
+    if not len(ends):
+        return body
+    centre = body.vertices[ends].mean(axis=(0, 1))
+    fan = np.column_stack([ends, np.full(len(ends), len(body.vertices))])
+    return replace(body, vertices=np.concatenate([body.vertices, [centre]]), triangles=fan)
 
 
 def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
