@@ -29,8 +29,8 @@ import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM li
 
 # Poses of a scene come in single precision.
 SINGLE = 2e-6
-# 4096 places that fill the apertures evenly, not on the edge of a shadow.
-RAYS = 0.01
+# 1024 rays between points that fill both apertures evenly.
+RAYS = 0.02
 
 
 def turned(angle, pose):

@@ -48,7 +48,9 @@ CASES: dict[str, tuple[Any, Any]] = {
 }
 
 
-@pytest.mark.parametrize("engine", ["numpy", pytest.param("llvm", marks=pytest.mark.llvm)])
+@pytest.mark.parametrize(
+    "engine", ["numpy", pytest.param("llvm", marks=(pytest.mark.llvm, pytest.mark.slow))]
+)
 @pytest.mark.parametrize("name", CASES)
 def test_first_field_of_rayleigh_sommerfeld_is_the_slope_of_the_second(
     name: str, engine: Any

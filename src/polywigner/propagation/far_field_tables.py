@@ -246,8 +246,8 @@ def _check_header(columns: Sequence[Column | None]) -> None:
             )
     if not {("theta", "", "value"), ("phi", "", "value")} <= set(contents):
         raise FileFormatError(
-            "the columns Theta and Phi are missing in the header; export them, and both field "
-            "components with their phases"
+            "expected the columns Theta and Phi in the header, got none; export them, and both "
+            "field components with their phases"
         )
 
 

@@ -459,8 +459,14 @@ def edge_wave_and_rate(
     return Pair(*(part.value for part in parts)), Pair(*(part.slopes[0] for part in parts))
 
 
-def path_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -> tuple[Any, Any]:
-    """Return the detour of the shortest path over a straight edge, and the cosine of its bend."""
+def path_over(
+    ops: Any, source: Point, point: Point, start: Point, end: Point
+) -> tuple[Any, Any, Any]:
+    """Return the shortest path over a straight edge.
+
+    The numbers are its detour, the cosine of its bend, and the position of the bend as a fraction
+    of the edge.
+    """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
     inverse = 1.0 / length
@@ -480,7 +486,7 @@ def path_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -
     # product - ahead without cancellation if the path is almost straight
     bent = dot(normal, normal) / ops.maximum(product + ahead, 1e-30)
     bent = ops.select(ahead > 0.0, bent, product - ahead)
-    return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30)
+    return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30), foot
 
 
 def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:

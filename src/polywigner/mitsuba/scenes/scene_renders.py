@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import checked_count, checked_path
@@ -161,6 +161,10 @@ def render_file(
         )
     if threads is not None:
         checked_count(threads, "threads", 1, MOST_THREADS)
+    if not isinstance(parameters, Mapping | None):
+        raise ArgumentError(
+            f"expected parameters as a mapping of names to values, got {value_text(parameters)}"
+        )
     chosen = choose_variant(mi.variant() if variant is None else variant)
     file = SceneFile(checked_path(path), chosen, dict(parameters or {}))
     options = {"integrator": integrator, "spp": spp, "seed": seed, "sensor": sensor}
