@@ -378,7 +378,7 @@ def test_an_argument_out_of_range_is_refused(
     with pytest.raises(PolywignerError, match=message):
         pm.channel(scene, **options)
     for name in {"polarisation", "bodies"} & set(options):
-        with pytest.raises(ArgumentError, match=f"expected {name} with coherent=True"):
+        with pytest.raises(ArgumentError, match=f"{name}= requires coherent=True"):
             pm.received_power(scene, **options)
 
 
@@ -386,7 +386,7 @@ def test_an_argument_out_of_range_is_refused(
     ("change", "message"),
     [
         ({"tx": None}, "no wigner emitter"),
-        ({"rx": {"obliquity": "kirchhoff"}}, "one obliquity"),
+        ({"rx": {"obliquity": "kirchhoff"}}, "same obliquity"),
         ({"tx": {"bandwidth": 1e9}}, "coherent light"),
         ({"floor": {"type": "blendbsdf", "weight": 0.5, "a": METAL, "b": BLACK}}, "has a phase"),
     ],

@@ -106,7 +106,7 @@ REFUSED = {
     GOOD.replace("94 GHz", "94 GHx"): "frequency | 94 GHx",
     GOOD.replace("patch.wkt", "none.wkt"): "none.wkt",
     GOOD.replace("94 GHz", "1e-20 Hz"): "radiates only | 2.99792e+28 | check the unit",
-    GOOD + element("boolean", "power", "true"): "number or a text as power | bool",
+    GOOD + element("boolean", "power", "true"): "number or a string as power | bool",
     GOOD + texts(obliquity="rs1"): "obliquity | 'rs1' | kirchhoff",
     turned('<scale value="2"/>'): "rotations and translations only | scales by 2, 2, 2",
     texts(aperture="memory:0123", frequency="94 GHz"): "key of a source | mitsuba.aperture",

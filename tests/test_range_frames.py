@@ -111,10 +111,10 @@ class TestCameras:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--range", "2 m to 1 m"], "rising lengths"),
+        (["--range", "2 m to 1 m"], "ascending lengths"),
         (["--range", "0 m to 1 s"], "length"),
         (["--range", "0 m to 1 m", "--bins", "0"], "--bins"),
-        (["--bins", "5"], "add a --range"),
+        (["--bins", "5"], "--bins requires --range"),
     ],
 )
 def test_bad_ranges_are_one_sentence(words, message, scene, capsys, monkeypatch):

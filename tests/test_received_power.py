@@ -339,8 +339,8 @@ def with_integrator(name):
     [
         (lambda: scene_of(tx=emitter()), "a receiver, got one without"),
         (lambda: scene_of(rx=receiver()), "a scene with light"),
-        (with_other(wavelength=4e-3), "one wavelength of emitter 'tx' and receiver 'rx'"),
-        (with_other(obliquity="kirchhoff"), "one obliquity"),
+        (with_other(wavelength=4e-3), "equal wavelengths of emitter 'tx' and receiver 'rx'"),
+        (with_other(obliquity="kirchhoff"), "same obliquity"),
         (with_other(scene_unit=1e-3, to_world=facing(1e3)), "same scene_unit"),
         *(
             (with_integrator(name), "integrator that computes the radiance along rays")

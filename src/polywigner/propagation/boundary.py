@@ -317,9 +317,9 @@ def _summed(
             "unit of the wavelength"
         )
     sums = _EdgeSums(radiator, wavelength, share, paraxial, len(points), engine)
-    # The tolerance is relative to the incident amplitude, or to the bound on the source's field if the
-    # bound is smaller. The bound consists of a wave and, for the normal derivative of a wave, of the
-    # static field, which dominates within a wavelength.
+    # The tolerance is relative to the incident amplitude, or to the bound on the source's field if
+    # the bound is smaller. The bound consists of a wave and, for the normal derivative of a wave,
+    # of the static field, which dominates within a wavelength.
     distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
     bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
     found = _Estimates(points, tolerance * np.minimum(radiator.amplitude, bound))
