@@ -196,7 +196,7 @@ def test_files_hold_the_cloud(tmp_path):
 def test_other_files_and_other_data_are_refused(tmp_path):
     scene = on_floor()
     cloud = pm.scatterers(scene, 5, rays=16)
-    with pytest.raises(ArgumentError, match=r"expected a file of \.csv or \.nc"):
+    with pytest.raises(ArgumentError, match=r"expected a path with the suffix \.csv or \.nc"):
         pm.write_scatterers(cloud, tmp_path / "cloud.ply")
     with pytest.raises(ArgumentError, match="expected a cloud"):
         pm.write_scatterers({"power": 1}, tmp_path / "cloud.csv")

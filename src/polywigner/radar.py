@@ -177,7 +177,7 @@ class Pulse(FMCW):
         return float(self.samples)
 
     def from_spectrum(self, spectrum: Complexes) -> Complexes:
-        """Return samples in time, of which the largest is the amplitude of a single path."""
+        """Return samples in time; the largest sample of a single path is its amplitude."""
         return np.fft.fft(spectrum) / self.samples
 
     def to_spectrum(self, signal: Complexes) -> Complexes:

@@ -133,7 +133,7 @@ def _front(matrix: Floats) -> complex:
 def _rounding(
     radiator: Radiator, curvature: Floats, axes: Floats, slopes: Floats, wavelength: float
 ) -> Floats:
-    """Return the rounding errors (n,) of the integral along edges, which stem from its phases."""
+    """Return the rounding errors (n,) that phases cause in the integral along edges."""
     largest = float(abs(curvature).max())
     size = float(np.linalg.norm(radiator.high - radiator.low))
     along = radiator.amplitude * radiator.perimeter * min(math.sqrt(wavelength / largest), size)
@@ -399,7 +399,7 @@ def _rule(
 
 
 class FrequencyLattice:
-    """Frequencies (n, 2) of waves, which are products of waves along x and y.
+    """Frequencies (n, 2) of waves that are products of waves along x and y.
 
     If the frequencies lie on a lattice, waves along an axis are computed once for each coordinate.
     """

@@ -281,7 +281,7 @@ class FarField:
         return [(centre, counts) for centre in centres if np.linalg.norm(centre) <= 1.0]
 
     def _on_disc(self, cosines: Values) -> tuple[Values, Values]:
-        """Return direction cosines (..., 2), moved into the unit disc, and |E|^2 (...) at these."""
+        """Return direction cosines (..., 2) moved into the unit disc, and |E|^2 (...) there."""
         cosines = cosines / np.maximum(1, np.linalg.norm(cosines, axis=-1, keepdims=True))
         third = np.sqrt(np.maximum(0, 1 - np.square(cosines).sum(axis=-1, keepdims=True)))
         directions = np.concatenate([cosines, third], axis=-1).reshape(-1, 3)

@@ -404,7 +404,7 @@ def _cross_polar(
 
 
 def front_of(theta: Floats, levels: Floats) -> tuple[Floats, Floats]:
-    """Return the angles theta in front of the plane, and the levels (theta, phi) at these."""
+    """Return the angles theta in front of the plane, and the levels (theta, phi) there."""
     front = np.abs(theta) <= math.pi / 2 + _SAME_ANGLE
     return theta[front], levels[front]
 

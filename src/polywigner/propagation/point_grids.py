@@ -132,7 +132,7 @@ def tolerance_from(tolerance: float | None, default: float, least: float, where:
 
 
 def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
-    """Return the name of a method; raise ArgumentError, which lists the names, for others."""
+    """Return the name of a method; for others, raise an ArgumentError that lists the names."""
     return checked_choice(method, "method", allowed)
 
 
@@ -196,7 +196,7 @@ Grid = StraightGrid | Hemisphere
 
 
 def box_grid(box: Any, shape: Any) -> StraightGrid:
-    """Return a volume with ``shape`` points along x, y and z, which includes all faces of a box."""
+    """Return a volume with ``shape`` points along x, y and z, including all faces of a box."""
     low, high = _corners("box", box, "lowest and the highest")
     if (high < low).any():
         raise ArgumentError(

@@ -192,7 +192,7 @@ def _in_memory(
 def _lazy_array(
     block: Block, shape: Index, chunks: Any, dtype: DTypeLike, compiled: bool, threads: int | None
 ) -> dask.array.Array:
-    """Return a dask array whose chunks are computed by ``block``, which workers must unpickle."""
+    """Return a dask array with chunks computed by ``block``, which must be picklable."""
     arrays, core = required("dask.array"), required("dask.array.core")
     try:
         sizes = core.normalize_chunks(chunks, shape, dtype=dtype)

@@ -111,7 +111,7 @@ def sums_of_beams(
 
 
 class _Failures:
-    """Counter of the samples that cannot be computed, which sets their sums (m, ...) to NaN."""
+    """Record of the samples that cannot be computed; sets their sums (m, ...) to NaN."""
 
     def __init__(self, sums: Complex) -> None:
         self._sums = sums

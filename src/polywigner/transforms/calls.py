@@ -161,7 +161,7 @@ def compute(
 
 
 def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
-    """Return whether a marginal is real, and the name and points of the transform it belongs to."""
+    """Return whether a marginal is real, and the name and points of its full transform."""
     declared = TRANSFORMS[name]
     assert declared.full is not None
     # The lag marginal is real if the field is 1 on the source.

@@ -45,7 +45,7 @@ class PlacedSource(SourceParameters):
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
-        """Scalar sources with Stokes vectors, which add up weighted by |U|^2."""
+        """Scalar sources and their Stokes vectors; the light is their sum weighted by |U|^2."""
         if self.polarisation is None:
             return [(self.source, (1.0, 0.0, 0.0, 0.0))]
         return stokes_fields(self.source, self.polarisation)

@@ -105,7 +105,7 @@ one_at_a_time = exclusive()
 
 
 def add_plugin(kind: str, name: str, build: _Build) -> None:
-    """Add a plugin, made by ``build(variant, properties)``, to those of :func:`register`."""
+    """Add a plugin that ``build(variant, properties)`` makes to the plugins of :func:`register`."""
     _plugins[kind, name] = build
 
 

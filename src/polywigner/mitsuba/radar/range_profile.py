@@ -201,7 +201,7 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
     else:
         values = {n: (a, ("receiver", *dims), *rest) for n, (a, dims, *rest) in values.items()}
         coords["receiver"] = labelled_array(np.array(receivers), ("receiver",))
-    meaning = "light and mirrors in the order of light; none: line of sight"
+    meaning = "light, then mirrors in the order of reflection; no mirrors: line of sight"
     about = {
         "receiver": receivers[0] if is_single else "several",
         "wavelength": placed[0].wavelength,

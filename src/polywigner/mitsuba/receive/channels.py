@@ -476,7 +476,12 @@ def _dataset(
             "h": (amplitudes.sum(axis=-1), ("frequency", *dims[:2]), "1", f"channel, {wave}"),
             "amplitude": (amplitudes, ("frequency", *dims), "1", f"amplitude of a path, {wave}"),
             "delay": (delays.reshape(shape), dims, "s", "delay between the centres of both ends"),
-            "mirrors": (names, ("path",), "", "mirrors in the order of light; none: line of sight"),
+            "mirrors": (
+                names,
+                ("path",),
+                "",
+                "mirrors in the order of reflection; empty: line of sight",
+            ),
         },
         {
             "frequency": ("frequency", frequencies, {"units": "Hz"}),

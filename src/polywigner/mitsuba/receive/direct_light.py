@@ -335,7 +335,7 @@ def _colours() -> list[Drjit]:
 
 
 def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
-    """Return the effective area in m^2 for each field, which takes the place of |b|^2.
+    """Return the effective area in m^2 for each field, which replaces |b|^2.
 
     The area is the received power over 4 pi times the intensity, or over the irradiance.
     """

@@ -136,7 +136,7 @@ def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
 
 
 def _is_same(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
-    """Return whether a face lies in a plane, whichever way it faces."""
+    """Return whether a face lies in a plane; its normal may have either sign."""
     sign = np.sign(normal @ plane[0])
     difference = np.abs(normal - sign * plane[0]).max()
     return bool(difference <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)
