@@ -214,9 +214,9 @@ def test_other_files_and_other_data_are_refused(tmp_path):
         ({"count": 10, "receiver": "nobody"}, "receiver as one of"),
         (
             {"count": 10, "velocities": {"flor": (1, 0, 0)}},
-            "'floor', 'rx', 'tx', got the id 'flor'",
+            "'floor', 'rx', 'tx', got 'flor'",
         ),
-        ({"count": 10, "velocities": {"floor": (1, 0)}}, "three finite numbers"),
+        ({"count": 10, "velocities": {"floor": (1, 0)}}, "three numbers in m/s"),
     ],
 )
 def test_arguments_out_of_range_are_refused(options, message):

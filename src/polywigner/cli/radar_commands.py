@@ -203,7 +203,10 @@ def radar(
     several receivers or emitters, also writes a figure of power by range and direction,
     NAME_angle.png.
     """
-    velocities = dict(parse_velocity(text) for text in velocity or [])
+    pairs = [parse_velocity(text) for text in velocity or []]
+    velocities = dict(pairs)
+    if len(velocities) < len(pairs):
+        raise ArgumentError("expected one --velocity for each name, got several")
     options.check_scene(scene)
     suffixes = (".zarr" if zarr else ".nc", "_rate.png", "_angle.png")
     files = options.files_to_write(out, f"{Path(scene).stem}_radar", suffixes)
@@ -211,9 +214,10 @@ def radar(
     from polywigner.figures import draw_radar_map
     from polywigner.mitsuba import choose_variant, load_scene, radar_cube
     from polywigner.propagation.stores import required
-    from polywigner.radar import parse_waveform, range_angle, range_doppler
+    from polywigner.radar import parse_waveform, range_angle, range_doppler, window_of
 
     wave = parse_waveform(waveform)
+    window_of(window, wave.samples)  # a bad name is refused before the work
     required("zarr" if zarr else "h5netcdf", "dask")
     with options.warnings_of_mitsuba():
         loaded = load_scene(scene, choose_variant(variant))
@@ -229,7 +233,7 @@ def radar(
     mean = by_rate.mean(by_rate.dims[:-2])
     peak = mean.isel(mean.argmax(...))
     summary = [
-        f"{cube.sizes['receiver']} receivers, {cube.sizes['emitter']} emitters, "
+        f"receivers: {cube.sizes['receiver']}, emitters: {cube.sizes['emitter']}, "
         f"{cube.attrs['scattered_points']} scatterers; bins of {wave.range_step:.4g} m and "
         f"{wave.rate_step / cube.sizes['emitter']:.4g} m/s",
         f"maximum at {float(peak['range']):.4g} m, {float(peak['range_rate']):.4g} m/s: "
