@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,12 +44,22 @@ def fringe(j: int) -> Order:
     return 2 * d - m, m if rank % 2 == 0 else -m
 
 
-INDEXINGS: dict[str, tuple[Callable[[int], Order], int, bool]] = {
-    "noll": (noll, 1, True),
-    "fringe": (fringe, 1, False),
-    "osa": (osa, 0, True),
+class Indexing(NamedTuple):
+    """A numbering of the polynomials by a single index."""
+
+    order: Callable[[int], Order]
+    """Order of an index."""
+    first: int
+    """First index."""
+    is_normalised: bool
+    """True if the polynomials have unit rms on the disc; False if they are 1 at the rim."""
+
+
+INDEXINGS = {
+    "noll": Indexing(noll, 1, True),
+    "fringe": Indexing(fringe, 1, False),
+    "osa": Indexing(osa, 0, True),
 }
-"""Order of an index, the first index, and whether the polynomials have unit rms on the disc."""
 
 
 def norm(order: Order) -> float:

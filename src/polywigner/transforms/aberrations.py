@@ -59,12 +59,12 @@ class ZernikeModes:
     """(k, orders): the polynomials in each of k sums."""
 
     def values(self, x: Floats, y: Floats) -> Floats:
-        known = polynomials.values(self.orders, x / self.radius, y / self.radius)
-        return np.asarray(np.einsum("kj,j...->k...", self.matrix, known))
+        table = polynomials.values(self.orders, x / self.radius, y / self.radius)
+        return np.asarray(np.einsum("kj,j...->k...", self.matrix, table))
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
-        known = polynomials.gradients(self.orders, x / self.radius, y / self.radius)
-        return np.asarray(np.einsum("kj,j...->k...", self.matrix / self.radius, known))
+        table = polynomials.gradients(self.orders, x / self.radius, y / self.radius)
+        return np.asarray(np.einsum("kj,j...->k...", self.matrix / self.radius, table))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +80,10 @@ class PowerModes:
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
         u, v = x / self.radius, y / self.radius
-        both = [
+        derivatives = [
             (i * u ** max(i - 1, 0) * v**j, j * u**i * v ** max(j - 1, 0)) for i, j in self.powers
         ]
-        return np.array(both) / self.radius
+        return np.array(derivatives) / self.radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,15 +153,16 @@ class Aberration:
             table = finite_array(path, expected, (None, None))
             powers = np.argwhere(table)
             modes, coefficients = PowerModes(powers, size), table[tuple(powers.T)]
-        self._parts: tuple[tuple[Modes, int], ...] = ((modes, len(coefficients)),)
-        self._coefficients = coefficients
-        self._traced: Any = None
+        self._set(coefficients, modes)
+
+    def _set(self, coefficients: Floats, *modes: Modes, traced: Any = None) -> None:
+        self._coefficients, self._modes, self._traced = coefficients, modes, traced
 
     @classmethod
-    def _of(cls, parts: Any, coefficients: Floats, traced: Any = None) -> Aberration:
+    def _of(cls, coefficients: Floats, *modes: Modes, traced: Any = None) -> Aberration:
+        """Return an aberration with coefficients (k,) of all terms of the modes together."""
         aberration: Aberration = cls.__new__(cls)
-        aberration._parts, aberration._coefficients = tuple(parts), coefficients
-        aberration._traced = traced
+        aberration._set(coefficients, *modes, traced=traced)
         return aberration
 
     @property
@@ -205,10 +206,9 @@ class Aberration:
         if execution.is_drjit(given):
             pair = execution.numbers_of("coefficients", given, "Complex2f")
             traced, given = pair[0], execution.columns_of(pair)[:, 0]
-        expected = f"expected coefficients as finite numbers ({len(self.coefficients)},)"
-        return self._of(
-            self._parts, finite_array(given, expected, (len(self.coefficients),)), traced
-        )
+        shape = (len(self.coefficients),)
+        values = finite_array(given, f"expected coefficients as finite numbers {shape}", shape)
+        return self._of(values, *self._modes, traced=traced)
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return W in m at x, y (...) in m."""
@@ -218,20 +218,16 @@ class Aberration:
     def slopes(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the slopes (..., 2) of W along x and y at x, y (...) in m, without unit.
 
-        A ray from there meets the focal plane at the slope times the focal length from the axis.
-        Slopes of functions are differences.
+        A ray from (x, y) meets the focal plane at the slope times the focal length from the axis.
+        Slopes of functions are central differences.
         """
         points = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-        total, start = np.zeros((2, *points[0].shape)), 0
-        for modes, count in self._parts:
-            some = self.coefficients[start : start + count]
-            total += np.einsum("k,k...->...", some, modes.gradients(*points))
-            start += count
-        return np.moveaxis(total, 0, -1)
+        gradients = np.concatenate([modes.gradients(*points) for modes in self._modes])
+        return np.asarray(np.einsum("k,kd...->...d", self.coefficients, gradients))
 
     def modes(self, x: Floats, y: Floats) -> Floats:
-        """Return the derivatives (k, ...) of W by its coefficients at x, y (...) in m."""
-        return np.concatenate([modes.values(x, y) for modes, _ in self._parts])
+        """Return the derivatives (k, ...) of W in its coefficients at x, y (...) in m."""
+        return np.concatenate([modes.values(x, y) for modes in self._modes])
 
     def __add__(self, other: Aberration) -> Aberration:
         if not isinstance(other, Aberration):
@@ -241,13 +237,13 @@ class Aberration:
                 "aberrations with Dr.Jit coefficients cannot be added; add the aberrations, then "
                 "use with_coefficients"
             )
-        both = np.concatenate([self.coefficients, other.coefficients])
-        return self._of((*self._parts, *other._parts), both)
+        coefficients = np.concatenate([self.coefficients, other.coefficients])
+        return self._of(coefficients, *self._modes, *other._modes)
 
     def __mul__(self, factor: float) -> Aberration:
         number = checked_number(factor, "factor", "a finite number")
         traced = None if self.traced is None else self.traced * number
-        return self._of(self._parts, self.coefficients * number, traced)
+        return self._of(self.coefficients * number, *self._modes, traced=traced)
 
     __rmul__ = __mul__
 
@@ -308,7 +304,7 @@ def zernike(
         for index, value in coefficients.items()
     ]
     modes = _zernike_modes(indices, radius, indexing, orthogonal_on)
-    return Aberration._of([(modes, len(values))], np.array(values))
+    return Aberration._of(np.array(values), modes)
 
 
 class FittedAberration(NamedTuple):
@@ -367,11 +363,10 @@ def fit_zernike(
     samples = [finite_array(np.ravel(a), expected, (None,)) for a in (x, y, opd)]
     if len({len(a) for a in samples}) != 1:
         raise ArgumentError(f"{expected}, got {', '.join(str(len(a)) for a in samples)} of them")
-    first = polynomials.INDEXINGS[_checked_indexing(indexing)][1]
-    if isinstance(terms, Collection):
-        indices = _checked_indices(terms, indexing)
-    else:
-        indices = list(range(first, first + checked_count(terms, "terms", 1)))
+    if not isinstance(terms, Collection):
+        first = _indexing_of(indexing).first
+        terms = range(first, first + checked_count(terms, "terms", 1))
+    indices = _checked_indices(terms, indexing)
     modes = _zernike_modes(indices, radius, indexing, orthogonal_on)
     matrix = modes.values(*samples[:2]).T
     solution, _, rank, _ = np.linalg.lstsq(matrix, samples[2], rcond=None)
@@ -382,17 +377,17 @@ def fit_zernike(
             "terms, or samples that cover the pupil"
         )
     residual = float(np.sqrt(np.square(samples[2] - matrix @ values).mean()))
-    known = dict(zip(indices, values.tolist(), strict=True))
-    return FittedAberration(Aberration._of([(modes, len(values))], values), known, residual)
+    by_index = dict(zip(indices, values.tolist(), strict=True))
+    return FittedAberration(Aberration._of(values, modes), by_index, residual)
 
 
-def _checked_indexing(indexing: Any) -> str:
-    return checked_choice(indexing, "indexing", polynomials.INDEXINGS)
+def _indexing_of(name: Any) -> polynomials.Indexing:
+    return polynomials.INDEXINGS[checked_choice(name, "indexing", polynomials.INDEXINGS)]
 
 
-def _checked_indices(indices: Any, indexing: str) -> list[int]:
-    """Return distinct indices of Zernike polynomials; raise ArgumentError for others."""
-    order, first, _ = polynomials.INDEXINGS[_checked_indexing(indexing)]
+def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
+    """Return distinct indices of Zernike polynomials; raise ArgumentError for other values."""
+    order, first, _ = _indexing_of(indexing)
     for index in indices:
         is_index = isinstance(index, int | np.integer) and not isinstance(index, bool)
         if not is_index or index < first or order(int(index))[0] > _HIGHEST:
@@ -408,15 +403,13 @@ def _checked_indices(indices: Any, indexing: str) -> list[int]:
 def _zernike_modes(
     indices: list[int], radius: float, indexing: str, orthogonal_on: Aperture | Array | None
 ) -> ZernikeModes:
-    order, first, is_normalised = polynomials.INDEXINGS[indexing]
-    size = checked_length(radius, "radius")
+    order, first, is_normalised = _indexing_of(indexing)
+    is_plain = orthogonal_on is None
+    orders = tuple(map(order, indices if is_plain else range(first, max(indices) + 1)))
+    norms = [1.0 if is_plain and not is_normalised else polynomials.norm(n_m) for n_m in orders]
+    modes = ZernikeModes(orders, checked_length(radius, "radius"), np.diag(norms))
     if orthogonal_on is None:
-        orders = tuple(order(index) for index in indices)
-        norms = [polynomials.norm(order) if is_normalised else 1.0 for order in orders]
-        return ZernikeModes(orders, size, np.diag(norms))
-    orders = tuple(order(index) for index in range(first, max(indices) + 1))
-    norms = [polynomials.norm(order) for order in orders]
-    modes = ZernikeModes(orders, size, np.diag(norms))
+        return modes
     rows = [index - first for index in indices]
     return replace(modes, matrix=_gram_schmidt(modes, orthogonal_on)[rows] @ modes.matrix)
 
