@@ -12,23 +12,14 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.numerics.chirps import waves_of_turns
-from polywigner.numerics.triangles import Indices, counts_for
 from polywigner.propagation.collins import FrequencyLattice
 from polywigner.transforms.aberrated_pupils import (
     AberratedPupil,
-    Columns,
     Converged,
     converged,
 )
 from polywigner.transforms.aberrations import Aberration
-from polywigner.transforms.pupil_gradients import (
-    Edges,
-    Jets,
-    Parts,
-    PupilNumbers,
-    edges_of,
-    nodes_on,
-)
+from polywigner.transforms.pupil_gradients import Jets, PupilNumbers, edges_of
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -53,8 +44,9 @@ def aberrated_spectrum(
     def evaluate(extra: int, points: Floats) -> Complex:
         lattice, total = FrequencyLattice(points), np.zeros(len(points), np.complex128)
         for k, weight in enumerate(pupil.weights):
-            for part in pupil.columns(k, band, extra, tolerance):
-                total += weight * lattice_sum(lattice, part, centre)
+            for x, weights in pupil.rules(k, band, extra, tolerance):
+                field = weight * weights * pupil.field(k, x)
+                total += lattice_sum(lattice, x - centre, field)
         return total
 
     checked = converged(
@@ -72,26 +64,26 @@ def band_of(nu: Floats) -> tuple[Floats, Floats]:
     return nu.min(axis=0), nu.max(axis=0)
 
 
-def lattice_sum(lattice: FrequencyLattice, part: Columns, centre: Any = (0.0, 0.0)) -> Complex:
-    """Return sums (n,) of a field at nodes times exp(-2 pi i nu.(x - centre)).
+def lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Complex:
+    """Return sums (n,) of a field (k, m) times exp(-2 pi i nu.x) over nodes (k, m, 2).
 
-    On a grid the sums over y are shared by all frequencies along x.
+    Nodes of a row have the same x: on a grid all frequencies along x share the sums over y.
     """
-    waves = part.field.size * (lattice.work if lattice.index is None else len(lattice.axes[1]))
+    waves = field.size * (lattice.work if lattice.index is None else len(lattice.axes[1]))
     if waves > _MOST:
         raise ArgumentError(
             f"the aberrated pupil requires {waves:.1e} waves from nodes to points, at most "
             f"{_MOST:.0e}; use fewer points, or a grid along x and y"
         )
     if lattice.index is None:
-        return lattice.summed(part.nodes - centre, part.field.ravel())
-    x, y = part.x - centre[0], part.y - centre[1]
+        return lattice.summed(nodes.reshape(-1, 2), field.ravel())
+    x, y = nodes[:, 0, 0], nodes[..., 1]
     total: Any = 0.0
     rows = max(1, _BLOCK // max(1, y.shape[1] * len(lattice.axes[1])))
     for start in range(0, len(x), rows):
         some = slice(start, start + rows)
         along_y = waves_of_turns(-y[some, :, None] * lattice.axes[1])
-        sums = (part.field[some, None, :] @ along_y)[:, 0]
+        sums = (field[some, None, :] @ along_y)[:, 0]
         total = total + waves_of_turns(-np.outer(lattice.axes[0], x[some])) @ sums
     return np.asarray(total[lattice.index])
 
@@ -101,13 +93,14 @@ def spectrum_jets(
 ) -> Jets:
     """Return jets (n, 1 + m) of :func:`aberrated_spectrum` at nu (n, 2)."""
     values, _, extra = aberrated_spectrum(pupil, nu, tolerance)
-    return numbers.joined(values, pupil, _OfSpectrum(nu, extra, tolerance))
+    return numbers.joined(values, _OfSpectrum(pupil, nu, extra, tolerance))
 
 
 @dataclass(frozen=True, eq=False)
-class _OfSpectrum(Parts):
+class _OfSpectrum:
     """Derivatives of the spectrum of a pupil."""
 
+    pupil: AberratedPupil
     nu: Floats
     extra: int
     error: float
@@ -116,57 +109,40 @@ class _OfSpectrum(Parts):
     def lattice(self) -> FrequencyLattice:
         return FrequencyLattice(self.nu)
 
-    def _columns(self, pupil: AberratedPupil, number: int) -> list[Columns]:
-        return pupil.columns(number, band_of(self.nu), self.extra, self.error)
+    def _rules(self, number: int) -> list[tuple[Floats, Floats]]:
+        return self.pupil.rules(number, band_of(self.nu), self.extra, self.error)
 
-    def weights(self, pupil: AberratedPupil) -> tuple[Complex, Complex]:
-        sums = [
-            sum(lattice_sum(self.lattice, part) for part in self._columns(pupil, k))
-            for k in range(len(pupil.elements))
-        ]
-        by_weight = np.stack(sums, axis=1)
-        return by_weight, np.zeros_like(by_weight)
-
-    def coefficients(self, pupil: AberratedPupil) -> Complex:
-        assert pupil.aberration is not None
-        total: Any = 0.0
-        for k, weight in enumerate(pupil.weights):
-            for part in self._columns(pupil, k):
-                modes = pupil.aberration.modes(*part.nodes.T)
-                fields = weight * part.field * modes.reshape(-1, *part.y.shape)
-                terms = [lattice_sum(self.lattice, part._replace(field=f)) for f in fields]
-                total = total + np.stack(terms, axis=1)
-        return np.asarray(total * (2j * np.pi / pupil.wavelength))
-
-    def vertices(self, pupil: AberratedPupil) -> Complex:
-        parts = []
-        for k, (edges, weight) in enumerate(zip(edges_of(pupil), pupil.weights, strict=True)):
-            x, terms, owner = self._boundary(pupil, k, edges)
-            by_node = np.zeros((len(x), len(edges.begin), 2), np.complex128)
-            row = np.arange(len(x))
-            for corner, fraction in ((edges.first, 0), (edges.second, 1)):
-                local = corner[owner] - edges.first[0]
-                by_node[row, local] += terms[:, fraction, None] * edges.normal[owner]
-            waves = np.exp(-2j * np.pi * (self.nu @ x.T))
-            parts.append(weight * np.tensordot(waves, by_node, 1))
+    def vertices(self) -> Complex:
+        pupil, parts = self.pupil, []
+        largest = np.abs(np.stack(band_of(self.nu))).max(axis=0)
+        for k, edges in enumerate(edges_of(pupil)):
+            every, ones = np.arange(len(edges.begin)), np.ones(len(edges.begin))
+            band = largest + np.abs(pupil.elements[k].frequencies).max(axis=0)
+            x, weights = edges.rule(
+                (every, 0.0 * ones, ones), pupil.slopes, band, self.error, self.extra
+            )
+            field = pupil.weights[k] * pupil.field(k, x)[..., None] * weights
+            waves = np.exp(-2j * np.pi * (x @ self.nu.T)).swapaxes(1, 2)  # (edges, n, nodes)
+            parts.append(edges.at_vertices(every, (waves @ field).swapaxes(0, 1)))
         return np.concatenate(parts, axis=1)
 
-    def _boundary(
-        self, pupil: AberratedPupil, number: int, edges: Edges
-    ) -> tuple[Floats, Complex, Indices]:
-        """Return nodes (m, 2) on edges, the field times (1 - t, t) dt (m, 2), and edges (m,)."""
-        ends = edges.begin[:, None] + np.array([0.0, 0.5, 1.0])[:, None] * edges.vector[:, None]
-        slope = np.abs((pupil.slopes(ends) * edges.vector[:, None]).sum(axis=-1)).max()
-        kappa = np.abs(pupil.elements[number].frequencies).max(axis=0)
-        reach = kappa + np.abs(np.stack(band_of(self.nu))).max(axis=0)
-        cycles = slope + float((np.abs(edges.vector) @ reach).max())
-        count = int(counts_for(np.array(cycles), self.error)) + self.extra
-        every = np.ones(len(edges.begin))
-        t, weights = nodes_on(0.0 * every, every, count)
-        x = (edges.begin[:, None] + t[..., None] * edges.vector[:, None]).reshape(-1, 2)
-        field = pupil.waves(number, x) * np.exp(2j * np.pi * pupil.cycles(x)) * weights.ravel()
-        terms = field[:, None] * np.stack([1.0 - t.ravel(), t.ravel()], axis=1)
-        return x, terms, np.repeat(np.arange(len(every)), count)
+    def weights(self) -> tuple[Complex, Complex]:
+        by_weight = np.zeros((len(self.nu), len(self.pupil.elements)), np.complex128)
+        for k in range(len(self.pupil.elements)):
+            for x, weights in self._rules(k):
+                by_weight[:, k] += lattice_sum(self.lattice, x, weights * self.pupil.field(k, x))
+        return by_weight, np.zeros_like(by_weight)
+
+    def coefficients(self) -> Complex:
+        pupil, path = self.pupil, self.pupil.aberration
+        assert path is not None
+        total = np.zeros((len(path.coefficients), len(self.nu)), np.complex128)
+        for k, weight in enumerate(pupil.weights):
+            for x, weights in self._rules(k):
+                field = weight * weights * pupil.field(k, x)
+                modes = path.modes(x[..., 0], x[..., 1])
+                total += [lattice_sum(self.lattice, x, mode * field) for mode in modes]
+        return total.T * (2j * np.pi / pupil.wavelength)
 
 
 def aberrated_fresnel_field(

@@ -1,4 +1,4 @@
-"""Pupils with aberrations: Gauss rules on triangles of outlines and of position slices.
+"""Pupils with aberrations: Gauss rules on trapezoids of outlines and triangles of position slices.
 
 The integrand u exp(2 pi i W/lambda) is smooth within each element, and so is its product with a
 shifted conjugate copy within the intersection of two elements. Gauss rules on triangles of these
@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
-from polywigner.geometry.convex import Trapezoids, trapezoids, triangles_of
-from polywigner.numerics.nodes import unit_rule
+from polywigner.geometry.convex import trapezoids, triangles_of
 from polywigner.numerics.triangles import (
+    Cells,
     Floats,
     Indices,
-    Triangles,
+    cell_rules,
+    cells_of,
     counts_for,
-    from_apex,
     rule_of_counts,
 )
 from polywigner.source.normal_form import SourceElement, normal_form
@@ -43,16 +43,17 @@ _EXTRA = (1, 3, 6, 10, 16, 24, 34)
 _MOST, _BLOCK = 1 << 26, 1 << 17
 # Lags whose slices are cut together.
 _LAGS = 128
-# Points where slopes of the phase are evaluated: barycentric coordinates of a triangle, and
-# bilinear ones of a trapezoid, which may span the pupil.
-_SAMPLES = np.array([(i, j, 3 - i - j) for i in range(4) for j in range(4 - i)]) / 3.0
-_CELL_SAMPLES = np.array(
-    [
-        ((1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v)
-        for u in np.linspace(0, 1, 5)
-        for v in np.linspace(0, 1, 9)
-    ]
-)
+
+
+def _bilinear(count_u: int, count_v: int) -> Floats:
+    """Return the weights (n, 4) of a cell's corners in a grid of points in the cell."""
+    u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, count_u), np.linspace(0, 1, count_v)))
+    return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
+
+
+# Points where slopes of the phase are evaluated, in a triangle, and in a trapezoid, which may span
+# the pupil.
+_IN_TRIANGLE, _IN_TRAPEZOID = _bilinear(4, 3), _bilinear(5, 9)
 # Rules whose additional nodes exceed this number also have more nodes per cycle, because the
 # slopes between the samples can be steeper.
 _STEEP = 4
@@ -153,102 +154,48 @@ class AberratedPupil:
             return np.ones(len(x), np.complex128)
         return np.exp(2j * np.pi * (x @ element.frequencies.T)) @ element.amplitudes
 
-    @cached_property
-    def _cells(self) -> list[Cells]:
-        """The trapezoids of each element."""
-        result = []
-        for element in self.elements:
-            cells = trapezoids(element.rings)
-            left, right = cells.left, cells.left + cells.width
-            ends = [(left, cells.low_left), (right, cells.low_right)]
-            ends += [(left, cells.low_left + cells.height_left)]
-            ends += [(right, cells.low_right + cells.height_right)]
-            corners = np.stack([np.stack(end, axis=-1) for end in ends], axis=1)
-            sides = corners[:, (1, 3, 2, 3)] - corners[:, (0, 2, 0, 1)]
-            result.append(Cells(cells, sides, self.slopes(_CELL_SAMPLES @ corners)))
-        return result
+    def field(self, number: int, x: Floats) -> Complex:
+        """Return the field (...) of an element at x (..., 2), without its weight."""
+        waves = self.waves(number, x.reshape(-1, 2)).reshape(x.shape[:-1])
+        return np.asarray(waves * np.exp(2j * np.pi * self.cycles(x)))
 
-    def columns(
+    @cached_property
+    def _cells(self) -> list[tuple[Cells, Floats]]:
+        """Trapezoids of each element, and slopes (n, samples, 2) of the phase in them."""
+        cells = [trapezoids(element.rings).corners for element in self.elements]
+        return [(corners, self.slopes(_IN_TRAPEZOID @ corners)) for corners in cells]
+
+    def rules(
         self, number: int, band: tuple[Floats, Floats], extra: int, error: float
-    ) -> list[Columns]:
-        """Return the nodes of a rule on an element, without its weight.
+    ) -> list[tuple[Floats, Floats]]:
+        """Return nodes (n, m, 2) and weights (n, m) of rules on an element; rows share one x.
 
         ``band``: lowest and highest frequencies (2,) of the waves exp(-2 pi i nu.x) that multiply
         the field.
         """
         kappa = self.elements[number].frequencies
         low, high = kappa.min(axis=0) - band[1], kappa.max(axis=0) - band[0]
-        cells, sides, gradient = self._cells[number]
-        cycles = np.abs((gradient + (low + high) / 2) @ sides.transpose(0, 2, 1)).max(axis=1)
-        cycles += np.abs(sides) @ ((high - low) / 2)
-        along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2:].max(axis=1)], axis=1)
-        counts, rules = _counts(along, extra, error), []
-        for shared in np.unique(counts, axis=0):
-            some = Trapezoids(*cells.rows[(counts == shared).all(axis=1)].T[..., None])
-            (t, of_t), (s, of_s) = (unit_rule(count) for count in shared.tolist())
-            bottom = some.low_left + t * (some.low_right - some.low_left)
-            height = some.height_left + t * (some.height_right - some.height_left)
-            x = (some.left + t * some.width).ravel()
-            y = (bottom[..., None] + height[..., None] * s).reshape(len(x), -1)
-            weights = ((some.width * of_t * height)[..., None] * of_s).reshape(y.shape)
-            nodes = np.stack([np.broadcast_to(x[:, None], y.shape), y], axis=-1)
-            field = weights * np.exp(2j * np.pi * self.cycles(nodes))
-            waves = self.waves(number, nodes.reshape(-1, 2)).reshape(y.shape)
-            rules.append(Columns(x, y, field * waves))
-        return rules
-
-
-class Columns(NamedTuple):
-    """Nodes of a rule in columns of one x, with the field times the weights of the rule."""
-
-    x: Floats
-    """(n,) in m."""
-    y: Floats
-    """(n, m) in m."""
-    field: Complex
-    """(n, m)."""
-
-    @property
-    def nodes(self) -> Floats:
-        """The nodes (n m, 2), column by column."""
-        return np.stack([np.repeat(self.x, self.y.shape[1]), self.y.ravel()], axis=1)
-
-
-class Cells(NamedTuple):
-    """The trapezoids of an element."""
-
-    trapezoids: Trapezoids
-    sides: Floats
-    """(n, 4, 2): the lower, upper, left and right side."""
-    gradient: Floats
-    """(n, samples, 2): gradient of the phase in cycles per metre at points of each trapezoid."""
+        cells, slopes = self._cells[number]
+        counts = node_counts(cells, slopes + (low + high) / 2, (high - low) / 2, extra, error)
+        return [
+            (nodes.reshape(-1, *nodes.shape[2:]), weights.reshape(-1, weights.shape[2]))
+            for _, nodes, weights in cell_rules(cells, counts)
+        ]
 
 
 def node_counts(
-    corners: Triangles,
-    slopes: Callable[[Floats], Floats],
-    half_band: Floats,
-    extra: int,
-    error: float,
+    cells: Cells, slopes: Floats, half_band: Floats, extra: int, error: float
 ) -> Indices:
-    """Return the numbers (n, 2) of nodes on triangles (n, 3, 2), as :func:`rule_of_counts` does.
+    """Return numbers (n, 2) of nodes in cells; raise ArgumentError if they are too many together.
 
-    ``slopes``: gradient of the phase in cycles per metre; ``half_band`` (2,): largest deviations
-    from it, by waves of other frequencies.
+    ``slopes`` (n, samples, 2): gradients of the phase in cycles per metre; ``half_band`` (2,):
+    largest deviations from them, by waves of other frequencies.
     """
-    gradient = slopes(_SAMPLES @ corners)
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    sides = np.stack([a, b, b - a], axis=1)
-    cycles = np.abs(np.einsum("nsk,nek->nse", gradient, sides)).max(axis=1)
-    cycles += np.abs(sides) @ half_band
-    along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2]], axis=1)
-    return _counts(along, extra, error)
-
-
-def _counts(cycles: Floats, extra: int, error: float) -> Indices:
-    """Return numbers (n, 2) of nodes; raise ArgumentError if they are too many together."""
+    sides = cells[:, (1, 3, 2, 3)] - cells[:, (0, 2, 0, 1)]
+    cycles = np.abs(slopes @ sides.transpose(0, 2, 1)).max(axis=1) + np.abs(sides) @ half_band
+    along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2:].max(axis=1)], axis=1)
     steeper = 1.0 + max(extra - _STEEP, 0) / 12.0
-    counts = counts_for(steeper * cycles, error) + extra
+    counts = counts_for(steeper * along, error) + extra
     total = float(counts.prod(axis=1).sum())
     if total > _MOST:
         raise ArgumentError(
@@ -259,7 +206,7 @@ def _counts(cycles: Floats, extra: int, error: float) -> Indices:
 
 
 def blocks_of(counts: Indices) -> Iterator[slice]:
-    """Yield ranges of triangles with about ``_BLOCK`` nodes together."""
+    """Yield ranges of cells with about ``_BLOCK`` nodes together."""
     ends = np.cumsum(counts.prod(axis=1))
     start = 0
     while start < len(counts):
@@ -344,19 +291,19 @@ def region_integrals(
 ) -> Complex:
     """Return integrals (k, n) over polygons (n,) of an integrand (k, m) at points (m, 2).
 
-    ``slopes``, ``half_band``: see :func:`node_counts`. Both functions also take the number of the
-    polygon of each point, or of each row of points.
+    ``slopes``, a function of points (n, samples, 2), and ``half_band``: see :func:`node_counts`.
+    Both functions also take the number of the polygon of each point, or of each row of points.
     """
     outer, of_outer = shapely.get_parts(polygons, return_index=True)
     parts, of_part = shapely.get_parts(outer, return_index=True)
     plane = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     triangles, part = triangles_of(parts[plane])
-    owner, corners = of_outer[of_part[plane][part]], from_apex(triangles)[0]
-    counts = node_counts(corners, lambda x: slopes(x, owner), half_band, extra, error)
+    owner, cells = of_outer[of_part[plane][part]], cells_of(triangles)
+    counts = node_counts(cells, slopes(_IN_TRIANGLE @ cells, owner), half_band, extra, error)
     total: Any = np.zeros((1, len(polygons)), np.complex128)
     for some in blocks_of(counts):
-        nodes, weights, triangle = rule_of_counts(corners[some], counts[some])
-        region = owner[some][triangle]
+        nodes, weights, cell = rule_of_counts(cells[some], counts[some])
+        region = owner[some][cell]
         rows = weights * integrand(nodes, region)
         total = total + np.array([_summed(region, row, len(polygons)) for row in rows])
     return np.asarray(total)

@@ -22,7 +22,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.convex import triangles_of
 from polywigner.numerics import zernike as polynomials
-from polywigner.numerics.triangles import from_apex, rule_of_counts
+from polywigner.numerics.triangles import cells_of, rule_of_counts
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
@@ -424,10 +424,9 @@ def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
     """Return sums (k, k) of modes, lower triangular, that are orthonormal on a pupil."""
     degree = max(n for n, _ in modes.orders)
     triangles, _ = triangles_of(polygons_of(pupil))
-    corners, _, _ = from_apex(triangles)
-    # Products have twice the degree, and the map to a triangle one more.
-    counts = np.full((len(corners), 2), degree + 2, np.intp)
-    nodes, weights, _ = rule_of_counts(corners, counts)
+    # Products of polynomials have twice the degree, and the map to a triangle adds one.
+    counts = np.full((len(triangles), 2), degree + 2, np.intp)
+    nodes, weights, _ = rule_of_counts(cells_of(triangles), counts)
     table = modes.values(*nodes.T) * np.sqrt(weights / weights.sum())
     upper = np.linalg.qr(table.T, mode="r")
     diagonal = np.diagonal(upper)
