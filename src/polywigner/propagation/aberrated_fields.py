@@ -33,13 +33,12 @@ _CHECKED = 32
 def aberrated_spectrum(
     pupil: AberratedPupil, nu: Floats, tolerance: float, centre: Any = (0.0, 0.0)
 ) -> Converged:
-    """Return int u exp(2 pi i W/lambda - 2 pi i nu.(x - centre)) dx (...) at nu (..., 2).
+    """Return int u exp(2 pi i W/lambda - 2 pi i nu.(x - centre)) dx, (n,), at nu (n, 2).
 
     ``tolerance``: allowed error over int |u|. The error is estimated at some of the points.
     """
-    flat = nu.reshape(-1, 2)
-    band = band_of(flat)
-    some = np.unique(np.linspace(0, max(len(flat) - 1, 0), _CHECKED).astype(int))[: len(flat)]
+    band = band_of(nu)
+    some = np.unique(np.linspace(0, max(len(nu) - 1, 0), _CHECKED).astype(int))[: len(nu)]
 
     def evaluate(extra: int, points: Floats) -> Complex:
         lattice, total = FrequencyLattice(points), np.zeros(len(points), np.complex128)
@@ -50,11 +49,9 @@ def aberrated_spectrum(
         return total
 
     checked = converged(
-        lambda extra: evaluate(extra, flat[some]), tolerance * pupil.content, "the pupil's field"
+        lambda extra: evaluate(extra, nu[some]), tolerance * pupil.content, "the pupil's field"
     )
-    values = evaluate(checked.extra, flat).reshape(nu.shape[:-1])
-    errors = np.full(values.shape, checked.errors.max(initial=0.0))
-    return Converged(values, errors, checked.extra)
+    return checked._replace(values=evaluate(checked.extra, nu))
 
 
 def band_of(nu: Floats) -> tuple[Floats, Floats]:

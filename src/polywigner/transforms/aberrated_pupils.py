@@ -8,7 +8,7 @@ follows from the cycles of the phase along it. A rule with more nodes gives the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -41,8 +41,6 @@ TOLERANCE = 1e-10
 _EXTRA = (1, 3, 6, 10, 16, 24, 34)
 # Largest number of nodes of a rule, and nodes in a block: some tens of megabytes.
 _MOST, _BLOCK = 1 << 26, 1 << 17
-# Lags whose slices are cut together.
-_LAGS = 128
 
 
 def _bilinear(count_u: int, count_v: int) -> Floats:
@@ -60,10 +58,10 @@ _STEEP = 4
 
 
 class Converged(NamedTuple):
-    """Values of a rule, their estimated errors, and the additional nodes of the rule."""
+    """Values of a rule, their largest estimated error, and the additional nodes of the rule."""
 
     values: Complex
-    errors: Floats
+    error: float
     extra: int
 
 
@@ -72,16 +70,15 @@ def converged(evaluate: Callable[[int], Complex], allowed: float, what: str) -> 
     previous = evaluate(_EXTRA[0])
     for extra in _EXTRA[1:]:
         values = evaluate(extra)
-        errors = np.asarray(np.abs(values - previous), np.float64)
-        worst = float(errors.max(initial=0.0))
-        if not worst > allowed:
-            return Converged(values, errors, extra)
+        error = float(np.abs(values - previous).max(initial=0.0))
+        if not error > allowed:
+            return Converged(values, error, extra)
         previous = values
     warn_caller(
-        f"the estimated error of {what} is {worst / allowed:.2g} times the tolerance: the path "
+        f"the estimated error of {what} is {error / allowed:.2g} times the tolerance: the path "
         "length has kinks or changes fast; use a smooth function, or a larger tolerance"
     )
-    return Converged(values, errors, extra)
+    return Converged(values, error, extra)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +123,11 @@ class AberratedPupil:
         return float((np.abs(self.weights) * self.amplitudes) @ shapely.area(self.polygons))
 
     @cached_property
+    def energy(self) -> float:
+        """Bound on int |u|^2."""
+        return float((np.abs(self.weights) * self.amplitudes) ** 2 @ shapely.area(self.polygons))
+
+    @cached_property
     def amplitudes(self) -> Floats:
         """(k,) bounds on the fields of the elements, without weights."""
         return np.array([float(np.abs(e.amplitudes).sum()) for e in self.elements])
@@ -147,16 +149,20 @@ class AberratedPupil:
             total = total + self.aberration.slopes(x[..., 0], x[..., 1]) / self.wavelength
         return np.asarray(total)
 
-    def waves(self, number: int, x: Floats) -> Complex:
-        """Return the field (n,) of an element at x (n, 2), without weight and aberration."""
-        element = self.elements[number]
-        if element.has_unit_field:
-            return np.ones(len(x), np.complex128)
-        return np.exp(2j * np.pi * (x @ element.frequencies.T)) @ element.amplitudes
+    def waves(self, numbers: Indices, x: Floats) -> Complex:
+        """Return the plane waves (n,) of elements (n,) at x (n, 2), without weights."""
+        values = np.ones(len(x), np.complex128)
+        for k, element in enumerate(self.elements):
+            if not element.has_unit_field:
+                some = numbers == k
+                phases = 2j * np.pi * (x[some] @ element.frequencies.T)
+                values[some] = np.exp(phases) @ element.amplitudes
+        return values
 
     def field(self, number: int, x: Floats) -> Complex:
         """Return the field (...) of an element at x (..., 2), without its weight."""
-        waves = self.waves(number, x.reshape(-1, 2)).reshape(x.shape[:-1])
+        flat = x.reshape(-1, 2)
+        waves = self.waves(np.full(len(flat), number), flat).reshape(x.shape[:-1])
         return np.asarray(waves * np.exp(2j * np.pi * self.cycles(x)))
 
     @cached_property
@@ -205,15 +211,11 @@ def node_counts(
     return counts
 
 
-def blocks_of(counts: Indices) -> Iterator[slice]:
-    """Yield ranges of cells with about ``_BLOCK`` nodes together."""
-    ends = np.cumsum(counts.prod(axis=1))
-    start = 0
-    while start < len(counts):
-        done = ends[start - 1] if start else 0
-        stop = max(start + 1, int(np.searchsorted(ends, done + _BLOCK, "right")))
-        yield slice(start, stop)
-        start = stop
+def blocks_of(counts: Indices) -> list[Indices]:
+    """Return the numbers of cells in blocks of about ``_BLOCK`` nodes."""
+    block = np.cumsum(counts.prod(axis=1)) // _BLOCK
+    numbers = np.split(np.arange(len(counts)), np.flatnonzero(np.diff(block)) + 1)
+    return numbers if len(counts) else []
 
 
 # ---- position slices ----------------------------------------------------------------------------
@@ -251,16 +253,21 @@ def shifted(polygons: NDArray[Any], shifts: Floats) -> NDArray[Any]:
     return moved
 
 
+def _one(ahead: Floats, behind: Floats) -> Floats:
+    return np.ones((1, 1))
+
+
 def slice_integrals(
     pupil: AberratedPupil,
     regions: Slices,
     extra: int,
     error: float,
-    by: Callable[[Floats, Floats], Floats] | None = None,
+    factors: Callable[[Floats, Floats], Floats] = _one,
 ) -> Complex:
-    """Return the integrals (n,) of u(x + xi/2) u*(x - xi/2) over regions, without weights.
+    """Return integrals (k, n) of factors times u(x + xi/2) u*(x - xi/2) over n regions.
 
-    ``by``: factors (k, m) of the integrand at the two points (m, 2); the result is (k, n) then.
+    u is without the weights of elements. ``factors``: a function of both points (m, 2) that returns
+    factors (k, m).
     """
     half = regions.lags[regions.row] / 2
     kappa = np.concatenate([element.frequencies for element in pupil.elements])
@@ -272,13 +279,12 @@ def slice_integrals(
     def integrand(x: Floats, region: Indices) -> Complex:
         ahead, behind = x + half[region], x - half[region]
         values = np.exp(2j * np.pi * (pupil.cycles(ahead) - pupil.cycles(behind)))
-        values = values * _pair_waves(pupil, regions, region, ahead, behind)
-        return values[None] if by is None else by(ahead, behind) * values
+        values *= pupil.waves(regions.first[region], ahead)
+        values *= pupil.waves(regions.second[region], behind).conj()
+        return factors(ahead, behind) * values
 
-    total = region_integrals(
-        regions.polygons, slopes, integrand, np.ptp(kappa, axis=0), extra, error
-    )
-    return total[0] if by is None else total
+    band = np.ptp(kappa, axis=0)
+    return region_integrals(regions.polygons, slopes, integrand, band, extra, error)
 
 
 def region_integrals(
@@ -305,55 +311,14 @@ def region_integrals(
         nodes, weights, cell = rule_of_counts(cells[some], counts[some])
         region = owner[some][cell]
         rows = weights * integrand(nodes, region)
-        total = total + np.array([_summed(region, row, len(polygons)) for row in rows])
+        total = total + np.array([summed(region, row, len(polygons)) for row in rows])
     return np.asarray(total)
 
 
-def _summed(index: Indices, values: Complex, count: int) -> Complex:
+def summed(index: Indices, values: Complex, count: int) -> Complex:
+    """Return sums (count,) of the values (n,) that have the same index."""
     real, imag = (np.bincount(index, part, count) for part in (values.real, values.imag))
     return np.asarray(real + 1j * imag)
-
-
-def _pair_waves(
-    pupil: AberratedPupil, regions: Slices, region: Indices, ahead: Floats, behind: Floats
-) -> Complex | float:
-    """Return the product of the fields of the two elements of each region."""
-    if all(element.has_unit_field for element in pupil.elements):
-        return 1.0
-    product = np.ones(len(region), np.complex128)
-    for of_region, points, is_second in (
-        (regions.first, ahead, False), (regions.second, behind, True)
-    ):  # fmt: skip
-        number = of_region[region]
-        for k in np.unique(number).tolist():
-            some = number == k
-            waves = pupil.waves(k, points[some])
-            product[some] *= waves.conj() if is_second else waves
-    return product
-
-
-def autocorrelations(
-    pupil: AberratedPupil, lags: Floats, tolerance: float
-) -> tuple[Complex, Floats]:
-    """Return int u(x + xi/2) u*(x - xi/2) dx at lags (n, 2), and the estimated errors."""
-    finite = np.isfinite(lags).all(axis=1)
-    if not finite.all():
-        both = np.full((2, len(lags)), complex(np.nan))
-        both[:, finite] = autocorrelations(pupil, lags[finite], tolerance)
-        return both[0], both[1].real
-    sums, errors = np.zeros(len(lags), np.complex128), np.zeros(len(lags))
-    energy = float((np.abs(pupil.weights) * pupil.amplitudes) ** 2 @ shapely.area(pupil.polygons))
-    for start in range(0, len(lags), _LAGS):
-        some = slice(start, start + _LAGS)
-        regions = slices_of(pupil, lags[some])
-        weights = pupil.weights[regions.first] * pupil.weights[regions.second].conj()
-
-        def evaluate(extra: int, regions: Slices = regions, weights: Complex = weights) -> Complex:
-            integrals = weights * slice_integrals(pupil, regions, extra, tolerance)
-            return _summed(regions.row, integrals, len(regions.lags))
-
-        sums[some], errors[some], _ = converged(evaluate, tolerance * energy, "the OTF")
-    return sums, errors
 
 
 def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool = False) -> float:

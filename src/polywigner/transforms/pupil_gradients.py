@@ -26,9 +26,10 @@ from polywigner.numerics.triangles import Floats, Indices, counts_for
 from polywigner.transforms.aberrated_pupils import (
     AberratedPupil,
     Slices,
-    autocorrelations,
+    converged,
     slice_integrals,
     slices_of,
+    summed,
 )
 from polywigner.transforms.aberrations import Aberration
 
@@ -39,7 +40,7 @@ Parts = tuple[Indices, Floats, Floats]
 """Parts of edges: numbers (k,) of the edges, and t from (k,) to (k,) along them."""
 
 # Additional nodes of the rules for derivatives, and lags that are computed together.
-_EXTRA, _LAGS = 6, 64
+_EXTRA, _LAGS = 6, 128
 # Distance from an edge within which both copies share a boundary, over the pupil's size.
 _NEAR = 1e-9
 
@@ -206,15 +207,19 @@ def autocorrelation_jets(
     pupil: AberratedPupil, lags: Floats, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
     """Return jets (n, 1 + m) of int u(x + xi/2) u*(x - xi/2) dx at lags (n, 2)."""
-    values, _ = autocorrelations(pupil, lags, tolerance)
-    if not numbers.arrays:
-        return values[:, None]
-    blocks = [slice(k, k + _LAGS) for k in range(0, len(lags), _LAGS)]
-    jets = [
-        numbers.joined(values[some], _OfSlices(pupil, slices_of(pupil, lags[some]), tolerance))
-        for some in blocks
-    ]
-    return np.concatenate(jets)
+    finite = np.isfinite(lags).all(axis=1, keepdims=True)
+    lags, jets = np.where(finite, lags, 0.0), []
+    for start in range(0, max(len(lags), 1), _LAGS):
+        regions = slices_of(pupil, lags[start : start + _LAGS])
+        weights = pupil.weights[regions.first] * pupil.weights[regions.second].conj()
+
+        def evaluate(extra: int, regions: Slices = regions, weights: Complex = weights) -> Complex:
+            (integrals,) = weights * slice_integrals(pupil, regions, extra, tolerance)
+            return summed(regions.row, integrals, len(regions.lags))
+
+        values = converged(evaluate, tolerance * pupil.energy, "the OTF").values
+        jets.append(numbers.joined(values, _OfSlices(pupil, regions, tolerance)))
+    return np.where(finite, np.concatenate(jets), np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +262,7 @@ class _OfSlices:
 
     def weights(self) -> tuple[Complex, Complex]:
         regions, weights = self.regions, self.pupil.weights
-        integrals = slice_integrals(self.pupil, regions, _EXTRA, self.error)
+        (integrals,) = slice_integrals(self.pupil, regions, _EXTRA, self.error)
         both = np.zeros((2, len(regions.lags), len(weights)), np.complex128)
         first, second = regions.first, regions.second
         np.add.at(both[0], (regions.row, first), integrals * weights[second].conj())
@@ -273,9 +278,8 @@ class _OfSlices:
 
         integrals = slice_integrals(pupil, regions, _EXTRA, self.error, by)
         weights = pupil.weights[regions.first] * pupil.weights[regions.second].conj()
-        total = np.zeros((len(regions.lags), len(integrals)), np.complex128)
-        np.add.at(total, regions.row, (weights * integrals).T)
-        return total * (2j * np.pi / pupil.wavelength)
+        rows = [summed(regions.row, row, len(regions.lags)) for row in weights * integrals]
+        return np.stack(rows, axis=1) * (2j * np.pi / pupil.wavelength)
 
 
 def _pieces(
