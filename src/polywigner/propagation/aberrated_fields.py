@@ -24,9 +24,9 @@ from polywigner.transforms.pupil_gradients import Jets, PupilNumbers, edges_of
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Values of waves in a block: some tens of megabytes. Largest number of waves, about 1e9 a minute.
+# Waves in a block (some tens of megabytes), and largest number of waves: 1e9 take about a minute.
 _BLOCK, _MOST = 1 << 20, 2e10
-# Points at which the error of a rule is estimated.
+# Number of points at which the error of a rule is estimated.
 _CHECKED = 32
 
 
@@ -64,7 +64,8 @@ def band_of(nu: Floats) -> tuple[Floats, Floats]:
 def lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Complex:
     """Return sums (n,) of a field (k, m) times exp(-2 pi i nu.x) over nodes (k, m, 2).
 
-    Nodes of a row have the same x: on a grid all frequencies along x share the sums over y.
+    Nodes of a row have the same x. If the frequencies lie on a grid, all frequencies along x share
+    the sums over y.
     """
     waves = field.size * (lattice.work if lattice.index is None else len(lattice.axes[1]))
     if waves > _MOST:
@@ -147,8 +148,8 @@ def aberrated_fresnel_field(
 ) -> tuple[Complex, Floats]:
     """Return Fresnel's field (n,) of an aberrated pupil at points (n, 3), and its error.
 
-    exp(ikz)/(i lambda z) int u exp(2 pi i W/lambda + i pi |X - x|^2/(lambda z)) dx: points of one z
-    share a rule.
+    The field is exp(ikz)/(i lambda z) int u exp(2 pi i W/lambda + i pi |X - x|^2/(lambda z)) dx.
+    Points of equal z share a rule.
     """
     field, errors = np.empty(len(points), np.complex128), np.empty(len(points))
     for z in np.unique(points[:, 2]).tolist():

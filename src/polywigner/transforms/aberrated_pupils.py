@@ -1,9 +1,10 @@
 """Pupils with aberrations: Gauss rules on trapezoids of outlines and triangles of position slices.
 
 The integrand u exp(2 pi i W/lambda) is smooth within each element, and so is its product with a
-shifted conjugate copy within the intersection of two elements. Gauss rules on triangles of these
-polygons therefore converge spectrally: no edge is sampled. The number of nodes along each side
-follows from the cycles of the phase along it. A rule with more nodes gives the error estimate.
+shifted conjugate copy within the intersection of two elements. Gauss rules on trapezoids or
+triangles of these polygons therefore converge spectrally, and no rule crosses an edge. The cycles
+of the phase along the sides determine the numbers of nodes. The difference between two rules of
+different size is the error estimate.
 """
 
 from __future__ import annotations
@@ -39,21 +40,21 @@ TOLERANCE = 1e-10
 
 # Nodes along a side in addition to the nodes for a linear phase, in the order of refinement.
 _EXTRA = (1, 3, 6, 10, 16, 24, 34)
-# Largest number of nodes of a rule, and nodes in a block: some tens of megabytes.
+# Largest number of nodes of a rule, and number of nodes in a block (some tens of megabytes).
 _MOST, _BLOCK = 1 << 26, 1 << 17
 
 
 def _bilinear(count_u: int, count_v: int) -> Floats:
-    """Return the weights (n, 4) of a cell's corners in a grid of points in the cell."""
+    """Return weights (n, 4) of the corners of a cell that give a grid of n points in the cell."""
     u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, count_u), np.linspace(0, 1, count_v)))
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
 
 
-# Points where slopes of the phase are evaluated, in a triangle, and in a trapezoid, which may span
-# the pupil.
+# Points at which slopes of the phase are evaluated. Trapezoids have more points than triangles,
+# because a trapezoid may span the pupil.
 _IN_TRIANGLE, _IN_TRAPEZOID = _bilinear(4, 3), _bilinear(5, 9)
-# Rules whose additional nodes exceed this number also have more nodes per cycle, because the
-# slopes between the samples can be steeper.
+# Rules with more additional nodes than this number also have more nodes per cycle, because slopes
+# between the sampled points can be steeper.
 _STEEP = 4
 
 
@@ -66,7 +67,10 @@ class Converged(NamedTuple):
 
 
 def converged(evaluate: Callable[[int], Complex], allowed: float, what: str) -> Converged:
-    """Evaluate a rule with more and more additional nodes until it changes by less than allowed."""
+    """Increase the number of nodes until the values of a rule change by at most ``allowed``.
+
+    ``evaluate`` returns the values for a number of additional nodes; ``what`` names them.
+    """
     previous = evaluate(_EXTRA[0])
     for extra in _EXTRA[1:]:
         values = evaluate(extra)
@@ -174,10 +178,10 @@ class AberratedPupil:
     def rules(
         self, number: int, band: tuple[Floats, Floats], extra: int, error: float
     ) -> list[tuple[Floats, Floats]]:
-        """Return nodes (n, m, 2) and weights (n, m) of rules on an element; rows share one x.
+        """Return rules on an element: nodes (n, m, 2) and weights (n, m).
 
-        ``band``: lowest and highest frequencies (2,) of the waves exp(-2 pi i nu.x) that multiply
-        the field.
+        All nodes of a row have the same x. ``band``: lowest and highest frequencies (2,) of the
+        waves exp(-2 pi i nu.x) that multiply the field.
         """
         kappa = self.elements[number].frequencies
         low, high = kappa.min(axis=0) - band[1], kappa.max(axis=0) - band[0]
@@ -194,8 +198,8 @@ def node_counts(
 ) -> Indices:
     """Return numbers (n, 2) of nodes in cells; raise ArgumentError if they are too many together.
 
-    ``slopes`` (n, samples, 2): gradients of the phase in cycles per metre; ``half_band`` (2,):
-    largest deviations from them, by waves of other frequencies.
+    ``slopes`` (n, samples, 2): gradients of the phase in cycles per metre. ``half_band`` (2,):
+    largest deviations of frequencies from these gradients.
     """
     sides = cells[:, (1, 3, 2, 3)] - cells[:, (0, 2, 0, 1)]
     cycles = np.abs(slopes @ sides.transpose(0, 2, 1)).max(axis=1) + np.abs(sides) @ half_band
@@ -223,14 +227,15 @@ def blocks_of(counts: Indices) -> list[Indices]:
 
 @dataclass(frozen=True, eq=False)
 class Slices:
-    """Common regions of two copies of pupil elements, moved by -/+ half a lag."""
+    """Intersections of two copies of a pupil, shifted by -xi/2 and xi/2, by pairs of elements."""
 
     lags: Floats
     row: Indices
-    """Number of the lag of each region."""
+    """Number of the lag of each intersection."""
     first: Indices
-    """Element moved by -xi/2, where x + xi/2 lies in it."""
+    """Number of the element of the copy shifted by -xi/2, which contains x + xi/2."""
     second: Indices
+    """Number of the element of the copy shifted by xi/2."""
     polygons: NDArray[Any]
 
 
@@ -247,7 +252,7 @@ def slices_of(pupil: AberratedPupil, lags: Floats) -> Slices:
 
 
 def shifted(polygons: NDArray[Any], shifts: Floats) -> NDArray[Any]:
-    """Return polygons (n,) moved by shifts (n, 2)."""
+    """Return polygons (n,) shifted by (n, 2)."""
     points, number = shapely.get_coordinates(polygons, return_index=True)
     moved: NDArray[Any] = shapely.set_coordinates(polygons.copy(), points + shifts[number])
     return moved
@@ -306,7 +311,9 @@ def region_integrals(
     triangles, part = triangles_of(parts[plane])
     owner, cells = of_outer[of_part[plane][part]], cells_of(triangles)
     counts = node_counts(cells, slopes(_IN_TRIANGLE @ cells, owner), half_band, extra, error)
-    total: Any = np.zeros((1, len(polygons)), np.complex128)
+    # The integrand at no points has the number of rows, which is required if all regions are empty.
+    count = len(integrand(np.zeros((0, 2)), np.zeros(0, np.intp)))
+    total: Any = np.zeros((count, len(polygons)), np.complex128)
     for some in blocks_of(counts):
         nodes, weights, cell = rule_of_counts(cells[some], counts[some])
         region = owner[some][cell]
@@ -322,9 +329,9 @@ def summed(index: Indices, values: Complex, count: int) -> Complex:
 
 
 def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool = False) -> float:
-    """Return the wavelength of an aberration; raise ArgumentError without one.
+    """Return the wavelength; raise ArgumentError for another aberration or wavelength.
 
-    Dr.Jit coefficients are for functions with gradients only.
+    Dr.Jit coefficients are allowed if the caller ``has_gradients``.
     """
     if aberration is not None and not isinstance(aberration, Aberration):
         raise ArgumentError(
@@ -342,7 +349,7 @@ def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool 
 
 
 def checked_tolerance(tolerance: Any) -> float:
-    """Return the tolerance of an aberrated pupil; raise ArgumentError for other values."""
+    """Return the tolerance of an aberrated pupil; raise ArgumentError if it is out of range."""
     number = checked_number(tolerance, "tolerance", "a fraction from 1e-13 to 0.1")
     if not 1e-13 <= number <= 0.1:
         raise ArgumentError(f"expected tolerance from 1e-13 to 0.1, got {number:g}")

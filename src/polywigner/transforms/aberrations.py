@@ -29,11 +29,11 @@ from polywigner.source.normal_form import normal_form
 Floats = NDArray[np.float64]
 Path = Callable[[Floats, Floats], ArrayLike]
 
-# Step of the differences that estimate the slopes of a function, over the pupil's radius.
+# Step of the finite differences for the slopes of a function, relative to the pupil's radius.
 _STEP = 1e-6
 # Largest order of Zernike polynomials.
 _HIGHEST = 200
-# Smallest diagonal element of the Gram-Schmidt matrix over the largest.
+# Smallest diagonal element of the Gram-Schmidt matrix, relative to the largest.
 _DEPENDENT = 1e-10
 
 
@@ -114,11 +114,11 @@ class Aberration:
     """A path length W(x, y) in metres on a pupil.
 
     The field in the pupil is multiplied by exp(+2 pi i W/lambda), with waves exp(+i k R) and the
-    time exp(-i omega t). W > 0 is a longer path, a wavefront that is late, as a positive ``piston``
-    of :func:`segmented_pupil`. x and y are distances from the optical axis in m. The axes of the
-    image are parallel to them: W = t x shifts the spot by t times the focal length along +x. W is
-    the same at all wavelengths. Aberrations are added by ``+`` and scaled by numbers.
-    :func:`zernike` makes the usual aberrations.
+    time exp(-i omega t). W > 0 is a longer path, which delays the wavefront, like a positive
+    ``piston`` of :func:`segmented_pupil`. x and y are distances from the optical axis in m. The
+    axes of the image are parallel to the axes of the pupil: W = t x shifts the spot by t times the
+    focal length along +x. W is the same at all wavelengths. Aberrations can be added with ``+`` and
+    multiplied by numbers. :func:`zernike` returns the usual aberrations.
 
     Parameters
     ----------
@@ -127,8 +127,8 @@ class Aberration:
         ``path(x, y)`` of arrays that returns W in m. A function must be smooth within the pupil;
         the accuracy falls at kinks and steps.
     radius : float, default 1.0
-        Unit of length of the coefficients in m. For a function: size of the pupil, which the steps
-        of differences are proportional to.
+        Unit of length of x and y in the power series, in m. For a function, the size of the pupil;
+        the steps of finite differences are proportional to it.
 
     Raises
     ------
@@ -167,12 +167,12 @@ class Aberration:
 
     @property
     def coefficients(self) -> Floats:
-        """Coefficients (k,) of its terms: in m, or without unit for a function."""
+        """Coefficients (k,) of the terms in m; without unit for a function."""
         return self._coefficients
 
     @property
     def traced(self) -> Any:
-        """The Dr.Jit array of the coefficients, or None."""
+        """Dr.Jit array of the coefficients, or None for NumPy coefficients."""
         return self._traced
 
     def with_coefficients(self, coefficients: ArrayLike | DrJitArray) -> Aberration:
@@ -181,13 +181,13 @@ class Aberration:
         Parameters
         ----------
         coefficients : array_like or Dr.Jit Float, shape (k,)
-            In the order of :attr:`coefficients`. :func:`psf`, :func:`otf` and :func:`mtf` return
-            Dr.Jit arrays for a Dr.Jit array, with derivatives in it.
+            Values in the order of :attr:`coefficients`. For a Dr.Jit array, :func:`psf`,
+            :func:`otf` and :func:`mtf` return Dr.Jit arrays with derivatives in the coefficients.
 
         Returns
         -------
         Aberration
-            With the same terms.
+            An aberration with the same terms.
 
         Raises
         ------
@@ -271,21 +271,22 @@ def zernike(
     radius : float
         Radius of the disc in m. The polynomials continue outside.
     indexing : {"noll", "fringe", "osa"}
-        Meaning of the indices: from 1 for "noll" and "fringe", from 0 for "osa".
+        Numbering of the polynomials: from 1 for "noll" and "fringe", from 0 for "osa".
     orthogonal_on : Aperture or Array, optional
         Pupil on which the polynomials are made orthogonal, with unit rms: annular, hexagonal or
         segmented polynomials. Gram-Schmidt in the order of the indices, with exact integrals over
-        the polygon: each polynomial is the Zernike polynomial of its index plus lower ones.
+        the polygon. Each polynomial is a multiple of the Zernike polynomial of its index plus a sum
+        of polynomials with lower indices.
 
     Returns
     -------
     Aberration
-        With the ``coefficients`` of the mapping, in the same order.
+        The values of the mapping are its ``coefficients``, in the same order.
 
     Raises
     ------
     ArgumentError
-        For unknown indices and coefficients that are not finite.
+        If an index does not exist or a coefficient is not finite.
 
     Examples
     --------

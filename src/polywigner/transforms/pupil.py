@@ -40,8 +40,8 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 
 Floats = NDArray[np.float64]
 
-# Smallest ratio of the energy to the sum of the energies of the elements. Rounding leaves 1e-15 if
-# their fields cancel, and values normalised by a hundred times this have hardly a digit.
+# Smallest ratio of the energy to the sum of the energies of the elements. If the fields cancel,
+# rounding leaves 1e-15. Values normalised by 1e-13 have hardly a correct digit.
 _DARK = 1e-13
 
 
@@ -58,12 +58,13 @@ def otf(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[Any]:
-    """Optical transfer function of a pupil of this shape, in or out of focus, 1 at xi = 0.
+    """Compute the optical transfer function of a pupil, in or out of focus, 1 at xi = 0.
 
     ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function of the pupil in focus:
     the aberration exp(2 pi i w |x|^2/a^2) is linear in x on both copies. Source: K.-H. Brenner,
-    A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983). With an ``aberration`` it is a
-    Gauss rule on the position slice, where the integrand is smooth (docs/imaging.md, (IM4)).
+    A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983). With an ``aberration``, Gauss
+    rules integrate over the position slice, in which the integrand is smooth (docs/imaging.md,
+    (IM4)).
 
     Parameters
     ----------
@@ -184,7 +185,7 @@ def mtf(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[Any]:
-    """Modulation transfer function of a lens with a pupil of this shape, |OTF| in the focal plane.
+    """Compute the modulation transfer function |OTF| of a lens in its focal plane.
 
     The lag in the pupil is wavelength times focal length times frequency. For several wavelengths
     the result is the modulus of the mean OTF, as a detector measures it.

@@ -35,13 +35,13 @@ from polywigner.transforms.aberrations import Aberration
 
 Complex = NDArray[np.complex128]
 Jets = NDArray[np.complex128]
-"""Values in column 0, and derivatives in the numbers of a pupil in the other columns."""
+"""Values in column 0, and derivatives in the variables of a pupil in the other columns."""
 Parts = tuple[Indices, Floats, Floats]
 """Parts of edges: numbers (k,) of the edges, and t from (k,) to (k,) along them."""
 
 # Additional nodes of the rules for derivatives, and lags that are computed together.
 _EXTRA, _LAGS = 6, 128
-# Distance from an edge within which both copies share a boundary, over the pupil's size.
+# Edges of both copies coincide within this distance, relative to the pupil's size.
 _NEAR = 1e-9
 
 
@@ -63,7 +63,7 @@ class Derivatives(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PupilNumbers:
-    """The Dr.Jit numbers of a pupil and of its aberration; None for constants."""
+    """Dr.Jit variables of a pupil and of its aberration; None for constants."""
 
     vertices: Any = None
     """``Array2f``."""
@@ -74,7 +74,7 @@ class PupilNumbers:
 
     @classmethod
     def of(cls, source: Any, aberration: Any) -> tuple[Any, PupilNumbers]:
-        """Return the plain source and its numbers."""
+        """Return the source without Dr.Jit variables, and the variables."""
         coefficients = aberration.traced if isinstance(aberration, Aberration) else None
         if isinstance(source, Differentiable):
             return source.source, cls(source.vertices, source.weights, coefficients)
@@ -82,13 +82,13 @@ class PupilNumbers:
 
     @cached_property
     def arrays(self) -> list[Any]:
-        """The Dr.Jit floats in the order of the columns; empty without derivatives."""
+        """Dr.Jit floats in the order of the columns of a jet; empty without variables."""
         pairs = [pair for pair in (self.vertices, self.weights) if pair is not None]
         arrays = [pair[k] for pair in pairs for k in (0, 1)]
         return arrays if self.coefficients is None else [*arrays, self.coefficients]
 
     def joined(self, values: Complex, derivatives: Derivatives) -> Jets:
-        """Return the jet of values (n,) with the derivatives that have numbers."""
+        """Return the jet of values (n,) and their derivatives in all variables."""
         columns = [values[:, None]]
         if self.vertices is not None:
             by_vertices = derivatives.vertices()
@@ -244,9 +244,10 @@ class _OfSlices:
         return total
 
     def _along_edges(self, edges: list[Edges], one: int, other: int, shift: Floats) -> Complex:
-        """Return int N (1 - t, t) u_one(p) u_other*(p + shift) dt along edges, by vertex (n, 2).
+        """Return derivatives (n, 2) in the vertices of element ``one`` on one copy.
 
-        The integral is over points p with p + shift in the other element.
+        They are int N (1 - t, t) u_one(p) u_other*(p + shift) dt along the edges, over points p for
+        which p + shift lies in element ``other``.
         """
         pupil, moving = self.pupil, edges[one]
         near = _NEAR * float(np.abs(pupil.polygons[one].bounds).max())
