@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -41,12 +41,9 @@ def aberrated_spectrum(
     some = np.unique(np.linspace(0, max(len(nu) - 1, 0), _CHECKED).astype(int))[: len(nu)]
 
     def evaluate(extra: int, points: Floats) -> Complex:
-        lattice, total = FrequencyLattice(points), np.zeros(len(points), np.complex128)
-        for k, weight in enumerate(pupil.weights):
-            for x, weights in pupil.rules(k, band, extra, tolerance):
-                field = weight * weights * pupil.field(k, x)
-                total += lattice_sum(lattice, x - centre, field)
-        return total
+        sums = element_sums(pupil, points, band, extra, tolerance, centre=centre)
+        weighted = (weight * row for weight, (row,) in zip(pupil.weights, sums, strict=True))
+        return np.asarray(sum(weighted))
 
     checked = converged(
         lambda extra: evaluate(extra, nu[some]), tolerance * pupil.content, "the pupil's field"
@@ -61,7 +58,32 @@ def band_of(nu: Floats) -> tuple[Floats, Floats]:
     return nu.min(axis=0), nu.max(axis=0)
 
 
-def lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Complex:
+def element_sums(
+    pupil: AberratedPupil,
+    nu: Floats,
+    band: tuple[Floats, Floats],
+    extra: int,
+    error: float,
+    factors: Callable[[Floats, Floats], Floats] | None = None,
+    centre: Any = (0.0, 0.0),
+) -> Iterator[Complex]:
+    """Yield int of factors times u exp(-2 pi i nu.(x - centre)) over each element, (k, n).
+
+    u is without the weight of the element. ``factors``: a function of x and y (...) that returns
+    factors (k, ...); None: the factor 1.
+    """
+    lattice = FrequencyLattice(nu)
+    for number in range(len(pupil.elements)):
+        total: Any = 0.0
+        for x, weights in pupil.rules(number, band, extra, error):
+            field = (weights * pupil.field(number, x))[None]
+            if factors is not None:
+                field = field * factors(x[..., 0], x[..., 1])
+            total = total + np.array([_lattice_sum(lattice, x - centre, row) for row in field])
+        yield total
+
+
+def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Complex:
     """Return sums (n,) of a field (k, m) times exp(-2 pi i nu.x) over nodes (k, m, 2).
 
     Nodes of a row have the same x. If the frequencies lie on a grid, all frequencies along x share
@@ -103,12 +125,9 @@ class _OfSpectrum:
     extra: int
     error: float
 
-    @cached_property
-    def lattice(self) -> FrequencyLattice:
-        return FrequencyLattice(self.nu)
-
-    def _rules(self, number: int) -> list[tuple[Floats, Floats]]:
-        return self.pupil.rules(number, band_of(self.nu), self.extra, self.error)
+    def _sums(self, factors: Callable[[Floats, Floats], Floats] | None = None) -> Iterator[Complex]:
+        band = band_of(self.nu)
+        return element_sums(self.pupil, self.nu, band, self.extra, self.error, factors)
 
     def vertices(self) -> Complex:
         pupil, parts = self.pupil, []
@@ -125,22 +144,15 @@ class _OfSpectrum:
         return np.concatenate(parts, axis=1)
 
     def weights(self) -> tuple[Complex, Complex]:
-        by_weight = np.zeros((len(self.nu), len(self.pupil.elements)), np.complex128)
-        for k in range(len(self.pupil.elements)):
-            for x, weights in self._rules(k):
-                by_weight[:, k] += lattice_sum(self.lattice, x, weights * self.pupil.field(k, x))
+        by_weight = np.stack([row for (row,) in self._sums()], axis=1)
         return by_weight, np.zeros_like(by_weight)
 
     def coefficients(self) -> Complex:
-        pupil, path = self.pupil, self.pupil.aberration
+        path = self.pupil.aberration
         assert path is not None
-        total = np.zeros((len(path.coefficients), len(self.nu)), np.complex128)
-        for k, weight in enumerate(pupil.weights):
-            for x, weights in self._rules(k):
-                field = weight * weights * pupil.field(k, x)
-                modes = path.modes(x[..., 0], x[..., 1])
-                total += [lattice_sum(self.lattice, x, mode * field) for mode in modes]
-        return total.T * (2j * np.pi / pupil.wavelength)
+        sums = self._sums(path.modes)
+        total = sum(weight * rows.T for weight, rows in zip(self.pupil.weights, sums, strict=True))
+        return np.asarray(total) * (2j * np.pi / self.pupil.wavelength)
 
 
 def aberrated_fresnel_field(

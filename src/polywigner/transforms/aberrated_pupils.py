@@ -236,6 +236,8 @@ class Slices:
     """Number of the element of the copy shifted by -xi/2, which contains x + xi/2."""
     second: Indices
     """Number of the element of the copy shifted by xi/2."""
+    weights: Complex
+    """Products of the weight of the first element and the conjugate weight of the second."""
     polygons: NDArray[Any]
 
 
@@ -248,7 +250,8 @@ def slices_of(pupil: AberratedPupil, lags: Floats) -> Slices:
     row, first, second = np.nonzero(~apart.any(axis=-1))
     ahead = shifted(pupil.polygons[first], -lags[row] / 2)
     behind = shifted(pupil.polygons[second], lags[row] / 2)
-    return Slices(lags, row, first, second, shapely.intersection(ahead, behind))
+    weights = pupil.weights[first] * pupil.weights[second].conj()
+    return Slices(lags, row, first, second, weights, shapely.intersection(ahead, behind))
 
 
 def shifted(polygons: NDArray[Any], shifts: Floats) -> NDArray[Any]:
@@ -318,11 +321,17 @@ def region_integrals(
         nodes, weights, cell = rule_of_counts(cells[some], counts[some])
         region = owner[some][cell]
         rows = weights * integrand(nodes, region)
-        total = total + np.array([summed(region, row, len(polygons)) for row in rows])
+        total = total + np.array([_summed(region, row, len(polygons)) for row in rows])
     return np.asarray(total)
 
 
-def summed(index: Indices, values: Complex, count: int) -> Complex:
+def by_lag(regions: Slices, integrals: Complex) -> Complex:
+    """Return weighted sums (k, lags) of integrals (k, n) over regions."""
+    rows = regions.weights * integrals
+    return np.array([_summed(regions.row, row, len(regions.lags)) for row in rows])
+
+
+def _summed(index: Indices, values: Complex, count: int) -> Complex:
     """Return sums (count,) of the values (n,) that have the same index."""
     real, imag = (np.bincount(index, part, count) for part in (values.real, values.imag))
     return np.asarray(real + 1j * imag)

@@ -26,10 +26,10 @@ from polywigner.numerics.triangles import Floats, Indices, counts_for
 from polywigner.transforms.aberrated_pupils import (
     AberratedPupil,
     Slices,
+    by_lag,
     converged,
     slice_integrals,
     slices_of,
-    summed,
 )
 from polywigner.transforms.aberrations import Aberration
 
@@ -208,18 +208,24 @@ def autocorrelation_jets(
 ) -> Jets:
     """Return jets (n, 1 + m) of int u(x + xi/2) u*(x - xi/2) dx at lags (n, 2)."""
     finite = np.isfinite(lags).all(axis=1, keepdims=True)
-    lags, jets = np.where(finite, lags, 0.0), []
-    for start in range(0, max(len(lags), 1), _LAGS):
-        regions = slices_of(pupil, lags[start : start + _LAGS])
-        weights = pupil.weights[regions.first] * pupil.weights[regions.second].conj()
-
-        def evaluate(extra: int, regions: Slices = regions, weights: Complex = weights) -> Complex:
-            (integrals,) = weights * slice_integrals(pupil, regions, extra, tolerance)
-            return summed(regions.row, integrals, len(regions.lags))
-
-        values = converged(evaluate, tolerance * pupil.energy, "the OTF").values
-        jets.append(numbers.joined(values, _OfSlices(pupil, regions, tolerance)))
+    lags = np.where(finite, lags, 0.0)
+    jets = [
+        _autocorrelation_jets(pupil, lags[start : start + _LAGS], numbers, tolerance)
+        for start in range(0, max(len(lags), 1), _LAGS)
+    ]
     return np.where(finite, np.concatenate(jets), np.nan)
+
+
+def _autocorrelation_jets(
+    pupil: AberratedPupil, lags: Floats, numbers: PupilNumbers, tolerance: float
+) -> Jets:
+    regions = slices_of(pupil, lags)
+
+    def evaluate(extra: int) -> Complex:
+        return by_lag(regions, slice_integrals(pupil, regions, extra, tolerance))[0]
+
+    values = converged(evaluate, tolerance * pupil.energy, "the OTF").values
+    return numbers.joined(values, _OfSlices(pupil, regions, tolerance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,14 +237,13 @@ class _OfSlices:
     error: float
 
     def vertices(self) -> Complex:
-        pupil, regions, edges = self.pupil, self.regions, edges_of(self.pupil)
+        regions, edges = self.regions, edges_of(self.pupil)
         total = np.zeros((len(regions.lags), edges[-1].vertices.stop, 2), np.complex128)
-        for row, i, j in zip(regions.row, regions.first, regions.second, strict=True):
-            lag = regions.lags[row]
-            weight = pupil.weights[i] * pupil.weights[j].conj()
+        pairs = zip(regions.row, regions.first, regions.second, regions.weights, strict=True)
+        for row, i, j, weight in pairs:
             # On edges of the copy ahead the other copy is behind by the lag, and the reverse.
-            ahead = self._along_edges(edges, i, j, -lag)
-            behind = self._along_edges(edges, j, i, lag).conj()
+            ahead = self._along_edges(edges, i, j, -regions.lags[row])
+            behind = self._along_edges(edges, j, i, regions.lags[row]).conj()
             total[row, edges[i].vertices] += weight * ahead
             total[row, edges[j].vertices] += weight * behind
         return total
@@ -274,13 +279,11 @@ class _OfSlices:
         pupil, regions, path = self.pupil, self.regions, self.pupil.aberration
         assert path is not None
 
-        def by(ahead: Floats, behind: Floats) -> Floats:
+        def factors(ahead: Floats, behind: Floats) -> Floats:
             return path.modes(*ahead.T) - path.modes(*behind.T)
 
-        integrals = slice_integrals(pupil, regions, _EXTRA, self.error, by)
-        weights = pupil.weights[regions.first] * pupil.weights[regions.second].conj()
-        rows = [summed(regions.row, row, len(regions.lags)) for row in weights * integrals]
-        return np.stack(rows, axis=1) * (2j * np.pi / pupil.wavelength)
+        integrals = slice_integrals(pupil, regions, _EXTRA, self.error, factors)
+        return by_lag(regions, integrals).T * (2j * np.pi / pupil.wavelength)
 
 
 def _pieces(
@@ -291,6 +294,20 @@ def _pieces(
     The factors are 1 inside the polygon and 1/2 along its boundary.
     """
     begin, vector = edges.begin + shift, edges.vector
+    edge, cut = _cuts(begin, vector, others, near)
+    is_part = (edge[1:] == edge[:-1]) & (cut[1:] > cut[:-1])
+    edge, low, high = edge[:-1][is_part], cut[:-1][is_part], cut[1:][is_part]
+    midpoint = begin[edge] + 0.5 * (low + high)[:, None] * vector[edge]
+    length = np.linalg.norm(vector[edge], axis=1)
+    step = near * edges.normals[edge] / length[:, None]
+    sides = [shapely.contains_xy(polygon, *(midpoint + k * step).T) for k in (-1, 1)]
+    inside = 0.5 * (sides[0] + 1.0 * sides[1])
+    used = inside > 0
+    return (edge[used], low[used], high[used]), inside[used]
+
+
+def _cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[Indices, Floats]:
+    """Return numbers (k,) of edges and t (k,), sorted, at the ends and where other edges meet."""
     away = others.begin - begin[:, None]
     cross = vector[:, None, 0] * others.vector[:, 1] - vector[:, None, 1] * others.vector[:, 0]
     along = away[..., 0] * others.vector[:, 1] - away[..., 1] * others.vector[:, 0]
@@ -302,17 +319,8 @@ def _pieces(
     # Vertices of the other polygon on an edge divide the edge if two edges coincide.
     at = (away * vector[:, None]).sum(axis=-1) / length[:, None] ** 2
     touches = (at > 0) & (at < 1) & (np.abs(across) < near * length[:, None])
-    cuts = [np.nonzero(meets), np.nonzero(touches)]
     every = np.arange(len(vector))
-    edge = np.concatenate([every, every, cuts[0][0], cuts[1][0]])
-    cut = np.concatenate([np.zeros(len(every)), np.ones(len(every)), t[cuts[0]], at[cuts[1]]])
+    edge = np.concatenate([every, every, np.nonzero(meets)[0], np.nonzero(touches)[0]])
+    cut = np.concatenate([np.zeros(len(every)), np.ones(len(every)), t[meets], at[touches]])
     order = np.lexsort((cut, edge))
-    edge, cut = edge[order], cut[order]
-    is_part = (edge[1:] == edge[:-1]) & (cut[1:] > cut[:-1])
-    edge, low, high = edge[:-1][is_part], cut[:-1][is_part], cut[1:][is_part]
-    middle = begin[edge] + 0.5 * (low + high)[:, None] * vector[edge]
-    step = near * edges.normals[edge] / length[edge, None]
-    sides = [shapely.contains_xy(polygon, *(middle + k * step).T) for k in (-1, 1)]
-    inside = 0.5 * (sides[0] + 1.0 * sides[1])
-    used = inside > 0
-    return (edge[used], low[used], high[used]), inside[used]
+    return edge[order], cut[order]
