@@ -186,14 +186,14 @@ class AberratedPupil:
         kappa = self.elements[number].frequencies
         low, high = kappa.min(axis=0) - band[1], kappa.max(axis=0) - band[0]
         cells, slopes = self._cells[number]
-        counts = node_counts(cells, slopes + (low + high) / 2, (high - low) / 2, extra, error)
+        counts = _node_counts(cells, slopes + (low + high) / 2, (high - low) / 2, extra, error)
         return [
             (nodes.reshape(-1, *nodes.shape[2:]), weights.reshape(-1, weights.shape[2]))
             for _, nodes, weights in cell_rules(cells, counts)
         ]
 
 
-def node_counts(
+def _node_counts(
     cells: Cells, slopes: Floats, half_band: Floats, extra: int, error: float
 ) -> Indices:
     """Return numbers (n, 2) of nodes in cells; raise ArgumentError if they are too many together.
@@ -215,7 +215,7 @@ def node_counts(
     return counts
 
 
-def blocks_of(counts: Indices) -> list[Indices]:
+def _blocks(counts: Indices) -> list[Indices]:
     """Return the numbers of cells in blocks of about ``_BLOCK`` nodes."""
     block = np.cumsum(counts.prod(axis=1)) // _BLOCK
     numbers = np.split(np.arange(len(counts)), np.flatnonzero(np.diff(block)) + 1)
@@ -248,21 +248,17 @@ def slices_of(pupil: AberratedPupil, lags: Floats) -> Slices:
     half = lags[:, None, None] / 2
     apart = ((high[:, None] - half) <= (low + half)) | ((high + half) <= (low[:, None] - half))
     row, first, second = np.nonzero(~apart.any(axis=-1))
-    ahead = shifted(pupil.polygons[first], -lags[row] / 2)
-    behind = shifted(pupil.polygons[second], lags[row] / 2)
+    ahead = _shifted(pupil.polygons[first], -lags[row] / 2)
+    behind = _shifted(pupil.polygons[second], lags[row] / 2)
     weights = pupil.weights[first] * pupil.weights[second].conj()
     return Slices(lags, row, first, second, weights, shapely.intersection(ahead, behind))
 
 
-def shifted(polygons: NDArray[Any], shifts: Floats) -> NDArray[Any]:
+def _shifted(polygons: NDArray[Any], shifts: Floats) -> NDArray[Any]:
     """Return polygons (n,) shifted by (n, 2)."""
     points, number = shapely.get_coordinates(polygons, return_index=True)
     moved: NDArray[Any] = shapely.set_coordinates(polygons.copy(), points + shifts[number])
     return moved
-
-
-def _one(ahead: Floats, behind: Floats) -> Floats:
-    return np.ones((1, 1))
 
 
 def slice_integrals(
@@ -270,12 +266,12 @@ def slice_integrals(
     regions: Slices,
     extra: int,
     error: float,
-    factors: Callable[[Floats, Floats], Floats] = _one,
+    factors: Callable[[Floats, Floats], Floats] | None = None,
 ) -> Complex:
     """Return integrals (k, n) of factors times u(x + xi/2) u*(x - xi/2) over n regions.
 
     u is without the weights of elements. ``factors``: a function of both points (m, 2) that returns
-    factors (k, m).
+    factors (k, m); None: the factor 1.
     """
     half = regions.lags[regions.row] / 2
     kappa = np.concatenate([element.frequencies for element in pupil.elements])
@@ -289,7 +285,7 @@ def slice_integrals(
         values = np.exp(2j * np.pi * (pupil.cycles(ahead) - pupil.cycles(behind)))
         values *= pupil.waves(regions.first[region], ahead)
         values *= pupil.waves(regions.second[region], behind).conj()
-        return factors(ahead, behind) * values
+        return values[None] if factors is None else factors(ahead, behind) * values
 
     band = np.ptp(kappa, axis=0)
     return region_integrals(regions.polygons, slopes, integrand, band, extra, error)
@@ -305,7 +301,7 @@ def region_integrals(
 ) -> Complex:
     """Return integrals (k, n) over polygons (n,) of an integrand (k, m) at points (m, 2).
 
-    ``slopes``, a function of points (n, samples, 2), and ``half_band``: see :func:`node_counts`.
+    ``slopes``, a function of points (n, samples, 2), and ``half_band``: see :func:`_node_counts`.
     Both functions also take the number of the polygon of each point, or of each row of points.
     """
     outer, of_outer = shapely.get_parts(polygons, return_index=True)
@@ -313,11 +309,11 @@ def region_integrals(
     plane = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     triangles, part = triangles_of(parts[plane])
     owner, cells = of_outer[of_part[plane][part]], cells_of(triangles)
-    counts = node_counts(cells, slopes(_IN_TRIANGLE @ cells, owner), half_band, extra, error)
+    counts = _node_counts(cells, slopes(_IN_TRIANGLE @ cells, owner), half_band, extra, error)
     # The integrand at no points has the number of rows, which is required if all regions are empty.
     count = len(integrand(np.zeros((0, 2)), np.zeros(0, np.intp)))
     total: Any = np.zeros((count, len(polygons)), np.complex128)
-    for some in blocks_of(counts):
+    for some in _blocks(counts):
         nodes, weights, cell = rule_of_counts(cells[some], counts[some])
         region = owner[some][cell]
         rows = weights * integrand(nodes, region)
