@@ -111,8 +111,8 @@ class State:
         with suppress(errors.PolywignerError):
             return parse_length(self.wave)
         raise errors.ArgumentError(
-            f"frequency or wavelength {errors.value_text(self.wave)} cannot be parsed; write "
-            '"94 GHz" or "3.19 mm"'
+            f"the frequency or wavelength {errors.value_text(self.wave)} cannot be parsed; write "
+            'for example "94 GHz" or "3.19 mm"'
         )
 
     @property

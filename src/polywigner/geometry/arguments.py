@@ -323,7 +323,7 @@ def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: floa
 
 def _diameter(source: Any) -> float | None:
     """Return the diagonal of the bounds of a source in m; None for other objects."""
-    outline = getattr(source, "source", source)  # the result of differentiable() contains a source
+    outline = getattr(source, "source", source)  # a Differentiable contains its source
     try:
         bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
     except PolywignerError:
@@ -431,7 +431,7 @@ def _checked(frequency: Any) -> float:
     number = checked_length(frequency, "frequency", meaning="a number in Hz above zero")
     if number < _LOWEST_FREQUENCY:
         raise ArgumentError(
-            f"expected frequency in Hz, got {number:g}, a wavelength of "
+            f"expected frequency in Hz, got {number:g}, which corresponds to a wavelength of "
             f"{SPEED_OF_LIGHT / number:.3g} m; write 94e9 for 94 GHz"
         )
     return number

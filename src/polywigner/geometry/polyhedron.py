@@ -19,8 +19,8 @@ from polywigner.geometry.parts import connected, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 
 # Largest distance of a vertex from the plane of its face, as a fraction of the body's diameter.
-# Coordinates with ten digits satisfy this limit. It changes the volume by less than 1e-9 of
-# diameter^3.
+# Coordinates with ten digits satisfy this limit. Deviations up to the limit change the volume by
+# less than 1e-9 of diameter^3.
 _PLANAR = 1e-9
 
 # Relative rounding error of radii and distances, which are computed from a few terms.

@@ -22,8 +22,8 @@ _SITES_PER_ELEMENT = 16
 # product of two profiles, or from real weights times a linear phase.
 _EQUAL = 1e-14
 # Number of positions whose differences from all other positions are computed to find the shortest
-# difference. If one site in 16 is filled at random, none of these positions has a neighbour with a
-# probability of 1e-7.
+# difference. If one site in 16 is filled at random, the probability that none of these positions
+# has a neighbour is 1e-7.
 _PAIRED_WITH_ALL = 128
 
 

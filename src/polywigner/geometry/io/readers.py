@@ -177,8 +177,8 @@ def _loaded(file: File) -> Drawing:
         raise missing_extra(library, "formats", f"reads {file.path.suffix} files") from None
     except RecursionError:
         raise FileFormatError(
-            "expected elements that are nested less deeply, got too many levels, or an element that "
-            "contains itself; ungroup the elements"
+            "expected elements with fewer levels of nesting, got too many levels, or an element "
+            "that contains itself; ungroup the elements"
         ) from None
     except Exception as error:  # the libraries document only a few of their exceptions
         raise FileFormatError(

@@ -208,7 +208,8 @@ def _parsed(content: bytes) -> Element:
         raise FileFormatError(f"expected SVG, got text that is not XML in line {line}") from None
     except ValueError:  # this is a DefusedXmlException
         raise FileFormatError(
-            "expected SVG without entities or external files, got SVG with them; save as plain SVG"
+            "expected SVG without entities or external files, got a file with some; save the "
+            "drawing as plain SVG"
         ) from None
     if _tag(root) != "svg":
         raise FileFormatError("expected an svg element, got XML of another kind")
@@ -336,7 +337,7 @@ class _Document:
         link = properties.get("href", properties.get(_LINK, "")).strip()
         target = self.named.get(link[1:]) if link.startswith("#") else None
         if target is None or _tag(target) in ("svg", "symbol"):
-            raise _refusal("a use of a group or shape in the same file", link)
+            raise _refusal("a use element that refers to a group or shape in the same file", link)
         shift = np.eye(3)
         shift[2, :2] = [_length(properties.get(name, "0"), name)[0] for name in "xy"]
         return replace(context, matrix=shift @ context.matrix), [target]
