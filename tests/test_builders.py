@@ -112,7 +112,7 @@ def test_a_source_of_many_vertices_is_described_in_a_line_and_given_back():
     result = pw.line(source, BOX, 2, WAVELENGTH, method="fraunhofer")
     assert len(result.attrs["source"]) <= 200
     assert pw.read_source(result) == source
-    with pytest.raises(FileFormatError, match="source_json, got one without"):
+    with pytest.raises(FileFormatError, match="source_json, got a dataset without"):
         pw.read_source(result.drop_vars("source_json"))
 
 

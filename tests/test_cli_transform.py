@@ -77,7 +77,7 @@ def test_the_files_are_named_after_the_aperture_and_told(rectangle, tmp_path, ca
     captured = capfd.readouterr()
     assert captured.out.splitlines() == [f"{out}rectangle.png", f"{out}rectangle.npz"]
     (warned,) = captured.err.splitlines()
-    assert warned.startswith("polywigner: warning: ") and "did you mean GHz" in warned
+    assert warned.startswith("polywigner: warning: ") and "meant in GHz" in warned
 
 
 def test_a_source_too_wide_for_a_picture_is_shown_in_its_middle(rectangle, capfd):

@@ -116,7 +116,7 @@ def test_arrays_of_curved_elements_add_up():
         energy = pw.lag_marginal(element, (0.0, 0.0)).real * (abs(weights) ** 2).sum()
         assert pw.lag_marginal(array, (0.0, 0.0)) == pytest.approx(energy, rel=1e-12)
         assert np.array_equal(pw.wigner(array, x, nu).imag, np.zeros(10))
-    with pytest.raises(IlluminationError, match="one curvature"):
+    with pytest.raises(IlluminationError, match="equal curvature"):
         pw.Array([SQUARE.curved(0.02, WAVELENGTH), SQUARE.moved((0.02, 0.0))])
 
 

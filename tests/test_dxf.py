@@ -370,10 +370,12 @@ def test_layer_zero_of_a_block_is_the_layer_it_is_inserted_on(read: Read) -> Non
 
 
 def test_an_unknown_layer_is_answered_with_those_there_are(read: Read) -> None:
-    with pytest.raises(ArgumentError, match=r"got 'COPPER'; it has .*Edge Cuts, PADS"):
+    with pytest.raises(
+        ArgumentError, match=r"got 'COPPER'; the drawing has the layers .*Edge Cuts, PADS"
+    ):
         read(board, layer="COPPER")
     for wrong in ("", 3, [None]):
-        with pytest.raises(ArgumentError, match="expected a layer by its name"):
+        with pytest.raises(ArgumentError, match="expected layer as one name"):
             read(board, layer=wrong)
     with pytest.raises(ArgumentError, match="expected union to be True or False, got 'yes'"):
         read(board, union="yes")

@@ -87,7 +87,7 @@ def test_arrays_and_tables_warn_of_elements_that_overlap(
 
 
 def test_slits_and_many_elements_that_overlap_are_reported_as_well() -> None:
-    with pytest.warns(PolywignerWarning, match="0 and 1, counted from 0, overlap by 0.0003 m:"):
+    with pytest.warns(PolywignerWarning, match="0 and 1 \\(counted from 0\\) overlap by 0.0003 m,"):
         pw.phased_array(pw.Slits([0, 1e-3]), [0, 0.7e-3])
     with pytest.warns(PolywignerWarning, match="overlap by 1e-06"):
         pw.phased_array(SQUARE, np.zeros((2000, 2)))
@@ -98,12 +98,12 @@ def test_slits_and_many_elements_that_overlap_are_reported_as_well() -> None:
     [
         ("", "empty"),
         ("x,y\n", "row"),
-        ("x,z\n0,0\n", "columns"),
+        ("x,z\n0,0\n", "each column once"),
         ("x,x,y\n0,0,0\n", "once"),
         ("x,y,re,phase\n0,0,1,1\n", "once"),
         ("x,y\n0,nan\n", "line 2"),
-        ("x,y\n0,\x1b[31m\n", "expected 2 numbers, x, y, got .* in line 2"),
-        ("x,y\n0\n", "expected 2 numbers, x, y, got '0' in line 2"),
+        ("x,y\n0,\x1b[31m\n", "expected 2 numbers .* in line 2, got"),
+        ("x,y\n0\n", "expected 2 numbers .* in line 2, got .0"),
         ("x,y,amplitude\n0,0,0\n", "zero"),
     ],
 )

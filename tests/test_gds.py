@@ -55,7 +55,11 @@ def test_shapes_of_layers_that_overlap_are_joined_when_asked(tmp_path):
     [
         (None, FileFormatError, "expected one top cell, got the cells OTHER, TOP"),
         ("NONE", FileFormatError, "'NONE'.*OTHER, PAD, TOP"),
-        (["TOP", "7"], FileFormatError, "expected a layer of the cell, got 7; it has 1/0, 2/1"),
+        (
+            ["TOP", "7"],
+            FileFormatError,
+            "expected a layer of the cell, got 7; the cell has the layers 1/0, 2/1",
+        ),
         (["TOP", "2/0"], FileFormatError, "got 2/0"),
         (["TOP", "PAD"], ArgumentError, "expected one cell, got TOP, PAD"),
     ],
@@ -142,7 +146,9 @@ def test_a_path_of_zero_length_on_a_layer_that_is_read_is_refused(tmp_path):
         "b": {"P": dot, "TOP": _reference("P")},
     }.items():
         path = written(tmp_path / f"{name}.gds", **cells)
-        with pytest.raises(FileFormatError, match="paths with a length, got a point on layer 1/0"):
+        with pytest.raises(
+            FileFormatError, match="paths with a length, got a path of length zero on layer 1/0"
+        ):
             pw.read_aperture(path)
     other = written(tmp_path / "c.gds", TOP=dot + SQUARE.replace(b"\x0d\x02\0\1", b"\x0d\x02\0\2"))
     assert pw.read_aperture(other, layer="2").area == pytest.approx(9e-12, rel=ROUNDING, abs=0.0)

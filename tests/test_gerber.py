@@ -170,7 +170,7 @@ UNREAD = {
     "macro code": "%AMPad*7,0,0,2,1,.2,0*%%ADD10Pad*%" + FLASH,
 }  # fmt: skip
 REFUSED = {
-    **{name: (body, "a statement that is not read in line") for name, body in UNREAD.items()},
+    **{name: (body, "an unsupported statement in line") for name, body in UNREAD.items()},
     "endless region": ("G36*X0Y0D02*X1000D01*", "G37 after each G36"),
     "second unit": ("%MOIN*%" + PATCH, "file units"),
     "arc without centre": (ROUND + "G75*G02X1000Y0D01*", "w/o I, J"),
@@ -178,7 +178,7 @@ REFUSED = {
     "arc in a quadrant": (ROUND + "G74*G02X1000Y0I500J0D01*", "G74 multi-quad"),
     "arc of a rectangle": (SQUARE + "X0Y0D02*G75*G02X1000Y0I500J0D01*", "arcs of round"),
     "stroke of an obround": ("%ADD10O,1X2*%D10*X0Y0D02*X1000D01*", "Non-circular"),
-    "stroke of a ring": ("%ADD10C,1X.5*%D10*X0Y0D02*X1000D01*", "without a hole"),
+    "stroke of a ring": ("%ADD10C,1X.5*%D10*X0Y0D02*X1000D01*", "without holes"),
     "rectangular hole": ("%ADD10C,1X.2X.2*%" + FLASH, "gerbonara reads"),
     "undefined": ("D11*X0Y0D03*", "undefined aperture 11"),
     "no aperture": ("X0Y0D03*", "an aperture before"),

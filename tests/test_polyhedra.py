@@ -111,11 +111,11 @@ def test_faces_that_all_run_inwards_are_turned_round():
         (CUBE_CORNERS, [CUBE_FACES[0][::-1], *CUBE_FACES[1:]], "consistently oriented"),
         (CUBE_CORNERS + np.eye(8)[:, :3] * 0.1, CUBE_FACES, "planar faces"),
         (CUBE_CORNERS * [1, 1, 0], CUBE_FACES, "volume|cross"),
-        (CUBE_CORNERS, [[0, 1, 9], *CUBE_FACES], "vertex numbers"),
+        (CUBE_CORNERS, [[0, 1, 9], *CUBE_FACES], "vertex indices"),
         (CUBE_CORNERS, [[0, 1], *CUBE_FACES], "three or more"),
         (CUBE_CORNERS[:, :2], CUBE_FACES, r"\(n, 3\)"),
         (CUBE_CORNERS * np.nan, CUBE_FACES, "finite"),
-        (CUBE_CORNERS, 7, "lists of vertex numbers"),
+        (CUBE_CORNERS, 7, "lists of vertex indices"),
         (CUBE_CORNERS, np.array(CUBE_FACES) + 0.5, "whole"),
         (np.ma.masked_equal(CUBE_CORNERS, 1.0), CUBE_FACES, "masked"),
         (CUBE_CORNERS * 1e150, CUBE_FACES, r"below 1e\+100"),
@@ -193,8 +193,8 @@ def test_poses_that_are_not_rigid_are_refused(pose, message):
 @pytest.mark.parametrize(
     ("source", "message"),
     [
-        (CUBE, "Fourier transform only"),
-        (CHEVRON.placed(np.eye(4)), r"use its \.aperture"),
+        (CUBE, "only polywigner.fourier"),
+        (CHEVRON.placed(np.eye(4)), r"attribute \.aperture"),
     ],
 )
 def test_sources_in_space_have_no_wigner_function_of_their_own(source, message):

@@ -178,12 +178,12 @@ BAD_FILES = {
         FileFormatError,
         NO_ENTITY,
     ),
-    "cut.dxf": (b"AutoCAD Binary DXF\r\n\x1a\0" + bytes(30), FileFormatError, "does not read"),
+    "cut.dxf": (b"AutoCAD Binary DXF\r\n\x1a\0" + bytes(30), FileFormatError, "cannot read"),
     "endless.gbr": (GERBER.removesuffix("M02*"), FileFormatError, "mandatory M02"),
     "cut.gbr": (GERBER[:-14], FileFormatError, "end with an asterisk"),
     "bare.gbr": (GERBER[GERBER.index("%MO") :], FileFormatError, "%FS and %MO before coordinates"),
-    "words.gbr": ("words", FileFormatError, "is not Gerber"),
-    "drawing.pdf": (b"%PDF-1.7", FileFormatError, ".pdf, which is not read"),
+    "words.gbr": ("words", FileFormatError, "is Gerber"),
+    "drawing.pdf": (b"%PDF-1.7", FileFormatError, "got .pdf; export"),
 }
 
 

@@ -262,8 +262,8 @@ BAD = [
     ({"kind": "apertur"}, "kind: invalid value 'apertur'"),
     ({**APERTURE, "version": 2}, "version: expected `int` <= 1"),
     ({**APERTURE, "taper": 1}, "unknown field `taper`"),
-    ({**APERTURE, "unit": "mm"}, "'unit' with 'file' only"),
-    ({**APERTURE, "polygons": TILES}, "expected one of the keys | got polygons and shape"),
+    ({**APERTURE, "unit": "mm"}, "'unit' only with the key 'file'"),
+    ({**APERTURE, "polygons": TILES}, "expected exactly one of the keys | got polygons and shape"),
     ({**APERTURE, "frequency": 1, "wavelength": 1}, "got both"),
     ({"kind": "aperture", "file": "none.wkt"}, "file: | none.wkt: expected"),
     ({"kind": "aperture", "shape": {"name": "circlet"}}, "shape.name: invalid value 'circlet'"),
@@ -285,7 +285,7 @@ BAD = [
     (repeated(GRID_TABLE, {"kind": "window", "window": "taylor", "sll": "25 mm"}),
      "weights.sll: expected a level | '25 mm'"),
     ({**PHASED, "weights": [{"kind": "steering", "theta": 0.1, "wavelength": -1}]},
-     "weights[0].wavelength: | got -1; it must be above zero"),
+     "weights[0].wavelength: | got -1; the quantity must be above zero"),
     ({**PHASED, "weights": [1, {"kind": "steering", "theta": 1}]}, "weights[1]: | got `object`"),
     (lit({"kind": "cosine_taper", "widht": 1}), "illumination: | unknown field `widht`"),
     (lit([{"kind": "cosine_taper", "width": "1 GHz"}]), "illumination[0].width: | '1 GHz'"),
@@ -341,7 +341,7 @@ def test_missing_files_and_libraries_are_reported(
     with pytest.raises(ArgumentError, match="expected a path"):
         pw.read_source(None)  # type: ignore[arg-type]
     monkeypatch.setitem(sys.modules, "scipy.signal.windows", None)
-    with pytest.raises(MissingExtraError, match=r"weights: .*\[arrays\]"):
+    with pytest.raises(MissingExtraError, match=r"weights: .*polywigner\[arrays\]"):
         read_table(repeated(GRID_TABLE, {"kind": "window", "window": "taylor"}), tmp_path)
 
 

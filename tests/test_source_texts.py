@@ -76,7 +76,11 @@ BAD = [
     (ARRAY, {"taper": "cosine"}, "taper: expected an aperture, got Array"),
     (PATCH, {"array": "12 by 16"}, "array: expected an array such as .* got '12 by 16'"),
     (PATCH, {"array": "3 x 4, 2 furlong"}, "array: pitch_x: expected a length .* furlong"),
-    (PATCH, {"window": "hamming"}, "window: expected an array of equal .* specify array as well"),
+    (
+        PATCH,
+        {"window": "hamming"},
+        "window: expected an array of equal .* specify the option array as well",
+    ),
     (PATCH, {"array": "2 x 2, 1 cm", "window": "25 dB"}, "window: expected a window such as"),
     (
         PATCH,

@@ -26,7 +26,7 @@ METHODS: dict[str, tuple[str, ...]] = {
 
 
 def cite(*methods: str) -> str:
-    """Return BibTeX entries for work made with some methods.
+    """Return BibTeX entries to cite for work that used polywigner and some of its methods.
 
     Parameters
     ----------

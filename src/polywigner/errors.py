@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 
-# Longest text of a value in a message.
+# Largest number of characters of a value in a message.
 _LONGEST = 80
 
 
@@ -49,7 +49,7 @@ class PolywignerError(Exception):
 
 @contextmanager
 def at_key(key: str) -> Iterator[None]:
-    """Prefix the messages of PolywignerErrors in a block with a key, a name or a path."""
+    """Prefix the messages of PolywignerErrors raised in a block with a key, a name or a path."""
     try:
         yield
     except PolywignerError as error:
@@ -69,7 +69,7 @@ class IlluminationError(PolywignerError, ValueError):
 
 
 class QuantityError(PolywignerError, ValueError):
-    """A text such as ``"94 GHz"`` could not be read as a quantity of the expected kind."""
+    """A string such as ``"94 GHz"`` is not a quantity of the expected kind."""
 
 
 class FileFormatError(PolywignerError, ValueError):

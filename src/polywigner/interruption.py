@@ -1,4 +1,4 @@
-"""Atomic writing of files and folders: complete or not at all, also after Ctrl-C."""
+"""Atomic writing of files and folders: complete or not at all, even after Ctrl-C."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Yield a scratch path next to a file or folder, and rename it at the end of the block.
+    """Yield a scratch path next to a file or folder, and rename it when the block ends.
 
     The scratch path has the same suffix. If the block raises an exception, KeyboardInterrupt
     included, the new content is removed, and an earlier file or folder at ``path`` stays unchanged.
@@ -29,7 +29,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 
 def scratch_of(path: Path) -> Path:
-    """Return the scratch path of :func:`atomic_path` in this process."""
+    """Return the scratch path that :func:`atomic_path` uses in this process."""
     return path.with_name(f"{path.name}.{os.getpid()}.partial{path.suffix}")
 
 
@@ -39,12 +39,12 @@ def temporary_folder() -> TemporaryDirectory[str]:
 
 
 def _replace_folder(scratch: Path, path: Path) -> None:
-    """Replace a folder by another one; the old folder is restored if that fails."""
+    """Replace a folder by another folder; restore the old folder if that fails."""
     old = scratch.with_name(f"{scratch.name}.old")
     path.rename(old)
     try:
         scratch.rename(path)
-    except BaseException:  # KeyboardInterrupt too
+    except BaseException:  # the clause also handles KeyboardInterrupt
         if not path.exists():
             old.rename(path)
         raise

@@ -36,26 +36,28 @@ from polywigner.interruption import atomic_path, temporary_folder
 if TYPE_CHECKING:
     import subprocess
 
-# Dr.Jit reads the path of the library from this variable at its first import.
+# Environment variable from which Dr.Jit reads the path of the library at its first import.
 LIBRARY_VARIABLE = "DRJIT_LIBLLVM_PATH"
 
-# If this variable is 1, polywigner behaves as on a machine without LLVM.
+# Environment variable that switches LLVM off: with the value 1, polywigner behaves as on a machine
+# without LLVM.
 OFF_VARIABLE = "POLYWIGNER_NO_LLVM"
 
 # Value of LIBRARY_VARIABLE if no library is usable. If the variable were unset, Dr.Jit would open
-# any libLLVM of the system, and its first kernel could end the process. Dr.Jit may print this text.
+# any libLLVM of the system, and its first kernel could abort the process. Dr.Jit may print this
+# text.
 NONE_USABLE = "/no usable LLVM library; see `polywigner doctor`"
 
 # LLVM 15 and 16 abort when they compile a minimum or a maximum ("Cannot select: fminimum"), and
 # LLVM 14 lacks opaque pointers.
 OLDEST_VERSION = 17
 
-# Dr.Jit's Linux wheels require this library. Without it, as on bare Debian, `import drjit` raises a
-# NameError that does not name the library.
+# Dr.Jit's Linux wheels require this library. If it is missing, as on bare Debian, `import drjit`
+# raises a NameError that does not mention the library.
 LIBATOMIC = "libatomic.so.1"
 
 _SYSTEM_LIBRARIES = (
-    "/usr/lib/*-linux-gnu*/libLLVM*.so*",  # Debian's multiarch folders
+    "/usr/lib/*-linux-gnu*/libLLVM*.so*",  # multiarch folders of Debian
     "/usr/lib/llvm-*/lib/libLLVM*.so*",
     "/usr/lib64/libLLVM*.so*",
     "/usr/lib64/llvm*/lib*/libLLVM*.so*",
@@ -67,9 +69,10 @@ _SYSTEM_LIBRARIES = (
 )
 _ENVIRONMENT_LIBRARIES = ("lib/libLLVM*.so*", "lib/libLLVM*.dylib", "Library/bin/LLVM-C.dll")
 
-# Largest wall time of a probe in s: the first import of Dr.Jit from a cold disk is slow.
+# Longest wall time of a probe in s. The first import of Dr.Jit from a cold disk is slow.
 _TIME_LIMIT = 120.0
-# Return codes of crashes of the library, whose probes are cached; Ctrl-C has another code.
+# Return codes of child processes in which the library has crashed. Only these failures are cached;
+# Ctrl-C has another return code.
 _CRASHES = (-signal.SIGABRT, -signal.SIGSEGV, -signal.SIGILL, -signal.SIGFPE)
 
 _KERNELS = """
@@ -104,8 +107,9 @@ class LLVMStatus:
     version: str | None = None
     problem: str | None = None  # one sentence
     remedy: str | None = None  # one sentence with a command or a setting
-    drjit_imports: bool = True  # whether Dr.Jit, and thus Mitsuba, can be imported
-    refused: tuple[tuple[str, str], ...] = ()  # path of each unusable library, and the reason
+    drjit_imports: bool = True  # whether Dr.Jit, and therefore Mitsuba, can be imported
+    # path of each unusable library, and the reason why it is not usable
+    refused: tuple[tuple[str, str], ...] = ()
 
 
 _OFF = LLVMStatus(
@@ -181,7 +185,7 @@ def require_drjit() -> LLVMStatus:
 
 @contextlib.contextmanager
 def _silent_stderr() -> Iterator[None]:
-    """Discard the two lines that Dr.Jit's C++ code prints if there is no library."""
+    """Discard the two lines that Dr.Jit's C++ code prints if there is no LLVM library."""
     sys.stderr.flush()
     saved = os.dup(2)
     try:
@@ -194,7 +198,8 @@ def _silent_stderr() -> Iterator[None]:
 
 
 def _select() -> LLVMStatus:
-    # The wheels for some processors do not need libatomic, so the import is tried without it.
+    # The wheels for some processors do not need libatomic, so Dr.Jit is imported in a child process
+    # before libatomic is reported as missing.
     if not _has_libatomic() and run_in_child("import drjit").returncode != 0:
         return LLVMStatus(
             False,
@@ -233,7 +238,7 @@ def _has_libatomic() -> bool:
 
 
 def _status_of_loaded_drjit() -> LLVMStatus:
-    """Return the status if Dr.Jit has been imported, so that its library cannot be changed."""
+    """Return the status if Dr.Jit has already been imported and its library cannot be changed."""
     if is_switched_off():
         return _OFF
     drjit: Any = sys.modules["drjit"]
@@ -261,7 +266,7 @@ def _remedy() -> str:
 
 
 def libraries() -> list[str]:
-    """Return the paths of all different LLVM libraries, in the order of :func:`prepare`."""
+    """Return the paths of all distinct LLVM libraries, in the order in which they are tried."""
     named = os.environ.get(LIBRARY_VARIABLE, "")
     environment = [f"{glob.escape(sys.prefix)}/{pattern}" for pattern in _ENVIRONMENT_LIBRARIES]
     paths = [
@@ -287,7 +292,7 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
     19.1, and ``/usr/lib/llvm-18/lib/libLLVM.so.1`` is 18.
     """
     real = os.path.realpath(path)
-    # First the name of the file, then the name of its folder.
+    # the name of the file is tried first, then the name of its folder
     for pattern in (r"libLLVM(?:-|\.so\.|\.)(\d\d[\d.]*)[^/]*$", r"llvm[-@]?(\d\d)/"):
         match = re.search(pattern, real) or re.search(pattern, path)
         if match:
@@ -323,7 +328,7 @@ def probe(path: str) -> tuple[str | None, str | None]:
     tested = child.stdout.split()[-1] if is_usable else None
     problem = None if is_usable else _first_complaint(child)
     if is_usable or child.returncode in _CRASHES:
-        # Other failures are not cached: a missing dependency may be installed later.
+        # Other failures are not cached, because a missing dependency may be installed later.
         with contextlib.suppress(OSError), atomic_path(cache) as scratch:
             scratch.parent.mkdir(parents=True, exist_ok=True)
             scratch.write_text(json.dumps({"version": tested, "problem": problem}))
@@ -360,11 +365,12 @@ def run_in_child(script: str, library: str = NONE_USABLE) -> subprocess.Complete
         The finished process, with its output as text. If it does not start, or runs longer than two
         minutes, the return code is 1 and ``stderr`` contains the reason.
     """
-    import subprocess  # takes 10 ms, and is not needed if the probe is cached
+    # this import takes 10 ms, and is not needed if the result of the probe is cached
+    import subprocess
 
     command = [sys.executable, "-P", "-c", script]
     try:
-        # The folder contains core dumps and the kernel cache, so that no kernel is reused.
+        # The folder is for core dumps and for the kernel cache, so that no cached kernel is used.
         with temporary_folder() as folder:
             environment = {
                 **os.environ,
@@ -395,7 +401,8 @@ def _first_complaint(child: subprocess.CompletedProcess[str]) -> str:
 
 # ---- installation
 
-# Alternative packages, best first. The tests run with LLVM 19. Ubuntu's names may end with t64.
+# Alternative packages, best first. The tests run with LLVM 19. Names of packages on Ubuntu may end
+# with t64.
 _LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")]
 _LIBATOMIC = ["libatomic1"]
 
@@ -467,7 +474,7 @@ def _install(alternatives: Sequence[str]) -> str:
 
 
 def _offered(alternatives: Sequence[str]) -> str:
-    """Return the first alternative that apt's package lists contain, else the first alternative."""
+    """Return the first alternative in apt's package lists, or the first one if none is listed."""
     listing = _apt("apt-cache", "madison", *alternatives).stdout
     offered = {line.split("|")[0].strip() for line in listing.splitlines()}
     return next((name for name in alternatives if name in offered), alternatives[0])
@@ -487,7 +494,7 @@ def _apt(tool: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-if __name__ == "__main__":  # for tools/bootstrap
+if __name__ == "__main__":  # tools/bootstrap runs this file as a script
     try:
         print(f"polywigner: LLVM {install_llvm().version} is usable.", file=sys.stderr)
     except EngineError as problem:

@@ -1,4 +1,4 @@
-"""First-order optics: systems that act on rays by a symplectic matrix."""
+"""First-order optics: systems that act on rays by symplectic matrices."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from polywigner.geometry.illumination import turned_points
 
 Matrix = NDArray[np.float64]
 
-# Tolerance relative to the products in the conditions: a matrix typed to ten digits passes, a wrong
-# sign or a missing element does not.
+# Largest deviation from a condition, relative to the products in the condition. A matrix typed to
+# ten digits passes; a wrong sign or a missing element does not.
 _SYMPLECTIC = 1e-9
-# Relative rounding error of matrix elements and of products.
+# Relative rounding error of matrix elements and of their products.
 _ULP = 2.0**-52
 _ONE = np.eye(2)
-# The inverse of smaller numbers is infinite.
+# Smallest number whose inverse is finite.
 _LEAST = 2.0**-1023
 
 
@@ -39,14 +39,14 @@ def check_symplectic(matrix: Matrix) -> None:
         wrong = float(abs(deviation).max())
         if wrong > _SYMPLECTIC * float(size.max()):
             raise ArgumentError(
-                f"ray matrix is not symplectic: {law} deviates by {wrong:.3g}; write A to D for "
-                "rays (x, s), s the direction cosines, with ten digits, or compose the system from "
-                "free_space, lens and magnifier"
+                f"expected a symplectic ray matrix, but {law} is violated by {wrong:.3g}; use "
+                "rays (x, s) with direction cosines s and elements with ten digits, or compose the "
+                "system from free_space, lens and magnifier"
             )
 
 
 def checked_pair(value: Any, expected: str) -> Matrix:
-    """Return one or two numbers as two; raise ArgumentError for zero and NaN."""
+    """Return one or two numbers as two numbers; raise ArgumentError for zero and NaN."""
     numbers = checked_vectors(value, expected, ())
     if numbers.shape not in ((), (2,)) or not (np.abs(numbers) >= _LEAST).all():
         raise ArgumentError(f"{expected}, got {value_text(value)}")
@@ -81,10 +81,11 @@ class FirstOrder:
     """
 
     matrix: Matrix
-    """(4, 4), read-only."""
+    """Ray matrix [[A, B], [C, D]], shape (4, 4), read-only."""
     rounding: Matrix
-    """(4, 4): bounds on the rounding errors of the elements. In a product, elements within their
-    bounds become zero, so that a system of lenses and distances with an image has B = 0."""
+    """Bounds on the rounding errors of the elements, shape (4, 4). In a product, elements within
+    their bounds become zero. A system of lenses and distances that forms an image then has B = 0.
+    """
 
     def __init__(self, matrix: ArrayLike) -> None:
         expected = "expected a ray matrix of finite real numbers, (4, 4), or (2, 2)"
@@ -154,7 +155,7 @@ class FirstOrder:
         """
         expected = "expected f as a focal length in m other than 0, or a pair (f_x, f_y) of them"
         powers = -1.0 / checked_pair(f, f"{expected}, inf for none") + 0.0
-        axes = turned_points(_ONE, angle)  # rows: the axes of the lens
+        axes = turned_points(_ONE, angle)  # the rows are the axes of the lens
         if powers[0] == powers[1]:
             return cls([[1.0, 0.0], [powers[0], 1.0]])
         return cls(np.block([[_ONE, 0.0 * _ONE], [axes.T @ np.diag(powers) @ axes, _ONE]]))
@@ -289,22 +290,22 @@ class FirstOrder:
 
     @property
     def A(self) -> Matrix:
-        """(2, 2): output positions by input positions, without unit."""
+        """Output positions by input positions, shape (2, 2), without unit."""
         return self.matrix[:2, :2]
 
     @property
     def B(self) -> Matrix:
-        """(2, 2): output positions by input directions, in m; zero for an image."""
+        """Output positions by input directions, shape (2, 2), in m; zero for an image."""
         return self.matrix[:2, 2:]
 
     @property
     def C(self) -> Matrix:
-        """(2, 2): output directions by input positions, in 1/m."""
+        """Output directions by input positions, shape (2, 2), in 1/m."""
         return self.matrix[2:, :2]
 
     @property
     def D(self) -> Matrix:
-        """(2, 2): output directions by input directions, without unit."""
+        """Output directions by input directions, shape (2, 2), without unit."""
         return self.matrix[2:, 2:]
 
     @property
@@ -317,7 +318,7 @@ class FirstOrder:
 
     @property
     def is_symmetric(self) -> bool:
-        """Whether the system is rotationally symmetric: all blocks multiples of the unit matrix."""
+        """Whether the system is rotationally symmetric: blocks are multiples of the unit matrix."""
         blocks = (self.A, self.B, self.C, self.D)
         return all(b[0, 0] == b[1, 1] and not (b[0, 1] or b[1, 0]) for b in blocks)
 
@@ -357,17 +358,19 @@ class FirstOrder:
         try:
             rays = np.concatenate(np.broadcast_arrays(*both), axis=-1) @ self.matrix.T
         except ValueError as error:
-            raise ArgumentError(f"expected x and s of shapes that broadcast: {error}") from None
+            raise ArgumentError(
+                f"expected x and s with shapes that broadcast against each other: {error}"
+            ) from None
         return rays[..., :2], rays[..., 2:]
 
     def __matmul__(self, other: FirstOrder) -> FirstOrder:
-        """Return the system of ``other`` followed by this one."""
+        """Return the system of ``other``, followed by this system."""
         if not isinstance(other, FirstOrder):
             return NotImplemented
         with np.errstate(over="ignore", invalid="ignore"):
             product = _product(self.matrix, other.matrix)
         if not np.isfinite(product).all():
-            raise ArgumentError("the product of these systems overflows; check their units")
+            raise ArgumentError("the product of these two systems overflows; check their units")
         first, second = abs(self.matrix), abs(other.matrix)
         rounding = _product(self.rounding + _ULP * first, second)
         rounding += _product(first, other.rounding)
@@ -390,7 +393,7 @@ class FirstOrder:
 
 
 def restored(matrix: Matrix, rounding: Matrix) -> FirstOrder:
-    """Return a system of a matrix (4, 4) that is symplectic but for rounding errors."""
+    """Return a system from a matrix (4, 4) that is symplectic up to rounding errors."""
     system = FirstOrder.__new__(FirstOrder)
     _set(system, matrix, rounding)
     return system
@@ -403,5 +406,5 @@ def _set(system: FirstOrder, matrix: Matrix, rounding: Matrix) -> None:
 
 
 def _product(first: Matrix, second: Matrix) -> Matrix:
-    """Matrix product without fused operations, whose rounding differs between machines."""
+    """Return a matrix product without fused operations, whose rounding differs between machines."""
     return np.asarray((first[:, :, None] * second).sum(axis=1), np.float64)

@@ -1,4 +1,4 @@
-"""Text such as ``"94 GHz"``, ``"10 mm"`` or ``"30 deg"`` to SI floats.
+"""Conversion of strings such as ``"94 GHz"``, ``"10 mm"`` or ``"30 deg"`` to floats in SI units.
 
 The command line, scene files and aperture files use these texts. Functions of the Python API take
 SI floats. Units are case-sensitive: "mW" and "MW", or "mm" and "Mm", differ by nine orders of
@@ -18,7 +18,7 @@ from polywigner.errors import QuantityError, value_text
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum, m/s (exact, SI)."""
 
-# Fractions, so that "3.1 mm" is the float nearest to 0.0031; 3.1 * 0.001 is one ulp off.
+# Fractions are exact, so that "3.1 mm" is the float nearest to 0.0031; 3.1 * 0.001 is one ulp off.
 _LENGTHS = {
     "km": Fraction(1000), "m": Fraction(1), "dm": Fraction(1, 10), "cm": Fraction(1, 100),
     "mm": Fraction(1, 1000), "um": Fraction(1, 10**6), "µm": Fraction(1, 10**6),
@@ -46,9 +46,9 @@ _DURATIONS = {
 }  # fmt: skip
 
 _POWER_LEVELS = {"dBm": 1e-3, "dBW": 1.0}
-_HIGHEST_LEVEL = 3000.0  # dB; the largest float is about 3080 dB
+_HIGHEST_LEVEL = 3000.0  # in dB; the largest float is about 3080 dB
 
-# At most three digits of the exponent, because Fraction("1e999999999") exhausts the memory.
+# The exponent has at most three digits, because Fraction("1e999999999") would exhaust the memory.
 _QUANTITY = re.compile(
     r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?)\s*([^0-9\s.,;+-]*)\s*"
 )
@@ -61,8 +61,8 @@ def _parse(
     example: str,
     positive: bool = False,
 ) -> float:
-    """Parse a text to SI units; numbers are returned unchanged."""
-    article = "an" if kind[0] in "aeio" else "a"  # but "a unit"
+    """Parse a string to SI units; numbers are returned unchanged."""
+    article = "an" if kind[0] in "aeio" else "a"  # except for "a unit"
     expected = f'expected {article} {kind} such as "{example}", got {value_text(text)}'
     match = _QUANTITY.fullmatch(str(text))
     if match is None or isinstance(text, bool):
@@ -74,19 +74,19 @@ def _parse(
     try:
         value = float(Fraction(number) * (units[unit] if unit else 1))
     except OverflowError:
-        raise QuantityError(f"{expected}; it must be finite") from None
+        raise QuantityError(f"{expected}; the quantity must be finite") from None
     if positive and not value > 0:
-        raise QuantityError(f"{expected}; it must be above zero")
+        raise QuantityError(f"{expected}; the quantity must be above zero")
     return value
 
 
 def parse_length(text: str | float) -> float:
-    """Parse a length above zero to metres; a number is in metres."""
+    """Parse a length above zero to metres; a plain number is in metres."""
     return _parse(text, _LENGTHS, "length", "10 mm", positive=True)
 
 
 def parse_coordinate(text: str | float) -> float:
-    """Parse a length of either sign to metres; a number is in metres."""
+    """Parse a length of either sign to metres; a plain number is in metres."""
     return _parse(text, _LENGTHS, "length", "-2 mm")
 
 
@@ -110,34 +110,34 @@ def parse_unit(text: str | float) -> float:
 
 
 def parse_frequency(text: str | float) -> float:
-    """Parse a frequency above zero to hertz; a number is in hertz."""
+    """Parse a frequency above zero to hertz; a plain number is in hertz."""
     if isinstance(text, str):
         if text.rstrip().endswith("mHz"):
             raise QuantityError(
-                f'expected a frequency such as "94 GHz", got {value_text(text)}, in millihertz; '
-                'write "MHz" for megahertz'
+                f'expected a frequency such as "94 GHz", got {value_text(text)}, where "mHz" is '
+                'millihertz; write "MHz" for megahertz'
             )
         text = re.sub("[a-zA-Z]{2,}", lambda unit: _SPELLING.get(unit[0].lower(), unit[0]), text)
     return _parse(text, _FREQUENCIES, "frequency", "94 GHz", positive=True)
 
 
 def parse_duration(text: str | float) -> float:
-    """Parse a time above zero to seconds; a number is in seconds."""
+    """Parse a time above zero to seconds; a plain number is in seconds."""
     return _parse(text, _DURATIONS, "time", "60 us", positive=True)
 
 
 def parse_angle(text: str | float) -> float:
-    """Parse an angle to radians; a number is in radians."""
+    """Parse an angle to radians; a plain number is in radians."""
     return _parse(text, _ANGLES, "angle", "30 deg")
 
 
 def parse_decibels(text: str | float) -> float:
-    """Parse a level to decibels; a number is in decibels."""
+    """Parse a level to decibels; a plain number is in decibels."""
     return _parse(text, _DECIBELS, "level", "25 dB")
 
 
 def parse_noise_figure(text: str | float) -> float:
-    """Parse a noise figure of at least zero to decibels; a number is in decibels."""
+    """Parse a noise figure of at least zero to decibels; a plain number is in decibels."""
     level = _parse(text, _DECIBELS, "noise figure", "3 dB")
     if not 0 <= level <= _HIGHEST_LEVEL:
         raise QuantityError(f"expected a noise figure of 0 dB or more, got {value_text(text)}")
@@ -145,7 +145,7 @@ def parse_noise_figure(text: str | float) -> float:
 
 
 def parse_temperature(text: str | float) -> float:
-    """Parse a temperature above zero to kelvins; a number is in kelvins."""
+    """Parse a temperature above zero to kelvins; a plain number is in kelvins."""
     return _parse(text, _TEMPERATURES, "temperature", "290 K", positive=True)
 
 
@@ -162,13 +162,13 @@ def parse_noise(
     temperature: str | float | None,
     noise_figure: str | float | None,
 ) -> dict[str, float | None]:
-    """Parse bandwidth, temperature and noise figure to Hz, K and dB; None for a missing one."""
+    """Parse bandwidth, temperature and noise figure to Hz, K and dB; None if a value is missing."""
     values = zip(NOISE_PARSERS.items(), (bandwidth, temperature, noise_figure), strict=True)
     return {name: None if value is None else parse(value) for (name, parse), value in values}
 
 
 def parse_power(text: str | float) -> float:
-    """Parse a power above zero, or a level in dBm or dBW, to watts; a number is in watts."""
+    """Parse a power above zero, or a level in dBm or dBW, to watts; a plain number is in watts."""
     for unit, reference in _POWER_LEVELS.items():
         if isinstance(text, str) and text.rstrip().endswith(unit):
             level = _parse(text, {unit: Fraction(1)}, "power", "10 dBm")
@@ -179,7 +179,7 @@ def parse_power(text: str | float) -> float:
 
 
 def wavelength_of(frequency: float) -> float:
-    """Return the vacuum wavelength in metres of a frequency in hertz above zero."""
+    """Return the vacuum wavelength in metres for a frequency above zero in hertz."""
     if not 0 < frequency < math.inf:
         raise QuantityError(
             f"expected a finite frequency in Hz above zero, got {value_text(frequency)}"
@@ -198,7 +198,7 @@ _UNITS = (LengthUnit("nm", 1e-9), LengthUnit("µm", 1e-6), LengthUnit("mm", 1e-3
 
 
 def length_unit(length: float) -> LengthUnit:
-    """Return the unit that expresses a length (m) as a number from 1 to 1000, or metres."""
+    """Return the unit in which a length (m) is a number from 1 to 1000; metres if none is."""
     for unit in _UNITS:
         if length < 1000 * unit.metres:
             return unit
@@ -206,6 +206,6 @@ def length_unit(length: float) -> LengthUnit:
 
 
 def length_text(*lengths: float) -> str:
-    """Return lengths (m) in the unit of the largest one, such as ``20 x 12 mm``."""
+    """Return lengths in m as text, in the unit of the largest length, such as ``20 x 12 mm``."""
     unit = length_unit(max(lengths))
     return f"{' x '.join(f'{length / unit.metres:.4g}' for length in lengths)} {unit.name}"

@@ -19,14 +19,14 @@ from polywigner.source.normal_form import normal_form
 __all__ = ["check"]
 
 Floats = NDArray[np.float64]
-# (law, left side, right side, allowed difference, arguments)
+# name of the law, left side, right side, allowed difference, and arguments by name
 Law = tuple[str, Any, Any, float, dict[str, Floats]]
 
-# Allowed difference relative to the bound of each transform, for a source at the origin. It grows
-# with the distance, because coordinates are rounded.
+# Allowed difference, relative to the bound of each transform, for a source at the origin. The
+# allowed difference grows with the distance from the origin, because coordinates are rounded.
 _TOLERANCE = 1e-12
 # Number of lattice points for the integral of W over x, generator of the lattice, and relative
-# error of such sums for |u|^2 with edges.
+# error of the integral of |u|^2 by this lattice for fields with edges.
 _LATTICE, _STEP, _LATTICE_ERROR = 10946, 6765, 2e-3
 
 
@@ -71,13 +71,13 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
             )
             left, right = (np.broadcast_to(side, off.shape)[at] for side in (left, right))
             raise AssertionError(
-                f"{law} does not hold at {point or 'all points'}: {left} against {right}, allowed "
-                f"difference {allowed:.3g}"
+                f"the law '{law}' is violated at {point or 'all points'}: {left} and {right} "
+                f"differ by more than {allowed:.3g}"
             )
 
 
 def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[Law]:
-    """Yield both sides of each law, at random points of the source and of its spectrum."""
+    """Yield both sides of each law, at random points of the source and its spectrum."""
     form = normal_form(source)
     low, high = np.reshape(form.bounds, (2, -1))
     size = float(np.linalg.norm(high - low))
@@ -90,7 +90,8 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
     energy = float(np.real(transforms.lag_marginal(source, zero)))
     field = sum(abs(e.weight) * float(np.abs(e.amplitudes).sum()) for e in form.elements)
     bound = math.prod((high - low).tolist()) * field**2
-    far = 1.0 + float(np.abs([low, high]).max()) / size  # rounding of positions away from 0
+    # positions away from 0 have larger rounding errors
+    far = 1.0 + float(np.abs([low, high]).max()) / size
     allowed = _TOLERANCE * far * max(bound, energy)
 
     w, a = transforms.wigner(source, x, nu), transforms.ambiguity(source, upsilon, xi)
@@ -108,7 +109,7 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
     at_zero, marginal = transforms.ambiguity(source, zero, xi), transforms.lag_marginal(source, xi)
     yield "A(0, xi) = R_xi(xi)", at_zero, marginal, allowed, {"xi": xi}
 
-    few = nu[: max(1, points // 25)] / 8.0  # frequencies that the lattice resolves
+    few = nu[: max(1, points // 25)] / 8.0  # the lattice resolves these frequencies
     lattice, cell = _lattice(low, high)
     integral = cell * transforms.wigner(source, lattice, few[:, None]).sum(axis=1)
     power = np.abs(transforms.fourier(source, few)) ** 2

@@ -1,4 +1,4 @@
-"""Where kernels run: NumPy, or Dr.Jit on LLVM or CUDA.
+"""Evaluation of kernels: on NumPy, or on Dr.Jit with LLVM or CUDA.
 
 ===================  ==========================================================================
 module               content

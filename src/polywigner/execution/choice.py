@@ -20,7 +20,7 @@ Engine = Literal["auto", "numpy", "llvm", "cuda"]
 Precision = Literal["double", "single"] | None
 _PRECISIONS = ("double", "single")
 
-# Strategies, as `pw.explain` prints them and docs/performance.md explains them.
+# Names of strategies, as `pw.explain` prints them and docs/performance.md explains them.
 GRID = "grid from its axes"
 LISTED = "slices listed"
 PAIRS = "pairs of edges"
@@ -28,16 +28,17 @@ DATA = "edges as data"
 CODE = "edges as code"
 SUM = "sum of terms"
 
-# The thresholds are measured by benchmarks/default_regret.py. Smallest number of samples for which
-# compiled code with sources as data is faster than NumPy.
+# Smallest number of samples for which compiled code with the source as data is faster than NumPy.
+# All thresholds here are measured by benchmarks/default_regret.py.
 _LEAST_SAMPLES = 1000
 # Smallest number of terms (samples times edges, waves and copies) for which a kernel compiled for
-# the source is faster.
+# one source is faster than NumPy.
 _LEAST_TERMS = 1 << 18
-# Smallest number of samples for which a kernel with edges as code is faster.
+# Smallest number of samples for which compiled code with edges as code is faster than with edges as
+# data.
 _LEAST_SAMPLES_AS_CODE = 1 << 18
-# Smallest number of frequencies per position, and of edges, for which compiled code sums listed
-# slices. With fewer edges, cutting is as fast as reading a list.
+# Smallest number of frequencies per position, and smallest number of edges, for which compiled code
+# sums listed slices. With fewer edges, cutting edges is as fast as reading a list.
 _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
 # Smallest number of terms per family of parallel edges for which F on a grid is computed from the
 # axes of the grid.
@@ -54,12 +55,12 @@ class Plan:
     samples: int
     terms: int
     requested: str = "auto"
-    """The engine that the caller has requested."""
+    """Engine that the caller has requested."""
     detail: str = ""
 
     @property
     def reason(self) -> str:
-        """Text with the sizes that determined the strategy."""
+        """Text with the numbers of samples and terms that determined the strategy."""
         parts = [f"{self.samples} samples of {self.terms} terms"]
         parts += [f"engine={self.requested!r}"] if self.requested != "auto" else []
         return ", ".join([*parts, self.detail] if self.detail else parts)
@@ -72,17 +73,17 @@ _is_uncompiled: ContextVar[bool] = ContextVar("_is_uncompiled", default=False)
 
 
 def checked_engine(engine: str) -> str:
-    """Return ``engine`` if it is a known name. Raises ArgumentError otherwise."""
+    """Return ``engine`` if it is a valid name. Raises ArgumentError otherwise."""
     return checked_choice(engine, "engine", get_args(Engine))
 
 
 def checked_precision(precision: str | None) -> str | None:
-    """Return ``precision`` if it is a known name or None. Raises ArgumentError otherwise."""
+    """Return ``precision`` if it is a valid name or None. Raises ArgumentError otherwise."""
     return None if precision is None else checked_choice(precision, "precision", _PRECISIONS)
 
 
 def resolved(engine: str, samples: int, terms: int = 1) -> str:
-    """Return the engine for a number of samples and of terms of each sample.
+    """Return the engine for a number of samples, and a number of terms per sample.
 
     ``"auto"`` is NumPy or LLVM; CUDA is used on request only.
 
@@ -127,8 +128,8 @@ def planned(
     """
     per_sample, as_data = terms_of(kernel, tables), takes_data(kernel, tables)
     terms = samples * per_sample
-    # NumPy takes ten times as long for W and A of arrays, so compiled kernels are faster for few
-    # samples already.
+    # NumPy takes ten times as long for W and A of arrays, so compiled kernels pay for fewer
+    # samples.
     by_samples = as_data or isinstance(tables, RepeatedTables)
     is_large = samples >= _LEAST_SAMPLES if by_samples else terms >= _LEAST_TERMS
     actual = _engine_for(engine, is_large)
@@ -164,7 +165,7 @@ def _engine_for(engine: str, is_large: bool) -> str:
 
 
 def terms_of(kernel: Kernel, tables: Any) -> int:
-    """Return the number of terms that a sample sums."""
+    """Return the number of terms that are summed at each sample."""
     if kernel.slices is not None:
         return max(1, len(tables.edges)) * tables.waves_per_cut * len(kernel.slices.views)
     if isinstance(tables, RepeatedTables):
@@ -173,7 +174,7 @@ def terms_of(kernel: Kernel, tables: Any) -> int:
 
 
 def takes_data(kernel: Kernel, tables: Any) -> bool:
-    """Return whether the source is data of a compiled kernel: F, and sums over pairs of edges."""
+    """Return whether compiled kernels take the source as data: F, and sums over pairs of edges."""
     if isinstance(tables, OutlineTables):
         return kernel.name == "fourier"
     return kernel.slices is not None and isinstance(tables, Tables)
@@ -199,16 +200,16 @@ def _require_cuda() -> None:
 
     if not drjit.has_backend(drjit.JitBackend.CUDA):
         raise EngineError(
-            "expected an NVIDIA GPU with its driver for engine='cuda', got none that Dr.Jit can "
-            "use; run `polywigner doctor`, or use engine='auto'."
+            "expected an NVIDIA GPU and its driver for engine='cuda', but Dr.Jit finds no usable "
+            "GPU; run `polywigner doctor`, or use engine='auto'."
         )
 
 
 def drjit_float(engine: str, double: bool) -> type:
-    """Return Dr.Jit's array type of an engine that :func:`resolved` has accepted."""
+    """Return Dr.Jit's array type for an engine that :func:`resolved` has accepted."""
     import importlib
 
-    # While another thread imports Dr.Jit, its submodules exist but are incomplete. This import
+    # While another thread imports Dr.Jit, the submodules exist but are incomplete. This import
     # waits until they are complete.
     import drjit  # noqa: F401
 

@@ -1,4 +1,4 @@
-"""Samples in chunks, aligned memory for Dr.Jit, and its pool of threads."""
+"""Chunks of samples, aligned memory for Dr.Jit, and Dr.Jit's pool of threads."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def array_of(kind: Any, values: npt.ArrayLike) -> Drjit:
 
     numbers = np.asarray(values)
     if drjit.flag(drjit.JitFlag.FreezingScope):
-        # Dr.Jit ends the process if NumPy's memory is freed while a function is recorded.
+        # Dr.Jit aborts the process if memory of NumPy is freed while a function is recorded.
         return kind(numbers.ravel().tolist())
     letter = "f" if drjit.is_float_v(kind) else "u" if drjit.is_unsigned_v(kind) else "i"
     memory = aligned(numbers.size, f"{letter}{drjit.itemsize_v(kind)}")
@@ -44,7 +44,7 @@ def array_of(kind: Any, values: npt.ArrayLike) -> Drjit:
 MOST_THREADS = 1024
 """Largest number of threads that callers may request."""
 
-# A process has one pool of threads, and two users at a time would wait for each other forever.
+# A process has only one pool of threads, and two simultaneous users would block each other forever.
 _POOL = threading.Lock()
 
 
@@ -56,7 +56,8 @@ def kernel_threads(count: int | None = None) -> Iterator[None]:
     function only serialises its users.
     """
     with _POOL:
-        # Scalar variants of Mitsuba use the pool without an LLVM library; Dr.Jit is imported then.
+        # Scalar variants of Mitsuba use the pool without an LLVM library. Dr.Jit has been imported
+        # then.
         if count is None or not (llvm.prepare().usable or "drjit" in sys.modules):
             yield
             return
@@ -81,7 +82,7 @@ Launched = Iterator[tuple[Sequence[Array], Any, Fetch]]
 
 
 def store(launched: Launched, samples: int) -> None:
-    """Fetch each chunk while the next one is computed."""
+    """Write the results of each chunk while the next chunk is being computed."""
     last: Any = None
     with slow_bar("samples", samples) as advance:
         for chunk in launched:
@@ -101,14 +102,14 @@ def _write(results: Sequence[Array], where: Any, fetch: Fetch) -> int:
 
 
 def ready(values: tuple[Array, ...]) -> Fetch:
-    """Return a fetch function for results that are computed already."""
+    """Return a fetch function for results that have already been computed."""
     return lambda: values
 
 
 def parts_of_results(
     components: Sequence[Array], results: Sequence[Array], size: int
 ) -> Iterator[tuple[list[Array], list[Array]]]:
-    """Yield the broadcast components in float64 and views of the results, by chunks in C order."""
+    """Yield float64 components and views of the results, by chunks in C order."""
     flat, shape = [result.reshape(-1) for result in results], results[0].shape
     full = [c if c.shape == shape else np.broadcast_to(c, shape) for c in components]
     if 0 < full[0].size <= size:
@@ -124,7 +125,7 @@ def parts_of_results(
         buffersize=size,
     ) as iterator:
         for chunk in iterator:
-            # With one operand, nditer yields an array instead of a tuple.
+            # with one operand, nditer yields an array instead of a tuple of arrays
             arguments: list[Any] = list(chunk) if len(full) > 1 else [chunk]
             end = start + arguments[0].size
             if end > start:

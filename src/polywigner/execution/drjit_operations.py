@@ -1,4 +1,4 @@
-"""The operations namespace of Dr.Jit arrays, traced into a kernel."""
+"""The operations namespace of Dr.Jit arrays, which are traced into a kernel."""
 
 from __future__ import annotations
 
@@ -23,10 +23,12 @@ from polywigner.execution.operations import (
 
 MOST_TERMS_AS_CODE = 12
 """Largest number of terms that become code of a kernel; a term compiles in about 20 ms."""
-# Largest number of cuts in all terms of `sum_large_terms` that become code; 256 compile in 0.5 s.
+# Largest total number of cuts in the terms of `sum_large_terms` that are compiled as code. 256 cuts
+# compile in 0.5 s.
 _MOST_CUTS_AS_CODE = 256
-# Largest number of steps of a recursion that become code. With four terms per step, 50 steps
-# compile in 1.5 s and 1,450 steps in a minute. A loop compiles in 0.3 s and 0.7 s and runs as fast.
+# Largest number of steps of a recursion that are compiled as code. With four terms per step, 50
+# steps compile in 1.5 s and 1,450 steps in a minute. A loop compiles in 0.3 s and 0.7 s,
+# respectively, and runs as fast.
 _MOST_STEPS_AS_CODE = 8
 
 
@@ -52,7 +54,7 @@ class DrjitOperations(RowByRow):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of the ``values`` values of ``term(*row)`` over rows.
+        """Return the sums over rows of the values of ``term(*row)``; ``values``: their number.
 
         Few rows are unrolled. For more rows the kernel has a loop over a table, which compiles fast
         and runs nearly as fast for long terms. ``unroll=False`` always makes a loop.
@@ -74,7 +76,7 @@ class DrjitOperations(RowByRow):
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
 
     def repeated(self, count: int, state: Values, step: Term, like: Any) -> Values:
-        """Return the last ``state = step(number, *state)`` for numbers from 0 up to ``count``.
+        """Return the last ``state = step(number, *state)`` for numbers from 0 to count - 1.
 
         Many steps become a loop, unless ``like`` has derivatives: reverse mode would have to store
         all states.
@@ -87,7 +89,7 @@ class DrjitOperations(RowByRow):
         return any(self._dr.grad_enabled(value) for value in values)
 
     def lookup(self, table: Sequence[float], index: Any) -> Drjit:
-        """Return table[index] for integers in range, as floats or integers."""
+        """Return table[index] for integers within the table, given as floats or integers."""
         memory = array_of(self.float_type, table)
         return self._dr.gather(self.float_type, memory, self._numbers(index))
 
@@ -133,14 +135,14 @@ class DrjitOperations(RowByRow):
         return self._dr.fma(ax, by, -product) + error
 
     def lost(self, a: Any, b: Any, product: Any) -> Drjit:
-        """Return the rounding error of ``product`` = a b, exactly."""
+        """Return the exact rounding error of ``product``, the rounded value of a b."""
         return self.fma(a, b, -product)
 
     def _typed(self, value: Any) -> Drjit:
         return self.float_type(value) if isinstance(value, (int, float)) else value
 
     def on_device(self, table: Table) -> Drjit:
-        """Return the number of entries in a row, and the entries of all rows."""
+        """Return the number of entries per row, and the entries of all rows, in memory."""
         kind = self.float_type if table.dtype.kind == "f" else self._numbers
         return table.shape[1], array_of(kind, table)
 
@@ -149,7 +151,7 @@ class DrjitOperations(RowByRow):
         kind = type(flat)
         if width % 4:
             return tuple(self._dr.gather(kind, flat, width * row + k) for k in range(width))
-        # one load reads four entries
+        # each load reads four entries
         four, packets = getattr(sys.modules[kind.__module__], _PACKETS[kind.__name__]), width // 4
         loaded = (self._dr.gather(four, flat, packets * row + k) for k in range(packets))
         return tuple(entry for packet in loaded for entry in packet)
@@ -163,7 +165,7 @@ class DrjitOperations(RowByRow):
         def next_row(row: Any, *state: Any) -> Values:
             return row + 1, *step(row, *state)
 
-        # max_iterations=-1 states that the loop sums terms, so reverse mode stores no states.
+        # max_iterations=-1 declares that the loop only sums terms, so reverse mode stores no states
         options = {"max_iterations": -1} if is_sum else {}
         start = (self._numbers(first), *map(self._initial, state))
         _, *result = self._dr.while_loop(start, lambda row, *_: row < end, next_row, **options)
@@ -189,10 +191,11 @@ class DrjitOperations(RowByRow):
         )
 
 
-# Types of packets, which are four values read by one load.
+# Names of the types of packets, by the type of their entries. One load reads a packet of four
+# values.
 _PACKETS = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}
 
 
 def ops_for(float_type: type) -> Any:
-    """Return the operations of a float type: ``float``, or a Dr.Jit type such as ``mi.Float``."""
+    """Return the operations for a float type: ``float``, or a Dr.Jit type such as ``mi.Float``."""
     return ScalarOperations() if float_type is float else DrjitOperations(float_type)

@@ -31,17 +31,20 @@ from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.functions.slices import SliceSum
 
-# Samples in a chunk: temporary arrays stay below 128 KiB, in the cache of a core. The C library
-# maps larger ones anew each time, and page faults then cost more than the computation.
+# Number of samples in a chunk, so that temporary arrays stay below 128 KiB, in the cache of a core.
+# The C library maps memory of larger arrays anew each time, and page faults then cost more than the
+# computation.
 _CHUNK = 3 << 12
-# Samples in a block with shared slices, on NumPy and in compiled code. Compiled code stores rows
-# and columns only, so its blocks are larger.
+# Numbers of samples per block with shared slices: on NumPy, and in compiled code. Compiled code
+# stores only rows and columns, so its blocks can be larger.
 _SHARED_BLOCK, _LARGE_BLOCK = 1 << 18, 1 << 20
-# Smallest number of frequencies for which it is faster to share a slice.
+# Smallest number of frequencies per position for which sharing a slice is faster.
 _LEAST_COLUMNS = 64
-# Pairs of a row and a point whose terms are stored at a time: 32 MiB in float64.
+# Number of terms, one for each pair of a row and a point, that are stored at a time: 32 MiB in
+# float64.
 _BLOCK = 1 << 22
-# Rows times samples at a time: temporary arrays take 2 MB for each number of a term.
+# Number of rows times samples that are processed at a time: temporary arrays take 2 MB for each
+# number of a term.
 _ROWS = 1 << 18
 
 _HOST = NumpyOperations()
@@ -129,7 +132,7 @@ def evaluate(
 
 
 class _ExplainedError(Exception):
-    """Ends a call that `explained` has started."""
+    """Exception that carries the plan of a call to :func:`explained`, and ends the call."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -156,8 +159,9 @@ def explained(call: Callable[[], object]) -> Plan | None:
 def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
-    """Return the results of a kernel by NumPy, flat and in double precision."""
-    with np.errstate(invalid="ignore", over="ignore"):  # NaN for infinite and NaN arguments
+    """Return the results of a kernel computed by NumPy, as flat float64 arrays."""
+    # infinite and NaN arguments give NaN without a warning
+    with np.errstate(invalid="ignore", over="ignore"):
         if shear is not None:
             components = shear(components)
         shape = np.broadcast_shapes(*[c.shape for c in components])
@@ -181,16 +185,16 @@ def _in_chunks(
 
 @dataclass(frozen=True, eq=False)
 class SharedRows:
-    """Components of shape (rows, 1) or (1, columns), with the positions of slices along rows."""
+    """Arguments of shape (rows, 1) or (1, columns), with the positions of slices along rows."""
 
     components: tuple[Array, ...]
     rows: int
     columns: int
     transposed: bool = False
-    """Whether rows are columns of the results."""
+    """Whether the rows are the columns of the results."""
 
     def blocks(self, size: int) -> Iterator[tuple[tuple[slice, slice], tuple[Array, ...]]]:
-        """Yield blocks of about ``size`` samples, and their components in float64."""
+        """Yield blocks of about ``size`` samples, with their arguments in float64."""
         columns = min(self.columns, size)
         rows = max(1, size // columns)
         for r in range(0, self.rows, rows):
@@ -203,7 +207,7 @@ class SharedRows:
                 yield block, tuple(a.astype(np.float64, copy=False) for a in parts)
 
     def targets(self, results: Sequence[Array]) -> list[Array]:
-        """Return views of the results, rows by columns."""
+        """Return views of the results with the shape (rows, columns)."""
         if self.transposed:
             return [result.reshape(self.columns, self.rows).T for result in results]
         return [result.reshape(self.rows, self.columns) for result in results]
@@ -249,7 +253,7 @@ def _shared(
     results: Sequence[Array],
     shear: Shear | None,
 ) -> Launched:
-    """Yield chunks of results; slices are cut once for each row, in double precision."""
+    """Yield chunks of results; the slice of each row is cut once, in double precision."""
     slices, exact = kernel.edge_sum, kernel.tables_for(source, True)
     assert isinstance(slices, SliceSum)
     compiled = None
@@ -259,7 +263,7 @@ def _shared(
     targets = rows.targets(results)
     for block, arguments in rows.blocks(_LARGE_BLOCK if is_large else _SHARED_BLOCK):
         count = len(range(*block[0].indices(rows.rows)))
-        # positions far from the source may overflow
+        # positions far away from the source may overflow
         with np.errstate(invalid="ignore", over="ignore"):
             sheared = arguments if shear is None else shear(arguments)
             inner = kernel.enter(_HOST, exact.frame, *sheared)

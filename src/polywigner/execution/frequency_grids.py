@@ -1,4 +1,4 @@
-"""F on grids of frequencies, computed by NumPy from the axes of the grid, (F4)."""
+"""F on grids of frequencies, computed by NumPy from the axes of the grids, (F4)."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from polywigner.kernels import GridTables, Kernel, OutlineSum, fourier_on_grid
 
 Array = npt.NDArray[Any]
 
-# Shortest sides of grids for which tables along the axes save work.
+# Smallest length of both sides of a grid for which tables along the axes save work.
 _LEAST_SIDE = 8
-# Longest sides of a tile, whose tables along the axes fit into memory.
+# Largest side of a tile of the grid, whose tables along the axes fit into memory.
 _TILE = 512
-# Largest fraction of points that may be too close to the origin, since each of them costs 20 times
-# as much.
+# Largest fraction of points that may be too close to the origin. Each of these points costs 20
+# times as much.
 _MOST_BELOW = 1 / 8
 
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
@@ -35,23 +35,23 @@ class GridPlan:
     x: Array
     y: Array
     transposed: bool
-    """Whether the results are indexed [j, i]."""
+    """Whether the results have the indices [j, i]."""
 
     @property
     def families(self) -> int:
-        """Number of families of edges; all edges along the axes count as one."""
+        """Number of families of parallel edges; all edges along the axes count as one family."""
         oblique = sum(not family.is_straight for family in self.tables.families)
         return oblique + (oblique < len(self.tables.families))
 
     def keeps_digits(self) -> bool:
-        """Return whether most points are far enough from the origin."""
+        """Return whether most points are far enough from the origin for (F4) to be accurate."""
         below = 1.0
         for scale, nu in zip(self.tables.scales, (self.x, self.y), strict=True):
             below *= float(np.mean(np.abs(nu * scale) < self.tables.floor))
         return below < _MOST_BELOW
 
     def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
-        """Write the real and the imaginary part to two arrays.
+        """Write the real and the imaginary part of F to two arrays.
 
         ``point_by_point`` computes the few points near the origin, where (F4) loses digits.
         """
@@ -60,7 +60,7 @@ class GridPlan:
         for i in range(0, len(self.x), _TILE):
             for j in range(0, len(self.y), _TILE):
                 x, y = self.x[i : i + _TILE], self.y[j : j + _TILE]
-                # points near the origin are replaced
+                # the results at points near the origin are replaced below
                 with np.errstate(invalid="ignore", divide="ignore"):
                     *parts, below = fourier_on_grid(ops, self.tables, x, y)
                 if below.any():
@@ -75,7 +75,7 @@ class GridPlan:
 def plan_for_grid(
     kernel: Kernel, source: Any, components: Sequence[Array], engine: str
 ) -> GridPlan | None:
-    """Return a plan to compute F from the axes of a grid; None for other kernels and points."""
+    """Return a plan to compute F from the axes of a grid; None for other kernels or points."""
     if not isinstance(kernel.edge_sum, OutlineSum) or engine not in ("auto", "numpy"):
         return None
     x, y = components
@@ -95,8 +95,8 @@ def plan_for_grid(
 
 
 def _is_grid(x: Array, y: Array) -> bool:
-    """Return whether x is constant along the second axis and y along the first; not for NaN."""
-    if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:  # a fast test that rejects most arrays
+    """Return whether x is constant along the second axis and y along the first; False for NaN."""
+    if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:  # this fast test rejects most arrays
         return False
     return bool((x == x[:, :1]).all() and (y == y[:1]).all())
 
@@ -109,7 +109,7 @@ def evaluate_on_grid(
     into: Sequence[Array],
     engine: str,
 ) -> bool:
-    """Write F of an array if the points are a grid and this saves work; return whether it did."""
+    """Write F to arrays if the points form a grid and this saves work; return whether it did."""
     plan = plan_for_grid(kernel, source, components, engine)
     if plan is None:
         return False

@@ -1,4 +1,4 @@
-"""Kernels compiled by Dr.Jit, on NumPy arrays: with an outline as code, or with outlines as data.
+"""Kernels compiled by Dr.Jit for NumPy arrays: with the outline as code, or as data.
 
 A kernel with an outline as code compiles in 0.1 s and occupies some hundred kilobytes until the
 process ends. The kernel with outlines as data serves any outline, at a half to a third of the
@@ -32,10 +32,11 @@ from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Tables, is_plain
 from polywigner.numerics import phases
 
-# Number of cached recorded functions, and of recordings of each. Arguments of width 1 need a
-# separate recording.
+# Largest number of cached recorded functions, and of recordings of each function. Arguments of
+# width 1 need a separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Samples in a chunk: launching is cheap compared with computing, and arguments take some 10 MB.
+# Number of samples in a chunk, for a source as code and as data. Launching a kernel is cheap
+# compared with computing, and the arguments take some 10 MB.
 _CHUNK, _CHUNK_OF_DATA = 1 << 18, 1 << 17
 
 Array = npt.NDArray[Any]
@@ -52,7 +53,7 @@ class _Frozen:
         import drjit
 
         # Dr.Jit traverses the closure of a function in each call, but not the attributes of a
-        # namespace.
+        # namespace. The function is therefore an attribute.
         cell = SimpleNamespace(function=function)
 
         def replayed(*arguments: Any) -> Values:
@@ -60,7 +61,7 @@ class _Frozen:
 
         self.replayed = drjit.freeze(replayed, limit=_MOST_RECORDINGS, warn_after=1 << 30)
         self.owners = owners
-        # Dr.Jit ends the process when two threads record one function at the same time.
+        # Dr.Jit aborts the process if two threads record one function at the same time.
         self.lock = threading.Lock()
 
     def __call__(self, *arguments: Any) -> Values:
@@ -68,7 +69,8 @@ class _Frozen:
             try:
                 results: Values = self.replayed(*arguments)
             except RuntimeError as error:
-                # Dr.Jit replaces the exception that ended the function, such as an interrupt.
+                # Dr.Jit hides the exception that ended the function, such as an interrupt, behind a
+                # RuntimeError.
                 raise error.__cause__ or error from None
             return results
 
@@ -103,7 +105,7 @@ _lock = threading.Lock()
 
 
 def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Function:
-    """Return a recorded function of Dr.Jit arrays, from the cache if it is there.
+    """Return a recorded version of a function of Dr.Jit arrays, from the cache if possible.
 
     The function must not depend on the number of samples and must not allocate memory. It may
     depend on ``owners``, by identity, and on ``kind``.
@@ -111,7 +113,7 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
     key = (*map(id, owners), *kind)
     with _lock:
         if key not in _known:
-            # the function keeps references, so that ids stay valid
+            # the cached function keeps references to its owners, so that their ids remain valid
             _known[key] = _Frozen(function, owners)
             while len(_known) > _MOST:
                 _known.popitem(last=False)
@@ -120,14 +122,14 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
 
 
 def is_code(kernel: Kernel, tables: Any) -> bool:
-    """Return whether the numbers of a source are constants in the code of a kernel."""
+    """Return whether the numbers of a source are constants in the compiled code of a kernel."""
     if isinstance(tables, Tables) and kernel.slices is not None:
         return tables.fits_code
     return isinstance(tables, Tables | OutlineTables) and len(tables.edges) <= MOST_TERMS_AS_CODE
 
 
 def is_recording(kind: Any) -> bool:
-    """Return whether Dr.Jit records the computation, or the backend is not LLVM."""
+    """Return whether Dr.Jit is recording the computation, or the backend is not LLVM."""
     import drjit
 
     scopes = (drjit.JitFlag.SymbolicScope, drjit.JitFlag.FreezingScope)
@@ -144,7 +146,7 @@ class OnDrjit:
         self.is_code = is_code(kernel, self.tables)
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
-        """Yield results for components that broadcast to their shape, chunk by chunk."""
+        """Yield results chunk by chunk; the components broadcast to the shape of the results."""
         kind = self.ops.float_type
         run: Callable[..., tuple[Any, ...]] = self._traced
         if self.is_code and not is_recording(kind):
@@ -165,7 +167,7 @@ class OnDrjit:
         return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
     def of_parts(self, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool) -> Fetch:
-        """Return results for rows and columns in the frame.
+        """Return results at rows and columns of arguments, from listed parts of slices.
 
         The parts of row k are the rows ``ends[k]`` to ``ends[k + 1]`` of ``table``.
         """
@@ -182,13 +184,13 @@ class OnDrjit:
         sums = ops.plain_sum(
             first, end, lambda number: run.term(*ops.gather(rows, number)), run.values
         )
-        # NaN for infinite and NaN arguments.
+        # infinite and NaN arguments give NaN
         lost = sum(a - a for a in (*at[slices.position], *nu))
         total = run.total(tuple(value + lost for value in sums))
         return _fetching(self.kernel.leave(ops, self.tables.frame, at, total), shape)
 
     def _looked_up(self, values: Any, shape: tuple[int, int], row: Any, column: Any) -> Drjit:
-        """Return an argument in the frame at each sample's row and column."""
+        """Return an argument in the frame at the row and the column of each sample."""
         import drjit
 
         kind, (rows, columns) = self.ops.float_type, shape
@@ -208,12 +210,13 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
 
 def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
-    """Return row and column of each of rows x columns samples."""
+    """Return the row and the column of each sample of a block of rows x columns samples."""
     import drjit
 
     index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
-    # The values are opaque, since literals would compile a kernel for each number of columns. The
-    # quotient is correct below 2^21 samples, where half a sample exceeds two roundings to float32.
+    # The values are opaque, because literals would cause a new kernel to be compiled for each
+    # number of columns. The quotient is correct below 2^21 samples, where half a sample exceeds two
+    # roundings to float32.
     row = type(index)((kind(index) + 0.5) * drjit.opaque(kind, 1 / columns))
     return row, index - row * drjit.opaque(type(index), columns)
 
@@ -226,7 +229,7 @@ def row_sums(
     outputs: int,
     engine: str,
 ) -> tuple[npt.NDArray[np.float64], ...]:
-    """Return the sums of :func:`evaluate_rows` by one loop over the rows of the table."""
+    """Return the sums of :func:`evaluate_rows`, computed by one loop over the rows of the table."""
     import drjit as dr
 
     kind = drjit_float(engine, True)
@@ -244,11 +247,12 @@ def row_sums(
     return tuple(np.array(part) for part in ops.fold(0, end, start, step))
 
 
-# Sorting the samples of sources with fewer edges costs more than it saves
-# (benchmarks/call_rates.py).
+# Smallest number of edges for which samples are sorted. Sorting costs more than it saves for
+# sources with fewer edges (benchmarks/call_rates.py).
 _LEAST_EDGES_SORTED = 5
-# Dr.Jit records a function again if two arrays that had different sizes have equal sizes later, or
-# the reverse. The size of table k is therefore a multiple of _SIZES plus (k + 1) _APART.
+# Dr.Jit records a function again if two arrays that had different sizes later have equal sizes, or
+# the reverse. The size of table k is therefore a multiple of _SIZES, plus (k + 1) _APART, so that
+# no two tables have equal sizes.
 _SIZES, _APART = 256, 8
 
 
@@ -273,12 +277,12 @@ class OnDrjitData:
         self.state = self.source.state(self.ops, self._sent)
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
-        """Yield results for components that broadcast to their shape, chunk by chunk."""
+        """Yield results chunk by chunk; the components broadcast to the shape of the results."""
         for arguments, targets in parts_of_results(components, results, _CHUNK_OF_DATA):
             yield targets, *self._begun(arguments)
 
     def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:
-        """Start computing a chunk; return the order of its samples and a function that waits."""
+        """Start computing a chunk; return the order of its samples, and its fetch function."""
         import drjit
 
         ops, kind, source = self.ops, self.ops.float_type, self.source
@@ -332,11 +336,11 @@ class _Slices:
             getattr(grid, part.name) for grid in self.pairs.values() for part in fields(grid)
         ]
         self.owners = (kernel,) if is_plain(tables) else (kernel, tables)
-        # Recordings must not contain other memory, such as nodes of rules and tables of waves.
+        # Recordings must not contain other memory, such as the nodes of rules or tables of waves.
         self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
-        """Return the tables in memory of the engine; tables of lists are cached."""
+        """Return the tables in the memory of the engine; tables of lists are cached."""
         sent, number = [], 0
         for grid in self.pairs.values():
             key = ops.key, number
@@ -355,11 +359,11 @@ class _Slices:
         (view, *_), grid = next(iter(self.pairs.items()))
         scale = view.side * self.slices.scale
         cell = cells_at(grid.on_host, scale * x, scale * y)
-        # There are fewer than 2^16 cells, and NumPy sorts 16-bit numbers in linear time.
+        # The number of cells is below 2^16, and NumPy sorts 16-bit numbers in linear time.
         return np.argsort(cell.astype(np.uint16), kind="stable")
 
     def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
-        """Return the kernel's sums from the tables of any source of this kind."""
+        """Return the kernel's sums from the tables of any source of this class."""
         pairs = {key: grid.on_device(send) for key, grid in self.pairs.items()}
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
@@ -389,7 +393,7 @@ class _Edges:
 
 
 class _OverRows(DrjitOperations):
-    """Operations whose sums run over the rows of a table in memory."""
+    """Operations whose sums run over the rows of a table in the engine's memory."""
 
     def __init__(self, ops: DrjitOperations, rows: tuple[int, Any], end: Any) -> None:
         super().__init__(ops.float_type)
@@ -418,7 +422,7 @@ class _DataFrame(Frame):
 
 
 def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
-    """Return tables with the centre of their frame in memory instead of code."""
+    """Return tables whose frame has its centre in memory rather than in the compiled code."""
     pairs = [phases.doubled(c, ops.double) for c in tables.frame.centre]
     numbers = iter(_looked_up(ops, [number for pair in pairs for number in pair]))
     values = {field.name: getattr(tables.frame, field.name) for field in fields(Frame)}
@@ -427,7 +431,7 @@ def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
 
 
 def _looked_up(ops: DrjitOperations, values: Sequence[float]) -> list[Any]:
-    """Return the numbers of one array as arrays of one entry."""
+    """Return each number of an array as an array with one entry."""
     import drjit
 
     kind = ops.float_type

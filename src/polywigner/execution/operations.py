@@ -1,4 +1,4 @@
-"""The operations namespaces of NumPy arrays and Python floats, over which kernels are written.
+"""The operations namespaces of NumPy arrays and of Python floats, on which kernels are based.
 
 A kernel is straight-line code in ``+ - * /``, comparisons, ``abs`` and the methods here. The same
 lines run on NumPy arrays, on Python floats (Mitsuba's scalar variants), and, traced, on Dr.Jit
@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 from polywigner.numerics.grid_arithmetic import accurate_cross, product_error
 
-# Values in a temporary array that fit the cache of one core.
+# Number of values of a temporary array that fit into the cache of one core.
 _BLOCK = 1 << 14
-# Number of rows at a time, before rows that do not contribute are dropped.
+# Number of rows that are listed at a time, before rows that do not contribute are dropped.
 _LISTED = 1 << 17
 
 Numbers: TypeAlias = Any
@@ -36,7 +36,7 @@ Term = Callable[..., Values]
 
 
 def unrolled_sum(rows: Sequence[Row], term: Term) -> Values:
-    """Return the sums of ``term(*row)``, one row after the other."""
+    """Return the sums of ``term(*row)`` over rows, computed one row after the other."""
     totals = term(*rows[0])
     for row in rows[1:]:
         totals = _added(totals, term(*row))
@@ -44,7 +44,7 @@ def unrolled_sum(rows: Sequence[Row], term: Term) -> Values:
 
 
 def unrolled_steps(count: int, state: Values, step: Term) -> Values:
-    """Return the last ``state = step(number, *state)`` for numbers from 0 up to ``count``."""
+    """Return the last ``state = step(number, *state)`` for numbers from 0 to count - 1."""
     for number in range(count):
         state = step(number, *state)
     return state
@@ -55,7 +55,7 @@ def _added(a: Sequence[Any], b: Sequence[Any]) -> Values:
 
 
 class Operations:
-    """Attributes and methods of all namespaces."""
+    """Attributes and methods that all operations namespaces have."""
 
     target: str
     double: bool
@@ -67,7 +67,7 @@ class Operations:
 
 
 class _Unfused(Operations):
-    """Operations of number types without a fused multiply-add, in double precision."""
+    """Operations in double precision without a fused multiply-add."""
 
     double = True
     round: Any
@@ -75,15 +75,15 @@ class _Unfused(Operations):
     lost = staticmethod(product_error)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Return the sums of terms that would be long code, one term after the other."""
+        """Return sums of terms that would become long code, computed one term after the other."""
         return unrolled_sum(rows, term)
 
     def repeated(self, count: int, state: Values, step: Term, _: Any) -> Values:
-        """Return the last ``state = step(number, *state)`` for numbers from 0 up to ``count``."""
+        """Return the last ``state = step(number, *state)`` for numbers from 0 to count - 1."""
         return unrolled_steps(count, state, step)
 
     def fma(self, a: Any, b: Any, c: Any) -> Numbers:
-        """Return a b + c, rounded twice."""
+        """Return a b + c with two roundings."""
         return a * b + c
 
     def snapped(self, a: Any, step: float) -> Numbers:
@@ -92,7 +92,7 @@ class _Unfused(Operations):
 
 
 class NumpyOperations(_Unfused):
-    """NumPy arrays of float64; the axis of rows comes before the axis of samples."""
+    """NumPy arrays of float64; the axis of rows precedes the axis of samples."""
 
     target = "numpy"
     key = "numpy"
@@ -100,7 +100,7 @@ class NumpyOperations(_Unfused):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of the ``values`` values of ``term(*row)`` over rows.
+        """Return the sums over rows of the values of ``term(*row)``; ``values``: their number.
 
         As many rows as fit into the cache are computed at a time, on an axis before those of
         ``like``, which has the shape of the samples.
@@ -123,8 +123,8 @@ class NumpyOperations(_Unfused):
     exp = staticmethod(np.exp)
 
     def on_device(self, table: Table) -> Numbers:
-        """Return a table (rows, columns) of integers or floats as :meth:`gather` takes it."""
-        # Column order: gathering from one column stays in the cache.
+        """Return a table (rows, columns) of integers or floats in the form for :meth:`gather`."""
+        # Columns are contiguous, so that gathering from one column stays in the cache.
         return table.astype(np.float64 if table.dtype.kind == "f" else np.int64, order="F")
 
     def gather(self, table: Any, row: Any) -> Values:
@@ -132,13 +132,13 @@ class NumpyOperations(_Unfused):
         return tuple(table[:, k].take(row) for k in range(table.shape[1]))
 
     def truncated(self, value: Any) -> Numbers:
-        """Return a float of at least 0 as the index of a row."""
+        """Convert floats of at least 0 to indices of rows, by truncation."""
         return np.asarray(value).astype(np.int64)
 
     def sum_over_some(
         self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
     ) -> list[Any]:
-        """Return the sums of ``term(row, *samples)`` for rows from ``first`` up to ``end``.
+        """Return the sums of ``term(row, *samples)`` for rows from ``first`` to ``end`` - 1.
 
         If ``keep(row, *samples)`` is false, ``term`` is 0 and is not computed.
         """
@@ -149,7 +149,7 @@ class NumpyOperations(_Unfused):
         totals = [np.zeros(count) for _ in range(values)]
 
         def of(owner: Array) -> list[Array]:
-            """Return the samples of some owners; single numbers are unchanged."""
+            """Return the samples with the indices ``owner``; single numbers are unchanged."""
             return [a[owner] if len(a) == count else a for a in flat]
 
         for owner, row in _listed(begin, stop - begin):
@@ -163,7 +163,7 @@ class NumpyOperations(_Unfused):
     def sum_over_rule(
         self, rule: Any, rules: Sequence[Table], term: Term, values: int, *samples: Any
     ) -> list[Any]:
-        """Return the sums of ``term(*row, *samples)`` over the rows of one of several tables.
+        """Return the sums of ``term(*row, *samples)`` over the rows of one table per sample.
 
         ``rule``: index of the table of each sample; -1 gives 0.
         """
@@ -185,7 +185,7 @@ class NumpyOperations(_Unfused):
 
 
 def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield the index of the sample and of the row for all ranges of rows, in blocks."""
+    """Yield (index of the sample, row) for all ranges of rows, in blocks."""
     ends = counts.cumsum()
     starts = ends - counts
     for begin in range(0, int(ends[-1]) if len(ends) else 0, _LISTED):
@@ -200,11 +200,11 @@ class RowByRow(Operations):
     gather: Callable[[Any, Any], Values]
     select: Callable[[Any, Any, Any], Any]
     fold: Callable[..., Values]
-    """(first, end, state, step) -> the last ``state = step(row, *state)``; ``is_sum``: whether the
-    state consists of sums, which may have derivatives."""
+    """Function (first, end, state, step) -> the final state of ``state = step(row, *state)``. Its
+    option ``is_sum`` states that the state consists of sums, which may have derivatives."""
 
     def plain_sum(self, first: Any, end: Any, term: Term, values: int) -> Values:
-        """Return :meth:`sum_over_range` without compensated summation, for few terms."""
+        """Return :meth:`sum_over_range` without compensated summation; accurate for few terms."""
 
         def step(row: Any, *sums: Any) -> Values:
             return _added(sums, term(row))
@@ -252,14 +252,14 @@ class RowByRow(Operations):
         return sums if self.double else _added(sums[:values], sums[values:])
 
     def _rounded_off(self, a: Any, b: Any) -> Numbers:
-        """Return the rounding error of a + b, exactly (Knuth's sum)."""
+        """Return the exact rounding error of a + b (Knuth's sum)."""
         total = a + b
         of_b = total - a
         return (a - (total - of_b)) + (b - of_b)
 
 
 class ScalarOperations(_Unfused, RowByRow):
-    """Python floats, for the scalar variants of Mitsuba."""
+    """Operations on Python floats, for the scalar variants of Mitsuba."""
 
     target = "scalar"
     key = float

@@ -1,4 +1,4 @@
-"""Dr.Jit arrays of callers: tensors become component arrays, and results become tensors again.
+"""Dr.Jit arrays of callers: conversion of tensors to component arrays, and of results to tensors.
 
 Points are component arrays (``Point2f``, ``Array2f``, ``ArrayXf`` of two rows, ``Float`` in one
 dimension) or a ``TensorXf`` with the components last. Component arrays give a ``Float`` or
@@ -29,14 +29,14 @@ Points = Mapping[str, Any]
 
 
 def is_drjit(value: object) -> bool:
-    """Return whether a value is a Dr.Jit array, without an import of Dr.Jit."""
-    # While another thread imports Dr.Jit, the module exists without its names.
+    """Return whether a value is a Dr.Jit array, without importing Dr.Jit."""
+    # While another thread imports Dr.Jit, the module exists but does not contain all names.
     is_array = getattr(sys.modules.get("drjit"), "is_array_v", None)
     return is_array is not None and bool(is_array(value))
 
 
 def has_drjit(values: Iterable[object]) -> bool:
-    """Return whether any of several values is a Dr.Jit array."""
+    """Return whether any of the values is a Dr.Jit array."""
     is_array = getattr(sys.modules.get("drjit"), "is_array_v", None)
     return is_array is not None and any(map(is_array, values))
 
@@ -46,14 +46,14 @@ def _is_tensor(value: Any) -> bool:
 
 
 def sibling(float_type: type, name: str) -> Callable[..., Drjit]:
-    """Return the type with a name such as "Array2f", of the backend and precision of a float."""
+    """Return a type such as "Array2f" with the backend and the precision of a float type."""
     suffix = "64" if float_type.__name__.endswith("64") else ""
     kind: Callable[..., Drjit] = getattr(sys.modules[float_type.__module__], name + suffix)
     return kind
 
 
 def _float_of(name: str, value: Drjit) -> type:
-    """Return the one-dimensional float type of a Dr.Jit array. Raises ArgumentError."""
+    """Return the one-dimensional float type of a Dr.Jit array; ArgumentError if it has none."""
     import drjit
 
     if not drjit.is_jit_v(value):
@@ -70,32 +70,32 @@ def _float_of(name: str, value: Drjit) -> type:
 
 
 def _common_float(arrays: Points, precision: str | None, engine: str) -> type:
-    """Return the float type of all arrays. Raises ArgumentError and EngineError."""
+    """Return the float type of all arrays. Raises ArgumentError or EngineError if none fits."""
     types = {_float_of(name, value) for name, value in arrays.items()}
     if len(types) > 1:
         names = " and ".join(sorted(f"{t.__module__}.{t.__name__}" for t in types))
         raise ArgumentError(
-            f"expected arrays of one backend and precision, got {names}; convert one of them"
+            f"expected arrays of equal backend and precision, got {names}; convert one of them"
         )
     float_type = types.pop()
     actual = "double" if float_type.__name__.endswith("64") else "single"
     if precision not in (None, actual):
         raise ArgumentError(
             f"expected precision={actual!r} or None for arrays of {float_type.__name__}, got "
-            f"{precision!r}; convert the arrays instead"
+            f"{precision!r}; to change the precision, convert the arrays"
         )
     backend = "cuda" if ".cuda" in float_type.__module__ else "llvm"
     if engine not in ("auto", backend):
         raise ArgumentError(
             f"expected engine={backend!r} or 'auto' for arrays of {float_type.__module__}, got "
-            f"{engine!r}; convert the arrays instead"
+            f"{engine!r}; to change the engine, convert the arrays"
         )
     if backend == "llvm":
         llvm.require()
     return float_type
 
 
-# ---- points at the public edge -------------------------------------------------------------------
+# ---- points of callers --------------------------------------------------------------------------
 
 
 def on_components(
@@ -141,11 +141,11 @@ def on_components(
     widths = {drjit.width(array) for array in arrays.values()}
     if len(widths - {1}) > 1:
         raise ArgumentError(
-            "expected equal numbers of points in all arguments, or one point, got "
-            f"{' and '.join(map(str, sorted(widths)))}; pass arrays of equal width"
+            "expected the same number of points in each argument, or a single point, got "
+            f"{' and '.join(map(str, sorted(widths)))} points; pass arrays of equal width"
         )
     size = 0 if 0 in widths else max(widths)
-    if not size:  # Dr.Jit has no arithmetic of an empty array and a number
+    if not size:  # Dr.Jit cannot add an empty array and a number
         arrays = {name: drjit.zeros(type(array), 1) for name, array in arrays.items()}
     value = function(arrays)
     if not size:
@@ -175,7 +175,8 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
         return value
     if drjit.depth_v(value) != 2 or not 0 < len(value) < 4:
         raise ArgumentError(
-            f"expected {name} with 1 to 3 components first, got {type(value).__name__}"
+            f"expected {name} as an array whose first axis is 1 to 3 components, got "
+            f"{type(value).__name__}"
         )
     return joined([value[k] for k in range(len(value))])
 
@@ -199,13 +200,13 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
             shapes[name], flat[name] = array.shape, array_of(float_type, array)
         if not shapes[name] or not 0 < shapes[name][-1] < 4:
             raise ArgumentError(
-                f"expected {name} with 1 to 3 components last, got shape {shapes[name]}"
+                f"expected {name} with a last axis of 1 to 3 components, got shape {shapes[name]}"
             )
     try:
         shape = np.broadcast_shapes(*(full[:-1] for full in shapes.values()))
     except ValueError:
         raise ArgumentError(
-            f"expected shapes that broadcast, got {list(shapes.values())}"
+            f"expected shapes that broadcast against each other, got {list(shapes.values())}"
         ) from None
     arrays = {}
     for name, (*before, dimension) in shapes.items():
@@ -220,14 +221,14 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
 
 
 def _host_points(name: str, value: Any) -> NDArray[np.float64]:
-    """Return points that are no Dr.Jit array. Raises ArgumentError if they are not real."""
+    """Return points that are not a Dr.Jit array. Raises ArgumentError if they are not real."""
     try:
         return real_numbers(value)
     except ValueError as error:
         numbers = isinstance(value, np.ndarray) and not np.ma.is_masked(value)
         got = f"an array of {value.dtype}" if numbers else error
         raise ArgumentError(
-            f"expected {name} as real numbers, components last, got {got}"
+            f"expected {name} as real numbers with the components along the last axis, got {got}"
         ) from None
 
 
@@ -235,13 +236,13 @@ def _host_points(name: str, value: Any) -> NDArray[np.float64]:
 
 
 def components_of(name: str, point: Drjit, dimension: int) -> list[Drjit]:
-    """Return the components of a component array. Raises ArgumentError for another number."""
+    """Return the components of a component array. Raises ArgumentError if their number differs."""
     components = split(point)
     if len(components) != dimension:
         plural = "s" if dimension > 1 else ""
         raise ArgumentError(
-            f"expected {name} with {dimension} component{plural}, got {len(components)}; use an "
-            f"Array{dimension}f, components first, or a tensor (..., {dimension})"
+            f"expected {name} with {dimension} component{plural}, got {len(components)}; pass an "
+            f"Array{dimension}f, or a tensor of shape (..., {dimension})"
         )
     return components
 
@@ -263,7 +264,7 @@ def joined(components: Sequence[Any]) -> Numbers:
 
 
 def shifted(point: Drjit, shift: NDArray[np.float64]) -> Drjit:
-    """Return a component array moved by ``shift`` (d,)."""
+    """Return a component array translated by ``shift`` (d,)."""
     components = components_of("nu", point, len(shift))
     return joined([c + s for c, s in zip(components, shift.tolist(), strict=True)])
 
@@ -301,7 +302,8 @@ def numbers_of(name: str, value: Any, kind: str) -> Drjit:
     Raises ArgumentError for anything else.
     """
     is_complex, got = kind == "Complex2f", type(value).__name__
-    # If the caller has a Dr.Jit array, an LLVM library is chosen and Dr.Jit may be imported.
+    # The caller already has a Dr.Jit array, so an LLVM library has been chosen and Dr.Jit may be
+    # imported.
     if is_drjit(value):
         import drjit
 
@@ -315,17 +317,17 @@ def numbers_of(name: str, value: Any, kind: str) -> Drjit:
             if is_complex and drjit.depth_v(value) == 1:
                 return pair(value, drjit.zeros(type(value), drjit.width(value)))
             if drjit.depth_v(value) == len(value) == 2 and drjit.is_complex_v(value) == is_complex:
-                # broadcasts both parts to a common width
+                # adding zeros broadcasts both parts to a common width
                 return pair(value[0], value[1]) + drjit.zeros(pair, drjit.width(value))
     forms = "a Float, or a tensor (n,) or (n, 2)" if is_complex else "or a tensor (n, 2)"
     raise ArgumentError(
-        f"expected {name} as Dr.Jit {kind}, {forms}, floats of the LLVM or CUDA backend, got "
-        f"{got}; build sources from plain numbers, or convert them"
+        f"expected {name} as a Dr.Jit {kind}, {forms}, with floats of the LLVM or CUDA backend, "
+        f"got {got}; convert the numbers, or build the source from plain numbers"
     )
 
 
 def columns_of(pairs: Drjit) -> NDArray[np.float64]:
-    """Return the present numbers of an ``Array2f`` or ``Complex2f`` as columns (n, 2)."""
+    """Return the current numbers of an ``Array2f`` or ``Complex2f`` as columns (n, 2)."""
     import drjit
 
     parts = [np.array(drjit.detach(pairs[k]), np.float64).ravel() for k in (0, 1)]
@@ -333,7 +335,7 @@ def columns_of(pairs: Drjit) -> NDArray[np.float64]:
 
 
 def entries(pairs: Drjit, index: NDArray[np.integer[Any]]) -> Drjit:
-    """Return some of the entries of an ``Array2f`` or ``Complex2f``."""
+    """Return selected entries of an ``Array2f`` or ``Complex2f``."""
     import drjit
 
     numbers = array_of(drjit.uint32_array_t(type(pairs[0])), index)

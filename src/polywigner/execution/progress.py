@@ -1,4 +1,4 @@
-"""Progress bars on a terminal for long work."""
+"""Progress bars on a terminal for calls that take long."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import TypeVar
 from polywigner.geometry.arguments import checked_flag
 
 Part = TypeVar("Part")
-Advance = Callable[..., None]  # its argument is the number of finished parts, by default 1
+Advance = Callable[..., None]  # the argument is the number of finished parts, by default 1
 
-# Time before a slow call draws a bar [s].
+# Time in s after which a slow call draws a bar.
 _PATIENCE = 5.0
 
 # Number of bars on the screen. A slow call draws no bar while another bar is visible.
@@ -80,7 +80,7 @@ def slow_bar(title: str, total: int) -> Iterator[Advance]:
 
 @contextmanager
 def with_progress(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]:
-    """Iterate over the parts of the work under a slow bar.
+    """Yield an iterator over the parts of the work, with the bar of :func:`slow_bar`.
 
     A context manager ends the bar at once after an exception; a generator would not.
     """

@@ -1,4 +1,4 @@
-"""Kernels on Dr.Jit arrays: component arrays in and out, traced, differentiable."""
+"""Kernels on Dr.Jit arrays of callers: traced and differentiable."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from polywigner.kernels.gradients import gradient_kernel_of
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 
-# Number of samples up to which edges are data, because compiling them as code costs more than it
-# saves.
+# Largest number of samples for which edges are data, because compiling edges as code would cost
+# more than it saves.
 _MOST_AS_DATA = 1 << 16
 
 Numbers = tuple[Any, Any]
@@ -29,20 +29,20 @@ Numbers = tuple[Any, Any]
 
 @dataclass(frozen=True)
 class Traced:
-    """Numbers of a source in its frame that are Dr.Jit arrays; None for constants.
+    """Numbers of a source in its frame that are Dr.Jit arrays; None for constant numbers.
 
     While a kernel is traced each number is a separate array, and the pairs consist of tuples.
     """
 
     vertices: Numbers | None = None
-    """x and y of all vertices."""
+    """x and y coordinates of all vertices."""
     weights: Numbers | None = None
     """Real and imaginary parts of the weights of all elements."""
 
 
 @dataclass(frozen=True, eq=False)
 class Differentiable:
-    """A source with the present values of its numbers, and the Dr.Jit arrays that contain them.
+    """A source with the current values of its numbers, and the Dr.Jit arrays that contain them.
 
     :func:`polywigner.differentiable` returns it.
     """
@@ -50,9 +50,9 @@ class Differentiable:
     source: Any
     """An Aperture or an Array."""
     vertices: Drjit | None = None
-    """``Array2f``."""
+    """Vertices of all rings as an ``Array2f``; None if they are constant."""
     weights: Drjit | None = None
-    """``Complex2f``."""
+    """Weights of the elements as a ``Complex2f``; None if they are constant."""
 
     @property
     def numbers(self) -> dict[str, Drjit]:
@@ -61,7 +61,7 @@ class Differentiable:
         return {name: value for name, value in values.items() if value is not None}
 
     def traced(self, ops: DrjitOperations, tables: Any) -> Traced:
-        """Return the numbers in the frame of tables."""
+        """Return the Dr.Jit arrays, converted to the frame of the tables."""
         vertices = weights = None
         if self.vertices is not None:
             x, y = tables.frame.position(ops, *self.vertices)
@@ -75,7 +75,7 @@ class Differentiable:
 
 
 class _Accumulator:
-    """Sums of gradients in vertices and weights, times the changes of vertices and weights."""
+    """Sums of derivatives by vertices and weights, times the changes of these numbers."""
 
     def __init__(self, ops: DrjitOperations, traced: Traced) -> None:
         import drjit as dr
@@ -108,7 +108,7 @@ class _Accumulator:
         kind = self.ops.float_type
         is_constant = isinstance(number, int | float)
         index = dr.uint32_array_t(kind)(int(number)) if is_constant else self.ops.truncated(number)
-        # arrays of a loop cannot be cached outside of it
+        # arrays from inside a loop cannot be used outside the loop
         if not is_constant or dr.flag(dr.JitFlag.SymbolicScope):
             return tuple(dr.gather(kind, values, index) for values in pair)
         # Each vertex is gathered once for all edges. Otherwise each edge would scatter its gradient
@@ -144,7 +144,7 @@ def kernel_with_derivatives(
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
     values = kernel.edge_sum(ops, tables, *fixed)
-    # closed forms have derivatives in the last arguments only
+    # closed forms give derivatives with respect to the last arguments only
     summed = map(real, fixed[-closed.arguments :])
     derivatives = closed.gradients(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]
@@ -179,16 +179,16 @@ def evaluate_traced(
     numbers = source if isinstance(source, Differentiable) else Differentiable(source)
     make_tables: Any = kernel.tables_for
     if numbers.vertices is not None:
-        # The cache would return tables of an equal aperture, whose rings may begin at other
-        # vertices.
+        # The cache is skipped, because it could return tables of an equal aperture whose rings
+        # begin at other vertices.
         make_tables = getattr(kernel.tables, "__wrapped__", kernel.tables)
     tables = make_tables(numbers.source, ops.double)
     components = [_in_memory(c) for c in (components if shear is None else shear(components))]
     is_long_code = is_code(kernel, tables) and max(map(drjit.width, components)) > _MOST_AS_DATA
     traced = numbers.traced(ops, tables)
-    # Kernels with edges as data compile once for all outlines. For many samples, edges as code are
-    # up to four times as fast. A function that the caller freezes must not contain cached memory,
-    # so its edges are code.
+    # Kernels with edges as data are compiled once for all outlines. For many samples, edges as code
+    # are up to four times as fast. A function that the caller freezes must not contain cached
+    # memory, so its edges are code.
     is_code_better = is_long_code or drjit.flag(drjit.JitFlag.FreezingScope)
     if (numbers.numbers or not is_code_better) and gradient_kernel_of(kernel) is not None:
         ops, tables = DrjitOperations(ops.float_type, "data"), with_frame_as_data(ops, tables)
@@ -197,7 +197,7 @@ def evaluate_traced(
 
 
 def _in_memory(component: Drjit) -> Drjit:
-    """Return a component; a constant that is not finite becomes an array in memory.
+    """Return a component; a constant that is infinite or NaN becomes an array in memory.
 
     Dr.Jit folds constants into the code, and would lose NaN.
     """
@@ -233,7 +233,7 @@ def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit
 def with_jacobian(
     values: NDArray[np.float64], jacobian: NDArray[np.float64], numbers: Sequence[Drjit]
 ) -> Drjit:
-    """Return values (n,) as a ``Float`` whose derivatives in numbers are a Jacobian (n, m).
+    """Return values (n,) as a ``Float`` with a Jacobian (n, m) as its derivatives in numbers.
 
     ``numbers``: Dr.Jit floats with m entries in all, in the order of the columns.
     """

@@ -1,4 +1,4 @@
-"""A local browser page to draw an aperture and to see its transforms and fields.
+"""A local browser page for drawing an aperture and viewing its transforms and fields.
 
 :mod:`~polywigner.explorer.state` and :mod:`~polywigner.explorer.views` need no browser; ``plots``
 and ``page`` are the Bokeh figures and the Panel page. This module serves the page.
@@ -54,7 +54,7 @@ def serve(state: State, port: int, browser: bool, say: Callable[[str], None]) ->
 
 
 def _new_server(state: State, port: int) -> Server:
-    """Return a server that listens on 127.0.0.1; raise ArgumentError if the port is in use."""
+    """Return a server on 127.0.0.1; raise ArgumentError if the port cannot be used."""
     pn = require("panel", "explorer", "serves the page")
 
     from polywigner.explorer.page import TITLE, Explorer
@@ -70,9 +70,11 @@ def _new_server(state: State, port: int) -> Server:
             websocket_origin=[f"{name}:{port}" for name in _NAMES],
         )  # fmt: skip
     except OSError as error:
-        raise ArgumentError(f"port {port} cannot be used ({error}); try --port 0") from None
+        raise ArgumentError(
+            f"port {port} cannot be used ({error}); pass --port 0 for a free port"
+        ) from None
     _refuse_foreign_hosts(server._tornado, port)
-    # while the browser starts
+    # the first session is prepared while the browser starts
     server.io_loop.call_later(0.1, lambda: prepared.append(Explorer(state)))
     return server
 

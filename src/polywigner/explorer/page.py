@@ -60,11 +60,11 @@ _CARD = """
 _HEAD = ":host { padding: 4px 10px; align-items: center; flex-wrap: wrap; }" + _CARD
 _PAIR = ":host { display: grid !important; grid-template-columns: 1fr 1fr; gap: 0 6px; }"
 
-_QUICK_SAMPLES = 49  # samples along an axis while the state changes
-_SECONDS = 1.0  # time for one view afterwards, which determines its number of samples
+_QUICK_SAMPLES = 49  # number of samples along an axis while the state is changing
+_SECONDS = 1.0  # Time in s for one view after a change, which determines its number of samples.
 _WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
 _FIELD: dict[str, Any] = {"margin": (4, 8), **_WIDE}
-# Ranges of logarithmic sliders, in units.
+# Ranges of the logarithmic sliders, in units of the page.
 _LOG = {"wavelength": (0.05, 50), "width": (0.5, 100), "distance": (1, 1000)}
 
 
@@ -78,10 +78,12 @@ class Explorer:
         self.history = states.History(state or State())
         self._document: Any = pn.state.curdoc
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="explorer")
-        self._pictures: dict[Name, tuple[str, float, View]] = {}  # key, seconds and view
+        # key of the figure, computing time in s, and view
+        self._pictures: dict[Name, tuple[str, float, View]] = {}
         self._errors: dict[Name, str] = {}
         self._posted: deque[Callable[[], None]] = deque()
-        self._is_following = False  # while controls follow the state, their changes are no edits
+        # True while controls are set from the state, so that their changes do not count as edits
+        self._is_following = False
         self._editor = Editor(self._outline_edited, lambda point: self.edit(x=point))
         choose_nu = lambda point: self.edit(nu=point)  # noqa: E731
         taps = {"fourier": choose_nu, "wigner_nu": choose_nu, "wigner_x": lambda p: self.edit(x=p)}
@@ -93,7 +95,8 @@ class Explorer:
     def page(self) -> pn.Template:
         """Return the Panel template of the current Bokeh document."""
         if self._document is None:
-            # Wait for the thread: from now on, code needs the document's lock to change the models.
+            # Wait until the thread is idle: from now on, code needs the document's lock to change
+            # the models.
             self._pool.submit(int).result()
             self._document = pn.state.curdoc
             self._pool.submit(self._compute, self.state)
@@ -106,11 +109,11 @@ class Explorer:
 
     @property
     def state(self) -> State:
-        """The current state."""
+        """Current state."""
         return self.history.present
 
     def edit(self, gesture: str = "", **changes: Any) -> None:
-        """Change the state; changes of one gesture are one step of the history."""
+        """Change the state; all changes of one gesture form one step of the history."""
         self._add(lambda: replace(self.state, **changes), gesture)
 
     def _add(self, new_state: Callable[[], State], gesture: str = "") -> None:
@@ -166,7 +169,7 @@ class Explorer:
             self._editor.finish_sketch()
 
     def _follow(self, is_dragging: bool = False) -> None:
-        """Show the state in the editor and the controls, and compute its views."""
+        """Show the state in the editor and the controls, and start computing its views."""
         state = self.state
         self._errors.clear()
         self._editor.show(state, keep_handles=is_dragging)
@@ -207,7 +210,7 @@ class Explorer:
             control.value = value
 
     def _compute(self, state: State) -> None:
-        """Compute all views with few samples, then with more.
+        """Compute all views with few samples, then with more samples.
 
         A newer state interrupts only the computation with more samples, so that the views follow a
         long drag.
@@ -248,7 +251,7 @@ class Explorer:
         self._post(self._plots[name].show, picture)
 
     def _post(self, show: Callable[..., None], *arguments: Any) -> None:
-        """Call a function under the document's lock, after all functions posted earlier."""
+        """Call a function under the document's lock, after the functions posted before."""
         self._posted.append(partial(show, *arguments))
         if self._document is None:
             self._show_posted()
@@ -256,7 +259,8 @@ class Explorer:
             self._document.add_next_tick_callback(self._show_posted)
 
     def _show_posted(self) -> None:
-        while self._posted:  # a queue, because Bokeh may call its callbacks in another order
+        # functions are queued, because Bokeh may call its callbacks in another order
+        while self._posted:
             self._posted.popleft()()
 
     def _show_source(self, support: list[views.Polygon]) -> None:
@@ -280,7 +284,7 @@ class Explorer:
         self._message.param.update(object=text, alert_type=kind, visible=bool(text))
 
     def _picture(self) -> View:
-        """Return the view that is selected for downloads."""
+        """Return the view that is selected for download."""
         name = self._saved.value
         if name not in self._pictures:
             self._compute_view(self.state, name, views.SAMPLES)
@@ -401,16 +405,16 @@ def _figure(plot: figure) -> Viewable:
 
 
 def _key(state: State, name: Name) -> str:
-    """Return a text that identifies the figure of a view."""
+    """Return a text that identifies the figure of a view in a state."""
     return views.snippet(state, name) + (state.part if name == "fourier" else "")
 
 
 class _Page(pn.Template):
-    """A template whose repr omits the parts of the page, which Panel would write twice."""
+    """A template whose repr omits the contents of the page; Panel would write them twice."""
 
     def __repr__(self) -> str:
         return TITLE
 
 
-if __name__.startswith("bokeh_app"):  # under ``panel serve``
+if __name__.startswith("bokeh_app"):  # True if ``panel serve`` runs this file
     Explorer().page().servable()

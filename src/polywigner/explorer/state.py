@@ -31,10 +31,10 @@ Ring = tuple[Point, ...]
 Rings = tuple[Ring, ...]
 Source = pw.Aperture | pw.Array
 
-# Number of each unit in one metre.
+# Number of units in one metre, by the name of the unit.
 UNITS: Mapping[str, int] = {"m": 1, "cm": 100, "mm": 1000, "µm": 10**6, "nm": 10**9}
 TAPERS = {"uniform": None, "cosine": "cosine_taper", "Taylor 30 dB": "taylor_taper"}
-# Shapes with a size of about ten units.
+# Shapes with a size of about ten units of the page.
 CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
     "chevron": lambda: shapes.chevron(20, 12, 4),
     "square": lambda: shapes.square(10),
@@ -51,8 +51,10 @@ CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
     "double slit": lambda: shapes.double_slit(2, 12, (-4, 4)),
     "18 hexagons": lambda: shapes.hexagonal_segments(2.5, 0.1),
 }
-MAX_VERTICES = 1000  # each vertex has a handle; a transform of 1,000 edges takes seconds
-MAX_ELEMENTS = 256  # largest array
+# Largest number of vertices: each vertex has a handle, and a transform of 1,000 edges takes several
+# seconds.
+MAX_VERTICES = 1000
+MAX_ELEMENTS = 256  # largest number of elements of an array
 
 
 def rings_of(aperture: Aperture, per_metre: float = 1) -> Rings:
@@ -81,13 +83,14 @@ class State:
     phi: float = 0.0  # azimuth of the steered beam and of the first cut of the far field [degrees]
     columns: int = 1
     rows: int = 1
-    pitch: float = 12.0  # distance of neighbouring array elements
+    pitch: float = 12.0  # distance between neighbouring array elements
     x: Point = (0.0, 0.0)  # selected position
     nu: Point = (0.0, 0.0)  # selected spatial frequency [cycles per unit]
     defocus: float = 0.0  # W20 at the farthest vertex [waves]
-    distance: float = 50.0  # distance of the near field's plane from the source
-    reach: float = 0.0  # largest direction cosine of frequency axes; 0: eight lobes of the source
-    part: Part = "level"  # displayed part of the Fourier transform
+    distance: float = 50.0  # distance of the plane of the near field from the source
+    # largest direction cosine on frequency axes; 0 shows eight lobes of the source
+    reach: float = 0.0
+    part: Part = "level"  # part of the Fourier transform that is displayed
 
     def __post_init__(self) -> None:
         rings = tuple(tuple((float(x), float(y)) for x, y in ring) for ring in self.rings)
@@ -95,10 +98,10 @@ class State:
         count = sum(map(len, rings))
         if count > MAX_VERTICES:
             raise errors.ArgumentError(
-                f"{count} vertices are too many for the page, which allows {MAX_VERTICES}; use "
-                "`polywigner transform`"
+                f"expected at most {MAX_VERTICES} vertices on the page, got {count}; use the "
+                "command `polywigner transform`"
             )
-        self.wavelength  # noqa: B018 (raises if the wave cannot be parsed)
+        self.wavelength  # noqa: B018 (raises an error if the wave cannot be parsed)
 
     @property
     def wavelength(self) -> float:
@@ -108,25 +111,25 @@ class State:
         with suppress(errors.PolywignerError):
             return parse_length(self.wave)
         raise errors.ArgumentError(
-            f"frequency or wavelength {errors.value_text(self.wave)} cannot be parsed; write "
-            '"94 GHz" or "3.19 mm"'
+            f"the frequency or wavelength {errors.value_text(self.wave)} cannot be parsed; write "
+            'for example "94 GHz" or "3.19 mm"'
         )
 
     @property
     def per_metre(self) -> int:
-        """Number of units in one metre."""
+        """Number of units of the page in one metre."""
         return UNITS[self.unit]
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """Bounds (xmin, ymin, xmax, ymax) of the outlines; zeros without an outline."""
+        """Bounds (xmin, ymin, xmax, ymax) of the outlines; zeros if there is no outline."""
         points = np.array([p for ring in self.rings for p in ring]).reshape(-1, 2)
         if not len(points):
             return 0.0, 0.0, 0.0, 0.0
         return (*map(float, points.min(0)), *map(float, points.max(0)))  # type: ignore[return-value]
 
     def with_width(self, width: float) -> State:
-        """Return the state with the outlines scaled about their centre to a width."""
+        """Return the state with the outlines scaled about their centre to a given width."""
         x0, y0, x1, y1 = self.box
         if not (x1 > x0 and width > 0):
             return self
@@ -145,7 +148,7 @@ class History:
 
     @property
     def present(self) -> State:
-        """The current state."""
+        """Current state."""
         return self.states[self.position]
 
     def add(self, state: State, gesture: str = "") -> None:
@@ -157,17 +160,17 @@ class History:
         self.position, self.gesture = len(self.states) - 1, gesture
 
     def can_move(self, steps: int) -> bool:
-        """Return whether the history has a state ``steps`` later (negative: earlier)."""
+        """Return whether the history has a state ``steps`` later (earlier if negative)."""
         return 0 <= self.position + steps < len(self.states)
 
     def move(self, steps: int) -> None:
-        """Go ``steps`` forwards (negative: backwards), if there is such a state."""
+        """Go ``steps`` states forwards (backwards if negative), if the history has such a state."""
         if self.can_move(steps):
             self.position, self.gesture = self.position + steps, ""
 
 
 def with_vertex(rings: Rings, point: Point) -> Rings:
-    """Insert a vertex into the nearest edge."""
+    """Insert a vertex into the edge that is nearest to a point."""
     edges = [(k, j) for k, ring in enumerate(rings) for j in range(len(ring))]
     if not edges:
         return rings
@@ -177,14 +180,14 @@ def with_vertex(rings: Rings, point: Point) -> Rings:
 
 
 def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
-    """Return outlines from rows (number of the outline, x, y), if they have three vertices."""
+    """Return outlines from rows (index of the outline, x, y); outlines need three vertices."""
     numbers = dict.fromkeys(number for number, _, _ in rows)
     rings = (tuple((x, y) for n, x, y in rows if n == k) for k in numbers)
     return tuple(ring for ring in rings if len(ring) >= 3)
 
 
 def read_upload(name: str, content: bytes, unit: str) -> Rings:
-    """Return the outlines of an uploaded file in units; bad files raise a PolywignerError."""
+    """Return the outlines of an uploaded file in units; PolywignerError for bad files."""
     with tempfile.TemporaryDirectory(prefix="polywigner-") as folder:
         path = Path(folder) / f"aperture{Path(name).suffix}"
         path.write_bytes(content)
@@ -193,7 +196,7 @@ def read_upload(name: str, content: bytes, unit: str) -> Rings:
         except errors.PolywignerError as error:
             raise errors.FileFormatError(str(error).replace(str(path), name)) from None
     rings = rings_of(aperture, UNITS[unit])
-    State(rings=rings)  # checks the number of vertices
+    State(rings=rings)  # State checks the number of vertices
     return rings
 
 
@@ -208,12 +211,12 @@ def geojson(state: State) -> str:
 
 @lru_cache(maxsize=64)
 def aperture_of(rings: Rings, per_metre: int) -> Aperture:
-    """Return the aperture in metres of outlines in units.
+    """Return the aperture in metres from outlines in units of the page.
 
     Raises GeometryError for outlines that intersect themselves or each other.
     """
     if not rings:
-        raise errors.GeometryError("there is no outline; draw one or choose a shape")
+        raise errors.GeometryError("there is no outline; draw an outline or choose a shape")
     polygons = nested([np.array(ring, dtype=np.float64) for ring in rings])
     metres = [[ring / per_metre for ring in polygon] for polygon in polygons]
     return pw.Aperture([shapely.Polygon(exterior, holes) for exterior, *holes in metres])
@@ -228,7 +231,8 @@ def source_code(state: State) -> str:
     count = state.columns * state.rows
     if count > MAX_ELEMENTS:
         raise errors.ArgumentError(
-            f"an array of {count} elements is too large; use at most {MAX_ELEMENTS}"
+            f"expected an array of at most {MAX_ELEMENTS} elements, got {count}; reduce its rows "
+            "or columns"
         )
     lines = [f"wavelength = {state.wavelength!r}  # m", "source = pw.Aperture([  # m"]
     for exterior, *holes in polygons_of(aperture_of(state.rings, state.per_metre).polygons):
@@ -258,7 +262,7 @@ def source_code(state: State) -> str:
 
 
 def run(code: str, **names: Any) -> dict[str, Any]:
-    """Run code of :func:`source_code` or of the views, and return its variables."""
+    """Run code of :func:`source_code` or of a view, and return its variables."""
     variables = {"np": np, "shapely": shapely, "pw": pw, **names}
     exec(code, variables)
     return variables
@@ -278,5 +282,5 @@ def source_of(state: State) -> Source:
 
 
 def polygons_of(shape: BaseGeometry) -> list[list[NDArray[np.float64]]]:
-    """Return the polygons of a geometry as rings (n, 2) without a closing repeat."""
+    """Return the polygons of a geometry as rings (n, 2) without repeated first vertices."""
     return [[ring[:-1] for ring in rings_of_polygon(polygon)] for polygon in polygons_in(shape)]

@@ -1,4 +1,4 @@
-"""The eight views of a state: the code that computes them, their images and files."""
+"""The eight views of a state: the code that computes each view, and its image and file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from polywigner.figures import style
 from polywigner.figures.levels import level_db
 from polywigner.source.array import mutual_support
 
-Polygon = list[NDArray[np.float64]]  # exterior and holes, each (n, 2)
+Polygon = list[NDArray[np.float64]]  # exterior and holes, each an array (n, 2)
 Name = Literal["fourier", "wigner_nu", "wigner_x", "ambiguity", "otf", "far", "near", "lags"]
 
 VIEWS: Mapping[Name, str] = {
@@ -25,19 +25,20 @@ VIEWS: Mapping[Name, str] = {
     "ambiguity": "Ambiguity", "otf": "OTF", "far": "Directivity", "near": "Near field",
     "lags": "Lag slice",
 }  # fmt: skip
-SAMPLES = 161  # maximum along each axis of an image; odd, so that the centre is a sample
+# maximum number of samples along each axis of an image; odd, so that the centre is a sample
+SAMPLES = 161
 FLOOR_DB = -40.0
-_LOBES = 8.0  # half width of frequency axes in 1/diagonal of the source
-_MARGIN = 1.05  # factor by which axes of positions and lags exceed the source
-_BEAM = 3.0  # half width of the near field's plane in lobes, beyond half the source
-_WIDE = 0.5  # sine of the angle from which on all directions are shown
+_LOBES = 8.0  # half width of frequency axes, in units of 1/diagonal of the source
+_MARGIN = 1.05  # ratio of the axes of positions and lags to the size of the source
+_BEAM = 3.0  # half width of the plane of the near field in lobes, in addition to half the source
+_WIDE = 0.5  # sine of the angle above which all directions are shown
 
 _GRID = """
 axis = np.linspace(-{half!r}, {half!r}, {samples})
 x, y = {x!r} + axis, {y!r} + axis
 grid = np.stack(np.meshgrid(x, y), axis=-1)
 """
-# engine="numpy" compiles nothing, so a new outline takes no longer than a previous one.
+# engine="numpy" compiles nothing, so views of a new outline take no longer than before
 _CODE: Mapping[Name, str] = {
     "fourier": _GRID + 'values = pw.fourier(source, grid, engine="numpy")  # m², axes in 1/m',
     "wigner_nu": _GRID
@@ -101,7 +102,7 @@ def snippet(state: State, name: Name, samples: int = SAMPLES) -> str:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A view for display, in the unit of the page, and its values in SI units.
+    """A view for display in units of the page, and its values in SI units.
 
     For an image, ``x`` and ``y`` are its axes. For curves, ``x`` is their argument and ``y``
     contains the limits of the axis. For outlines, both contain limits.
@@ -110,19 +111,19 @@ class View:
     title: str
     x_label: str
     y_label: str
-    arrays: Mapping[str, NDArray[Any]]  # values and axes in SI units
+    arrays: Mapping[str, NDArray[Any]]  # values and axes in SI units, by name
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     image: NDArray[np.float64] | None = None  # displayed values (y, x)
-    limits: tuple[float, float] = (0.0, 1.0)  # of the colour scale
-    colours: str = style.LEVEL_MAP  # matplotlib colour map
-    quantity: str = ""  # of the colour scale, with its unit
+    limits: tuple[float, float] = (0.0, 1.0)  # limits of the colour scale
+    colours: str = style.LEVEL_MAP  # name of a matplotlib colour map
+    quantity: str = ""  # label of the colour scale, with its unit
     curves: Mapping[str, NDArray[np.float64]] | None = None
     outlines: Sequence[Polygon] | None = None
 
 
 def picture(state: State, name: Name, samples: int = SAMPLES) -> View:
-    """Compute a view with a number of samples along each axis; errors are PolywignerErrors."""
+    """Compute a view with a number of samples along each axis; PolywignerError if impossible."""
     result = states.run(view_code(state, name, samples), **variables_of(state))
     values, scale, unit = result["values"], float(state.per_metre), state.unit
     at_x = f"at x = ({state.x[0]:.3g}, {state.x[1]:.3g}) {unit}"
@@ -162,7 +163,7 @@ def picture(state: State, name: Name, samples: int = SAMPLES) -> View:
 def _image(
     state: State, name: Name, values: NDArray[Any]
 ) -> tuple[NDArray[np.float64], tuple[float, float], str, str]:
-    """Return the displayed values of an image, its limits, colour map and quantity."""
+    """Return the displayed values of an image, their limits, colour map and label."""
     scale, unit, part = float(state.per_metre), state.unit, state.part
     if name == "otf":
         return np.abs(values), (0.0, 1.0), style.LEVEL_MAP, "|OTF|"
@@ -182,7 +183,7 @@ def _image(
 
 
 def support_of(state: State) -> list[Polygon]:
-    """Return the support of W over positions, in units."""
+    """Return the region of positions outside which W is zero, in units of the page."""
     polygons = polygons_of(mutual_support(source_of(state)).polygons)
     return [[ring * state.per_metre for ring in polygon] for polygon in polygons]
 

@@ -1,4 +1,4 @@
-"""Figures: level maps in dB, rendered scenes, and the transforms of an aperture.
+"""Figures: level maps in dB, rendered scenes, and transforms of apertures.
 
 ``style`` has the maps of levels and of signed values in all figures, their axes and colour bars.
 ``levels`` converts signed radiance to dB above a floor and reads labelled arrays. ``field_plots``

@@ -42,9 +42,9 @@ _DASHES = ("-", "--", "-.", ":")
 _PANELS: dict[str, tuple[float, float]] = {
     "cuts": (4.6, 3.4), "polar": (3.6, 3.4), "uv": (3.8, 3.4), "table": (5.0, 3.4),
 }  # fmt: skip
-# Smallest number of meridians of a map.
+# Smallest number of meridians (angles phi) for a map over u and v.
 _LEAST_MERIDIANS = 8
-# Maximum number of cuts of a tolerance analysis in a figure.
+# Largest number of cuts that a figure of a tolerance analysis can show.
 _MOST_CUTS = 4
 
 
@@ -98,7 +98,7 @@ def draw_pattern(
     check_floor(floor_db)
     if metrics is not None and not isinstance(metrics, BeamMetrics):
         raise ArgumentError(
-            f"expected metrics as a result of beam_metrics, got {type(metrics).__name__}"
+            f"expected metrics as the result of beam_metrics, got {type(metrics).__name__}"
         )
     theta, phi, levels, _ = checked_pattern(pattern)
     chosen = _chosen(panels, len(phi))
@@ -132,11 +132,11 @@ def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
         panels = [panels]
     names = [checked_choice(panel, "panels", get_args(PatternPanel)) for panel in panels]
     if not names:
-        raise ArgumentError("expected one panel or more, got none")
+        raise ArgumentError("expected panels with one name or more, got none")
     if "uv" in names and meridians < _LEAST_MERIDIANS:
         raise ArgumentError(
-            f"expected {_LEAST_MERIDIANS} angles phi or more for a u-v map, got {meridians}; add "
-            "angles to radiation_pattern, or omit the map"
+            f"expected {_LEAST_MERIDIANS} angles phi or more for the panel 'uv', got {meridians}; "
+            "pass more angles phi to radiation_pattern, or omit this panel"
         )
     return list(dict.fromkeys(names))
 
@@ -144,17 +144,18 @@ def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
 def _drawn_cuts(
     pattern: Any, cuts: Any, metrics: BeamMetrics | None
 ) -> tuple[list[Cut], BeamMetrics]:
-    """Return the cuts to draw, and the metrics of the beam and of these cuts."""
+    """Return the cuts to draw, and the metrics of the beam with these cuts."""
     if not (cuts is None or isinstance(cuts, str)):
         if not isinstance(cuts, Sequence) or not cuts:
             raise ArgumentError(
-                'expected cuts as "beam", "principal" or a list of datasets, got '
+                'expected cuts as "beam", "principal" or a list of patterns or beam_cuts, got '
                 f"{type(cuts).__name__}"
             )
         lines = [line for part in cuts for line in cuts_in(part)]
         if len({line.kind == "theta" for line in lines}) > 1:
             raise ArgumentError(
-                "expected either great circles of beam_cuts or meridians of patterns, got both"
+                "expected cuts that are all great circles of beam_cuts, or all meridians of "
+                "patterns, got both kinds"
             )
         return lines, _of_lines(beam_metrics(cuts[0]) if metrics is None else metrics, lines)
     if cuts is not None:
@@ -166,7 +167,7 @@ def _drawn_cuts(
     if cuts == "beam":
         raise ArgumentError(
             "expected a pattern over phi around the full circle for cuts through the beam, got "
-            f"{pattern.sizes['phi']} angles phi; give cuts=[polywigner.beam_cuts(...)]"
+            f"{pattern.sizes['phi']} angles phi; pass cuts=[polywigner.beam_cuts(...)]"
         )
     meridians = cuts_in(pattern)
     first, second = (
@@ -177,7 +178,7 @@ def _drawn_cuts(
 
 
 def _of_lines(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
-    """Return the metrics of a beam, with the cuts replaced by the drawn cuts."""
+    """Return the metrics of a beam, with its cuts replaced by the drawn cuts."""
     highest = max(float(line.levels.max()) for line in lines)
     cuts = tuple(cut_metrics(line, highest) for line in lines)
     return replace(metrics, cuts=cuts, beam_cuts=() if lines[0].kind == "theta" else cuts)
@@ -228,7 +229,7 @@ def _plot(axes: Axes, number: int, angles: Floats, levels: Floats, low: float, *
 
 
 def _reach(cuts: Sequence[Cut]) -> float:
-    """Return the largest angle of cuts in degrees."""
+    """Return the largest angle of the cuts in degrees."""
     return max(float(np.degrees(np.abs(cut.angles).max())) for cut in cuts)
 
 
@@ -301,8 +302,8 @@ def draw_tolerance(
     cuts = list(zip(*(cuts_of(angles, phi, part) for angles, part in fronts), strict=True))
     if len(theta) < 2 or not 1 <= len(cuts) <= _MOST_CUTS:
         raise ArgumentError(
-            f"expected one to {_MOST_CUTS} cuts over two angles theta or more, got {len(cuts)} "
-            f"over {len(theta)}; pass fewer angles phi to array_tolerance"
+            f"expected one to {_MOST_CUTS} cuts with two angles theta or more, got {len(cuts)} "
+            f"cuts with {len(theta)} angles theta; change the angles of array_tolerance"
         )
     high = float(levels[0].max())
     drawn = style.figure_on(figure, 5.4 * len(cuts), 3.9, title, spacing=0.05)
@@ -408,7 +409,7 @@ def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | No
 
 
 def _clear_angle(angles: Floats, levels: Floats) -> float:
-    """Return the angle in degrees, midway between angle labels, at which a cut is lowest."""
+    """Return the angle in degrees, midway between angle labels, where a cut is lowest."""
     candidates = np.radians(np.arange(22.5, 360.0, 45.0))
     distance = np.abs(np.angle(np.exp(1j * (angles - candidates[:, None]))))
     near = np.where(distance < math.radians(10.0), levels, -np.inf).max(axis=1)
@@ -416,12 +417,13 @@ def _clear_angle(angles: Floats, levels: Floats) -> float:
 
 
 def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
-    """Return medians (n,) of levels over windows of a width in rad, at evenly spaced angles."""
+    """Return running medians (n,) of levels over a width in rad, at evenly spaced angles."""
     half = min(int(width / (2 * abs(angles[1] - angles[0]))), (len(levels) - 1) // 2)
     padded = np.pad(levels, half, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # the median of only NaN is NaN
+        # the median of a window with only NaN is NaN
+        warnings.simplefilter("ignore", RuntimeWarning)
         return np.asarray(np.nanmedian(windows, axis=1))
 
 
@@ -431,8 +433,8 @@ def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats,
     azimuth, elevation, values = arrays_of(pattern, names, "polywigner.rcs_pattern")
     if values.ndim != 2 or values.shape[0] < least[0] or values.shape[1] < least[1]:
         raise ArgumentError(
-            f"expected a pattern of {least[0]} x {least[1]} angles or more, got shape "
-            f"{values.shape}"
+            f"expected a pattern with {least[0]} azimuths and {least[1]} elevations or more, got "
+            f"shape {values.shape}"
         )
     with np.errstate(divide="ignore"):
         return azimuth, elevation, 10 * np.log10(values)
@@ -441,7 +443,7 @@ def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats,
 def _rcs_cuts(
     pattern: tuple[Floats, Floats, Floats], cuts: Sequence[Any] | None
 ) -> list[tuple[str, Floats, Floats]]:
-    """Return title, angles and levels of the cut over azimuth and of the cut over elevation."""
+    """Return title, angles and levels of the cut over azimuth, and of the cut over elevation."""
     if cuts is None:
         flat = upright = pattern
         nearest = int(np.abs(pattern[1]).argmin())
@@ -452,7 +454,7 @@ def _rcs_cuts(
         nearest, front, back = 0, 0, 1
     else:
         raise ArgumentError(
-            "expected cuts as two patterns, over azimuth and over elevation, got "
+            "expected cuts as a list of two patterns, over azimuth and over elevation, got "
             f"{type(cuts).__name__}"
         )
     azimuth, elevation, levels = upright

@@ -42,16 +42,16 @@ _COLOURS = (
 )
 _DASHES = ("-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)))
 
-# Smallest ratio of the ends of a logarithmic axis of lengths.
+# Smallest ratio of the largest to the smallest length for which an axis is logarithmic.
 _DECADES = 20.0
-# Difference in dB up to which the axis of differences is linear. It is logarithmic beyond, because
-# differences of accurate methods decrease by three decades along a line.
+# Largest difference in dB on the linear part of the symlog axis. Above it the axis is logarithmic,
+# because differences between accurate methods fall by three decades along the plotted line.
 _LINEAR_DB = 0.01
-# Width in inches of one of several maps, of a single map, and of a disc.
+# Widths in inches: of each of several maps, of a single map, and of a disc.
 _INCHES, _ALONE, _DISC = 3.0, 4.8, 3.3
-# Limit of the colour scale of differences, in dB.
+# Largest limit of the colour scale of differences, in dB.
 _MOST_DB = 3.0
-# Fraction of the power of a plane that lies below the default floor.
+# Fraction of the total power in a plane that lies below the default floor.
 _FAINT = 0.01
 
 
@@ -60,17 +60,17 @@ class Comparison:
     """A quantity that several methods compute at the same points."""
 
     fields: dict[str, NDArray[Any]]
-    """Values by the name of the variable, one for each method."""
+    """Values for each method, by the name of the variable."""
     powers: dict[str, Floats]
-    """The same values as powers: complex values are squared."""
+    """The same values as powers: squared moduli of complex values."""
     labels: dict[str, str]
-    """Names of the methods for legends and titles."""
+    """Names of the methods for legends and titles, by the name of the variable."""
     dims: tuple[str, ...]
     """Axes with more than one sample."""
     against: str
-    """Reference variable."""
+    """Name of the reference variable."""
     zero: float
-    """Power of 0 dB: the peak of the reference."""
+    """Power at 0 dB, which is the peak of the reference."""
     quantity: str
     unit: str
     is_field: bool
@@ -90,8 +90,8 @@ class Comparison:
         for name, array in arrays.items():
             if array.dims != first.dims or quantity_of(array) != quantity:
                 raise ArgumentError(
-                    f"expected fields of one quantity over the same axes, but {name!r} differs; "
-                    "draw the fields separately"
+                    f"expected fields of one quantity over the same axes, but {name!r} has another "
+                    "quantity or other axes; draw it separately"
                 )
         if against is not None:
             checked_choice(against, "against", list(arrays))
@@ -109,11 +109,11 @@ class Comparison:
 
     @property
     def zero_text(self) -> str:
-        """Power of 0 dB with its unit."""
+        """Power at 0 dB, with its unit."""
         return style.quantity_text(self.zero, self.unit)
 
     def level_text(self, floor_db: float) -> str:
-        """Return the label of a colour bar of levels."""
+        """Return the label of a colour bar for levels."""
         return f"{self.quantity}, dB relative to {self.zero_text}\n{style.floor_text(floor_db)}"
 
     def default_floor_db(self) -> float:
@@ -216,7 +216,7 @@ def _draw_column(column: Any, fields: Comparison, axis: tuple[Floats, str, bool]
     if is_logarithmic:
         from matplotlib.ticker import LogFormatter, LogLocator
 
-        column[-1].set_xscale("log")  # for both panels, which share the axis
+        column[-1].set_xscale("log")  # in both panels, which share the axis
         ticks = column[-1].xaxis
         ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
         ticks.set_major_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(9, 9)))
@@ -228,7 +228,8 @@ def _axis(dataset: Any, dims: tuple[str, ...]) -> tuple[Floats, str, bool]:
     if len(dims) != 1:
         raise ArgumentError(f"expected fields along one axis, got fields over {', '.join(dims)}")
     along = dims[0]
-    if dataset[along].attrs.get("units") == "m":  # a line may be parallel to x, y or z
+    # a line may be parallel to x, y or z, which then replaces the distance along the line
+    if dataset[along].attrs.get("units") == "m":
         changing = [k for k in "xyz" if k in dataset.coords and np.ptp(dataset[k].values) > 0]
         along = changing[0] if len(changing) == 1 else along
     values = np.asarray(dataset[along].squeeze().values, dtype=np.float64)
@@ -244,7 +245,7 @@ def _axis(dataset: Any, dims: tuple[str, ...]) -> tuple[Floats, str, bool]:
 
 
 def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
-    """Return line styles; the reference is a broad grey line."""
+    """Return line styles by method; the reference is a broad grey line."""
     if len(methods) == 1:
         return {against: {"color": _COLOURS[1], "lw": 1.2}}
     others = (method for method in methods if method != against)
@@ -257,7 +258,7 @@ def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
 
 
 def _range(columns: list[Comparison], floor_db: float) -> tuple[float, float]:
-    """Return the limits of levels in dB: the floor, or a limit below all curves if it is higher.
+    """Return the limits of levels in dB: the floor, or a higher limit just below all curves.
 
     Curves may exceed the peak of the reference (0 dB) by up to a quarter of the floor.
     """
@@ -390,7 +391,7 @@ def _cuts(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
 
 
 def _upright(values: NDArray[Any], fields: Comparison) -> NDArray[Any]:
-    """Return values (vertical axis, horizontal axis)."""
+    """Return values with the axes (vertical, horizontal)."""
     return values if fields.dims[1] == "z" else values.T
 
 
@@ -401,14 +402,14 @@ def _draw_phases(
     from matplotlib.colors import Normalize
 
     for axes, (method, field) in zip(panels, fields.fields.items(), strict=True):
-        # Phases are noise near nulls, so they fade with the level.
+        # Phases are noise near nulls, so their opacity falls with the level.
         strength = 1 - level_db(fields.powers[method], fields.zero, floor_db) / floor_db
         phases = _upright(np.degrees(np.angle(field)), fields)
         shown: Any = style.draw_map(
             axes, phases, across, up, cmap=style.PHASE_MAP, vmin=-180, vmax=180
         )
         shown.set_alpha(_upright(np.clip(3 * strength, 0, 1), fields))
-    # A colour bar of the images would be transparent as well.
+    # A colour bar made from the images would be transparent as well.
     opaque = ScalarMappable(Normalize(-180, 180), style.PHASE_MAP)
     style.colour_bar(panels, opaque, "phase (degrees)").set_ticks([-180, -90, 0, 90, 180])
 

@@ -28,23 +28,23 @@ nulls."""
 _MILLIWATT = 1e-3
 # Lowest floor in dB: lower levels are rounding errors of a field with 15 digits.
 _LOWEST_DB = -300.0
-# Largest relative deviation of the steps of an even axis. In single precision, a thousand samples
-# over a hundred wavelengths deviate by 1e-5.
+# Largest relative deviation of the steps of an axis that counts as even. In single precision, the
+# steps of a thousand samples over a hundred wavelengths deviate by 1e-5.
 _EVEN = 1e-3
-# Units in labels, for the units in files.
+# Units as they are printed in labels, by the units in files.
 _PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
-# Names of methods and obliquities for labels.
+# Names of methods and obliquities in labels.
 _NAMES = {"wigner": "Wigner", "fresnel": "Fresnel", "fraunhofer": "Fraunhofer"}
 _NAMES |= {name: obliquity.title for name, obliquity in OBLIQUITIES.items()}
 
 
 def check_floor(floor_db: float) -> float:
-    """Return a level below 0 dB, or raise ArgumentError."""
+    """Return a level below 0 dB, or raise ArgumentError for other values."""
     is_number = isinstance(floor_db, Real) and not isinstance(floor_db, bool)
     if not is_number or not _LOWEST_DB <= floor_db < 0:
         raise ArgumentError(
-            f"expected a floor below 0 dB, down to {_LOWEST_DB:g} dB, got {floor_db}; use for "
-            "example -40"
+            f"expected a floor below 0 dB and of at least {_LOWEST_DB:g} dB, got {floor_db}; pass "
+            "for example -40"
         )
     return float(floor_db)
 
@@ -74,7 +74,7 @@ def image_peak(values: ArrayLike) -> float | None:
 
 
 def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDArray[np.float64]:
-    """Convert powers to levels in dB relative to ``reference``, at least the floor.
+    """Convert powers to levels in dB relative to ``reference``, limited from below to the floor.
 
     Zero and negative values, such as negative Wigner radiance, are converted to the floor.
 
@@ -113,7 +113,7 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
 
 
 def dbm(power: ArrayLike, floor: float = _LOWEST_DB) -> NDArray[np.float64]:
-    """Convert powers in W to levels in dBm, at least ``floor``."""
+    """Convert powers in W to levels in dBm, limited from below to ``floor``."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.fmax(10 * np.log10(np.asarray(power) / _MILLIWATT), floor))
 
@@ -128,7 +128,7 @@ def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:
 
 
 def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str) -> list[NDArray[Any]]:
-    """Return the arrays of a dataset by name, each transposed to its axes.
+    """Return the arrays of a dataset with the given names, each transposed to the given axes.
 
     ``axes`` contains the axes of each name, separated by blanks; an empty text accepts any axes.
     Raises ArgumentError if an array is missing, or has other axes; ``maker`` is the name of the
@@ -141,20 +141,20 @@ def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str) -> list[NDArray
         ]
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         got = type(dataset).__name__
-        raise ArgumentError(f"expected a result of {maker}, got {got}") from None
+        raise ArgumentError(f"expected the result of {maker}, got {got}") from None
 
 
 class Difference(NamedTuple):
     """Difference of a field from a reference at the compared points."""
 
     largest: float
-    """Difference with the largest magnitude in dB; NaN without points."""
+    """Difference with the largest magnitude in dB; NaN if no points are compared."""
     rms: float
-    """Root mean square in dB; NaN without points."""
+    """Root mean square of the differences in dB; NaN if no points are compared."""
     points: int
     """Number of compared points."""
     negative: int
-    """Number of ignored points, at which the field is zero or negative."""
+    """Number of ignored points, where the field is zero or negative."""
 
 
 def difference_db(
@@ -162,7 +162,7 @@ def difference_db(
 ) -> NDArray[np.float64]:
     """Return differences of levels from a reference in dB; NaN where the reference is too low."""
     if np.shape(values) != np.shape(reference):
-        got = f"{np.shape(values)}, {np.shape(reference)}"
+        got = f"shapes {np.shape(values)} and {np.shape(reference)}"
         raise ArgumentError(f"expected fields at the same points, got {got}")
     return np.asarray(_differences(values, reference, above_db)[0])
 
@@ -199,7 +199,7 @@ def even_axis(name: str, values: Floats) -> Floats:
     if not (step > 0 and np.allclose(np.diff(values), step, rtol=_EVEN, atol=0.0)):
         raise ArgumentError(
             f"expected two or more evenly spaced, ascending values of {name}, got {len(values)} "
-            "other values"
+            "values that are too few, uneven or not ascending"
         )
     return values
 
@@ -213,7 +213,7 @@ def peak_of(values: NDArray[Any], name: str) -> float:
 
 
 def printed_unit(array: Any) -> str:
-    """Return the unit of a labelled array for labels."""
+    """Return the unit of a labelled array as it is printed in labels."""
     unit = str(array.attrs.get("units", ""))
     return _PRINTED.get(unit, unit)
 

@@ -26,7 +26,7 @@ _COORDINATES = {
     "wigner": ("x", "y", "nu_x", "nu_y"),
     "ambiguity": ("upsilon_x", "upsilon_y", "xi_x", "xi_y"),
 }
-# Closed forms of some tiles.
+# Closed forms of some tiles, for their titles.
 _KNOWN = {
     ("autocorrelation", "x", "y"): "R_x",
     ("autocorrelation", "xi_x", "xi_y"): r"R_\xi",
@@ -37,9 +37,9 @@ _KNOWN = {
 }
 _LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}
 
-# Largest modulus of a negative value that is a rounding error, relative to the peak.
+# Largest modulus of negative values that count as rounding errors, relative to the peak.
 _NEGATIVE = 1e-9
-# Width of a panel with its colour bar, in inches.
+# Width in inches of a panel with its colour bar.
 _INCHES = 3.3
 
 
@@ -114,7 +114,7 @@ Cells = dict[tuple[int, ...], tuple[str, str, str]]
 def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
     names = list(checked_dataset(dataset, "dataset").data_vars)
     if len(names) == 1 and not any("_" in d for d in dataset[names[0]].dims):
-        return {(0, 0): (names[0], *dataset[names[0]].dims)}  # the tile of slits
+        return {(0, 0): (names[0], *dataset[names[0]].dims)}  # a dataset of slits has a single tile
     p, q, r, s = _COORDINATES[dataset.attrs["kind"]]
     if checked_choice(layout, "layout", get_args(Layout)) == "paper":
         pairs = {(j, i): ((p, s)[i], (q, r)[j]) for i, j in product(range(2), repeat=2)}
@@ -124,7 +124,8 @@ def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
     for across, up in pairs.values():
         if frozenset((across, up)) not in named:
             raise ArgumentError(
-                f"expected projections with all tiles, got no tile of {across}, {up}; omit tiles="
+                f"expected projections with all tiles, got no tile over {across} and {up}; call "
+                "polywigner.projections without the argument tiles"
             )
     return {cell: (named[frozenset(pair)], *pair) for cell, pair in pairs.items()}
 
@@ -141,7 +142,7 @@ def _draw(
         tile.attrs["units"]
     ]
     scale, printed = float(unit.metres**power), unit.name + exponent if power else ""
-    # The size is printed as, for example, 2.56·10⁴ mm⁴.
+    # the size is printed as, for example, 2.56·10⁴ mm⁴
     digits, _, tens = f"{peak / scale:.3g}".partition("e")
     times = rf"$\,\cdot\,10^{{{int(tens)}}}$" if tens else ""
     size = f"{digits}{times} {printed}".rstrip()
@@ -162,7 +163,7 @@ def _draw(
 
 
 def _integral(kind: str, dims: tuple[str, ...], is_complex: bool) -> str:
-    """Return the quantity of a tile as a formula: a function and its variables of integration."""
+    """Return the quantity of a tile as a formula: a function with its variables of integration."""
     letter = _LETTERS[kind]
     integrated = [name for name in _COORDINATES[kind] if name not in dims]
     real = r"\mathrm{Re}\," if is_complex else ""

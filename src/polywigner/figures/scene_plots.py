@@ -21,11 +21,12 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# Margin of the axis below the noise and above the peak, in dB.
+# Margin in dB of the level axis, below the noise and above the peak.
 _MARGIN_DB = 5.0
-# Smallest degree of linear polarisation whose angle is drawn: other angles are noise.
+# Smallest degree of linear polarisation for which the angle is drawn: at lower degrees the angle is
+# noise.
 _LEAST_LINEAR = 0.05
-# Colour of the marks of direct paths.
+# Colour of the marks that show direct paths.
 _MARK = "#4dd2ff"
 
 
@@ -70,7 +71,7 @@ def draw_scene(
     image = checked_array(radiance, "radiance", 2)
     height, width = image.shape
     levels = level_db(image, reference, floor_db)
-    # Inches per pixel; the width includes the colour bar.
+    # inches per pixel; the width includes the colour bar
     scale = 5.0 / max(width, height)
     axes, drawn = style.axes_on(ax, width * scale + 1.2, max(height * scale, 3.4))
     shown = style.draw_levels(axes, levels, low=floor_db)
@@ -168,8 +169,8 @@ def _stokes_panels(
     numbers = checked_array(stokes, "stokes", 3)
     if len(numbers) != 4:
         raise ArgumentError(
-            f"expected stokes (4, height, width), got shape {numbers.shape}; see "
-            "polywigner.mitsuba.stokes_of"
+            f"expected stokes of shape (4, height, width), got shape {numbers.shape}; pass the "
+            "result of polywigner.mitsuba.stokes_of"
         )
     height, width = numbers.shape[1:]
     scale = 4.0 / max(height, width)
@@ -224,7 +225,9 @@ def draw_range_profile(
         checked_count(receiver, "receiver", 0, profile.sizes["receiver"] - 1)
         profile = profile.isel(receiver=receiver)
     elif receiver != 0:
-        raise ArgumentError(f"expected receiver 0 of a profile with one receiver, got {receiver!r}")
+        raise ArgumentError(
+            f"expected receiver=0 for a profile with a single receiver, got {receiver!r}"
+        )
     names = dict.fromkeys(
         ("range_edge", "power", "standard_error", "noise_power", "path_range", "path_power"), ""
     )
@@ -267,9 +270,9 @@ class DirectArrival(NamedTuple):
     """Line-of-sight or specular path for :func:`draw_arrivals`."""
 
     direction_cosines: tuple[float, float]
-    """Direction cosines s_x and s_y of the arrival."""
+    """Direction cosines s_x and s_y of the direction of arrival."""
     power: float
-    """Power in W."""
+    """Received power in W."""
     name: str
     """Name of the source."""
 
@@ -348,7 +351,7 @@ def draw_arrivals(
     return drawn
 
 
-# Margin of the view, and its smallest half width, in direction cosines.
+# Margin around the bright region, and smallest half width of the view, in direction cosines.
 _MARGIN, _LEAST_HALF = 0.05, 0.1
 
 
@@ -373,7 +376,7 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     """Mark direct paths, and return their labels."""
     if not isinstance(direct, Sequence) or not all(isinstance(d, DirectArrival) for d in direct):
         raise ArgumentError(
-            f"expected direct as a sequence of DirectArrival, got {value_text(direct)}"
+            f"expected direct as a sequence of DirectArrival objects, got {value_text(direct)}"
         )
     labels = []
     for arrival in direct:
@@ -388,8 +391,8 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     return labels
 
 
-# Maximum number of pairs in a figure, number of samples of an impulse response, and its extent
-# before the first and after the last path in units of the inverse bandwidth.
+# Largest number of pairs in a figure; number of samples of an impulse response; and its extent
+# before the first and after the last path, in units of 1/bandwidth.
 _MOST_PAIRS, _DELAYS, _BEYOND = 6, 2001, 6.0
 _HERTZ = ((1e12, "THz"), (1e9, "GHz"), (1e6, "MHz"), (1.0, "Hz"))
 
@@ -460,7 +463,7 @@ def draw_channel(
 
 
 def _levels(amplitudes: Any) -> Floats:
-    """Convert amplitudes to dB; the level of zero is -3000 dB, below any floor."""
+    """Convert amplitudes to dB; the level of zero is -3000 dB, which is below any floor."""
     return np.asarray(20 * np.log10(np.maximum(np.abs(amplitudes), 1e-150)))
 
 

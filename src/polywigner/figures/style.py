@@ -1,4 +1,4 @@
-"""Common style of all figures: maps of levels and signed values, axes, colour bars, layouts."""
+"""Common style of all figures: maps of levels and of signed values, axes, colour bars, layouts."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ INK, TINT, ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"  # outlines, regions around 
 RED, BLUE, ORANGE, GREEN, VIOLET = "#d7301f", "#2166ac", "#e69f00", "#1b9e77", "#7b3294"  # lines
 
 TYPOGRAPHY: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib, so it is the same on every machine
+    # this font comes with matplotlib, so it is the same on every machine
+    "font.family": "DejaVu Sans",
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.labelsize": 9,
@@ -48,7 +49,7 @@ Result = TypeVar("Result")
 
 
 def typeset(draw: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Return a function that draws with TYPOGRAPHY, and restores the settings of the caller."""
+    """Return a drawing function that uses TYPOGRAPHY, and then restores the caller's settings."""
 
     @wraps(draw)
     def drawn(*values: Arguments.args, **options: Arguments.kwargs) -> Result:
@@ -60,7 +61,7 @@ def typeset(draw: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     return drawn
 
 
-# Fraction of the peak up to which signed maps are linear; they are logarithmic beyond.
+# Fraction of the peak below which signed maps are linear; above it they are logarithmic.
 _LINEAR = 0.01
 
 
@@ -69,7 +70,7 @@ def draw_levels(
     high: float | None = 0.0, label: str | None = None,
     **options: Any,
 ) -> Map:  # fmt: skip
-    """Draw levels from ``low`` (black) to ``high``; None: the largest level.
+    """Draw levels from ``low`` (black) to ``high``; None stands for the largest level.
 
     With a ``label`` the axes get a colour bar. :func:`draw_map` explains ``across`` and ``up``.
     """
@@ -101,7 +102,7 @@ def draw_signed(
 
 
 def draw_map(axes: Axes, values: Any, across: Any, up: Any, **options: Any) -> Map:
-    """Draw values (rows, columns) as an image, or as a mesh if ``options`` specifies its shading.
+    """Draw values (rows, columns) as an image, or as a mesh if ``options`` specifies a shading.
 
     Columns have the horizontal positions ``across``, and rows the vertical positions ``up``. The
     positions of an image are evenly spaced. Without positions the first row is at the top.
@@ -110,7 +111,7 @@ def draw_map(axes: Axes, values: Any, across: Any, up: Any, **options: Any) -> M
         return axes.pcolormesh(across, up, values, rasterized=True, **options)
     if across is None:
         return axes.imshow(values, **options)
-    # The positions are the centres of the pixels.
+    # the positions are the centres of the pixels
     half = (across[1] - across[0]) / 2, (up[1] - up[0]) / 2
     extent = across[0] - half[0], across[-1] + half[0], up[0] - half[1], up[-1] + half[1]
     return axes.imshow(
@@ -162,7 +163,7 @@ def figure_on(
     spacing: float = 0.02,
     is_compressed: bool = False,
 ) -> Figure:
-    """Return the figure or subfigure of a caller with a title, or a :func:`new_figure` for None.
+    """Return the caller's figure or subfigure with a title, or a :func:`new_figure` for None.
 
     An empty figure without a layout engine gets the constrained layout, which prevents colour bars
     from overlapping. An empty title keeps the caller's title. The declared type is Figure also for
@@ -172,10 +173,10 @@ def figure_on(
 
     if figure is None:
         figure = new_figure(width, height, spacing, is_compressed=is_compressed)
-    if not isinstance(figure, FigureBase):  # base class of Figure and SubFigure
+    if not isinstance(figure, FigureBase):  # FigureBase is the base class of Figure and SubFigure
         raise ArgumentError(
             "expected figure as a matplotlib Figure or SubFigure, got "
-            f"{type(figure).__name__}; the figure has several panels"
+            f"{type(figure).__name__}; axes cannot be used, because the figure has several panels"
         )
     if isinstance(figure, Figure) and figure.get_layout_engine() is None and not figure.axes:
         figure.set_layout_engine("constrained")
@@ -186,7 +187,7 @@ def figure_on(
 
 
 def axes_on(ax: Any, width: float, height: float) -> tuple[Axes, Axes | Figure]:
-    """Return the axes to draw on, and the return value of the caller.
+    """Return the axes to draw on, and the object that the caller returns.
 
     The return value is ``ax``, or a new figure if ``ax`` is None. Raises ArgumentError for other
     types.
@@ -309,13 +310,13 @@ def separate_labels(axes: Axes, labels: Iterable[Annotation]) -> None:
     from matplotlib.transforms import Bbox
 
     figure: Any = axes.get_figure(root=True)
-    figure.draw_without_rendering()  # computes the final sizes of texts
+    figure.draw_without_rendering()  # drawing computes the final sizes of texts
     frame = axes.get_window_extent()
     occupied: list[Bbox] = []
     directions = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1))
     for label in labels:
         first, size = label.get_position(), label.get_window_extent()
-        gap = float(np.hypot(*first))  # in points
+        gap = float(np.hypot(*first))  # sizes in points
         width, height = (72 / figure.dpi * n + gap for n in (size.width / 2, size.height))
         rings = [(n * x * width, n * y * height) for n in (1, 2, 3) for x, y in directions]
         for offset in (first, *rings):
@@ -331,7 +332,7 @@ def separate_labels(axes: Axes, labels: Iterable[Annotation]) -> None:
 
 
 def mark_evanescent(axes: Axes, wavelength: float, unit: LengthUnit, ink: str) -> None:
-    """Draw the dotted circle |nu| = 1/wavelength; waves outside it are evanescent."""
+    """Draw the dotted circle |nu| = 1/wavelength; waves outside the circle are evanescent."""
     from matplotlib.patches import Circle
 
     radius = unit.metres / wavelength
@@ -368,6 +369,6 @@ def length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
 
 
 def letter_panels(panels: Iterable[Axes]) -> None:
-    """Write (a), (b), ... in the upper left corners."""
+    """Write (a), (b), ... in the upper left corners of panels."""
     for letter, axes in zip(ascii_lowercase, panels, strict=False):
         axes.set_title(f"({letter})", loc="left", fontweight="bold")

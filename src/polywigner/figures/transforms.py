@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 LARGEST_SAMPLES = 4096
 """Maximum number of samples along each axis; a complex array then has 256 MiB."""
 
-# Half width of the frequency axes without a wavelength, in 1/diameter: five lobes of a square.
+# Half width of the frequency axes if there is no wavelength, in 1/diameter: five lobes of a square.
 _LOBES = 8.0
 
 Point = tuple[float, float]
@@ -114,8 +114,8 @@ def transform_slices(
     if not pw.lag_slice(aperture, position).area > 0:
         bounds = ", ".join(f"{b:.4g}" for b in support.bounds)
         raise ArgumentError(
-            f"expected a position x inside the automean (bounds {bounds} m), where W is not zero, "
-            f"got ({position[0]:.4g}, {position[1]:.4g}) m; check its unit"
+            f"expected a position x inside the automean of the source (bounds {bounds} m), because "
+            f"W is zero outside, got ({position[0]:.4g}, {position[1]:.4g}) m; check its unit"
         )
     if not pw.position_slice(aperture, lag).area > 0:
         raise ArgumentError(
@@ -125,7 +125,7 @@ def transform_slices(
     half = _half_width(aperture, None if checked_flag(zoomed, "zoomed") else wavelength)
     frequency = np.linspace(-half, half, samples)
     grid = np.stack(np.meshgrid(frequency, frequency), axis=-1)
-    in_plane: Any = source  # an array of dimension 2 accepts two components of nu
+    in_plane: Any = source  # only an array of dimension 2 accepts nu with two components
     if isinstance(source, pw.Array) and source.dimension == 3:
         in_plane = pw.Array(source.elements_in_plane, source.weights)
     fourier, wigner = pw.fourier(in_plane, grid), pw.wigner(source, position, grid)
@@ -177,7 +177,7 @@ def _point(value: ArrayLike) -> Point:
 
 
 def _default_position(support: pw.Aperture, centre: NDArray[np.float64]) -> Point:
-    """Return the centre if it is inside, otherwise a point inside."""
+    """Return the centre if it is inside the support, otherwise another point inside."""
     import shapely
 
     point, region = shapely.Point(centre), support.polygons
@@ -186,7 +186,7 @@ def _default_position(support: pw.Aperture, centre: NDArray[np.float64]) -> Poin
 
 
 def _default_lag(aperture: pw.Aperture) -> Point:
-    """Return a lag with a large overlap."""
+    """Return a lag at which the aperture and its shifted copy have a large overlap."""
     xmin, ymin, xmax, ymax = aperture.bounds
     width, height = xmax - xmin, ymax - ymin
     for lag in ((width / 4, 0.0), (0.0, height / 4), (width / 16, 0.0), (0.0, height / 16)):
@@ -231,7 +231,7 @@ def draw_transforms(
     """
     check_floor(floor_db)
     if not isinstance(slices, TransformSlices):
-        raise ArgumentError(f"expected a result of transform_slices, got {type(slices).__name__}")
+        raise ArgumentError(f"expected the result of transform_slices, got {type(slices).__name__}")
     unit = length_unit(slices.aperture.diameter)
     is_cropped = slices.frequency[-1] * (slices.wavelength or 0.0) < 0.5
     note = "" if is_cropped else ", dotted circle: |ν| = 1/λ"
@@ -318,7 +318,7 @@ def _draw_real(
 def _frequency_axes(
     axes: Axes, symbol: str, unit: LengthUnit, wavelength: float | None, ink: str
 ) -> None:
-    # No circle far outside the axes, because it would consist of millions of dots.
+    # A circle far outside the axes is not drawn, because it would consist of millions of dots.
     if wavelength is not None and unit.metres / wavelength < 2 * max(axes.get_xlim()):
         style.mark_evanescent(axes, wavelength, unit, ink)
     style.label_axes(axes, symbol, unit)

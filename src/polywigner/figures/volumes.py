@@ -35,22 +35,23 @@ if TYPE_CHECKING:
 Projection = Literal["maximum", "mean"]
 Floats = NDArray[np.float64]
 
-# Maximum number of samples along an axis; longer axes are decimated.
+# Largest number of samples along an axis; longer axes are decimated.
 _MOST = 128
 _SURFACES = (0.15, 0.3, 0.45, 0.6)  # default levels, as fractions of the floor in dB
 _FAINTEST, _DENSEST = 0.28, 0.95  # opacities of the outermost and of the innermost surface
 _SURFACE_COLOURS = ("#2f6be0", "#0fb5a6", "#ffb000", "#e01a10")
-_WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")  # pale, behind the surfaces
+_WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")  # pale, because they are behind the surfaces
 _WALL_LEVELS = 80
 _INKS = "white", "#101010"
 
 # Viewing angles in degrees, from above and behind the aperture: z points to the right and away from
 # the viewer.
 _ELEVATION, _AZIMUTH = 24.0, -133.0
-# Levels are clipped at this distance below the surface, in dB: interpolation next to a null, whose
-# level is minus infinity, would shift the surface.
+# Levels are clipped at this distance in dB below the level of a surface. Otherwise interpolation
+# next to a null, whose level is minus infinity, would shift the surface.
 _BELOW = 20.0
-# Smallest ratio of the sides of a box in the figure; thinner boxes are stretched.
+# Smallest ratio of a side of the box in the figure to its longest side; shorter sides are
+# stretched.
 _FLATTEST = 0.25
 _AMBIENT, _DIFFUSE = 0.45, 0.55
 
@@ -127,7 +128,7 @@ def draw_volume(
     volume = volume._replace(lower=lower, upper=upper)
     if ax is None:
         figure = style.new_figure(7.2, 5.4)
-        figure.set_layout_engine("none")  # a layout would add margins around the box
+        figure.set_layout_engine("none")  # a layout engine would add margins around the box
         axes: Any = figure.add_axes((0.03, 0.0, 0.84, 0.95), projection="3d")
         bar_options: dict[str, Any] = {"cax": figure.add_axes((0.88, 0.12, 0.02, 0.76))}
     elif hasattr(ax, "get_proj"):
@@ -139,7 +140,7 @@ def draw_volume(
     _draw_box(axes, front / unit.metres, upper, unit.name)
     count = len(shells)
     shades = _map(_SURFACE_COLOURS)(np.linspace(0 if count > 1 else 1, 1, count))
-    colours: Floats = np.array(shades)[:, :3]  # RGB, from the lowest level to the highest
+    colours: Floats = np.array(shades)[:, :3]  # RGB colours, from the lowest level to the highest
     with np.errstate(divide="ignore"):
         levels = 10 * np.log10(np.maximum(volume.values, 0) / zero)
     projected = np.max if projection == "maximum" else np.mean
@@ -148,7 +149,7 @@ def draw_volume(
         _draw_wall(axes, volume, axis, wall, floor_db, shells, colours)
     opacities = np.geomspace(_FAINTEST, _DENSEST, len(shells))
     for k, (shell, colour, opacity) in enumerate(zip(shells, colours, opacities, strict=True)):
-        # Surfaces of lower levels enclose the others, and are drawn later.
+        # Surfaces of lower levels enclose the other surfaces, and are drawn later.
         _draw_surface(axes, volume, levels, shell, colour, opacity, zorder=20 - k)
     if source is None and SOURCE_COORDINATE in dataset.coords:
         source = read_source(dataset)  # type: ignore[assignment]
@@ -187,7 +188,7 @@ def check_volume_options(
     if not levels or not all(floor_db <= level < 0 for level in levels):
         raise ArgumentError(
             f"expected surfaces at levels from the floor, {floor_db:g} dB, to below 0 dB, got "
-            f"{surfaces}; give for example ({floor_db / 4:g}, {floor_db / 2:g})"
+            f"{surfaces}; pass for example ({floor_db / 4:g}, {floor_db / 2:g})"
         )
     return levels
 
@@ -200,7 +201,7 @@ class _Volume(NamedTuple):
     unit: str
     """Unit of the values, for labels."""
     values: Floats
-    """Real values over x, y and z, shape (n, m, k)."""
+    """Real values over x, y and z, shape (nx, ny, nz)."""
     lower: Floats
     """Position of the first sample, shape (3,)."""
     upper: Floats
@@ -214,12 +215,12 @@ def _samples(dataset: Any, name: str | None) -> _Volume:
         (name,) = variables
     if not isinstance(name, str) or name not in variables:
         raise ArgumentError(
-            f"expected the name of one of {', '.join(map(str, variables))}, got {name!r}"
+            f"expected name as one of the variables {', '.join(map(str, variables))}, got {name!r}"
         )
     array = dataset[name]
     if sorted(array.dims) != ["x", "y", "z"]:
         raise ArgumentError(
-            f"expected {name} over x, y, z, got the dimensions {', '.join(map(str, array.dims))}"
+            f"expected {name} with the dimensions x, y, z, got {', '.join(map(str, array.dims))}"
         )
     array = array.transpose("x", "y", "z")
     array = array[tuple(slice(None, None, -(-n // _MOST)) for n in array.shape)]
@@ -227,12 +228,12 @@ def _samples(dataset: Any, name: str | None) -> _Volume:
     values = np.asarray(array.values)
     if np.iscomplexobj(values):
         raise ArgumentError(
-            f"expected {name} as real values, got complex values; draw their squared moduli"
+            f"expected {name} as real values, got complex values; pass their squared moduli"
         )
     if np.isnan(values).any():
         raise ArgumentError(
-            f"expected {name} at all points, got NaN at {np.isnan(values).mean():.1%} of the "
-            "points; finish the computation"
+            f"expected values of {name} at all points, got NaN at {np.isnan(values).mean():.1%} of "
+            "the points; complete the computation first"
         )
     ends = (np.array([axis[k] for axis in axes]) for k in (0, -1))
     return _Volume(quantity_of(array), printed_unit(array), values.astype(np.float64), *ends)
@@ -249,7 +250,7 @@ def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: str) -> None:
     """Set the limits, the view and the labels of the axes, and draw the edges of the walls."""
     from matplotlib.ticker import MaxNLocator
 
-    # All artists have explicit zorders; matplotlib would sort them by their mean depth.
+    # All artists have explicit zorders, because matplotlib would sort them by their mean depth.
     axes.computed_zorder = False
     extent = upper - lower
     axes.set_proj_type("ortho")
@@ -316,7 +317,7 @@ def _draw_surface(
     drawn = Poly3DCollection(
         vertices[faces], facecolors=colours, edgecolors=colours, linewidths=0.3, zorder=zorder
     )
-    drawn.set_rasterized(True)  # for SVG and PDF
+    drawn.set_rasterized(True)  # for SVG and PDF output
     drawn.set_agg_filter(lambda image, _dpi: (image * [1.0, 1.0, 1.0, opacity], 0, 0))
     axes.add_collection3d(drawn, autolim=False)
 

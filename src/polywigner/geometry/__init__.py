@@ -1,4 +1,4 @@
-"""Apertures, slits and polyhedra: outlines, shapes, silhouettes, waves and files.
+"""Geometry: apertures, slits and polyhedra, their shapes, silhouettes and waves, and outline files.
 
 - ``aperture``: the immutable :class:`Aperture`, in the plane or placed in space, its automean,
   lag and position slices; ``slits``: sources in one dimension; ``shapes``: the catalogue

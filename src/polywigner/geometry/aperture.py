@@ -1,4 +1,4 @@
-"""The aperture, an immutable set of polygons in the plane, its automean and slices."""
+"""The aperture, an immutable set of polygons in a plane; its automean, lag and position slices."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Aperture(TakesWaves):
 
     _parts: tuple[Part, ...]
     _segments: tuple[Part, ...] | None
-    """Segments of a mirror, which may touch; None if the segments are the parts."""
+    """Segments of a mirror, which may touch; None if the segments are the separate parts."""
     illumination: Illumination | None
     """Illumination on the aperture, an Illumination; None for the field 1."""
 
@@ -115,7 +115,7 @@ class Aperture(TakesWaves):
         illumination: Illumination | None = None,
         segments: Sequence[Part] | None = None,
     ) -> Aperture:
-        """Make an aperture of valid parts."""
+        """Make an aperture of parts that are known to be valid."""
         aperture = object.__new__(cls)
         aperture._set(parts, illumination, segments)
         return aperture
@@ -276,12 +276,13 @@ class Aperture(TakesWaves):
         if not is_outline and other.illumination != self.illumination:
             raise IlluminationError(
                 "expected apertures with equal fields, or a second aperture without a field, got "
-                "different fields; remove a field by with_illumination(None)"
+                "different fields; remove one field by with_illumination(None)"
             )
         region = combined_on_grid(operation, self.polygons, other.polygons)
         if region.is_empty:
             raise GeometryError(
-                "the result is empty: one aperture covers the other, or they have no area in common"
+                "expected a result with an area, got none: one aperture covers the other, or they "
+                "have no area in common; check the operands and their units"
             )
         return Aperture(region).with_illumination(self.illumination)
 
@@ -321,7 +322,7 @@ class Aperture(TakesWaves):
 
     @property
     def segments(self) -> tuple[Aperture, ...]:
-        """Segments of a mirror, or the separate parts, each as an aperture with this field.
+        """Segments of a mirror, or the separate parts, as apertures with this field.
 
         Segments of ``polywigner.shapes.hexagonal_segments`` may touch; other parts do not.
         """
@@ -355,7 +356,7 @@ class Aperture(TakesWaves):
 
     @cached_property
     def convex_cover(self) -> tuple[Ring, ...]:
-        """Convex polygons that tile the aperture, each counter-clockwise, shape (k, 2), read-only.
+        """Convex counter-clockwise polygons that tile the aperture, shape (k, 2), read-only.
 
         All their vertices are vertices of the aperture. A convex part stays in one piece.
         """
@@ -363,14 +364,14 @@ class Aperture(TakesWaves):
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
-        """Illumination and outline, regardless of the order of parts and of first vertices."""
+        """Illumination and outline, independent of the order of parts and of the first vertices."""
         return self.illumination, shapely.normalize(self.polygons).wkb
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Aperture._of_parts, (self._parts, self.illumination, self._segments)
 
     def plot(self, ax: Axes | None = None, unit: str = "mm") -> Axes:
-        """Plot the filled outline.
+        """Plot the outline as a filled area.
 
         Parameters
         ----------
@@ -438,7 +439,8 @@ class PlacedAperture(Immutable):
 
     aperture: Aperture
     pose: NDArray[np.float64]
-    """Rigid transformation to the world, shape (4, 4), read-only; the aperture lies at z = 0."""
+    """Rigid transformation from the aperture's plane z = 0 to the world, shape (4, 4), read-
+    only."""
 
     def __init__(self, aperture: Aperture, pose: NDArray[np.float64]) -> None:
         fixed = np.array(pose, dtype=np.float64)

@@ -33,7 +33,7 @@ class DrJitArray(Protocol):
 
     @property
     def index_ad(self) -> int:
-        """Index of the variable in the graph of automatic differentiation."""
+        """Index of the variable in Dr.Jit's graph of automatic differentiation."""
         ...
 
     def __dlpack__(self, stream: object | None = None) -> Any: ...
@@ -58,7 +58,7 @@ def real_numbers(values: Any) -> NDArray[np.float64]:
     Raise ValueError for complex numbers, texts and masked elements.
     """
     if np.ma.is_masked(values):
-        raise ValueError("masked elements; leave them out")
+        raise ValueError("masked elements; remove them")
     try:
         raw = np.asarray(values)
     except ValueError:
@@ -79,7 +79,7 @@ def shape_of(value: Any) -> str:
         return "of lists of different lengths"
 
 
-# Largest coordinate or parameter: products of a few larger numbers overflow.
+# Largest absolute value of a coordinate or parameter: products of a few larger numbers overflow.
 _LARGEST = 1e100
 
 
@@ -165,14 +165,14 @@ class Immutable:
     __delattr__ = __setattr__
 
 
-# Largest count of parameters without their own limit: larger counts would exhaust the memory.
+# Largest count for parameters without a limit of their own: larger counts would exhaust the memory.
 _LARGEST_COUNT = 1_000_000
 
 
 def checked_number(
     value: Any, name: str, meaning: str, is_valid: Callable[[float], bool] = math.isfinite
 ) -> float:
-    """Return a finite, valid number; raise ArgumentError "expected `name` as `meaning`" for others.
+    """Return a finite, valid number; ArgumentError "expected `name` as `meaning`" for other values.
 
     ``is_valid``: condition of finite numbers, by default none.
     """
@@ -204,7 +204,7 @@ def check_options(options: Collection[str], known: type) -> None:
 
 
 def checked_flag(value: Any, name: str) -> bool:
-    """Return True or False; raise ArgumentError for other values."""
+    """Return the truth value of True or False; raise ArgumentError for other values."""
     if not isinstance(value, (bool, np.bool_)):
         raise ArgumentError(f"expected {name} to be True or False, got {value_text(value)}")
     return bool(value)
@@ -218,7 +218,7 @@ def checked_callable(value: T, name: str) -> T:
 
 
 def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "") -> float:
-    """Return a finite number above zero, or zero if allowed; raise ArgumentError for others."""
+    """Return a finite length above zero, or zero if allowed; raise ArgumentError for others."""
     meaning = meaning or ("a length of at least zero" if zero else "a length above zero")
     return checked_number(value, name, meaning, lambda x: x > 0 or (zero and x == 0))
 
@@ -227,8 +227,8 @@ def checked_wavelength(value: Any) -> float:
     """Return a wavelength in m, above zero; raise ArgumentError for other values."""
     if isinstance(value, str):
         raise ArgumentError(
-            f"expected a wavelength as a number in metres, got the text {value[:40]!r}; quantities "
-            "with units are for files and the command line, here write 3e-3 or 299792458 / 94e9"
+            f"expected a wavelength as a number in metres, got the text {value[:40]!r}; write 3e-3 "
+            "or 299792458 / 94e9, because only files and the command line accept units"
         )
     return checked_length(value, "wavelength")
 
@@ -265,39 +265,43 @@ def checked_path(path: Any) -> Path:
     return Path(os.path.abspath(text))  # noqa: PTH100 (pathlib does not resolve "..")
 
 
-# Range in m of numbers that are probably frequencies in Hz: no antenna has so long a wavelength.
+# Wavelengths in this range, in m, are probably frequencies in Hz: no antenna has such a long
+# wavelength.
 _LIKE_A_FREQUENCY = 1e6, 1e17
-# Largest plausible wavelength in diameters of the source.
+# Largest plausible ratio of the wavelength to the diameter of the source.
 _LONGEST = 1e4
-# Largest plausible diameter of a source in wavelengths. Few radio sources exceed a thousand
-# wavelengths; optical sources reach a million, a metre at 1 µm. Writing mm as m changes the
-# diameter by a factor of a thousand.
+# Largest plausible ratio of the diameter of a source to the wavelength. Few radio sources exceed a
+# thousand wavelengths. Optical sources reach a million wavelengths, which is a metre at 1 µm. A
+# length in mm that is passed as m is too large by a factor of a thousand.
 _WIDEST_RADIO, _WIDEST_OPTICAL = 1e3, 1e6
 # Shortest radio wavelength in m.
 _SHORTEST_RADIO = 1e-4
-# Largest plausible distance of a link, in diameters of the source and in wavelengths. Automotive
-# radar reaches a hundredth of this distance.
+# Largest plausible ratio of the length of a link to the diameter of its source or to the
+# wavelength, whichever is larger. Automotive radar reaches a hundredth of this distance.
 _LONGEST_LINK = 1e5
 
 
 def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
-    """Return a warning text if a wavelength is implausible for a diameter (both in m), or None."""
+    """Return a warning if a wavelength is implausible for a diameter (both in m), else None."""
     ratio = diameter / wavelength
     widest = _WIDEST_RADIO if wavelength >= _SHORTEST_RADIO else _WIDEST_OPTICAL
     if 1 / _LONGEST <= ratio <= widest:
         return None
     size = f"a source of {diameter:.3g} m at a wavelength of {wavelength:.3g} m"
     if ratio < 1:
-        return f"{size}, {1 / ratio:.3g} times as long: did you mean GHz for the frequency?"
-    return f"{size}, {ratio:.3g} wavelengths across: is a unit wrong, mm for m?"
+        return (
+            f"{size}, which is {1 / ratio:.3g} times longer than the source; check whether the "
+            "frequency was meant in GHz"
+        )
+    return f"{size}, which is {ratio:.3g} wavelengths across; check whether mm were passed as m"
 
 
 def _warn_of_wavelength(source: Any, wavelength: float) -> None:
     """Warn if a wavelength in m looks like a frequency, or is implausible for the source."""
     if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
         doubt: str | None = (
-            f"a wavelength of {wavelength:g} m: a frequency? Then write frequency={wavelength:g} "
-            "in its place"
+            f"a wavelength of {wavelength:g} m, which looks like a frequency in Hz; pass it as "
+            f"frequency={wavelength:g}"
         )
     else:
         diameter = _diameter(source)
@@ -312,14 +316,14 @@ def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: floa
     size = max(_diameter(source) or 0.0 for source in sources)
     if distance > _LONGEST_LINK * max(size, wavelength):
         warn_caller(
-            f"got a link of {distance:.6g} m, {distance / size:.3g} times the size of its sources: "
-            "is a unit wrong, mm for m?"
+            f"got a link of {distance:.6g} m, which is {distance / size:.3g} times the size of its "
+            "sources; check whether mm were passed as m"
         )
 
 
 def _diameter(source: Any) -> float | None:
     """Return the diagonal of the bounds of a source in m; None for other objects."""
-    outline = getattr(source, "source", source)  # the result of differentiable() contains a source
+    outline = getattr(source, "source", source)  # a Differentiable contains its source
     try:
         bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
     except PolywignerError:
@@ -335,10 +339,11 @@ def warn_caller(message: str, stacklevel: int = 3) -> None:
     warnings.warn(message, PolywignerWarning, stacklevel=stacklevel)
 
 
-# True within a call of another function with a wavelength, which has issued the warnings.
+# True within a call of a function with a wavelength, which has already issued the warnings.
 _is_nested: ContextVar[bool] = ContextVar("_is_nested", default=False)
 
-# Lowest frequency in Hz, a wavelength of a thousand kilometres; lower numbers are probably in GHz.
+# Lowest frequency in Hz, with a wavelength of a thousand kilometres; lower numbers are probably
+# meant in GHz.
 _LOWEST_FREQUENCY = 300.0
 
 P = ParamSpec("P")
@@ -347,7 +352,7 @@ T = TypeVar("T")
 
 
 class _WithFrequency(Protocol[P, R]):
-    """A function that takes a wavelength in m or a frequency in Hz."""
+    """A function that accepts a wavelength in m or a frequency in Hz."""
 
     __name__: str
 
@@ -368,7 +373,8 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
     parameters = list(inspect.signature(function).parameters.values())
     position = [parameter.name for parameter in parameters].index("wavelength")
     positional = sum(p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD for p in parameters)
-    # If the next parameter has a default, a number at this position is a wavelength.
+    # A number at the position of the wavelength is the wavelength if the next parameter has a
+    # default.
     following = parameters[position + 1 : position + 2]
     is_last = all(p.default is not inspect.Parameter.empty for p in following)
 
@@ -379,7 +385,7 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
             is_number = is_last and len(args) > position and isinstance(length, Real)
             if kwargs.pop("wavelength", None) is not None or is_number or len(args) >= positional:
                 raise ArgumentError(
-                    "expected a wavelength or a frequency, got both; leave one of them out"
+                    "expected a wavelength or a frequency, got both; remove one of them"
                 )
             length = SPEED_OF_LIGHT / _checked(frequency)
             if len(args) < position:
@@ -409,7 +415,7 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
 
 
 def _at_wavelength(value: T, length: float) -> T:
-    """Convert a source, or the sources in a container of arguments, to a wavelength in m."""
+    """Return a source, or a container of arguments with its sources, at a wavelength in m."""
     result: Any = value
     if isinstance(value, dict):
         result = {name: _at_wavelength(item, length) for name, item in value.items()}
@@ -425,14 +431,15 @@ def _checked(frequency: Any) -> float:
     number = checked_length(frequency, "frequency", meaning="a number in Hz above zero")
     if number < _LOWEST_FREQUENCY:
         raise ArgumentError(
-            f"expected frequency in Hz, got {number:g}, a wavelength of "
+            f"expected frequency in Hz, got {number:g}, which corresponds to a wavelength of "
             f"{SPEED_OF_LIGHT / number:.3g} m; write 94e9 for 94 GHz"
         )
     return number
 
 
-# Largest deviation from a rotation that counts as rounding. Scene files contain angles in single
-# precision, so products of a few rotations deviate by about 1e-6. Intended scales deviate by more.
+# Largest deviation of a matrix from a rotation that counts as rounding. Scene files contain angles
+# in single precision, so products of a few rotations deviate by about 1e-6. Scales that users
+# intend deviate by more.
 RIGID_TOLERANCE = 1e-4
 
 
@@ -466,14 +473,14 @@ def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
     expected = f"expected {name} as rigid poses (..., 4, 4), rotations and translations only"
     poses = checked_vectors(values, expected, (4, 4), GeometryError)
     if not np.isfinite(poses).all():
-        raise GeometryError(f"{expected}, got numbers that are not finite")
+        raise GeometryError(f"{expected}, got elements that are not finite")
     rotation = poses[..., :3, :3]
     left, scales, right = np.linalg.svd(rotation)
     gram = np.swapaxes(rotation, -1, -2) @ rotation
     last_row = np.isclose(poses[..., 3, :], (0.0, 0.0, 0.0, 1.0))
     faults = {
         "a last row other than (0, 0, 0, 1)": ~last_row.all(axis=-1),
-        "a pose that scales by {}; scale the source itself": (
+        "a matrix that scales by {}; scale the source itself": (
             np.abs(gram - np.eye(3)) > RIGID_TOLERANCE
         ).any(axis=(-2, -1)),
         "a mirror image; mirror the source itself": np.linalg.det(rotation) < 0,

@@ -31,12 +31,14 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
     vertices, numbers = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
     triangles = numbers.reshape(-1, 3)
     if shoelace(vertices[triangles]) < 0:
-        # Triangles of zero area too: neighbours need their common edge in opposite directions.
+        # Triangles of zero area are included: neighbours need their common edge in opposite
+        # directions.
         triangles = triangles[:, ::-1]
     if shoelace(vertices[triangles]) != shoelace(part):
         raise GeometryError(
-            "expected an outline that can be triangulated, got triangles of another total area; "
-            "round its coordinates, for instance with shapely.set_precision"
+            "expected an outline that can be triangulated, got triangles whose total area differs "
+            "from the area of the outline; round its coordinates, for example with "
+            "shapely.set_precision"
         )
     return vertices, triangles
 
@@ -49,7 +51,7 @@ def triangles_of(polygons: NDArray[Any]) -> tuple[NDArray[np.float64], Indices]:
 
 
 class _Merger:
-    """Convex pieces (lists of vertex numbers), merged across diagonals while they stay convex."""
+    """Convex pieces (lists of vertex indices), merged across diagonals while they stay convex."""
 
     def __init__(self, vertices: Ring, triangles: Indices) -> None:
         self.points = [(float(x), float(y)) for x, y in vertices]
@@ -69,7 +71,8 @@ class _Merger:
         at_j = back[q - 2], j, ahead[(p + 1) % len(ahead)]
         if left == right or any(turn(*(self.points[k] for k in at)) < 0 for at in (at_i, at_j)):
             return
-        # from j around the left piece to i, then from i around the right piece to j
+        # the merged outline runs from j around the left piece to i, then around the right piece to
+        # j
         merged = (ahead[p:] + ahead[:p])[:-1] + (back[q:] + back[:q])[:-1]
         self.pieces[left], self.pieces[right] = merged, []
         for k in range(len(merged)):
@@ -118,20 +121,22 @@ def mean_polygon(first: Ring, second: Ring) -> Ring:
         side = np.roll(lowest_first, -1, axis=0) - lowest_first
         direction = np.arctan2(side[:, 1], side[:, 0]) % (2 * np.pi)
         rings.append(lowest_first)
-        angles.append(np.maximum.accumulate(direction))  # rounding may turn a side backwards
+        angles.append(np.maximum.accumulate(direction))  # rounding may have reversed a side
     is_of_second = np.argsort(np.concatenate(angles), kind="stable") >= len(first)
-    k: NDArray[np.intp] = np.cumsum(is_of_second) - is_of_second  # vertex of the second ring
-    j = np.arange(len(is_of_second)) - k  # vertex of the first ring
+    # index of a vertex of the second ring
+    k: NDArray[np.intp] = np.cumsum(is_of_second) - is_of_second
+    j = np.arange(len(is_of_second)) - k  # index of a vertex of the first ring
     a, b = rings
     return np.asarray(a[j % len(a)] / 2 + b[k % len(b)] / 2)
 
 
-# Largest relative area of a trapezoid that is dropped, between vertices whose x differs by rounding
-# only. Dropping it changes the density of points by less than the rounding of single precision.
+# Largest area of a trapezoid that is dropped, as a fraction of the total area. Such trapezoids lie
+# between vertices whose x differs only by rounding. Dropping them changes the density of random
+# points by less than the rounding of single precision.
 _NEGLIGIBLE = 1e-12
 
-# Replaces denominators of zero: smaller than any height of an aperture, and above zero in single
-# precision.
+# This number replaces denominators of zero. It is smaller than any height of an aperture, and above
+# zero in single precision.
 _TINY = 1e-30
 
 
@@ -152,7 +157,7 @@ class Trapezoids(NamedTuple):
 
     @property
     def rows(self) -> NDArray[np.float64]:
-        """All six numbers of each trapezoid, shape (n, 6)."""
+        """The six coordinates of each trapezoid, shape (n, 6)."""
         return np.stack(self, axis=-1)
 
     @property
@@ -164,7 +169,7 @@ class Trapezoids(NamedTuple):
 
     @property
     def midpoints(self) -> NDArray[np.float64]:
-        """Midpoints between the midpoints of the parallel sides, shape (n, 2)."""
+        """Centre points of the trapezoids, midway between the parallel sides, shape (n, 2)."""
         height = self.height_left + self.height_right
         y = 0.5 * (self.low_left + self.low_right) + 0.25 * height
         return np.stack([self.left + 0.5 * self.width, y], axis=-1)
@@ -174,7 +179,8 @@ class Trapezoids(NamedTuple):
         step = np.arange(count + 1) / count
         u, v = step[:, None, None], step[:-1, None]
         height = self.height_left + u * (self.height_right - self.height_left)
-        low = self.low_left + u * (self.low_right - self.low_left) + v * height  # (strip, piece, n)
+        # axes: strip, piece, trapezoid
+        low = self.low_left + u * (self.low_right - self.low_left) + v * height
         left, part = self.left + u[:-1] * self.width, height / count
         parts = left, self.width / count, part[:-1], part[1:], low[:-1], low[1:]
         return Trapezoids(*(a.reshape(-1) for a in np.broadcast_arrays(*parts)))
@@ -204,8 +210,8 @@ def _slab(
     at_left = a[:, 1] + slope * (left - a[:, 0])
     at_right = a[:, 1] + slope * (right - a[:, 0])
     order = np.argsort(at_left + at_right, kind="stable")
-    # From below, edges alternate between entering and leaving the aperture. Edges of parts that
-    # touch coincide, and their order does not matter.
+    # From below, edges alternately enter and leave the aperture. Edges of parts that touch
+    # coincide, and the order of coinciding edges does not matter.
     low, high = order[0::2], order[1::2]
     heights = at_left[high] - at_left[low], at_right[high] - at_right[low]
     sides = np.full(low.shape, left), np.full(low.shape, right - left), *heights
@@ -218,7 +224,7 @@ def point_in_trapezoid(ops: Any, row: Sequence[Any], u: Any, v: Any) -> tuple[An
     ``row``: the six numbers of a trapezoid; ``ops``: the operations namespace of their type.
     """
     left, width, height_left, height_right, low_left, low_right = row
-    # Solve (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 without cancellation.
+    # This form solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 for t without cancellation.
     root = ops.sqrt((1.0 - u) * height_left * height_left + u * height_right * height_right)
     below = height_left + root
     t = u * (height_left + height_right) / ops.select(below > _TINY, below, _TINY)

@@ -36,7 +36,8 @@ def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64
     if radians == quarters * (math.pi / 2):
         c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
     x, y = points.T
-    return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0  # no negative zeros
+    # adding 0.0 replaces negative zeros
+    return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0
 
 
 @final
@@ -79,11 +80,11 @@ class Illumination(Immutable):
 
     @property
     def dimension(self) -> int:
-        """Number d of components of a position."""
+        """Number d of components of a position: 2 for apertures, 1 for slits."""
         return int(self.frequencies.shape[1])
 
     def __call__(self, x: ArrayLike) -> NDArray[np.complex128]:
-        """Return the complex field (...) at positions x (..., d) in m."""
+        """Return the complex field, shape (...), at positions x (..., d) in m."""
         try:
             points = real_numbers(x)
         except ValueError as error:
@@ -108,7 +109,9 @@ class Illumination(Immutable):
             For a field of slits.
         """
         if self.dimension != 2:
-            raise IlluminationError("expected a field in two dimensions, got a field of slits")
+            raise IlluminationError(
+                "expected a field on an aperture to rotate, got a field on slits"
+            )
         return Illumination(self.amplitudes, turned_points(self.frequencies, angle))
 
     def scaled(self, factor: float) -> Illumination:
@@ -234,7 +237,7 @@ def _merged(
 
 
 def checked_field(field: Any, dimension: int) -> Illumination:
-    """Return a field; raise ArgumentError or IlluminationError unless it fits the dimension."""
+    """Return a valid field; raise ArgumentError or IlluminationError if the dimension differs."""
     if not isinstance(field, Illumination):
         advice = (
             "pass its .illumination"

@@ -1,4 +1,4 @@
-"""Valid sets of polygons from rings: simple, separate, and merged where they touch.
+"""Valid sets of polygons from rings: simple, separate, and merged if they touch.
 
 Exact predicates of GEOS decide on validity. Vertices that differ by rounding only, such as corners
 of rotated tiles, are welded within 64 ulp before parts are merged.
@@ -33,8 +33,8 @@ from polywigner.geometry.rings import (
     spans_area,
 )
 
-# 256 ulp of the extent: above the rounding of computed vertices, and a factor of 20 below 1e-12,
-# the stated accuracy of areas and transforms.
+# Grid spacing as a fraction of the extent: 256 ulp. This is above the rounding errors of computed
+# vertices, and a factor of 20 below 1e-12, the stated accuracy of areas and transforms.
 _GRID = 2.0**-44
 
 
@@ -52,7 +52,7 @@ def polygons_in(geometry: BaseGeometry) -> list[shapely.Polygon]:
 
 
 def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeometry:
-    """Move vertices to the nearest of `originals` (n, 2) within `reach`, if the result is valid."""
+    """Move vertices to the nearest `originals` (n, 2) within `reach`, if the result stays valid."""
     tree = shapely.STRtree(shapely.points(originals))
 
     def moved(points: Ring) -> Ring:
@@ -68,8 +68,9 @@ def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeome
 
 
 def straightened(geometry: BaseGeometry, reach: float) -> BaseGeometry:
-    """Drop vertices within `reach` of the line between neighbours, if the result is valid."""
-    # Normalised rings begin at their lowest vertex, so the first vertex does not affect the result.
+    """Drop vertices within `reach` of the line between neighbours, if the result stays valid."""
+    # Normalised rings begin at the lowest vertex, so the result does not depend on the first
+    # vertex.
     polygons = shapely.simplify(shapely.normalize(np.array(polygons_in(geometry), object)), reach)
     simple = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons.tolist())
     fewer = shapely.get_num_coordinates(simple) < shapely.get_num_coordinates(geometry)
@@ -94,7 +95,7 @@ def connected(count: int, first: NDArray[np.intp], second: NDArray[np.intp]) -> 
 
 
 def _union(geometries: Sequence[BaseGeometry], grid: float) -> BaseGeometry:
-    """Return the union of geometries, computed for each group whose bounding boxes overlap.
+    """Return the union of geometries, computed separately for each group of overlapping boxes.
 
     GEOS takes ten times as long if it unites many separate geometries in one call.
     """
@@ -135,7 +136,7 @@ def combined_on_grid(
 
 
 def _cleaned(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
-    """Remove cracks and slivers up to the width ``grid``, and restore the vertices ``points``."""
+    """Remove gaps and slivers narrower than ``grid``, and restore the positions of ``points``."""
     polygons = []
     for polygon in polygons_in(region):
         holes = [h for h in polygon.interiors if not _is_hairline(shapely.Polygon(h), grid)]
@@ -193,17 +194,17 @@ def weld(parts: Sequence[Part]) -> list[Part]:
     return [tuple(next(welded) for _ in part) for part in parts]
 
 
-# Largest distance of a dropped vertex from the line between its neighbours, in units of
-# area/diameter, so that the relative change of the area is about the same for thin parts. For a
-# unit square the distance is 16 ulp.
+# Largest distance of a dropped vertex from the line between its neighbours, as a multiple of
+# area/diameter. The relative change of the area is then about the same for thin and for compact
+# parts. For a unit square this distance is 16 ulp.
 _STRAIGHT = 2.0**-48
 
-# Number of vertices that are intersected at once, which takes about a second if all parts overlap.
+# Number of vertices that are intersected at once. This takes about a second if all parts overlap.
 _VERTICES_AT_ONCE = 200_000
 
 _MERGE = "merge them with shapely.union_all, or give a hole as shapely.Polygon(outer, [hole])"
 
-_COORDINATES = re.compile(r"\[(\S+) (\S+)\]")  # a position in a message of GEOS
+_COORDINATES = re.compile(r"\[(\S+) (\S+)\]")  # position in an error message of GEOS
 
 
 def part_of_ring(vertices: object, name: str = "the ring") -> Part:
@@ -218,7 +219,7 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
         point = _COORDINATES.search(reason)
         where = f" at ({point[1]}, {point[2]})" if point else ""
         raise GeometryError(
-            f"expected a simple outline, got {name} that {what}{where}; "
+            f"expected a simple outline, but {name} {what}{where}; "
             'split it with Aperture.from_ring(ring, winding="nonzero") or winding="evenodd"'
         )
     if not spans:
@@ -261,7 +262,7 @@ def part_of_rings(
 def _check_overlaps(
     parts: Sequence[Part], polygons: Sequence[shapely.Polygon], remedy: str
 ) -> bool:
-    """Return whether any two parts touch; GeometryError if two overlap by more than rounding.
+    """Return whether any two parts touch; GeometryError if two parts overlap by more than rounding.
 
     Blocks of parts limit the memory: a thousand parts on top of each other form a million pairs.
     """
@@ -312,7 +313,7 @@ def check_pairs(
 def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
     """Return the union of touching parts; None if GEOS changes its area or adds vertices."""
     if any(len(ring) < 3 for part in parts for ring in part):
-        return None  # welding has closed a sliver
+        return None  # a sliver has lost its area by welding
     try:
         merged = shapely.union_all([polygon_of_part(part) for part in parts])
     except shapely.errors.GEOSException:
@@ -333,11 +334,12 @@ def merge_parts(parts: Sequence[Part], remedy: str = _MERGE) -> list[Part]:
         return list(parts)
     merged = _clean_union(weld(parts)) or _clean_union(parts)
     if merged is not None:
-        # Corners of tiles along a side of the union are on one line up to rounding.
+        # Corners of tiles along a side of the union lie on one line, up to rounding.
         union = shapely.MultiPolygon([polygon_of_part(part) for part in merged])
         reach = max(rounding_tolerance(part[0]) for part in merged)
         return [part_of_polygon(polygon) for polygon in polygons_in(straightened(union, reach))]
-    # In rare cases, edges run along each other at rounding distance without common vertices.
+    # In rare cases, two edges without common vertices run along each other at a distance of
+    # rounding errors.
     return _joined_on_grid(polygons)
 
 
@@ -354,7 +356,7 @@ def _joined_on_grid(polygons: Sequence[shapely.Polygon]) -> list[Part]:
 
 
 def _winding_numbers(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
-    """Return the winding numbers (m,) of closed rings with the edges start, end (n, 2).
+    """Return the winding numbers (m,) of closed rings, with edges from start to end (n, 2).
 
     Counts signed crossings of the ray towards +x. Points on a ring get the winding number on one
     side of the ring.
@@ -391,11 +393,11 @@ def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
 
     The polygons are separate or touch in points. The list is empty if no area is enclosed.
     """
-    # All edges, split at their crossings on a grid, divide the plane into faces. Due to the grid, a
+    # The edges, split at their crossings on a grid, divide the plane into faces. Due to the grid, a
     # curve that is traversed twice with different rounding leaves no hairline faces.
     points = np.concatenate(rings)
     following = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
-    # A line per ring: GEOS takes many times as long for a line per edge.
+    # There is one line per ring, because GEOS takes many times as long with one line per edge.
     lines = [shapely.LineString(np.concatenate([ring, ring[:1]])) for ring in rings]
     noded = shapely.union_all(lines, grid_size=grid_size(points))
     faces = polygons_in(shapely.polygonize([noded]))
@@ -407,7 +409,7 @@ def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
 
 
 def _is_ring(vertices: Any) -> bool:
-    """Return whether vertices are one ring of (x, y) pairs, not a sequence of rings."""
+    """Return whether vertices form one ring of (x, y) pairs, rather than a sequence of rings."""
     if isinstance(vertices, np.ndarray) and vertices.dtype != object:
         return vertices.ndim <= 2
     if not len(vertices) or isinstance(vertices[0], shapely.Polygon):

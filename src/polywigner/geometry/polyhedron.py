@@ -1,4 +1,4 @@
-"""Polyhedra: solid bodies bounded by planar faces, and the triangles and surfaces of faces."""
+"""Polyhedra: solid bodies bounded by planar faces; triangles and closed surfaces of faces."""
 
 from __future__ import annotations
 
@@ -19,26 +19,31 @@ from polywigner.geometry.parts import connected, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 
 # Largest distance of a vertex from the plane of its face, as a fraction of the body's diameter.
-# Coordinates printed with ten digits pass; the volume changes by less than 1e-9 of diameter^3.
+# Coordinates with ten digits satisfy this limit. Deviations up to the limit change the volume by
+# less than 1e-9 of diameter^3.
 _PLANAR = 1e-9
 
-# Relative rounding error of radii and distances, which are sums of a few terms.
+# Relative rounding error of radii and distances, which are computed from a few terms.
 _ROUNDING = 1e-14
-# Number of points whose distances from all others are computed at once: 80 MB for 10,000 points.
+# Number of points whose distances from all other points are computed at once: 80 MB for 10,000
+# points.
 _ROWS = 1024
 
-# Smallest sine of the bend at a corner of a strictly convex face, above the rounding of the sides.
+# Smallest sine of the angle between adjacent sides of a strictly convex face. It is above the
+# rounding errors of the sides.
 _BEND = 1e-9
-# Largest change of a face's area by the triangulation, as a fraction of the area: rounding.
+# Largest change of a face's area due to triangulation, as a fraction of the area. Rounding errors
+# are smaller.
 _LOST = 1e-9
-# Distance to a surface, as a fraction of the size, below which a point lies on the surface.
+# Distance from a surface, as a fraction of its size, below which a point counts as on the surface.
 _ON_SURFACE = 1e-9
-# Number of triangles of a surface whose centroids are tested for being inside another surface.
+# Number of triangles of a surface whose centroids are used to test whether the surface lies inside
+# another surface.
 _SAMPLES = 16
 
-# Number of pairs of a point and a triangle that are processed at once: about 50 MB.
+# Number of pairs of a point and a triangle that are processed at once, which takes about 50 MB.
 _PAIRS = 1 << 18
-# Replaces lengths and areas of zero in denominators.
+# This number replaces lengths and areas of zero in denominators.
 _TINY = 1e-300
 
 Vertices = NDArray[np.float64]
@@ -82,7 +87,7 @@ class Polyhedron(Immutable):
     vertices: Vertices
     """Positions in metres, shape (n, 3), read-only."""
     faces: tuple[tuple[int, ...], ...]
-    """Vertex numbers of each face, counter-clockwise from outside."""
+    """Vertex indices of each face, counter-clockwise seen from outside."""
 
     def __init__(self, vertices: ArrayLike, faces: Iterable[Iterable[SupportsIndex]]) -> None:
         expected = "expected vertices as an (n, 3) array of numbers"
@@ -113,7 +118,7 @@ class Polyhedron(Immutable):
 
     @cached_property
     def triangles(self) -> NDArray[np.intp]:
-        """Vertex numbers of triangles, shape (m, 3), that cover each face with its orientation."""
+        """Vertex indices of triangles, shape (m, 3), that cover the faces, oriented like them."""
         result = triangulate_faces(self.vertices, self.faces)
         result.setflags(write=False)
         return result
@@ -133,7 +138,7 @@ class Polyhedron(Immutable):
 
 
 def _restored(vertices: Vertices, faces: tuple[tuple[int, ...], ...]) -> Polyhedron:
-    """Return a body of valid vertices and faces, without checks."""
+    """Return a body from valid vertices and faces, without checking them."""
     body = object.__new__(Polyhedron)
     vertices.setflags(write=False)
     body.__dict__.update(vertices=vertices, faces=faces)
@@ -141,13 +146,14 @@ def _restored(vertices: Vertices, faces: tuple[tuple[int, ...], ...]) -> Polyhed
 
 
 def _largest_distance(points: Vertices) -> float:
-    """Return the largest distance of two points (n, 3)."""
+    """Return the largest distance between two of n points, shape (n, 3)."""
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     offsets = points - centre
     radii = np.linalg.norm(offsets, axis=1)
     farthest = offsets[int(radii.argmax())]
     largest = float(np.linalg.norm(offsets - farthest, axis=1).max())
-    # No point is farther than r + max(radii) from a point at radius r, which excludes small radii.
+    # No point is farther than r + max(radii) from a point at radius r, so points at small radii
+    # need no test.
     ends = offsets[radii >= (1 - _ROUNDING) * (largest - radii.max())]
     squares = (ends**2).sum(axis=1)
     for k in range(0, len(ends), _ROWS):
@@ -162,17 +168,17 @@ def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
         numbers = tuple(tuple(operator.index(k) for k in face) for face in faces)
     except (TypeError, ValueError, OverflowError):
         raise GeometryError(
-            "expected faces as lists of vertex numbers, which are whole numbers"
+            "expected faces as lists of vertex indices, got indices that are not whole numbers"
         ) from None
     for n, face in enumerate(numbers):
         if len(face) < 3 or len(set(face)) != len(face):
             raise GeometryError(
-                f"expected three or more different vertices per face, got {list(face)} at face {n}"
+                f"expected three or more different vertices per face, got {list(face)} as face {n}"
             )
         wrong = [k for k in face if not 0 <= k < count]
         if wrong:
             raise GeometryError(
-                f"expected vertex numbers from 0 to {count - 1}, got {wrong[0]} at face {n}"
+                f"expected vertex indices from 0 to {count - 1}, got {wrong[0]} in face {n}"
             )
     return numbers
 
@@ -184,20 +190,21 @@ def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
     repeated, count = next(iter(canonical.most_common(1)), ((), 0))
     if count > 1:
         raise GeometryError(
-            f"expected consistently oriented faces, each once, got {list(repeated)[:20]} "
-            f"{count} times; remove the repetitions"
+            f"expected each face once, got the face {list(repeated)[:20]} {count} times; remove "
+            "the repetitions"
         )
     edges = Counter((f[k - 1], f[k]) for f in faces for k in range(len(f)))
     for (a, b), count in edges.items():
         if count > max(1, edges[b, a]):
             raise GeometryError(
-                f"expected consistently oriented faces, got two with an edge from {a} to {b}; "
-                "reverse one of them"
+                f"expected consistently oriented faces, got two faces with an edge from vertex {a} "
+                f"to vertex {b}; reverse one of them"
             )
         if edges[b, a] < count:
             raise GeometryError(
-                f"expected a closed surface, got an edge from vertex {a} to {b} with a face on one "
-                "side only; add the missing face, or read an open mesh with polywigner.read_sheets"
+                f"expected a closed surface, got an edge from vertex {a} to vertex {b} with a face "
+                "on one side only; add the missing face, or read an open mesh with "
+                "polywigner.read_sheets"
             )
 
 
@@ -207,8 +214,8 @@ def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
     diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
     for n in np.flatnonzero(heights > _PLANAR * diameter).tolist():
         raise GeometryError(
-            f"expected planar faces, got face {n} with a vertex {heights[n]:.3g} off its plane; "
-            "split it into triangles"
+            f"expected planar faces, got face {n} with a vertex {heights[n]:.3g} m off its plane; "
+            "split the face into triangles"
         )
     triangulate_faces(points, faces)
 
@@ -216,7 +223,7 @@ def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
 def _oriented(
     points: Vertices, faces: tuple[tuple[int, ...], ...]
 ) -> tuple[tuple[tuple[int, ...], ...], float]:
-    """Return the faces, counter-clockwise from outside the solid, and its volume."""
+    """Return the faces, counter-clockwise seen from outside the solid, and its volume."""
     surfaces = closed_surfaces(faces)
     members = [[faces[k] for k in surface] for surface in surfaces]
     volumes = [_volume_inside(points, member) for member in members]
@@ -234,14 +241,15 @@ def _oriented(
         outermost = np.flatnonzero(around[:, n] & (depths == 0))
         if sign < 0 and len(outermost) and volume * volumes[outermost[0]] > 0:
             warn_caller(
-                f"the surface with face {surface[0]} lies inside another surface and has the same "
-                "orientation: it is read as a cavity; remove it if the body is solid there"
+                f"the closed surface with face {surface[0]} lies inside another closed surface and "
+                "counts as a cavity, although both have the same orientation; remove the inner "
+                "surface if the body is solid there"
             )
     return tuple(oriented), total
 
 
 def _volume_inside(points: Vertices, faces: Sequence[Sequence[int]]) -> float:
-    """Return the signed volume inside a closed surface, as a sum of pyramids over its faces."""
+    """Return the signed volume inside a closed surface, the sum of the pyramids over its faces."""
     centred = points - points.mean(axis=0)
     return sum(
         float((centred[indices[:, 0]] * normals_of(centred[indices])).sum()) / 6
@@ -250,7 +258,7 @@ def _volume_inside(points: Vertices, faces: Sequence[Sequence[int]]) -> float:
 
 
 def normals_of(corners: Vertices) -> Vertices:
-    """Return the normals (k, 3) of faces (k, n, 3), with twice the area as length."""
+    """Return normals (k, 3) of faces (k, n, 3); the length of a normal is twice the area."""
     relative = corners - corners[:, :1]
     return np.cross(relative[:, :-1], relative[:, 1:]).sum(axis=1)
 
@@ -274,7 +282,7 @@ def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
     for numbers, indices in _by_size(faces):
         corners = points[indices]
         if corners.shape[1] == 3:
-            continue  # triangles are planar
+            continue  # triangles are always planar
         normals = _unit(normals_of(corners))
         relative = corners - corners.mean(axis=1, keepdims=True)
         heights[numbers] = np.abs(np.einsum("kni,ki->kn", relative, normals)).max(axis=1)
@@ -322,7 +330,7 @@ def triangulate_faces(points: Vertices, faces: Sequence[Sequence[int]]) -> Indic
 
 
 def _by_size(faces: Sequence[Sequence[int]]) -> list[tuple[Indices, Indices]]:
-    """Return face numbers (k,) and vertex numbers (k, n) for each size n of faces."""
+    """Return face indices (k,) and vertex indices (k, n) for each number n of vertices."""
     sizes = np.array([len(face) for face in faces])
     groups = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
     return [
@@ -336,7 +344,7 @@ def _unit(vectors: Vertices) -> Vertices:
 
 
 def _are_convex(corners: Vertices) -> NDArray[np.bool_]:
-    """Return a mask (k,) of convex faces: all bends are to the left, and add up to 2 pi."""
+    """Return a mask (k,) of convex faces, whose bends are all to the left and add up to 2 pi."""
     sides = _unit(np.roll(corners, -1, axis=1) - corners)
     following = np.roll(sides, -1, axis=1)
     normals = _unit(normals_of(corners))
@@ -354,7 +362,7 @@ def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
     vertex = {corner.tobytes(): int(k) for corner, k in zip(flat, face, strict=True)}
     outline = shapely.Polygon(flat)
     area = float(normals_of(corners[None])[0] @ normal) / 2
-    # make_valid removes the bridge to a hole, an edge that the outline contains in both directions.
+    # make_valid removes the bridge to a hole, an edge that the outline contains in both directions
     valid = outline if outline.is_valid else shapely.make_valid(outline)
     pieces = [np.empty((0, 2))]
     for part in polygons_in(shapely.orient_polygons(valid)):
@@ -387,7 +395,7 @@ def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
     keys = np.minimum(begin, end) * (int(begin.max()) + 1) + np.maximum(begin, end)
     order = np.argsort(keys, kind="stable")
     _, starts, face_counts = np.unique(keys[order], return_index=True, return_counts=True)
-    pairs = starts[face_counts == 2]  # edges of exactly two faces
+    pairs = starts[face_counts == 2]  # these edges belong to exactly two faces
     labels = connected(len(faces), owner[order[pairs]], owner[order[pairs + 1]])
     if (face_counts != 2).any():
         # A surface is closed if each edge occurs equally often in both directions.
@@ -465,7 +473,7 @@ def dot_products(a: Vertices, b: Vertices) -> Vertices:
 
 
 def windings_about(points: Vertices, corners: Vertices) -> Vertices:
-    """Return the winding numbers of a closed surface about points, by solid angles.
+    """Return the winding numbers of a closed surface about points, computed from solid angles.
 
     Parameters
     ----------

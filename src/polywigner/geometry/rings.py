@@ -26,7 +26,8 @@ Ring = NDArray[np.float64]
 Part = tuple[Ring, ...]
 """One polygon: its exterior (counter-clockwise) followed by its holes (clockwise)."""
 
-# Exact predicates. Floating point decides nearly every case; integer arithmetic decides the others.
+# Exact predicates: floating point decides nearly every case, and integer arithmetic decides the
+# rest.
 
 # (3 + 16 u) u with u = 2^-53 bounds the rounding error of the cross product below in units of
 # |product 1| + |product 2| (Shewchuk 1997, "ccwerrboundA").
@@ -94,13 +95,13 @@ def signed_area(ring: Ring) -> float:
     first, second = x[:-1] * y[1:], x[1:] * y[:-1]
     area = float((first - second).sum()) / 2
     # Each difference, product and sum has a rounding error of at most u = 2^-53 of the sum of the
-    # absolute products. The bound is twice as large, to be safe.
+    # absolute products. The bound below is twice as large, to be safe.
     error = (len(ring) + 8) * 2.0**-53 * float((np.abs(first) + np.abs(second)).sum())
     return area if abs(area) > error else float(shoelace([ring]))
 
 
-# Points on a slanted line miss it by about u = 2^-53 times the largest coordinate m. A ring of
-# diameter d on a line therefore has an area of up to a few u m d, which counts as zero.
+# Points on a slanted line deviate from the line by about u = 2^-53 times the largest coordinate m.
+# A ring of diameter d on a line therefore has an area of up to a few u m d, which counts as zero.
 _ZERO_AREA = 2.0**-50
 
 
@@ -147,13 +148,13 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
 
 
 def spans_area(ring: Ring) -> bool:
-    """Return whether the area of a ring is above the rounding of its coordinates."""
+    """Return whether the area of a ring exceeds the rounding of its coordinates."""
     zero = _ZERO_AREA * extent(ring) * float(np.abs(ring).max())
     return abs(signed_area(ring)) > zero
 
 
 def hull_spans_area(ring: Ring) -> bool:
-    """Return whether the vertices do not lie on one line, even if the ring's area cancels."""
+    """Return whether the vertices span an area, even if positive and negative areas cancel."""
     return spans_area(shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(ring))))
 
 
@@ -212,7 +213,7 @@ def plot_rings(rings: Sequence[Ring], ax: Axes | None, unit: str) -> Axes:
 
 
 def draw_rings(ax: Axes, rings: Sequence[Ring], metres: float, **style: Any) -> None:
-    """Draw closed rings in m, with holes, as one patch; ``metres``: unit of the axes in m."""
+    """Draw closed rings in m as one patch with holes; ``metres``: unit of the axes in m."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 

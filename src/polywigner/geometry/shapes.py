@@ -445,7 +445,7 @@ def grating(count: int, width: float, pitch: float) -> Slits:
 
 
 def _hexagon_centres(rings: int, centre: bool) -> list[tuple[int, int]]:
-    """Return the centres of honeycomb cells, as multiples of (3/2 side, half the height)."""
+    """Return the centres of honeycomb cells, as multiples of (3/2 side length, half the height)."""
     cells = []
     for q in range(-rings, rings + 1):
         for r in range(max(-rings, -rings - q), min(rings, rings - q) + 1):
@@ -485,7 +485,7 @@ def hexagonal_segments(
     has_centre = checked_flag(centre, "centre")
     cells = _hexagon_centres(_count(rings, "rings", 0 if has_centre else 1), has_centre)
     corners = np.array([(2, 0), (1, 1), (-1, 1), (-2, 0), (-1, -1), (1, -1)], dtype=np.float64)
-    # All corners are multiples of half a side along x, and of half the height along y.
+    # The corners lie at multiples of half a side along x, and of half the height along y.
     unit = np.array([flat / math.sqrt(12.0), flat / 2])
     extra = np.array([space / math.sqrt(12.0), space / 2])
     centres = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)

@@ -13,8 +13,8 @@ from polywigner.geometry.arguments import finite_array
 from polywigner.geometry.illumination import Illumination, checked_field, checked_shift
 from polywigner.geometry.wavefront import TakesWaves
 
-# Largest overlap of intervals that touch, as a fraction of the largest coordinate: the same as
-# ``rings.rounding_tolerance``.
+# Largest overlap of intervals that count as touching, as a fraction of the largest coordinate. It
+# equals ``rings.rounding_tolerance``.
 _ROUNDING = 2.0**-46
 
 

@@ -25,7 +25,7 @@ class TakesWaves(Immutable):
     """Base of all sources: methods for curved and partially coherent waves."""
 
     def at_wavelength(self, wavelength: float) -> Any:
-        """Return this source with the phases of its path lengths at another wavelength.
+        """Return this source at another wavelength, with the phases of its path lengths converted.
 
         Curved waves made by ``curved`` and the pistons and tilts of
         :func:`polywigner.segmented_pupil` are path lengths: their phases grow with the frequency.
@@ -107,7 +107,7 @@ class TakesWaves(Immutable):
             wave = wave.at_wavelength(wavelength)
         if not wave.is_flat and centre is not None and not np.array_equal(wave.centre, centre):
             raise IlluminationError(
-                "expected curved waves with one centre, got two centres; leave the second one out"
+                "expected curved waves with one centre, got two centres; omit the second centre"
             )
         c = wave.centre if centre is None else centre
         return wave._with(curvature=wave.curvature + q, centre=c)
@@ -147,7 +147,8 @@ class TakesWaves(Immutable):
         least, most = sorted((_checked_width(width, "width"), wave.coherence_width))
         if least == np.inf:
             return wave
-        # The combined width 1/sqrt(1/least^2 + 1/most^2), without squares that overflow.
+        # This is the combined width 1/sqrt(1/least^2 + 1/most^2), computed without squares that
+        # overflow.
         return wave._with(coherence_width=least / math.hypot(1.0, least / most))
 
 
@@ -193,7 +194,7 @@ class Wavefront(TakesWaves):
     """
 
     source: Any
-    """Flat and coherent source: an Aperture, Slits, or an Array of either in one plane."""
+    """Flat, coherent source that carries the wave: an Aperture, Slits, or an Array in one plane."""
     curvature: NDArray[np.float64]
     """Matrix Q in 1/m^2, shape (d, d), read-only, with diagonal 1/(wavelength radius)."""
     centre: NDArray[np.float64]
@@ -201,7 +202,7 @@ class Wavefront(TakesWaves):
     coherence_width: float
     """Standard deviation in metres of the degree of coherence over lag; infinite: coherent."""
     wavelength: float | None
-    """Wavelength in metres of the curvature; None for the same curvature at all wavelengths."""
+    """Wavelength in metres at which the curvature holds; None if it holds at all wavelengths."""
 
     def __init__(
         self,
@@ -213,8 +214,8 @@ class Wavefront(TakesWaves):
     ) -> None:
         if isinstance(source, Wavefront) or not hasattr(type(source), "curved"):
             raise ArgumentError(
-                f"expected an Aperture, Slits or an Array, got {type(source).__name__}; curved and "
-                "partially_coherent are methods of these, and of a Wavefront"
+                f"expected an Aperture, Slits or an Array, got {type(source).__name__}; to change "
+                "a Wavefront, call its methods curved and partially_coherent"
             )
         d = len(source.bounds) // 2
         expected = f"expected a curvature as a symmetric matrix {(d, d)} in 1/m^2"
@@ -246,12 +247,12 @@ class Wavefront(TakesWaves):
 
     @property
     def dimension(self) -> int:
-        """Number d of components of a position."""
+        """Number d of components of a position: 2 for apertures, 1 for slits."""
         return len(self.centre)
 
     @property
     def is_flat(self) -> bool:
-        """Whether the wave is not curved."""
+        """Whether the curvature is zero."""
         return not self.curvature.any()
 
     @property
@@ -261,7 +262,7 @@ class Wavefront(TakesWaves):
 
     @property
     def coherent(self) -> Any:
-        """Coherent source: the curved wave alone, or the flat source if there is no curvature."""
+        """The coherent source: with its curved wave, or the flat source without curvature."""
         if self.is_flat:
             return self.source
         return self._with(coherence_width=np.inf)
@@ -287,7 +288,7 @@ class Wavefront(TakesWaves):
         return self._of_source("plot")(ax, unit)
 
     def _of_source(self, name: str) -> Any:
-        """Return a method of the source; raise ArgumentError if it does not exist."""
+        """Return a method of the underlying source; raise ArgumentError if the source lacks it."""
         method = getattr(self.source, name, None)
         if method is None:
             kind = type(self.source).__name__
@@ -310,7 +311,7 @@ class Wavefront(TakesWaves):
     def turned(self, angle: float) -> Wavefront:
         """Return the source and its wave, rotated about the origin by an angle in radians."""
         if self.dimension != 2:
-            raise IlluminationError("expected a source in two dimensions to rotate, got slits")
+            raise IlluminationError("expected an aperture or an array to rotate, got slits")
         rotation = turned_points(np.eye(2), angle).T
         q = rotation @ self.curvature @ rotation.T
         centre = turned_points(self.centre[None], angle)[0]
@@ -346,7 +347,7 @@ class Wavefront(TakesWaves):
 def _curvature_of(
     radius: float | Sequence[float], wavelength: float, dimension: int
 ) -> NDArray[np.float64]:
-    """Return the matrix Q (d, d) in 1/m^2 for a radius, or for one radius per axis."""
+    """Return the curvature matrix Q (d, d) in 1/m^2 for one radius, or for one radius per axis."""
     length = checked_wavelength(wavelength)
     axes = "a number" if dimension == 1 else "a number or two (radius_x, radius_y)"
     expected = (

@@ -1,4 +1,4 @@
-"""Closed forms on polygons, written once as straight-line code over an operations namespace.
+"""Closed forms of transforms and fields, written once for the operations of NumPy and Dr.Jit.
 
 =============  =====================================================================
 module         content

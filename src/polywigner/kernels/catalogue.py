@@ -22,7 +22,7 @@ from polywigner.source.lattices import Sites
 
 _TRANSFORMS = ("autocorrelation", "wigner", "ambiguity")
 
-# Kernels by transform and kind of source, which is a type or a name of `_SPECIAL`.
+# Kernels by transform and kind of source. The kind is a type or a name in `_SPECIAL`.
 _KERNELS: dict[tuple[str, Any], Kernel] = {
     (name, kind): getattr(home, name.replace(" ", "_").upper())
     for kind, home, names in (
@@ -42,7 +42,7 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     ("autocorrelation", "lattice"): element_pairs.AUTOCORRELATION,
 }
 
-# Kinds with special kernels, in order of priority.
+# Tests for sources with faster kernels, in order of priority.
 _SPECIAL: dict[str, Callable[[Any], bool]] = {
     "product": lambda source: isinstance(source, Aperture) and is_separable(source),
     "lattice": lambda source: isinstance(source, Array) and lattice_arrays.is_on_lattice(source),
@@ -57,9 +57,11 @@ _PARTLY_COHERENT: dict[Kernel, Kernel] = {
 
 
 MOST_WIDTHS = 1 << 15
-"""Largest number of coherence widths in the area of a source; a mean has four tilts for each."""
-# Largest number of elements of an array whose W in partly coherent light is computed in closed
-# form, with a slice for each pair of elements. The second limit holds if the alternative, a mean
+"""Largest number of coherence widths in the area of a source, for a mean over tilts. The mean has
+four tilts for each coherence width.
+"""
+# Largest number of elements of an array for which W in partly coherent light is computed in closed
+# form, with a slice for each pair of elements. The second limit applies if the alternative, a mean
 # over tilts, would need too many tilts.
 _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
@@ -87,7 +89,7 @@ def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
 
 
 def kernel_for(transform: str, source: Any) -> Kernel:
-    """Return the kernel of a transform of a source.
+    """Return the kernel that computes a transform of a source.
 
     An array has the kernels of its elements, which are slits or apertures in one plane. Its Fourier
     transform is a sum over the elements and has no kernel.
@@ -104,13 +106,14 @@ def kernel_for(transform: str, source: Any) -> Kernel:
         kernel = partly_coherent_kernel(source) if transform == "wigner" else None
         if kernel is None:
             raise ArgumentError(
-                f"expected a flat, coherent source for {transform}, got {source!r}; use its .source"
+                f"expected a flat, coherent source for {transform}, got {source!r}; pass the "
+                "attribute .source of the wavefront"
             )
         return kernel
     if isinstance(source, Sites) and transform == "array factor":
         return array_factor_kernel(source.dimension)
     if isinstance(source, Array) and source.dimension == 3:
-        _ = source.elements_in_plane  # raises an error if elements have several planes
+        _ = source.elements_in_plane  # raises GeometryError if the elements have several planes
     for kind, holds in _SPECIAL.items():
         if (transform, kind) in _KERNELS and holds(source):
             return _KERNELS[transform, kind]
@@ -122,9 +125,9 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     accepted = ", ".join(kind.__name__ for kind in kinds)
     hint = "make one with polywigner.Aperture(vertices)"
     if isinstance(source, PlacedAperture):
-        hint = "use its .aperture, with x and nu in the aperture's own plane"
+        hint = "pass its attribute .aperture, with x and nu in the plane of the aperture"
     elif isinstance(source, Polyhedron):
-        hint = "polyhedra have a Fourier transform only"
+        hint = "only polywigner.fourier accepts a Polyhedron"
     raise ArgumentError(
         f"expected a source for {transform} (one of {accepted}, Array), got "
         f"{type(source).__name__}; {hint}"

@@ -39,36 +39,36 @@ _ZERO = Pair(0.0, 0.0)
 
 
 class Accumulator(Protocol):
-    """Sums of gradients in the numbers of a source, times the changes of these numbers."""
+    """Sums of derivatives by vertices and weights, times the changes of these numbers."""
 
     needs_vertices: bool
-    """Whether gradients in vertices are required."""
+    """Whether derivatives with respect to vertices are required."""
     needs_weights: bool
-    """Whether gradients in the weights of the elements are required."""
+    """Whether derivatives with respect to the weights of the elements are required."""
     has_constant_indices: bool
-    """Whether the indices of vertices have to be Python integers."""
+    """Whether vertex indices must be Python integers."""
 
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
-        """Return dV = sum_k at_k (normal . d vertex_k) of an edge between two numbered vertices."""
+        """Return dV = sum_k at_k (normal . d vertex_k) for an edge between two indexed vertices."""
         ...
 
     def weight(self, number: Any, gradient: Pair, of_conjugate: Pair) -> Pair:
-        """Return dV = gradient dw + of_conjugate dw* for the weight w of an element."""
+        """Return dV = gradient dw + of_conjugate dw* for the weight w of element ``number``."""
         ...
 
 
 @dataclass
 class Gradients:
-    """Derivatives of a complex value V in frequency, position and the numbers of the source."""
+    """Derivatives of a complex value V by frequency, position, vertices and weights."""
 
     frequency: list[Pair]
     position: list[Pair]
     shared: Pair
-    """Sum of the values that an accumulator returned."""
+    """Sum of the changes dV that an accumulator has returned."""
 
 
 class Axes:
-    """Coordinates along a frequency and across the frequency."""
+    """Coordinates parallel and perpendicular to a frequency."""
 
     def __init__(self, ops: Any, nu: tuple[Any, Any]) -> None:
         self.ops = ops
@@ -78,7 +78,7 @@ class Axes:
         self.along = x * inverse, y * inverse
 
     def of(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """Return the components (p, q) of a vector along and across the frequency."""
+        """Return the components (p, q) of a vector parallel and perpendicular to the frequency."""
         c, s = self.along
         return self.ops.fma(c, x, s * y), self.ops.fma(c, y, -s * x)
 
@@ -95,7 +95,7 @@ class Axes:
         wave = Pair(cosine, -sine)
         e0, e1, e2 = wave.scaled(m0), Pair(sine * m1, cosine * m1), wave.scaled(m2)
         area = e1.scaled(dq).plus(ops, e0, q)
-        product = e2.scaled(dq).plus(ops, e1, q)  # the mean of q t times the wave
+        product = e2.scaled(dq).plus(ops, e1, q)  # mean of q t times the wave over the segment
         along = product.scaled(dp).plus(ops, area, p)
         across = product.scaled(dq).plus(ops, area, q)
         return e0, e1, area, along, across
@@ -108,8 +108,9 @@ class Axes:
         return Pair(-x.imag, x.real), Pair(-y.imag, y.real)
 
 
-# Below x = _BELOW the Bessel functions are series, because the upward recurrence loses 3/x^3 ulps.
-# The first omitted term of j_2 at x = 1 is 1e-17 with _DOUBLE terms and 2e-9 with _SINGLE terms.
+# Below x = _BELOW the Bessel functions are computed by series, because the upward recurrence loses
+# 3/x^3 ulps. The first omitted term of j_2 at x = 1 is 1e-17 with _DOUBLE terms and 2e-9 with
+# _SINGLE terms.
 _BELOW, _DOUBLE, _SINGLE = 1.0, 9, 4
 
 
@@ -125,7 +126,7 @@ def _segment_moments(ops: Any, half: Any) -> tuple[Any, Any, Any]:
 
 
 def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
-    """Return j_0, j_1 and j_2 of x = 2 pi half.
+    """Return the spherical Bessel functions j_0, j_1 and j_2 of x = 2 pi half.
 
     For small x j_2 comes from its series, and j_1 = x (j_0 + j_2)/3 from its neighbours, which
     loses no digits. Otherwise both come from the upward recurrence.
@@ -135,7 +136,7 @@ def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     inverse = 1.0 / ops.select(small, 1.0, x)
     cosine, sine, ratio = cos_sin_over_turns(ops, half)
     j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
-    square = ops.select(small, x * x, 0.0)  # no overflow in the unused branch
+    square = ops.select(small, x * x, 0.0)  # clamped, so that the unused branch does not overflow
     series = square * _over_power(ops, 2, square, _DOUBLE if ops.double else _SINGLE)
     j1 = ops.select(small, (x * (1 / 3)) * (j0 + series), (j0 - cosine) * inverse)
     return j0, j1, ops.select(small, series, ops.fma(3.0 * inverse, j1, -j0))
@@ -155,7 +156,7 @@ def _over_power(ops: Any, n: int, square: Any, terms: int) -> Number:
 def fourier_gradients(
     ops: Any, tables: OutlineTables, accumulator: Accumulator, nu_x: Any, nu_y: Any
 ) -> Gradients:
-    """Return derivatives of V = F(nu) in the frame."""
+    """Return the derivatives of V = F(nu) in the frame."""
     axes = Axes(ops, (nu_x, nu_y))
     rows = [
         (*edge[:4], float(begin), float(end))
@@ -208,7 +209,7 @@ def _gradients(
     position: tuple[Any, ...],
     frequency: tuple[Any, ...],
 ) -> Gradients:
-    """Return the gradients of the transform of lag slices (``of_lags``) or of position slices."""
+    """Return the gradients of W (lag slices, ``of_lags``) or of A (position slices)."""
     weights = [Pair(1.0, 0.0)] * len(tables.groups)
     if accumulator.needs_weights:
         weights, tables = _weights(ops, tables), tables.by_element
@@ -237,7 +238,7 @@ def _gradients(
 
 
 def _weights(ops: Any, tables: Tables) -> list[Pair]:
-    """Return the weights of the elements, as data if edges are data."""
+    """Return the weights of the elements; they are data in memory if edges are data."""
     parts = [[part(w) for w in tables.weights] for part in (lambda w: w.real, lambda w: w.imag)]
     if ops.target != "data":
         return list(map(Pair, *parts))
@@ -277,7 +278,7 @@ class _WavePairGradients:
         self.amplitude = self.wave * self.mutual
 
     def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
-        """Return six complex numbers as parts.
+        """Return six complex numbers for an edge, as real and imaginary parts.
 
         They are the area, the effects of a shift of the edge along both axes, two moments, and the
         value of the accumulator.
@@ -295,7 +296,7 @@ class _WavePairGradients:
                 ops.fma(clipper.ty, side, scale * edge.ay),
             )
             for ends_sum, extent, real, imag in cuts[view]:
-                # the position of an empty part may be so large that powers overflow
+                # the position of an empty part may be so large that its powers overflow
                 ends_sum = ops.select(extent == 0.0, 1.0, ends_sum)
                 half, length = (0.5 * long) * ends_sum, long * extent
                 e0, e1, *moments = self.axes.segment(
@@ -351,19 +352,19 @@ def _weighted(value: Pair, real: Any, imag: Any) -> Pair:
 
 @dataclass(frozen=True)
 class GradientKernel:
-    """Derivatives of the sum over edges of a kernel."""
+    """Derivatives of a kernel's sum over edges."""
 
     gradients: Callable[..., Gradients]
-    """(ops, tables, accumulator, *arguments in the frame) -> derivatives."""
+    """Function (ops, tables, accumulator, *arguments in the frame) -> Gradients."""
     arguments: int
-    """Number of arguments in the frame that ``gradients`` takes, counted from the last."""
+    """Number of arguments in the frame that ``gradients`` takes; these are the last ones."""
     parts: Callable[[Pair], tuple[Any, ...]]
-    """(V) -> the kernel's sums."""
+    """Function (V) -> the values of the kernel's sum."""
     points: tuple[str, ...]
-    """The kernel's points: ``"frequency"``, ``"position"``."""
+    """Kinds of the kernel's arguments: ``"frequency"``, ``"position"``."""
 
     def changed(self, ops: Any, frame: Any, gradients: Gradients, change: Sequence[Any]) -> Pair:
-        """Return the change of V for changes of all components of all points."""
+        """Return the change of V for given changes of all components of all arguments."""
         total = gradients.shared
         for number, name in enumerate(self.points):
             # frequencies in space have three components
@@ -394,5 +395,5 @@ _KNOWN = {
 
 
 def gradient_kernel_of(kernel: Kernel) -> GradientKernel | None:
-    """Return the derivatives of a kernel, or None if Dr.Jit differentiates it."""
+    """Return the derivatives of a kernel, or None if Dr.Jit differentiates the kernel."""
     return _KNOWN.get(kernel)

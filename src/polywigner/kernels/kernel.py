@@ -1,4 +1,4 @@
-"""A transform in three steps: enter the frame, sum over edges, leave the frame.
+"""Kernels: transforms in three steps, which enter the frame, sum over edges, and leave the frame.
 
 The steps are separate so that an engine may run the first in float64 and the second in float32.
 """
@@ -21,20 +21,21 @@ class Kernel:
 
     name: str
     dimension: int
-    """Number of components of each argument."""
+    """Number of components of each argument of the transform."""
     tables: Callable[[Any, bool], Any]
-    """(source, double) -> the constants of the kernel, with ``frame`` and ``edges``; cached."""
+    """Function (source, double) -> cached constants of the kernel, with the attributes ``frame``
+    and ``edges``."""
     enter: Callable[..., Values]
-    """(ops, frame, *arguments) -> arguments in the frame."""
+    """Function (ops, frame, *arguments) -> arguments in the frame."""
     edge_sum: Callable[..., Values]
-    """(ops, tables, *arguments in the frame) -> sums over edges. It is a `SliceSum` if edges are
-    cut, and an `OutlineSum` if grids of frequencies are computed from their axes.
+    """Function (ops, tables, *arguments in the frame) -> sums over edges. It is a `SliceSum` if
+    edges are cut, and an `OutlineSum` if F on grids is computed from the axes of the grids.
     """
     leave: Callable[..., Values]
-    """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
+    """Function (ops, frame, arguments in the frame, sums) -> results in the user's units."""
 
     def tables_for(self, source: Any, double: bool) -> Any:
-        """Return the tables of a source, from its cache if it has one."""
+        """Return the tables of a source, from the cache of the source if it has one."""
         known = getattr(source, "__dict__", {}).get("_tables")
         if known is None:
             return self.tables(source, double)
@@ -45,11 +46,11 @@ class Kernel:
 
     @property
     def slices(self) -> SliceSum | None:
-        """The sum over edges if edges are cut, else None."""
+        """The sum over cut edges; None if the kernel cuts no edges."""
         return self.edge_sum if isinstance(self.edge_sum, SliceSum) else None
 
     def __call__(self, ops: Any, tables: Any, *arguments: Any) -> Values:
-        """Return the transform at arguments in the user's units, in one operations namespace."""
+        """Return the transform at arguments in the user's units, computed with ``ops``."""
         inner = self.enter(ops, tables.frame, *arguments)
         return self.leave(ops, tables.frame, inner, self.edge_sum(ops, tables, *inner))
 

@@ -1,4 +1,4 @@
-"""Numerical functions without physics.
+"""Numerical functions that contain no physics.
 
 =======================  =======================================================================
 module                   content
@@ -29,7 +29,7 @@ class Mask(Protocol):
 
 
 class Number(Protocol):
-    """A float, or an array of floats of any engine; results are of the same kind."""
+    """A float, or an array of floats of any engine. Functions return the kind that they receive."""
 
     def __add__(self, other: Any, /) -> Number: ...
     def __radd__(self, other: Any, /) -> Number: ...

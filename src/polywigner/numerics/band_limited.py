@@ -1,4 +1,4 @@
-"""Band-limited functions: interpolation in a band, and peaks between samples.
+"""Band-limited functions: interpolation over frequencies, and peaks between samples.
 
 |F|^2 of a source of width D varies on scales of 1/D and more. At a distance d from a peak along an
 axis it is at least cos^2(pi d D) times the peak. The sample next to the largest peak is therefore
@@ -23,7 +23,7 @@ _RULES = (5, 9, 17, 33, 65)
 
 
 def in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
-    """Compute smooth values at frequencies, by a polynomial if that takes fewer calls.
+    """Return smooth values at frequencies, from an interpolating polynomial if that saves calls.
 
     The number of Chebyshev nodes is doubled until the polynomial predicts the values at the next
     nodes to ``tolerance`` of the largest value.
@@ -63,7 +63,7 @@ def in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance:
 
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
-    """Return values (n, k) at frequencies (n,) of the polynomial through all nodes."""
+    """Return values (n, k) at frequencies (n,) of the polynomial through all node values."""
     low, high = nodes[[0, -1]]
     if low == high:
         return np.repeat(values[:1], len(frequencies), axis=0)
@@ -77,12 +77,12 @@ def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Comple
 # quadratic, so its relative height is accurate to the square of 4^-8, some 1e-9.
 _WINDOW, _ROUNDS = 4, 8
 _EQUAL = 1e-9
-# Largest number of samples that are refined: peaks and their neighbours.
+# Largest number of samples that are refined: samples near peaks, and their neighbours.
 _MOST = 256
 
 
 def largest(points: Floats, values: Floats, step: Floats, width: Floats) -> tuple[Floats, Floats]:
-    """Return the samples that may be next to the largest peak, the largest first.
+    """Return the samples that may be next to the largest peak, in descending order of their values.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def largest(points: Floats, values: Floats, step: Floats, width: Floats) -> tupl
 def climbed(
     evaluate: Callable[[Floats], tuple[Floats, Any]], points: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the positions (n, 2) and values (n,) of the largest peak, or of several equal ones.
+    """Return the positions (n, 2) and values (n,) of the largest peak, or of several equal peaks.
 
     Parameters
     ----------

@@ -35,7 +35,8 @@ _A = math.sqrt((_TERMS + 0.5) * math.pi)
 _SQUARES = ((np.arange(_TERMS) + 0.5) * math.pi / _A) ** 2
 _WEIGHTS = np.exp(-_SQUARES)
 _TURN = cmath.exp(-0.25j * math.pi)
-# Beyond this argument the step is 0 or 1 to the last digit.
+# Largest argument for which the step is computed. Beyond this argument, the step is 0 or 1 to the
+# last digit.
 _FARTHEST = 60.0
 
 
@@ -47,7 +48,7 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
     step at t = 0 are therefore accurate as well.
     """
     exponent = 2 * _A * _TURN * np.clip(t, -_FARTHEST, _FARTHEST)
-    # 1/(exp(z) + 1), less 1 if ``side`` is 1: -1/(exp(-z) + 1)
+    # The step minus ``side``: 1/(exp(z) + 1) for side 0, and -1/(exp(-z) + 1) for side 1.
     sign = 1.0 - 2.0 * side
     with np.errstate(over="ignore"):
         step = sign / (np.exp(sign * exponent) + 1.0)
@@ -61,15 +62,15 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
     return step, (t / (_A * _TURN)) * (square * real + 1j * imag)
 
 
-# Below _FEW_CYCLES a Gauss rule with 8 nodes is exact to rounding. Above it, differences of Fresnel
-# integrals lose at most one digit.
+# Up to _FEW_CYCLES cycles, a Gauss rule with 8 nodes is accurate to rounding. For more cycles,
+# differences of Fresnel integrals lose at most one digit.
 _RULE, _FEW_CYCLES = legendre.leggauss(8), 1 / 16
-# A curvature counts as 0 if its phase over the longest interval is below this (in half cycles).
+# Curvatures whose phase over the longest interval is below this value, in half cycles, count as 0.
 _FLAT = 1e-20
 
 
 def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
-    """Return the integral of exp(i pi (c t^2 - 2 f t)) over t from 0 to ``end``, to rounding.
+    """Return the integral of exp(i pi (c t^2 - 2 f t)) from t = 0 to ``end``, accurate to rounding.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ def _by_rule(b: Floats, c: Floats, f: Floats) -> Complex:
 
 
 def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
-    """Return the integral for c > 0; loses digits if the phase changes by little between 0 and b.
+    """Return the integral for c > 0; it is inaccurate if the phase changes little from 0 to b.
 
     The value consists of differences of (step + rest) of :func:`fresnel_tail`. The steps represent
     the point f/c of stationary phase, and are equal unless it is near 0 or b, or between them.
@@ -130,13 +131,15 @@ def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
 
 # Largest number of cycles along an edge. More cycles would need gigabytes of nodes per point.
 _MOST_CYCLES = 1e5
-# Cycles of phase on a piece of an edge, well within the range of the largest rule.
+# Number of cycles of phase on a piece of an edge. It is well within the range of the largest rule.
 _CYCLES = 200.0
-# Every fourth rule is used, which leaves two rules per factor of two.
+# Every fourth rule is used, so that there are two rules per factor of two.
 _STRIDE = 4
-# Nodes in one block, which stay in the cache of a core, and pairs of a point and an edge.
+# Largest number of nodes in a block, which stay in the cache of a core, and largest number of pairs
+# of a point and an edge in a block.
 _BLOCK, _PAIRS = 1 << 13, 1 << 16
-# Fewer nodes join the batch of the next larger rule, which costs less than a separate call.
+# Batches with fewer nodes join the batch of the next larger rule, which costs less than a separate
+# call.
 _FEW = 1 << 9
 
 
@@ -148,7 +151,7 @@ def chirp_over_intervals(intervals: Floats, q: Floats, nu: Floats) -> Complex:
 
 
 def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Complex:
-    """Return the transform over outlines, for curvatures (n, 2) and frequencies (n, 2).
+    """Return the transform over an outline, for curvatures (n, 2) and frequencies (n, 2).
 
     The first curvature is the larger one. The origin lies within the box of the outline.
     """
@@ -162,7 +165,7 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
 
 
 def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
-    """Return the sum over all edges, with a number of nodes for each edge and point."""
+    """Return the sum over all edges, with a suitable number of nodes for each edge and point."""
     cycles = _cycles(begin, edge, q, nu)
     pieces = np.ceil(cycles / _CYCLES).clip(1.0).astype(np.intp)
     points, edges = (np.repeat(n.ravel(), pieces.ravel()) for n in np.indices(cycles.shape))
@@ -179,7 +182,7 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
         for block in (members[k : k + step] for k in range(0, len(members), step)):
             owners = points[block]
             values_at_nodes = _at_nodes(start[block], extent[block], at, q[owners], nu[owners])
-            # a product by BLAS would start threads, which cost more
+            # a matrix product by BLAS would start threads, which takes longer
             total = np.einsum("kn,n->k", values_at_nodes, weights)
             np.add.at(values, owners, total * (0.5 * extent[block, 1]))
     return values
@@ -191,7 +194,7 @@ def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
         most = np.maximum(most, np.maximum(abs(first + second), abs(second)))
-    most = np.where(np.isfinite(most), most, 0.0)  # such points have the value NaN
+    most = np.where(np.isfinite(most), most, 0.0)  # the result at such points is NaN
     if (most > _MOST_CYCLES).any():
         raise ArgumentError(
             f"expected a curved wave of up to {_MOST_CYCLES:.0e} cycles of phase along an edge, "

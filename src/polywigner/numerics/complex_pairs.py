@@ -12,7 +12,7 @@ from polywigner.numerics.phases import cos_sin_turns
 
 @dataclass(frozen=True)
 class Pair:
-    """real + i imag, of any engine's arrays or Python floats."""
+    """The complex number real + i imag, for arrays of any engine or Python floats."""
 
     real: Any
     imag: Any
@@ -43,7 +43,7 @@ class Pair:
         return Pair(ops.fma(other.real, factor, self.real), ops.fma(other.imag, factor, self.imag))
 
     def norm(self) -> Number:
-        """Return squared modulus."""
+        """Return the squared modulus."""
         return self.real * self.real + self.imag * self.imag
 
 

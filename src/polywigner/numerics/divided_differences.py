@@ -18,11 +18,11 @@ from typing import Any
 from polywigner.numerics.complex_pairs import Pair, select
 from polywigner.numerics.phases import cos_sin_turns, mean_plane_wave
 
-# If the phases are closer together than this (in cycles; 0.63 rad), the Taylor series is summed.
-# Otherwise the recursion divides by at least 0.63, so errors grow by at most 1/0.63 per order.
+# Distance of phases in cycles (0.63 rad) below which the Taylor series is summed. At larger
+# distances, the recursion divides by at least 0.63, so errors grow by at most 1/0.63 per order.
 _SERIES_BELOW = 0.1
-# First omitted term of the series at k = 16 and 9, for triangles (k+1) 0.63^k/(k+2)!: 2e-18 and
-# 7e-9; for tetrahedra (k+1)(k+2)/2 0.63^k/(k+3)!: 1e-19 and 6e-9.
+# The series has 16 terms in double and 9 in single precision. The first omitted term for triangles
+# is (k+1) 0.63^k/(k+2)!: 2e-18 and 7e-9; for tetrahedra (k+1)(k+2)/2 0.63^k/(k+3)!: 1e-19 and 6e-9.
 _TERMS_DOUBLE, _TERMS_SINGLE = 16, 9
 
 
@@ -51,13 +51,13 @@ def _conjugate_difference(ops: Any, corners: Sequence[Any]) -> Pair:
     # (ahead - behind)/(2 pi i distance)
     divisor = 2 * math.pi * ops.select(small, 1.0, last - first)
     quotient = Pair((ahead.imag - behind.imag) / divisor, (behind.real - ahead.real) / divisor)
-    # Arguments of the series are clamped to its domain, so that an unused branch does not overflow.
+    # Arguments of the series are clamped to its range, so that an unused branch does not overflow.
     near = [ops.select(small, corner, 0.0) * (2 * math.pi) for corner in corners]
     return select(ops, small, _series(ops, near), quotient)
 
 
 def _shifted(ops: Any, origin: Any, others: Sequence[Any]) -> Pair:
-    """Return the conjugate divided difference at ``origin`` and the others."""
+    """Return the conjugate divided difference at ``origin`` and the other phases."""
     phase = Pair(*cos_sin_turns(ops, origin))
     return phase * _conjugate_difference(ops, [other - origin for other in others])
 
@@ -83,7 +83,8 @@ def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]
 def _series(ops: Any, nodes: Sequence[Any]) -> Pair:
     """Return sum_k i^k h_k/(k + n)! of n nodes in radians."""
     count = len(nodes)
-    powers: list[Any] = [nodes[-1]]  # h_k of the last node, of the last two, ...
+    # these are h_k of the last node, then of the last two nodes, and so on
+    powers: list[Any] = [nodes[-1]]
     for node in nodes[-2::-1]:
         powers.append(node + powers[-1])
     sums = [1 / math.factorial(count), powers[-1] * (1 / math.factorial(count + 1))]

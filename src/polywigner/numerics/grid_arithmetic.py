@@ -13,20 +13,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-# Veltkamp's splitting constant, 2^ceil(p/2) + 1 for p = 53 bits.
+# Splitting constant of Veltkamp's algorithm, 2^ceil(p/2) + 1 for p = 53 bits.
 _SPLIT = 134217729.0
 
 Floats = npt.NDArray[np.float64]
 
 
 def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Return vertices as multiples of ``step`` without repeats, and a mask of the vertices kept."""
+    """Return vertices as multiples of ``step``, without repeats, and a mask of those kept."""
     points = np.round(polygon / step) * step + 0.0
     distinct = (points != np.roll(points, 1, axis=0)).any(axis=1)
     return points[distinct], distinct
 
 
-# Pairs of a side and a vertex at a time, so that temporary arrays stay in the cache of a core.
+# Largest number of pairs of a side and a vertex at a time, so that temporary arrays stay in the
+# cache of a core.
 _BLOCK = 1 << 16
 
 
@@ -38,7 +39,7 @@ def accurate_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
 
 
 def product_error(a: Any, b: Any, product: Any) -> Any:
-    """Return a b minus its rounded value, exactly (Dekker)."""
+    """Return the exact difference of a b and its rounded value ``product`` (Dekker)."""
     a_high = a * _SPLIT
     a_high = a_high - (a_high - a)
     b_high = b * _SPLIT
@@ -48,14 +49,14 @@ def product_error(a: Any, b: Any, product: Any) -> Any:
 
 
 def _is_convex(polygon: Floats) -> bool:
-    """Return whether a ring is convex and winds once, with vertices on straight sides allowed."""
+    """Return whether a ring is convex and winds once; vertices on straight sides are allowed."""
     before = polygon - np.roll(polygon, 1, axis=0)
     following = np.roll(polygon, -1, axis=0) - polygon
     crosses = accurate_cross(*before.T, *following.T)
     ahead = (before * following).sum(axis=1)
     if (crosses < 0).any() or ((crosses == 0) & (ahead <= 0)).any():
         return False
-    # a sum of 2 pi for one round, more for several rounds
+    # the angles add up to 2 pi for one turn, and to more for several turns
     return bool(np.arctan2(crosses, ahead).sum() < 3 * np.pi)
 
 
@@ -66,7 +67,7 @@ def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
     rounding moves the vertices.
     """
     ends = np.roll(piece, -1, axis=0)
-    # a wide margin finds candidates, which are then tested exactly
+    # a wide margin finds candidates, which are tested exactly afterwards
     size = 1e-12 * float(np.abs(vertices).max())
     step, candidates = max(1, _BLOCK // len(vertices)), []
     for start in range(0, len(piece), step):
@@ -95,7 +96,7 @@ def _on_line(a: Floats, b: Floats, c: Floats) -> bool:
 
 
 def signed_convex_pieces(pieces: Sequence[Floats]) -> list[tuple[Floats, float]]:
-    """Return exactly convex pieces with weights, whose sum is the union of the rounded pieces.
+    """Return convex pieces on the grid and weights; their weighted sum is the union of pieces.
 
     Rounding may make a piece non-convex, or reverse the orientation of a sliver. Such a piece is
     divided into triangles with weights 1 or -1. The triangles share their inner sides exactly, so

@@ -12,14 +12,14 @@ from typing import Any
 from polywigner.numerics import Mask, Number
 from polywigner.numerics.phases import cos_sin_turns
 
-# Floor of divisors: derivatives of roots and angles closer to 0 are not resolved.
+# Smallest divisor. Derivatives of roots and angles closer to 0 are not resolved.
 _LEAST = 1e-150
 
 Slopes = tuple[Any, ...]
 
 
 class Jet:
-    """A number and its derivatives in some variables, for arrays of any engine; () for a constant.
+    """A number, or array, and its derivatives by some variables; () for a constant.
 
     All arrays in a formula must be jets, because Dr.Jit arrays do not accept jets as operands.
     """
@@ -28,7 +28,7 @@ class Jet:
         self.ops, self.value, self.slopes = ops, value, slopes
 
     def through(self, value: Any, rate: Any) -> Jet:
-        """Return a function of this number, by its value and its derivative."""
+        """Return a function of this number, from the function's value and derivative there."""
         return Jet(self.ops, value, tuple(rate * slope for slope in self.slopes))
 
     def __add__(self, other: Any) -> Jet:
@@ -84,13 +84,13 @@ def _value(number: Any) -> Number:
 
 
 class JetOperations:
-    """Operations of an engine for jets and Python's floats."""
+    """Operations of an engine on jets and on Python floats."""
 
     def __init__(self, ops: Any) -> None:
         self._ops, self.double = ops, ops.double
 
     def variables(self, values: Sequence[Any]) -> tuple[Jet, ...]:
-        """Return jets of numbers, such as coordinates, with derivatives in each of them."""
+        """Return jets of numbers, such as coordinates, which are the variables of derivatives."""
         count = range(len(values))
         return tuple(
             Jet(self._ops, value, tuple(0.0 * value + float(m == n) for m in count))
@@ -98,7 +98,7 @@ class JetOperations:
         )
 
     def constants(self, values: Iterable[Any]) -> tuple[Jet, ...]:
-        """Return numbers that do not depend on the variables."""
+        """Return jets of numbers that do not depend on the variables."""
         return tuple(Jet(self._ops, value) for value in values)
 
     def select(self, condition: Any, a: Any, b: Any) -> Jet:
@@ -146,7 +146,7 @@ def flattened(numbers: Iterable[Any]) -> list[Any]:
 
 
 def rebuilt(like: Iterable[Any], parts: Iterable[Any]) -> list[Any]:
-    """Return numbers such as ``like`` from their :func:`flattened` parts."""
+    """Return numbers with the structure of ``like`` from their :func:`flattened` parts."""
     remaining = iter(parts)
     return [
         Jet(number.ops, next(remaining), tuple(next(remaining) for _ in number.slopes))

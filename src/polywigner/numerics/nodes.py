@@ -24,15 +24,15 @@ from polywigner.numerics import Number
 Rules = tuple[npt.NDArray[np.float64], ...]
 """Tables (n, 4) of node, weight, and the weights that give the last two Legendre coefficients."""
 
-# Number of rules per factor of two, and sizes of the smallest and the largest rule. On average a
-# rule has a sixteenth more nodes than necessary.
+# Number of rules per factor of two, and numbers of nodes of the smallest and the largest rule. On
+# average a rule has a sixteenth more nodes than necessary.
 _STEPS, _SMALLEST, _LARGEST = 8, 4, 724
 _SIZES = tuple(
     math.ceil(_SMALLEST * 2 ** (k / _STEPS))
     for k in range(math.ceil(_STEPS * math.log2(_LARGEST / _SMALLEST)) + 1)
 )
-# u of the ellipses that are tried. The smallest ellipse passes through i. For singularities closer
-# than that there is the bound with _CHORD and _GROWTH.
+# Parameters u of the ellipses that are tried for the error bound. The smallest ellipse passes
+# through i. For singularities inside this ellipse, the bound with _CHORD and _GROWTH applies.
 _ELLIPSES = (math.asinh(1.0), 1.2, 1.6, 2.1, 2.8)
 # Constants of the bounds u >= 0.88 sinh u and sinh u <= 1.135 u, which hold for sinh u up to 1.
 _CHORD, _GROWTH = 0.88, 1.135
@@ -41,21 +41,21 @@ _CHORD, _GROWTH = 0.88, 1.135
 # evanescent waves and tolerances from 0.1 to 1e-9. Without it, a few errors in 10,000 were larger
 # than estimated.
 _SAFETY = 8.0
-# If squared coefficients exceed the expected ones by this factor, the estimate does not rely on the
-# expected size M.
+# If the sum of squared coefficients exceeds the expected sum by this factor, the error estimate
+# does not rely on the expected size M.
 _SURPRISE = 1e3
-# Number of sums of :func:`node_sums`.
+# Number of values that :func:`node_sums` returns.
 SUMS = 7
 
 
 @lru_cache(maxsize=1)
 def gauss_rules() -> Rules:
-    """Return the rules from the smallest to the largest."""
+    """Return all rules, from the smallest to the largest."""
     return tuple(gauss_legendre(n) for n in _SIZES)
 
 
 def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
-    """Return the rule with n nodes, (n, 4).
+    """Return the rule with n nodes as a table (n, 4).
 
     Nodes by Newton's method from Tricomi's approximation, which is good to 1/n^4.
     """
@@ -73,7 +73,7 @@ def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
 
 
 def _legendre(n: int, x: npt.NDArray[np.float64]) -> tuple[Any, Any]:
-    """Return P_n(x) and P_{n-1}(x)."""
+    """Return the Legendre polynomials P_n(x) and P_{n-1}(x)."""
     before, last = np.ones_like(x), x
     for k in range(2, n + 1):
         before, last = last, ((2 * k - 1) * x * last - (k - 1) * before) / k
@@ -81,7 +81,7 @@ def _legendre(n: int, x: npt.NDArray[np.float64]) -> tuple[Any, Any]:
 
 
 def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return the number of nodes for an error of exp(-digits) of the integrand's size.
+    """Return the number of nodes for an error of exp(-digits), relative to the integrand's size.
 
     Parameters
     ----------
@@ -116,14 +116,14 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
 
 
 def rule_of(ops: Any, needed: Any) -> Number:
-    """Return the index of the smallest rule with ``needed`` nodes, or of the largest rule."""
-    # The offset is slightly below 0.5, so that exact sizes are not rounded up.
+    """Return the index of the smallest rule with ``needed`` nodes or more, or of the largest."""
+    # the offset is slightly below 0.5, so that exact sizes are not rounded up
     steps = (_STEPS / math.log(2)) * ops.log(ops.maximum(needed, 1.0) * (1 / _SMALLEST))
     return ops.minimum(ops.maximum(ops.round(steps + 0.4999), 0.0), len(_SIZES) - 1.0)
 
 
 def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tuple[Any, ...]:
-    """Return the terms of a node: integral, size, and the last two Legendre coefficients."""
+    """Return the terms of one node for the integral, its size, and the last two coefficients."""
     size = weight * (abs(real) + abs(imag))
     return (
         real * weight, imag * weight, size,
@@ -145,9 +145,9 @@ def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: A
     ratio = ((a * a + b * b) + (c * c + d * d)) / (mean * mean + floor)
     as_expected = ratio < _SURPRISE * ops.exp(2.0 * last)
     estimate = ops.select(as_expected, ratio * ops.exp(-growth), ratio)
-    # accidentally small coefficients do not reduce the estimate below the planned error
+    # coefficients that are small by accident do not reduce the estimate below the planned error
     least = ops.minimum(ops.sqrt(ratio), ops.exp(-digits))
-    # the error is at most the size itself
+    # the error is at most the size of the integral
     fraction = ops.minimum(_SAFETY * ops.maximum(estimate, least), 2.0)
     return mean * (fraction + ulp * (4.0 + 2.0 * cycles))
 
@@ -174,7 +174,7 @@ def normal_rule(reach: float, error: float) -> Rule:
 
 @lru_cache(maxsize=64)
 def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
-    """Return nodes (n, d) and weights (n,) for t of d independent components, each with its reach.
+    """Return nodes (n, d) and weights (n,) for d independent normal variables, with a reach each.
 
     The nodes of least weight are left out, as long as their weights add up to a tenth of the error.
     """
@@ -202,7 +202,7 @@ def flat_rule(reach: float, error: float) -> Rule:
 
 
 def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
-    """Return numbers of Gauss-Legendre nodes on [-1, 1] for exp(i f(x)) with |f'| <= ``radians``.
+    """Return numbers of Gauss-Legendre nodes on [-1, 1] for exp(i f(x)), |f'| <= ``radians``.
 
     f is linear or quadratic, except for small terms. The error of n nodes is about the sum of the
     terms of order 2n and higher in the Chebyshev series. For exp(i w x) these terms are Bessel
@@ -218,7 +218,7 @@ def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
 def _fewest(
     remainder: Callable[[int], float], error: float, below: int | None = None
 ) -> int | None:
-    """Return the smallest number of nodes whose remainder, a logarithm, is within the error."""
+    """Return the smallest number of nodes whose remainder (a logarithm) is within the error."""
     allowed = math.log(error)
     for n in count(1) if below is None else range(1, below):
         if remainder(n) <= allowed:

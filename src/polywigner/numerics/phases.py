@@ -1,4 +1,4 @@
-"""Phases nu.p in cycles from error-free products, and sine and cosine of cycles by polynomials.
+"""Phases nu.p in cycles from error-free products; sine and cosine of cycles by polynomials.
 
 Large phases keep all digits. A number, also a spatial frequency, may be ``Doubled``: the unrounded
 sum of two floats.
@@ -27,7 +27,7 @@ _SINE_SINGLE = (
 
 
 def polynomial(ops: Any, coefficients: Sequence[float], x: Any) -> Number:
-    """Return the sum of c_k x^k, by Horner's rule."""
+    """Return the sum of c_k x^k, computed by Horner's rule."""
     *others, before, last = coefficients
     total = ops.fma(x, last, before)
     for c in others[::-1]:
@@ -56,7 +56,7 @@ def sin_turns(ops: Any, cycles: Any) -> Number:
 
 def cos_sin_turns(ops: Any, cycles: Any) -> tuple[Any, Any]:
     """Return cos(2 pi cycles) and sin(2 pi cycles)."""
-    if hasattr(ops, "cos_sin_turns"):  # jets: each function is the derivative of the other
+    if hasattr(ops, "cos_sin_turns"):  # for jets, each function is the derivative of the other
         cosine, sine = ops.cos_sin_turns(cycles)
         return cosine, sine
     r = cycles - ops.round(cycles)
@@ -78,15 +78,15 @@ def sinc(ops: Any, cycles: Any) -> Any:
     half = 0.5 * cycles
     reduced = half - ops.round(half)
     ratio = _sine_over_reduced(ops, reduced)
-    # No division by a small number: the error of derivatives of the quotient would be an ulp
-    # divided by the cycles.
+    # There is no division by a small number, because the derivative of the quotient would have an
+    # error of an ulp divided by the cycles.
     near = abs(half) < 0.5
     quotient = ratio * reduced / ops.select(near, 1.0, half)
     return ops.select(near, ratio, quotient) * (0.5 / math.pi)
 
 
 def sinc_less_one(ops: Any, cycles: Any, terms: int) -> Any:
-    """Return sinc(cycles) - 1 by its series, to full relative accuracy for small arguments."""
+    """Return sinc(cycles) - 1 by its series, with full relative accuracy for small arguments."""
     square = (math.pi * cycles) * (math.pi * cycles)
     series: Any = 0.0
     for k in range(terms, 0, -1):
@@ -106,19 +106,20 @@ def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
 
 Doubled = tuple[Any, Any]
 
-# Splits a float64 into a number of 24 bits, which float32 represents, and a remainder.
+# Splitting constant that separates a float64 into a number of 24 bits, which float32 represents
+# exactly, and a remainder.
 _SPLIT = 2.0**29 + 1
 
 
 def doubled(value: Fraction | float, double: bool = True) -> tuple[float, float]:
-    """Return a number as its nearest float64, or float32, and the remainder."""
+    """Return a number as the nearest float64, or float32, and the remainder."""
     exact = Fraction(value)
     high = float(exact) if double else float(np.float32(float(exact)))
     return high, float(exact - Fraction(high))
 
 
 def dot(ops: Any, nu: tuple[Any, ...], point: tuple[Any, ...]) -> Doubled:
-    """Return nu.point as (sum, low-order part).
+    """Return nu.point as a sum and its low-order part.
 
     The components of both vectors are floats or ``Doubled``. The error is about the square of an
     ulp of |nu| |point|, also if the products cancel.
@@ -146,7 +147,7 @@ def _product(ops: Any, nu: Any, coordinate: Any) -> Doubled:
 
 
 def _fitting(ops: Any, constant: float) -> tuple[float, float]:
-    """Return a constant as the two floats that float32 needs for it."""
+    """Return a constant as two float32 numbers, or as a float64 and 0."""
     return (constant, 0.0) if ops.double else doubled(constant, False)
 
 
@@ -165,7 +166,7 @@ def difference(a: Any, b: Any) -> Doubled:
 
 
 def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Number:
-    """Return a d - b c with an error of about the square of an ulp of the products."""
+    """Return a d - b c with an error of about the squared ulp of the products."""
     lost = (a[0] * d[1] + a[1] * d[0]) - (b[0] * c[1] + b[1] * c[0])
     return ops.cross(a[0], b[0], c[0], d[0]) + lost
 
@@ -181,24 +182,24 @@ def halves(ops: Any, number: Doubled) -> Doubled:
 
 
 def reduced(ops: Any, cycles: Doubled) -> Any:
-    """Return a ``Doubled`` modulo 1."""
+    """Return a number of cycles, given as two floats, modulo 1."""
     total, low = cycles
     return (total - ops.round(total)) + low
 
 
 def cycles_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Number:
-    """Return nu.centre modulo 1."""
+    """Return the phase nu.centre in cycles, modulo 1."""
     return reduced(ops, dot(ops, nu, centre))
 
 
 def less_carrier(ops: Any, frame: Any, cycles: Any, *xi: Any) -> Number:
-    """Return ``cycles`` less the phase of the frame's carrier along a lag, modulo 1."""
+    """Return ``cycles`` minus the phase of the frame's carrier along a lag, modulo 1."""
     if not any(frame.carrier):
         return cycles
     return cycles - cycles_to_centre(ops, frame.carrier, *xi)
 
 
 def rotated(ops: Any, cycles: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
-    """Return (cosine - i sine) exp(-2 pi i cycles) as (real, imaginary) parts."""
+    """Return (cosine - i sine) exp(-2 pi i cycles) as (real, imaginary)."""
     c, s = cos_sin_turns(ops, cycles)
     return cosine * c - sine * s, -(cosine * s + sine * c)

@@ -27,8 +27,9 @@ from polywigner.source.lattices import checked_sites, checked_weights, joint_bou
 Element = Aperture | PlacedAperture | Polyhedron | Slits
 _E = TypeVar("_E")
 
-# Largest distance of an element in the plane z = 0 from that plane, as a fraction of its diameter,
-# and its largest tilt in radians: the rounding of a product of several poses.
+# Limits for elements in the plane z = 0: the distance from that plane, as a fraction of the
+# element's diameter, and the tilt in radians. Products of several poses have rounding errors of
+# this size.
 _IN_PLANE = 1e-12
 
 
@@ -37,15 +38,15 @@ def _checked_elements(elements: Any) -> tuple[Element, ...]:
     items = tuple(elements) if isinstance(elements, Iterable) else ()
     if not items:
         got = "none" if isinstance(elements, Iterable) else f"one {type(elements).__name__}"
-        raise ArgumentError(f"{expected}, got {got}; put it into a list")
+        raise ArgumentError(f"{expected}, got {got}; pass a list of elements")
     for k, element in enumerate(items):
         if not isinstance(element, Element):
-            hint = "; join its elements and weights" if isinstance(element, Array) else ""
+            hint = "; pass its elements and weights" if isinstance(element, Array) else ""
             raise ArgumentError(f"{expected}, got {type(element).__name__} as element {k}{hint}")
     if len({isinstance(element, Slits) for element in items}) > 1:
         raise ArgumentError(
-            "expected elements of one space, got Slits (one dimension) and others; "
-            "make rectangles of the slits with polywigner.shapes.rectangle"
+            "expected elements of equal dimension, got Slits (one dimension) and other elements; "
+            "replace the slits by rectangles of polywigner.shapes.rectangle"
         )
     return items
 
@@ -68,8 +69,8 @@ def aperture_in_plane(number: int, element: Element) -> Aperture:
             got = ""
     if got:
         raise GeometryError(
-            f"expected elements in the plane z = 0, got {got} for element {number}; of the "
-            "transforms, only polywigner.fourier accepts other elements"
+            f"expected elements in the plane z = 0, got {got} for element {number}; only the "
+            "transform polywigner.fourier accepts elements outside this plane"
         )
     assert isinstance(element, PlacedAperture)
     plane = rotation[:2, :2]
@@ -81,7 +82,8 @@ def aperture_in_plane(number: int, element: Element) -> Aperture:
     return Aperture(outline).with_illumination(rotated.moved(shift[:2]))
 
 
-# Largest relative difference of equal curvatures: the rounding of rotations and of files.
+# Largest relative difference of curvatures that count as equal: the rounding of rotations and of
+# files.
 _SAME = 1e-12
 
 
@@ -96,9 +98,9 @@ def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
         difference = float(np.abs(wave.curvature - first.curvature).max())
         if difference > allowed or (wave.coherence_width, wave.wavelength) != properties:
             raise IlluminationError(
-                f"expected elements with one curvature and coherence width, got {wave!r} as "
-                f"element {k} and {first!r}; make an array of the elements with equal waves, and "
-                "add the fields"
+                f"expected elements with equal curvature and coherence width, got {wave!r} as "
+                f"element {k} and {first!r} as element 0; make a separate array of the elements "
+                "with equal waves, and add the fields of the arrays"
             )
     factors = checked_weights(weights, len(waves))
     # If the centre c of a wave is at a distance d from the centre of the first wave, the waves
@@ -126,7 +128,7 @@ class PathLengths:
 
 
 def _with_phases(array: Array, cycles: NDArray[np.float64], slopes: NDArray[np.float64]) -> Array:
-    """Return the array with element k multiplied by exp(2 pi i (cycles_k + slopes_k.x))."""
+    """Return an array with element k multiplied by exp(2 pi i (cycles_k + slopes_k.x))."""
     pairs = zip(array.elements, slopes, strict=True)
     elements = [_tilted(element, slope) for element, slope in pairs]
     return Array(elements, array.weights * np.exp(2j * np.pi * (cycles - np.round(cycles))))
@@ -192,7 +194,7 @@ class Array(TakesWaves):
         self.__dict__.update(elements=items, weights=factors, repeated=None, paths=None)
 
     def with_paths(self, paths: PathLengths | None) -> Array:
-        """Return this array with a record of its phases that are due to path lengths.
+        """Return this array with its path lengths recorded, for conversion to other wavelengths.
 
         Raises
         ------
@@ -201,7 +203,9 @@ class Array(TakesWaves):
         """
         size = len(self.weights)
         if paths is not None and not len(paths.cycles) == len(paths.slopes) == size:
-            raise ArgumentError(f"expected path lengths of {size} elements, got {paths!r:.80}")
+            raise ArgumentError(
+                f"expected path lengths for each of {size} elements, got {paths!r:.80}"
+            )
         array = Array(self.elements, self.weights)
         array.__dict__["paths"] = paths
         return array
@@ -219,13 +223,14 @@ class Array(TakesWaves):
     @cached_property
     def elements(self) -> tuple[Element, ...]:
         """The elements, each with its field."""
-        assert self.repeated is not None  # otherwise __init__ has set the elements
+        # elements are set by __init__, unless the array is a phased array
+        assert self.repeated is not None
         element, positions = self.repeated
         return tuple(element.moved(position) for position in positions)
 
     @property
     def distinct(self) -> tuple[Element, ...]:
-        """The different elements: a `phased_array` has one."""
+        """Distinct elements: a `phased_array` has one."""
         return self.elements if self.repeated is None else (self.repeated[0],)
 
     @property
@@ -367,9 +372,11 @@ def phased_array(
     return array
 
 
-# Largest number of pairs that are tested at once: a million equal positions have 5e11 pairs.
+# Largest number of pairs that are intersected at once: a million equal positions would have 5e11
+# pairs.
 _MOST_PAIRS = 1000
-# Largest overlap of elements that touch, as a fraction of an element: rounding.
+# Largest overlap of elements that count as touching, as a fraction of the area of an element. It
+# exceeds rounding errors.
 _TOUCHING = 1e-9
 # Number of elements per query of the search tree.
 _ROWS = 32
@@ -383,7 +390,7 @@ def warn_of_overlaps(array: Array) -> None:
     if array.repeated is None:
         try:
             elements = array.elements_in_plane
-        except GeometryError:  # elements in space have no common plane
+        except GeometryError:  # elements with different poses have no common plane
             return
         outlines = np.array([_outline(element) for element in elements], object)
     else:
@@ -405,15 +412,15 @@ def warn_of_overlaps(array: Array) -> None:
         if len(overlaps):
             worst = overlaps[shared[overlaps].argmax()]
             warn_caller(
-                f"elements {first[worst]} and {second[worst]}, counted from 0, overlap by "
-                f"{shared[worst]:.4g} {'m' if array.dimension == 1 else 'm^2'}: their fields add "
-                "up there; check the positions, their unit and the element's size"
+                f"elements {first[worst]} and {second[worst]} (counted from 0) overlap by "
+                f"{shared[worst]:.4g} {'m' if array.dimension == 1 else 'm^2'}, where their fields "
+                "add up; check the positions, their unit and the size of the elements"
             )
             return
 
 
 def _outline(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygon:
-    """Return the outline of an aperture, or rectangles of height 1 for slits."""
+    """Return the outline of an aperture, or rectangles of height 1 that represent slits."""
     if isinstance(element, Aperture):
         return element.polygons
     begin, end = element.intervals.T
@@ -423,7 +430,7 @@ def _outline(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygo
 def repeated_element(
     element: Aperture | Slits, positions: ArrayLike, weights: ArrayLike | None = None
 ) -> Array:
-    """Return the :func:`phased_array` of an element with a flat wave, without the warning."""
+    """Return the :func:`phased_array` of an element with a flat wave; overlaps are not checked."""
     if not isinstance(element, Aperture | Slits):
         raise ArgumentError(
             f"expected an Aperture or Slits to repeat, got {type(element).__name__}; use "
@@ -436,8 +443,8 @@ def repeated_element(
     return array
 
 
-# Largest number of pairs of convex pieces of an automean: the union of all pairs takes 0.7 s for 30
-# pieces, and 2.3 s for 60 pieces, whose union has 60,000 trapezoids.
+# Largest number of pairs of convex pieces for which the automean is computed. The union of all
+# pairs takes 0.7 s for 30 pieces. It takes 2.3 s for 60 pieces and then has 60,000 trapezoids.
 _MOST_AUTOMEAN_PAIRS = 500
 
 

@@ -110,7 +110,7 @@ def triangular_positions(
 def _rows(
     nx: int, ny: int, pitch_x: float, pitch_y: float | None, stretch: float, is_staggered: bool
 ) -> Positions:
-    """Return rows of a lattice; `stretch`: default of pitch_y in units of pitch_x."""
+    """Return rows of a lattice; `stretch` is the default of pitch_y as a multiple of pitch_x."""
     columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
     _check_number(columns * rows)
     across = checked_length(pitch_x, "pitch_x")
@@ -122,7 +122,7 @@ def _rows(
 
 
 def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
-    """Return concentric rings with counts[k] elements at equal angles on the radius radii[k].
+    """Return concentric rings: counts[k] elements at equal angles on a circle of radius radii[k].
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
         )
     _check_number(sum(numbers))
     if any(size == 0 and number > 1 for size, number in zip(sizes, numbers, strict=True)):
-        raise ArgumentError("expected one element at radius 0, got several; use a count of 1")
+        raise ArgumentError("expected one element at radius 0, got several; use the count 1")
     angles = [2 * np.pi * np.arange(n) / n for n in numbers]
     rings = [r * np.stack([np.cos(a), np.sin(a)], 1) for r, a in zip(sizes, angles, strict=True)]
     return np.concatenate(rings) + 0.0
@@ -206,13 +206,13 @@ def thinned(
     most = float(density.mean() / density.max())
     if not 0 < fraction <= most:
         raise ArgumentError(
-            f"expected fill above 0 and up to {most:.6g} (mean/peak of the taper), "
+            f"expected fill above 0 and up to {most:.6g}, the mean of the taper over its peak, "
             f"got {value_text(fill)}"
         )
     random = np.random.default_rng(checked_count(seed, "seed", 0))
     is_drawn = random.random(len(layout)) < density * (fraction / density.mean())
     if not is_drawn.any():
-        raise ArgumentError("expected an element to be drawn, got none; try another seed")
+        raise ArgumentError("no element was drawn with this seed; use another seed or more fill")
     return layout[is_drawn]
 
 
@@ -226,11 +226,11 @@ def _check_number(elements: int) -> None:
 
 
 def _steps(count: int) -> NDArray[np.int64]:
-    """Return -(n - 1), -(n - 3), ..., n - 1: twice the positions of a centred row of step 1."""
+    """Return -(n - 1), -(n - 3), ..., n - 1: twice the positions of a centred row with step 1."""
     return 2 * np.arange(count) - (count - 1)
 
 
-# Largest difference of coordinates of virtual elements that count as equal, as a fraction of the
+# Largest difference of coordinates that count as equal for virtual elements, as a fraction of the
 # largest coordinate: the rounding of sums.
 _EQUAL_POSITIONS = 1e-12
 
@@ -336,8 +336,8 @@ def steering_weights(
     towards = unit_vector(direction) if positions.shape[1] == 3 else transverse(direction)
     if len(towards) != positions.shape[1]:
         raise ArgumentError(
-            f"expected a direction with {positions.shape[1]} components, as positions have, got "
-            f"{len(towards)}"
+            f"expected a direction with as many components as the positions, "
+            f"{positions.shape[1]}, got {len(towards)}"
         )
     return np.exp(2j * np.pi * (positions @ (towards / checked_length(wavelength, "wavelength"))))
 
@@ -378,8 +378,8 @@ def focusing_weights(
     if not focus[2] > 0:
         raise ArgumentError(f"{expected}, got {value_text(point)}")
     rays = focus - np.pad(positions, ((0, 0), (0, 1)))
-    total = np.linalg.norm(rays, axis=1) + np.linalg.norm(focus)  # R_k + R
-    # R_k - R = (R_k^2 - R^2)/(R_k + R), without cancellation
+    total = np.linalg.norm(rays, axis=1) + np.linalg.norm(focus)  # this is R_k + R
+    # path is R_k - R = (R_k^2 - R^2)/(R_k + R), without cancellation
     path = ((positions - 2 * focus[:2]) * positions).sum(axis=1) / total
     return np.exp(-2j * np.pi * path / checked_length(wavelength, "wavelength"))
 
@@ -415,15 +415,22 @@ def window_weights(
     """
     sizes = tuple(shape) if isinstance(shape, Sequence) else (shape,)
     if len(sizes) not in (1, 2):
-        raise ArgumentError(f"expected a shape of n or (nx, ny), got {value_text(shape)}")
+        raise ArgumentError(
+            "expected shape as a number of elements n, or as numbers (nx, ny), got "
+            f"{value_text(shape)}"
+        )
     names = (window,) * len(sizes) if isinstance(window, str) else window
     if not isinstance(names, Sequence) or len(names) != len(sizes):
-        raise ArgumentError(f"expected {len(sizes)} windows, got {value_text(window)}")
+        raise ArgumentError(
+            f"expected the name of a window, or {len(sizes)} names, one for each axis, got "
+            f"{value_text(window)}"
+        )
     decibels, zeros = checked_sidelobes(sll, nbar)
     _check_number(math.prod(checked_count(n, "shape", 1) for n in sizes))
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     weights = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
-    # If few sidelobes decay slowly, the amplitude with the largest modulus may be negative.
+    # For Taylor windows with a very small sll (1 dB), the weight with the largest modulus may be
+    # negative. Division by it makes that peak +1.
     return np.asarray(weights / weights[np.abs(weights).argmax()])
 
 
@@ -437,7 +444,7 @@ def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]
     if name == "taylor":
         return np.asarray(windows.taylor(count, nbar=nbar, sll=sll, norm=True, sym=True))
     with warnings.catch_warnings():
-        # Below 45 dB scipy warns about spectral analysis, which does not concern arrays.
+        # Below 45 dB, scipy warns about errors in spectral analysis, which do not concern arrays.
         warnings.simplefilter("ignore")
         return np.asarray(windows.chebwin(count, at=sll))
 
@@ -518,7 +525,7 @@ def read_elements(
 
 
 def _columns(text: str) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of a table by name; without a line of names they are x and y."""
+    """Return the columns of a table by name; a table without names has the columns x and y."""
     rows = table_rows(text)
     names = [name.lower() for name in rows[0][1]] if rows else []
     has_names = len(names) != 2 or set(names) & set(_COLUMNS)
@@ -526,8 +533,8 @@ def _columns(text: str) -> dict[str, NDArray[np.float64]]:
     has_both = {"re", "im"} & set(names) and {"amplitude", "phase"} & set(names)
     if len({"x", "y", *names}) != len(names) or not set(names) <= set(_COLUMNS) or has_both:
         raise FileFormatError(
-            "expected the columns x, y, (amplitude, phase) or (re, im), and angle, each once, got "
-            f"{value_text(', '.join(names))}"
+            "expected each column once: x and y; optionally amplitude and phase, or re and im; "
+            f"optionally angle; got {value_text(', '.join(names))}"
         )
     values = []
     for number, fields in rows:
@@ -537,9 +544,9 @@ def _columns(text: str) -> dict[str, NDArray[np.float64]]:
             values.append([])
         if len(values[-1]) != len(names) or not np.isfinite(values[-1]).all():
             raise FileFormatError(
-                f"expected {len(names)} numbers, {', '.join(names)}, got "
-                f"{value_text(', '.join(fields))} in line {number}"
+                f"expected {len(names)} numbers ({', '.join(names)}) in line {number}, got "
+                f"{value_text(', '.join(fields))}"
             )
     if not rows:
-        raise FileFormatError("expected a row for each element, got none")
+        raise FileFormatError("expected a row of numbers for each element, got no rows")
     return dict(zip(names, np.array(values).T, strict=True))

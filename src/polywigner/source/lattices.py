@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from polywigner.errors import IlluminationError, value_text
 from polywigner.geometry.arguments import Immutable, finite_array
 
-# Largest distance of positions from a lattice, as a fraction of the extent of the array: the
-# rounding of multiples of a pitch.
+# Largest distance of positions from the sites of a lattice, as a fraction of the extent of the
+# array. It allows for the rounding of multiples of a pitch.
 _ROUNDING = 4e-15
-# Largest number of sites of a lattice per element; sites without an element have the weight 0.
+# Largest number of lattice sites per element. Sites without an element have the weight 0.
 _SITES_PER_ELEMENT = 16
-# Largest deviation of weights from a product of two profiles, or from real weights times a linear
-# phase, as a fraction of the largest weight.
+# Largest deviation of weights that counts as rounding, as a fraction of the largest weight: from a
+# product of two profiles, or from real weights times a linear phase.
 _EQUAL = 1e-14
 # Number of positions whose differences from all other positions are computed to find the shortest
 # difference. If one site in 16 is filled at random, the probability that none of these positions
@@ -33,17 +33,17 @@ class Lattice:
 
     origin: tuple[float, float]
     basis: tuple[tuple[float, float], tuple[float, float]]
-    """b1 and b2 in m."""
+    """Basis vectors b1 and b2 of the lattice in m."""
     weights: NDArray[np.complex128]
     """Weights of the sites, shape (n1, n2); 0 for sites without an element."""
     centre: tuple[tuple[float, float], tuple[float, float]]
     """Centre of the sites, x and y, each as the sum of two floats."""
     misfit: float
-    """Largest distance of a position from its site in x or y, as a fraction of the extent."""
+    """Largest distance of a position from its site along x or y, as a fraction of the extent."""
 
 
 def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> Lattice | None:
-    """Return the lattice of positions (n, 2); None without one, or if it is nearly empty."""
+    """Return the lattice of positions (n, 2); None if there is no lattice or it is nearly empty."""
     if positions.shape[1] != 2 or len(positions) < 2:
         return None
     extent = float(np.ptp(positions, axis=0).max())
@@ -93,9 +93,9 @@ def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64]
 def _shortest(
     positions: NDArray[np.float64], extent: float, other: NDArray[np.float64] | None
 ) -> NDArray[np.float64] | None:
-    """Return the shortest difference of positions, not parallel to ``other``, towards +x or +y."""
+    """Return the shortest difference that is not parallel to ``other``, oriented to +x or +y."""
     best, length = None, np.inf
-    # Equally spaced indices, because positions are usually ordered by rows.
+    # The indices are equally spaced, because positions are usually ordered by rows.
     paired = np.linspace(0, len(positions) - 1, min(len(positions), _PAIRED_WITH_ALL))
     for start in positions[paired.astype(np.intp)]:
         block = positions - start
@@ -115,7 +115,7 @@ def _shortest(
 
 
 def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a basis that is accurate also for the most distant sites."""
+    """Return a refined basis that is accurate even for the most distant sites."""
     steps = np.rint(np.linalg.solve(basis.T, (positions - positions[0]).T).T)
     if np.linalg.matrix_rank(steps - steps.mean(axis=0)) < 2:
         used = int(np.argmax(np.ptp(steps, axis=0)))
@@ -124,8 +124,9 @@ def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDAr
         if count:
             basis[used] = (positions[k] - positions[m]) / count
         return basis
-    # Normal equations, which are well conditioned, in extended precision if available: an error of
-    # the basis is multiplied by the number of steps, so the basis must be accurate to an ulp.
+    # Least squares by normal equations, which are well conditioned here, in extended precision if
+    # available. An error of the basis is multiplied by the number of steps, so the basis must be
+    # accurate to an ulp.
     s, p = steps.astype(np.longdouble), positions.astype(np.longdouble)
     s, p = s - s.mean(axis=0), p - p.mean(axis=0)
     (aa, ab), (_, bb) = s.T @ s
@@ -141,9 +142,9 @@ class Profile:
     """Weights factor * a_i exp(2 pi i c i) along one direction of a lattice."""
 
     amplitudes: tuple[complex, ...]
-    """The amplitudes a_i, real if possible."""
+    """Amplitudes a_i, real if possible."""
     cycles_per_element: float
-    """The slope c of the phase."""
+    """Slope c of the phase, in cycles per element."""
     factor: complex
     """Constant factor of the weights."""
 
@@ -189,7 +190,7 @@ def _profile(values: NDArray[np.complex128]) -> Profile:
 
 
 def _linear_phase(values: NDArray[np.complex128], active: NDArray[np.intp]) -> float:
-    """Return the slope of the phase in cycles per element, regardless of signs of the values."""
+    """Return the slope of the phase in cycles per element, for values of either sign."""
     neighbours = active[:-1][np.diff(active) == 1]
     if not len(neighbours):
         return 0.0
@@ -219,7 +220,7 @@ class Sites(Immutable):
 
     @cached_property
     def lattice(self) -> Lattice | None:
-        """The plane lattice of the sites; None without one."""
+        """The lattice of the sites in the plane; None if there is no lattice."""
         return lattice_of(self.positions, self.weights)
 
 
@@ -272,6 +273,6 @@ def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
         raise IlluminationError(
             f"expected finite weights other than zero, got {value_text(array.tolist())}"
         )
-    array += 0.0  # replaces negative zeros, which equal zeros but have another hash
+    array += 0.0  # replaces negative zeros, which equal positive zeros but have another hash
     array.setflags(write=False)
     return array

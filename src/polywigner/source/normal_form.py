@@ -28,12 +28,15 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 PublicSource = Aperture | PlacedAperture | Slits | Array | Wavefront
 
-# Largest deviation of proportional amplitudes, as a fraction of the largest: a few roundings.
+# Largest deviation of amplitudes that count as proportional, as a fraction of the largest
+# amplitude: a few rounding errors.
 _PROPORTIONAL = 1e-15
-# Smallest number of elements for which shifted copies of one element are detected.
+# Smallest number of elements for which the normal form tests whether they are copies of one
+# element.
 _LEAST_COPIES = 24
-# Largest deviation of vertices and of amplitudes of copies, as fractions of the largest coordinate
-# and of the largest amplitude: a few roundings. The phases of shifted amplitudes add errors.
+# Largest deviation of vertices and of amplitudes of shifted copies, as fractions of the largest
+# coordinate and of the largest amplitude. A few rounding errors are smaller. The phases of shifted
+# amplitudes increase the second limit.
 _COPIES, _COPIED_FIELDS = 1e-15, 1e-13
 
 
@@ -43,14 +46,15 @@ class SourceElement:
     """An outline with a complex weight and a sum of plane waves."""
 
     outline: Aperture | Slits
-    """Aperture or Slits without an illumination, in the plane of the pose."""
+    """Outline without a field, in the plane of the pose."""
     weight: complex
     amplitudes: Complexes
-    """Amplitudes of the waves without the weight, shape (m,); 1 for a uniform field."""
+    """Amplitudes of the plane waves without the weight, shape (m,); 1 for a uniform field."""
     frequencies: Floats
-    """Frequencies of the waves in 1/m, shape (m, d); 0 for a uniform field."""
+    """Frequencies of the plane waves in 1/m, shape (m, d); 0 for a uniform field."""
     pose: Floats | None = None
-    """Transformation from the outline's plane to the world, shape (4, 4); None: plane z = 0."""
+    """Transformation from the outline's plane to the world, shape (4, 4); None for the plane z =
+    0."""
 
     @property
     def is_uniform(self) -> bool:
@@ -59,12 +63,12 @@ class SourceElement:
 
     @property
     def has_unit_field(self) -> bool:
-        """Whether the field is 1, without the weight."""
+        """Whether the field, without the weight, is 1."""
         return self.is_uniform and self.amplitudes[0] == 1.0
 
     @cached_property
     def illumination(self) -> Illumination | None:
-        """The waves; None for the field 1."""
+        """The plane waves as an Illumination; None for the field 1."""
         if self.has_unit_field:
             return None
         return Illumination(self.amplitudes, self.frequencies)
@@ -76,9 +80,9 @@ class SourceElement:
 
     @property
     def rings(self) -> tuple[Floats, ...]:
-        """Rings (n, 2) of an aperture, counter-clockwise, holes clockwise."""
+        """Rings (n, 2) of an aperture; exteriors are counter-clockwise, holes clockwise."""
         if isinstance(self.outline, Slits):
-            raise GeometryError("expected an aperture for rings, got Slits")
+            raise GeometryError("only an Aperture has rings, got Slits")
         return self.outline.rings
 
     def tilted(self, kappa: ArrayLike) -> SourceElement:
@@ -110,7 +114,7 @@ class RepeatedElement:
 
     @cached_property
     def sites(self) -> Lattice | None:
-        """The plane lattice of the positions; None without one."""
+        """The lattice of the positions in the plane; None if there is no lattice."""
         return lattice_of(self.positions, self.weights)
 
 
@@ -126,7 +130,7 @@ class WaveGroup:
     members: NDArray[np.intp]
     """Indices of the elements, shape (k,)."""
     factors: Complexes
-    """Amplitudes of each element divided by ``amplitudes``, shape (k,)."""
+    """Amplitudes of each element as a multiple of ``amplitudes``, shape (k,)."""
 
 
 @final
@@ -135,9 +139,9 @@ class Source:
     """Elements that radiate together, with one curvature and one coherence width."""
 
     content: tuple[SourceElement, ...] | RepeatedElement
-    """The elements, or for a phased array the repeated element."""
+    """The elements; for a phased array the repeated element."""
     dimension: int
-    """Components of a position: 2, or 1 for slits."""
+    """Number of components of a position: 2, or 1 for slits."""
     curvature: Floats
     """Symmetric matrix Q in 1/m^2, shape (d, d); zero for a flat wave."""
     centre: Floats
@@ -171,7 +175,7 @@ class Source:
 
     @property
     def distinct(self) -> tuple[SourceElement, ...]:
-        """The different elements: a phased array has one."""
+        """Distinct elements: a phased array has one."""
         return self.elements if self.repeated is None else (self.repeated.element,)
 
     @cached_property
@@ -186,7 +190,7 @@ class Source:
 
     @cached_property
     def lattice(self) -> RepeatedElement | None:
-        """The elements as copies of one element; None if they are not copies."""
+        """The elements as shifted copies of one element; None if they are not copies."""
         if self.repeated is not None or len(self) < _LEAST_COPIES:
             return self.repeated
         try:
@@ -198,7 +202,7 @@ class Source:
 
     @property
     def is_flat(self) -> bool:
-        """Whether the wave is not curved."""
+        """Whether the curvature is zero."""
         return not self.curvature.any()
 
     @property
@@ -285,7 +289,7 @@ class Source:
     # ---- modified sources
 
     def with_weights(self, weights: ArrayLike) -> Source:
-        """Return the source with other weights (n,)."""
+        """Return the source with other weights (n,) of its elements."""
         factors = np.asarray(weights, np.complex128)
         if factors.shape != (len(self),):
             raise ArgumentError(f"expected {len(self)} weights, got shape {factors.shape}")
@@ -301,7 +305,7 @@ class Source:
             return self
         if self.repeated is None:
             return self.with_elements([e.tilted(tilt) for e in self.in_plane.elements])
-        copies = self.repeated  # a copy contains the tilt relative to its position
+        copies = self.repeated  # the copy at p is multiplied by the phase exp(2 pi i kappa.p)
         phases = np.exp(2j * np.pi * (copies.positions @ tilt))
         element = copies.element.tilted(tilt)
         tilted = RepeatedElement(element, copies.positions, copies.weights * phases)
@@ -309,7 +313,7 @@ class Source:
 
     @cached_property
     def public(self) -> Any:
-        """The source as an Aperture, PlacedAperture, Slits, Array or Wavefront."""
+        """The source as a public object: an Aperture, PlacedAperture, Slits, Array or Wavefront."""
         if self.repeated is not None:
             flat: Any = repeated_element(
                 self.repeated.element.shape, self.repeated.positions, self.repeated.weights
@@ -378,7 +382,7 @@ def _converted(public: PublicSource) -> Source:
 
 
 def _element(public: Any, weight: complex) -> SourceElement:
-    """Convert a public element and its waves."""
+    """Convert one public element with its waves and weight."""
     pose = None
     if isinstance(public, PlacedAperture):
         public, pose = public.aperture, public.pose
@@ -422,7 +426,7 @@ def _common_factor(
     amplitudes: Complexes,
     tolerance: float = _PROPORTIONAL,
 ) -> complex | None:
-    """Return the factor between waves; None if the waves are not proportional."""
+    """Return the factor between two sets of waves; None if the waves are not proportional."""
     if not np.array_equal(element.frequencies, frequencies):
         return None
     factor = complex(element.amplitudes[0] / amplitudes[0])

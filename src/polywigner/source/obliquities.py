@@ -1,4 +1,4 @@
-"""Obliquity factors: the field of a source at an angle to its normal.
+"""Obliquity factors: how the field of a source depends on the angle to its normal.
 
 A boundary condition is a pair (a, b). At the cosine c, the field of a wave that leaves the plane
 with the direction cosine p_m (D1) has the factor
@@ -39,14 +39,14 @@ Floats = NDArray[np.float64]
 
 
 def direction_cosines(frequencies: Floats, wavelength: float) -> NDArray[np.complex128]:
-    """Return p = sqrt(1 - (wavelength |kappa|)^2) (...) of waves with frequencies (..., d): (D1).
+    """Return p = sqrt(1 - (wavelength |kappa|)^2) (...) for frequencies kappa (..., d): (D1).
 
     p is the cosine of the angle between a wave and the normal of the plane, and positive imaginary
     for evanescent waves, |kappa| > 1/wavelength. The wavelength is in metres. The result is
     accurate to a few roundings of kappa, also near grazing.
     """
     sine = np.linalg.norm(np.asarray(frequencies, dtype=np.float64) * wavelength, axis=-1)
-    # The product of two roots is accurate for sines near 1 and does not overflow.
+    # A product of two roots is accurate for sines near 1 and does not overflow.
     return np.sqrt((1 - sine).astype(np.complex128)) * np.sqrt(1 + sine)
 
 
@@ -63,7 +63,8 @@ def times_direction_cosine(
     def scaled(element: SourceElement) -> SourceElement:
         factors = direction_cosines(element.frequencies, length) + constant
         amplitudes = factors * element.amplitudes
-        # Scaling the weight keeps the element uniform, for faster kernels; grazing waves become 0.
+        # Scaling the weight keeps the element uniform, which allows faster kernels. Grazing waves
+        # become 0.
         if element.has_unit_field or not amplitudes.any():
             return replace(element, weight=element.weight * amplitudes[0])
         return replace(element, amplitudes=amplitudes)
@@ -79,10 +80,10 @@ def times_direction_cosine(
 
 
 def grazing_error(wavelength: float) -> IlluminationError:
-    """Return the error for a field whose waves all graze the plane."""
+    """Return the error for a field whose waves all graze the plane of the source."""
     return IlluminationError(
-        "expected a field with waves that leave the plane, got waves that graze it, with "
-        f"frequencies of 1/wavelength; use another wavelength than {wavelength:g} m"
+        "expected waves that leave the plane of the source, got only grazing waves, whose spatial "
+        f"frequency is 1/wavelength; use a wavelength other than {wavelength:g} m"
     )
 
 
@@ -102,11 +103,11 @@ class Forms(NamedTuple):
     constant: float
 
     def irradiance(self, cosine: Any) -> Any:
-        """Return the factor g of the irradiance at a cosine."""
+        """Return the factor g of the irradiance at a cosine of the angle to the normal."""
         return self.square * cosine * cosine + self.linear * cosine + self.constant
 
     def radiance(self, cosine: Any) -> Any:
-        """Return h = g/cos for a cosine above zero: the factor in the radiance h W/lambda^2, (R1).
+        """Return h = g/cos for a cosine above zero, the factor in the radiance h W/lambda^2: (R1).
 
         If a boundary condition contains the normal derivative, the dimensionless h grows without
         bound towards grazing directions. The power is finite, due to the cosine of the projected
@@ -140,7 +141,7 @@ class Obliquity:
     title: str
     """Name in figures."""
     field: float
-    """a: weight of the field in the aperture."""
+    """a: weight of the field in the aperture; 0 for the factor of the paper."""
     slope: float
     """b = 1 - a: weight of the normal derivative of the field."""
 
@@ -151,22 +152,22 @@ class Obliquity:
 
     @property
     def needs_normal_derivative(self) -> bool:
-        """Whether the factor depends on the directions of the waves."""
+        """Whether the factor depends on the directions of the waves (b is not 0)."""
         return self.slope > 0
 
     @property
     def mirrored(self) -> float:
-        """Factor of the mirror image's field in the field at a point (B2)."""
+        """Factor of the mirror image's field in the field at a point: (B2)."""
         return self.slope - self.field
 
     def amplitude(self, cosine: Any, p: Any = 1.0) -> Any:
-        """Return the factor of the field at a cosine, for waves of the direction cosine p."""
+        """Return the factor of the field at a cosine, for waves with the direction cosine p."""
         if not self.is_boundary_condition:
             return np.sqrt(cosine)
         return self.field * cosine + self.slope * p
 
     def terms(self, source: Aperture | Array, wavelength: float) -> list[tuple[Any, Forms]]:
-        """Return flat sources and coefficients of their forms that add up to the irradiance.
+        """Return flat sources and their forms, whose irradiances add up to the total irradiance.
 
         There is one source if all waves leave at one angle, as for steered apertures, TE10 modes
         and uniform elements; otherwise there are up to three: (D2), (D3).
@@ -176,12 +177,12 @@ class Obliquity:
         a, b, mixed = self.field, self.slope, self.field * self.slope
         p = direction_cosines(normal_form(source).frequencies, wavelength)
         if not b or float(np.abs(p - p[0]).max()) <= _SAME_COSINE:
-            # Python floats, because a NumPy scalar times a Dr.Jit array is a NumPy array.
+            # These are Python floats, because a NumPy scalar times a Dr.Jit array is a NumPy array.
             return [(source, Forms(a * a, float(2 * mixed * p[0].real), float(abs(b * p[0]) ** 2)))]
         turned = times_direction_cosine(source, wavelength)
         if not a:
             return [(turned, Forms(0.0, 0.0, b * b))]
-        # p_m + p_n* = (1 + p_m)(1 + p_n*) - 1 - p_m p_n*
+        # uses p_m + p_n* = (1 + p_m)(1 + p_n*) - 1 - p_m p_n*
         return [
             (source, Forms(a * a, -mixed, 0.0)),
             (turned, Forms(0.0, -mixed, b * b)),
@@ -205,12 +206,13 @@ DERIVATIVE_OF = {
 }
 """The condition with a and b exchanged, which the z derivative of a field obeys."""
 
-# Largest difference of the cosines of waves that leave at one angle: rounding of frequencies.
+# Largest difference of direction cosines of waves that count as leaving at one angle. It allows for
+# the rounding of frequencies.
 _SAME_COSINE = 1e-13
 
 
 def obliquity_of(name: object) -> Obliquity:
-    """Return the obliquity of a name, the default for None; ArgumentError for other values."""
+    """Return the obliquity with a name; the default for None; ArgumentError for other values."""
     if name is None:
         return OBLIQUITIES[DEFAULT]
     return OBLIQUITIES[checked_choice(name, "obliquity", OBLIQUITIES)]

@@ -1,4 +1,4 @@
-"""Polarisations of sources: Jones vectors in the x and y of an aperture.
+"""Polarisations of sources: Jones vectors along the x and y axes of an aperture.
 
 The time factor is exp(-i omega t), with exp(+i k R) in free space. "right" and "left" follow IEEE:
 with the thumb along the wave, the fingers of that hand follow the rotation of the field.
@@ -22,7 +22,7 @@ CurrentModel = Literal["huygens", "magnetic", "electric"]
 
 
 class Currents(NamedTuple):
-    """Fractions of the magnetic and the electric current that replace a field u p: (VP1)."""
+    """Fractions of the magnetic and the electric current equivalent to a field u p: (VP1)."""
 
     magnetic: float
     electric: float
@@ -50,7 +50,7 @@ _EXPECTED = (
 
 
 def checked_polarisation(polarisation: Any, source: Any = None) -> Complexes:
-    """Return a unit Jones vector (2,) along x and y, or (n, 2) for the elements of an array.
+    """Return the unit Jones vector (2,) along x and y, or one for each element of an array, (n, 2).
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def checked_polarisation(polarisation: Any, source: Any = None) -> Complexes:
 
 
 def is_pair(polarisation: Any) -> bool:
-    """Return whether there is a polarisation for each of two sources."""
+    """Return whether a value consists of two polarisations, one for each of two sources."""
     if not isinstance(polarisation, (list, tuple)):
         polarisation = list(polarisation) if np.ndim(polarisation) > 0 else []
     kinds = (str, list, tuple, np.ndarray)
@@ -112,7 +112,7 @@ def checked_pair(polarisation: Any, first: Any, second: Any) -> tuple[Complexes,
 
 
 def _count(source: Any) -> int:
-    """Return the number of elements of an array; 0 for other sources and None."""
+    """Return the number of elements of an array; 0 for other sources and for None."""
     return len(getattr(getattr(source, "source", source), "weights", ()))
 
 
@@ -133,7 +133,7 @@ def _error(value: Any, count: int) -> ArgumentError:
 
 
 def components(source: Any, polarisation: Complexes) -> list[tuple[Any, Complexes]]:
-    """Return scalar sources u and vectors (2,) whose products add up to the polarised field.
+    """Return scalar sources u and vectors (2,), whose products add up to the polarised field.
 
     There is one source if all elements have one polarisation; otherwise there are parts along x
     and along y.
@@ -152,7 +152,7 @@ def components(source: Any, polarisation: Complexes) -> list[tuple[Any, Complexe
 Stokes = tuple[float, float, float, float]
 """S0 to S3 for a wave towards the observer, with respect to x and y; S3 > 0 is left (IEEE)."""
 
-# Relative size of weights and of differences of Jones vectors that are rounding errors.
+# Weights and differences of Jones vectors below this relative size count as rounding errors.
 _ROUNDING = 1e-12
 
 
@@ -174,7 +174,7 @@ def stokes_vector(polarisation: Complexes) -> Stokes:
 
 
 def stokes_fields(source: Any, polarisation: Complexes) -> list[tuple[Any, Stokes]]:
-    """Return scalar sources and Stokes vectors whose products with irradiances add up.
+    """Return scalar sources and Stokes vectors: sum of irradiances times vectors is the total.
 
     For one polarisation (2,) the only field is the source. For one polarisation per element (n, 2),
     the fields are u_x, u_y, u_x + u_y and u_x + i u_y, without those that are zero. Their real
@@ -199,7 +199,7 @@ def stokes_fields(source: Any, polarisation: Complexes) -> list[tuple[Any, Stoke
 
 
 def ludwig_axes(x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
-    """Return the unit vectors of fields along x and y in the direction s = (x, y, z), z >= 0.
+    """Return the unit vectors of fields along x and along y in the direction (x, y, z), z >= 0.
 
     The arguments are floats or arrays of any engine. The vectors are q - (q.s)(z + s)/(1 + z.s) for
     q = x and q = y: the axes rotate with z into s by the smallest angle. With Kirchhoff's condition
@@ -246,7 +246,7 @@ def polarisation_name(polarisation: Complexes) -> str:
 
 
 def polarisation_of_text(text: str, source: Any) -> Complexes:
-    """Parse the Jones vectors of a scene: names, slants or "1, 0.5j", separated by ";".
+    """Parse Jones vectors in a scene: names, slants or "1, 0.5j", separated by ";".
 
     Examples
     --------
@@ -265,7 +265,7 @@ def polarisation_of_text(text: str, source: Any) -> Complexes:
 
 
 def _numbers(text: str) -> str | list[complex]:
-    """Parse complex numbers between commas; other texts are returned."""
+    """Return complex numbers that are separated by commas; return other texts unchanged."""
     if "," not in text:
         return text
     try:

@@ -60,36 +60,39 @@ _Item = TypeVar("_Item")
 NonEmpty = Annotated[list[_Item], msgspec.Meta(min_length=1)]
 Ring = Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=3)]
 
-# Outlines.
+# Outlines and elements.
 
 
 class Context(NamedTuple):
-    """Folder of a file, whether it may refer to files outside, and its wavelength in m or None."""
+    """Folder of a file, whether files outside are allowed, and the wavelength in m or None."""
 
     folder: Path
     allow_outside: bool
     wavelength: float | None
 
     def path(self, name: str) -> Path:
-        """Return the path of another file, which must be in the folder unless allowed."""
+        """Return the path of another file; it must be in the folder, unless others are allowed."""
         path = (self.folder / name).resolve()
         if self.allow_outside or path.is_relative_to(self.folder.resolve()):
             return path
         raise FileFormatError(
-            f"expected a file in the folder of the source file or below, got {value_text(name)}; "
-            "move it there, or trust the file with allow_outside=True (--allow-outside)"
+            "expected the name of a file in the folder of the source file or below, got "
+            f"{value_text(name)}; move the file there, or allow files outside with "
+            "allow_outside=True (--allow-outside)"
         )
 
 
 def _origin(table: Table, *origins: str) -> str:
-    """Return the key of ``origins`` that the table contains; FileFormatError unless it is one."""
+    """Return the only key of ``origins`` in the table; FileFormatError for none or several."""
     present = [key for key in origins if getattr(table, key) is not None]
     if len(present) != 1:
         got = " and ".join(present) or "none"
-        raise FileFormatError(f"expected one of the keys {', '.join(origins)}, got {got}")
+        raise FileFormatError(f"expected exactly one of the keys {', '.join(origins)}, got {got}")
     for key in ("unit", "layer", "union"):
         if present[0] != "file" and getattr(table, key, None):
-            raise FileFormatError(f"expected {key!r} with 'file' only, got {present[0]!r}")
+            raise FileFormatError(
+                f"expected the key {key!r} only with the key 'file', got it with {present[0]!r}"
+            )
     return present[0]
 
 
@@ -98,7 +101,7 @@ class _Illuminated(Kind):
     illumination: FieldTable | NonEmpty[FieldTable] | None = None  # type: ignore[valid-type]
 
     def illuminated(self, outline: Any, kind: type, context: Context) -> Any:
-        """Return an outline of the required type with the field of this table."""
+        """Return an outline of the required type, with the field that this table describes."""
         got = type(outline).__name__
         if got != kind.__name__:
             raise FileFormatError(f"shape: expected a shape of type {kind.__name__}, got {got}")
@@ -132,7 +135,8 @@ class ApertureTable(_Illuminated, tag="aperture"):
             return aperture
         with at_key("to_world"):
             pose = rigid_pose(self.to_world)
-        # A pose that was written must be read back unchanged, without rounding of the rotation.
+        # A pose that polywigner wrote must be read back unchanged, so its rotation is not rounded
+        # again.
         is_rigid = np.allclose(self.to_world, pose, rtol=0.0, atol=1e-15)
         return PlacedAperture(aperture, np.array(self.to_world) if is_rigid else pose)
 
@@ -166,7 +170,7 @@ def _aperture(polygons: list[list[Any]]) -> Aperture:
     return Aperture._of_parts(parts)
 
 
-# Arrays.
+# Arrays of elements.
 
 
 class Paths(Table):
@@ -219,7 +223,7 @@ class PhasedArrayTable(Kind, tag="phased-array"):
 SourceTable = ApertureTable | SlitsTable | ArrayTable | PhasedArrayTable
 
 
-# The top of a file.
+# Settings at the top of a file.
 
 
 class WavefrontTable(Table):
@@ -282,7 +286,7 @@ def content_of(tables: Any, folder: Path, allow_outside: bool = False) -> FileCo
     return FileContent(source, wavelength, jones)
 
 
-# Reading.
+# Reading of files.
 
 
 def read_source(
@@ -331,8 +335,8 @@ def read_source(
         return read_content(path, allow_outside).source
     if SOURCE_COORDINATE not in path.coords:
         raise FileFormatError(
-            f"expected a dataset with its source in the coordinate {SOURCE_COORDINATE}, got one "
-            "without"
+            f"expected a dataset with its source in the coordinate {SOURCE_COORDINATE}, got a "
+            "dataset without this coordinate"
         )
     text = str(path.coords[SOURCE_COORDINATE].values.item())
     return content_of(_parsed(text, ".json"), Path(), allow_outside).source
@@ -389,7 +393,7 @@ def _suffix_of(suffix: str) -> str:
     if suffix.lower() not in (".toml", ".json"):
         raise FileFormatError(
             f"expected a source file with the suffix .toml or .json, got {suffix or 'none'!r}; "
-            "outlines alone are read by polywigner.read_aperture"
+            "read a file of outlines with polywigner.read_aperture"
         )
     return suffix.lower()
 
@@ -403,11 +407,11 @@ def _parsed(text: str, suffix: str) -> Any:
         raise FileFormatError(f"expected valid {suffix[1:].upper()}: {error}") from None
 
 
-# Writing.
+# Writing of files.
 
 
 def table_of(source: Any) -> dict[str, Any]:
-    """Convert a source to tables, lists, texts and numbers."""
+    """Convert a source to tables, lists, strings and numbers."""
     if not isinstance(source, Wavefront):
         return {"version": VERSION, **_table(source)}
     wave = {"curvature": source.curvature.tolist(), "centre": source.centre.tolist()}
@@ -463,7 +467,7 @@ def _pairs(values: NDArray[np.complex128]) -> list[Any]:
 
 
 def source_json(source: Any) -> str:
-    """Convert a source to JSON in one line."""
+    """Return a source as one line of JSON."""
     return json.dumps(table_of(source))
 
 
@@ -476,7 +480,7 @@ def _toml(table: Mapping[str, Any], path: str = "") -> str:
             sections.append(f"\n[{name}]\n{_toml(value, name)}")
         elif isinstance(value, list) and isinstance(value[0], Mapping):
             sections += [f"\n[[{name}]]\n{_toml(item, name)}" for item in value]
-        else:  # numbers, texts and lists of them are the same in TOML and JSON
+        else:  # numbers, strings and lists of them are the same in TOML and JSON
             lines.append(f"{key} = {json.dumps(value)}\n".replace("], [", "],\n  ["))
     return "".join(lines + sections)
 

@@ -1,4 +1,4 @@
-"""Tables and short texts for fields, layouts, weights and shapes, as in source files and options.
+"""Tables and short strings in source files and options: fields, layouts, weights and shapes.
 
 A table names a function, and its keys are the parameters of the function; docs/source_files.md
 lists them all. msgspec checks keys and types. Errors begin with the path of the key, such as
@@ -26,35 +26,35 @@ from polywigner.geometry.illumination import Illumination
 from polywigner.source import arrays, tapers
 from polywigner.source.array import Array, phased_array, repeated_element
 
-# Types of values. Quantities are numbers in SI units, or texts with a unit.
+# Types of values. Quantities are numbers in SI units, or strings with a unit.
 
 
 class Length(float):
-    """A length above zero in m, or a text such as "10 mm"."""
+    """A length above zero in m, or a string such as "10 mm"."""
 
 
 class Coordinate(float):
-    """A length of either sign in m, or a text such as "-2 mm"."""
+    """A length of either sign in m, or a string such as "-2 mm"."""
 
 
 class Angle(float):
-    """An angle in rad, or a text such as "20 deg"."""
+    """An angle in rad, or a string such as "20 deg"."""
 
 
 class Frequency(float):
-    """A frequency in Hz, or a text such as "77 GHz"."""
+    """A frequency in Hz, or a string such as "77 GHz"."""
 
 
 class Decibels(float):
-    """A level in dB, or a text such as "25 dB"."""
+    """A level in dB, or a string such as "25 dB"."""
 
 
 class Coordinates(list[Any]):
-    """A coordinate, or coordinates in lists nested to any depth."""
+    """A coordinate, or coordinates in nested lists of any depth."""
 
 
 class Radii(list[float]):
-    """A radius of curvature in m, or one for each axis; "inf" for a flat wave."""
+    """A radius of curvature in m, or a radius for each axis; "inf" for a flat wave."""
 
 
 class Complex(complex):
@@ -87,7 +87,7 @@ _PARSERS: dict[type, Callable[[Any], Any]] = {
 
 
 def converted(table: Any, kind: Any, strict: bool = True, key: str = "") -> Any:
-    """Convert a table to an object of the schema; FileFormatError names a wrong key or value.
+    """Convert a table to an object of the schema; FileFormatError names an invalid key or value.
 
     If not strict, texts are converted to numbers. `key` is the key of the table, for errors.
     """
@@ -104,7 +104,7 @@ def converted(table: Any, kind: Any, strict: bool = True, key: str = "") -> Any:
 def wavelength_in(table: Any, default: float | None = None) -> float | None:
     """Return the wavelength in m from the wavelength or frequency of a table, or the default."""
     if table.frequency is not None and table.wavelength is not None:
-        raise FileFormatError("expected a frequency or a wavelength, got both; leave one out")
+        raise FileFormatError("expected a frequency or a wavelength, got both; remove one of them")
     if table.frequency is not None:
         return quantities.wavelength_of(table.frequency)
     return default if table.wavelength is None else float(table.wavelength)
@@ -113,12 +113,12 @@ def wavelength_in(table: Any, default: float | None = None) -> float | None:
 def required_wavelength(wavelength: float | None) -> float:
     """Return the wavelength in m; FileFormatError if it is None."""
     if wavelength is None:
-        raise FileFormatError("expected a frequency or a wavelength, got none; add one")
+        raise FileFormatError("expected a frequency or a wavelength, got neither; add one of them")
     return wavelength
 
 
 class Table(msgspec.Struct, forbid_unknown_fields=True):
-    """A table without variants."""
+    """A table of one fixed class."""
 
 
 class Kind(Table, tag_field="kind"):
@@ -129,7 +129,7 @@ class _Shape(Table, tag_field="name"):
     """A table whose key "name" selects a shape of the catalogue."""
 
 
-# Each of these tables names a function, and its keys are the parameters of the function. Angles
+# Each of these tables specifies a function; its keys are the parameters of the function. Angles
 # replace a direction, and parameters that follow from other tables are omitted. A key has the same
 # type and meaning in all tables.
 
@@ -141,14 +141,14 @@ _OF_KEY: dict[str, Any] = {
     "counts": list[int], "amplitudes": list[Complex],
     "frequencies": list[float | list[float]],
 }  # fmt: skip
-# Parameters that follow from other tables.
+# Parameters whose values follow from other tables, so they are no keys.
 _FROM_CONTEXT = ("dimension", "positions", "shape")
 
 _FUNCTIONS: dict[type, Callable[..., Any]] = {}
 
 
 def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) -> Any:
-    """Return the union type of tables for functions, each with the parameters as keys."""
+    """Return the union type of tables for functions; the keys of a table are the parameters."""
     tables = []
     for name, function in functions.items():
         fields: list[Any] = []
@@ -206,7 +206,8 @@ def called(table: Any, wavelength: float | None = None, layout: Any = None, **co
         values["shape"] = [count for count in counts if isinstance(count, int)]
         if not values["shape"]:
             raise FileFormatError(
-                "expected positions of the kind row, grid or triangular, got another kind"
+                "expected positions of the kind row, grid or triangular for a window, got "
+                "positions of another kind"
             )
     return function(**values, **{key: value for key, value in context.items() if key in parameters})
 
@@ -217,7 +218,7 @@ def product_of(tables: Any, wavelength: float | None, **context: Any) -> Any:
     return functools.reduce(operator.mul, factors)
 
 
-# Short texts that stand for a table. The groups of a pattern are the keys of the table.
+# Short strings that stand for a table. The named groups of a pattern are the keys of the table.
 
 SOURCE_TEXTS = ("taper", "array", "window", "steering", "focus", "curved", "coherence")
 """Names of the texts of :func:`apply_texts`."""
@@ -243,7 +244,7 @@ _EXPECTED = {
 
 
 def _table(name: str, text: str) -> dict[str, Any]:
-    """Convert a short text to a table of a source file."""
+    """Convert a short string to a table of a source file."""
     if name == "steering":
         return {"kind": name, **dict(zip(("theta", "phi"), parse_direction(text), strict=True))}
     if name == "focus":
@@ -262,7 +263,7 @@ def _parts(text: str) -> list[Any]:
 
 
 def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
-    """Apply short texts for field, copies, weights and wave to a source.
+    """Apply short strings for field, copies, weights and wave to a source.
 
     Lengths without a unit are in metres, angles in radians.
 
@@ -315,8 +316,8 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         return _times(source, called(converted(table, FieldTable), wavelength, dimension=2))
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
-            f"expected an array of equal elements with a flat wave, got {got}; specify array as "
-            "well, or write the array into the source file"
+            f"expected an array of equal elements with a flat wave, got {got}; specify the option "
+            "array as well, or define the array in the source file"
         )
     layout = None
     if "array" in texts:
@@ -347,12 +348,12 @@ def _times(aperture: Aperture, field: Illumination) -> Aperture:
 
 
 def parse_direction(text: str) -> tuple[float, float]:
-    """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; QuantityError if invalid."""
+    """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; QuantityError for others."""
     theta, *phi = map(quantities.parse_angle, _parts(text))
-    if len(phi) > 1 or not abs(theta) < math.pi / 2:  # such as degrees without their unit
+    if len(phi) > 1 or not abs(theta) < math.pi / 2:  # for example degrees without a unit
         raise QuantityError(
             'expected a direction such as "20 deg" or "20 deg, 90 deg", within 90 deg of the '
-            f"normal, got {value_text(text)}; write degrees with their unit"
+            f"normal, got {value_text(text)}; write the unit deg after each angle in degrees"
         )
     if theta == 0:
         return 0.0, 0.0

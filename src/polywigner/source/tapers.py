@@ -1,4 +1,4 @@
-"""Fields of antennas and pupils: steering, tapers, waveguide modes, and fits to sampled fields.
+"""Fields of antennas and pupils: steering, tapers, waveguide modes, and fits to field samples.
 
 All fields are sums of plane waves. Tapers and modes are exact in a rectangle (or interval) around
 the origin, and periodic outside it.
@@ -25,14 +25,14 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.illumination import Illumination
 
-# Largest deviation of the length of unit vectors: vectors may have single precision.
+# Largest deviation of the length of a unit vector from 1: vectors may have single precision.
 _UNIT = 1e-6
 
 _ADVICE = "divide it by its length"
 
 
 def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
-    """Return unit vectors (..., 3); ArgumentError for vectors of another length."""
+    """Return unit vectors (..., 3); ArgumentError if the length of a vector is not 1."""
     expected = f"expected {name} as unit vectors of shape (..., 3)"
     array = checked_vectors(vectors, expected, (3,))
     length = np.linalg.norm(array, axis=-1)
@@ -51,8 +51,8 @@ def unit_vector(direction: Any) -> NDArray[np.float64]:
     vector = checked_unit_vectors("direction", finite_array(direction, expected, (3,)))
     if vector[2] < 0:
         raise ArgumentError(
-            f"expected a direction with z > 0, in front of the aperture, "
-            f"got {value_text(direction)}"
+            f"expected a direction in front of the aperture, with z of at least 0, got "
+            f"{value_text(direction)}"
         )
     return vector
 
@@ -64,7 +64,7 @@ def direction_of(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
 
 
 def transverse(direction: Any) -> NDArray[np.float64]:
-    """Return the components of a direction along the aperture: (2,), or (1,) for slits.
+    """Return the components of a direction along the aperture, shape (2,), or (1,) for slits.
 
     The direction is a unit vector (3,), these components (2,), or the sine of an angle.
     """
@@ -78,18 +78,18 @@ def transverse(direction: Any) -> NDArray[np.float64]:
     length = math.hypot(*components)
     if length > 1 + _UNIT:
         raise ArgumentError(
-            "expected components along the aperture of a unit vector, got a length of "
-            f"{length:.6g}; {_ADVICE}"
+            "expected the components of a unit vector along the aperture, got components of "
+            f"length {length:.6g}, above 1; {_ADVICE}"
         )
     return components
 
 
-# Highest power of a cosine taper: its binomial coefficients are exact floats.
+# Highest power of a cosine taper: up to this power the binomial coefficients are exact floats.
 _HIGHEST_POWER = 32
-# Highest index of a TE mode, and highest n-bar: far beyond real designs.
+# Highest index of a TE mode, and highest n-bar. Both are far beyond real designs.
 _HIGHEST_MODE = 1000
 _HIGHEST_NBAR = 100
-# Largest sidelobe suppression in dB; float64 resolves a field to -300 dB.
+# Largest sidelobe suppression in dB: in float64, the rounding errors of a field are at -300 dB.
 _LARGEST_SUPPRESSION = 200.0
 
 _Waves = tuple[NDArray[Any], NDArray[Any]]
@@ -242,8 +242,8 @@ def te_mode(
     number, axis = (along_x, "m") if component == "y" else (along_y, "n")
     if number == 0:
         raise ArgumentError(
-            f"expected {axis} of at least 1 for the component {component}, got 0: TE_{m}{n} has no "
-            "such component; use the other one"
+            f"expected {axis} of at least 1 for the component {component}, got 0; TE_{m}{n} has "
+            "only the other component"
         )
     return _product(
         _half_periods(along_x, a, sine=component == "y"),
@@ -327,13 +327,15 @@ def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
 def _tapered(
     width: float | None, height: float | None, dimension: int, taper: Callable[[float], _Waves]
 ) -> Illumination:
-    """Return the field with a taper along each axis that has a length; slits have no height."""
+    """Return the field with a taper along each axis whose length is given; slits have no height."""
     if checked_count(dimension, "dimension", 1, 2) == 1 and height is not None:
-        raise ArgumentError(f"expected no height for a taper of slits (dimension 1), got {height}")
+        raise ArgumentError(
+            f"expected height=None for a taper of slits (dimension=1), got {value_text(height)}"
+        )
     if width is None and (height is None or dimension == 1):
         raise ArgumentError("expected a width for the taper, got None")
     sizes = {"width": width, "height": height}.items()
-    with np.errstate(over="ignore"):  # an Illumination refuses infinite frequencies
+    with np.errstate(over="ignore"):  # an Illumination raises an error for infinite frequencies
         along = [
             _CONSTANT if size is None else taper(checked_length(size, name)) for name, size in sizes
         ]
@@ -352,8 +354,8 @@ def _product(along_x: _Waves, along_y: _Waves) -> Illumination:
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
     """Return sin or cos of (number pi (x/size + 1/2)) as waves with exact amplitudes."""
     if number == 0:
-        return _CONSTANT  # cos(0); te_mode refuses sin(0)
-    phase = complex((1, 1j, -1, -1j)[number % 4])  # exp(i number pi/2)
+        return _CONSTANT  # this is cos(0); te_mode raises an error for sin(0)
+    phase = complex((1, 1j, -1, -1j)[number % 4])  # this is exp(i number pi/2)
     forward, backward = phase / 2, phase.conjugate() / 2
     amplitudes = [-1j * forward, 1j * backward] if sine else [forward, backward]
     return np.array(amplitudes), np.array([number, -number]) / (2 * size)
@@ -361,7 +363,7 @@ def _half_periods(number: int, size: float, sine: bool) -> _Waves:
 
 def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
     """Return F_1 ... F_(nbar - 1) of `taylor_taper`."""
-    # arccosh(10^(sll/20)) without cancellation for small sll
+    # this is arccosh(10^(sll/20)), without cancellation for small sll
     excess = math.expm1(decibels / 20 * math.log(10))
     a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi
     stretch = nbar**2 / (a**2 + (nbar - 0.5) ** 2)
@@ -374,13 +376,13 @@ def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
 
 # ---- fits
 
-# Smallest singular value that a fit uses, as a fraction of the largest. Waves whose period is twice
-# the sampled extent are nearly linearly dependent on the samples, so smaller singular values cause
-# large amplitudes that cancel.
+# Smallest singular value that a fit uses, as a fraction of the largest. The periods of the waves
+# are multiples of twice the sampled extent, which makes the waves nearly linearly dependent on the
+# samples. Smaller singular values would cause large amplitudes that cancel.
 _CUT_OFF = 1e-6
 
-# Default period of the waves, as a multiple of the sampled extent. A period of twice the extent
-# approximates fields up to the edges even if they are not periodic.
+# Default period of the waves, as a multiple of the sampled extent. Waves with a period of twice the
+# extent approximate fields up to the edges, even if the fields are not periodic.
 _PERIODS = 2
 
 _MOST_WAVES = 4096
@@ -393,7 +395,7 @@ class FittedIllumination(NamedTuple):
     residual: float
     """sqrt(sum |u - values|^2 / sum |values|^2) over the samples."""
     rank: int
-    """Number of combinations of waves that the samples determine."""
+    """Number of linear combinations of waves that the samples determine."""
     cancellation: float
     """sum |c_m| divided by the rms value. Errors of transforms grow by this factor, errors of W and
     A by its square. Values of 1 to 10 are harmless."""
@@ -460,7 +462,7 @@ def fit_illumination(
     positions, field = _samples(points, values)
     least = checked_number(cut_off, "cut_off", "a fraction from 1e-15 to 1")
     if not 1e-15 <= least < 1:
-        raise ArgumentError(f"expected cut_off from 1e-15 up to below 1, got {cut_off!r}")
+        raise ArgumentError(f"expected cut_off of at least 1e-15 and below 1, got {cut_off!r}")
     low, high = positions.min(axis=0), positions.max(axis=0)
     centre = low / 2 + high / 2
     if frequencies is None:
@@ -469,7 +471,7 @@ def fit_illumination(
         kappa = _distinct(frequencies, positions.shape[1])
     if len(kappa) > _MOST_WAVES:
         raise ArgumentError(
-            f"expected at most {_MOST_WAVES} waves, got {len(kappa)}; give fewer frequencies, or a "
+            f"expected at most {_MOST_WAVES} waves, got {len(kappa)}; pass fewer frequencies, or a "
             "lower order"
         )
     waves = np.exp(2j * np.pi * ((positions - centre) @ kappa.T))
@@ -512,7 +514,7 @@ def _distinct(frequencies: Any, dimension: int) -> NDArray[np.float64]:
 
 
 def _lattice(extent: NDArray[np.float64], order: int, samples: int) -> NDArray[np.float64]:
-    """Return frequencies (m, d) with whole numbers of periods in twice the extent."""
+    """Return frequencies (m, d) with a whole number of periods in twice the sampled extent."""
     axes = int(np.count_nonzero(extent))
     highest = order
     while highest and (2 * highest + 1) ** axes > samples:

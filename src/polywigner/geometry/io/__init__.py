@@ -1,4 +1,4 @@
-"""File formats of apertures and bodies.
+"""Readers of file formats for apertures and bodies.
 
 - ``readers``: files to apertures and bodies; GeoJSON, WKT, CSV; ``meshes``: STL, PLY and OBJ
 - ``outlines``: options of the caller, and rings to polygons with holes

@@ -1,4 +1,4 @@
-"""Curves of drawings, and chords within a requested distance of the curves.
+"""Curves of drawings, and their chords within a requested distance of the curves.
 
 A curve is a polyline ((n, d) vertices), an :class:`Arc` of an ellipse, a :class:`Bezier` or a
 :class:`Spline`. An outline is a closed sequence of curves; each curve starts at the end of the
@@ -26,7 +26,7 @@ A circle becomes 52 vertices. A rounded corner, a quarter circle of a tenth of t
 becomes 8 chords. For an outline of ten wavelengths the distance is 1/200 of a wavelength.
 """
 
-# A small circle has at least eight sides.
+# Smallest number of chords of a full circle: a small circle has at least eight sides.
 _LARGEST_STEP = math.pi / 4
 
 Points = NDArray[np.floating[Any]]
@@ -34,7 +34,7 @@ Points = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Arc:
-    """Points centre + u cos t + v sin t for t from start to start + sweep (radians)."""
+    """Points centre + u cos t + v sin t, with t from start to start + sweep in radians."""
 
     centre: Points
     u: Points
@@ -58,7 +58,7 @@ class Arc:
         return self.centre + np.cos(angles)[:, None] * self.u + np.sin(angles)[:, None] * self.v
 
     def transformed(self, matrix: Points, offset: Points) -> Arc:
-        """Return the image under p -> p @ matrix + offset."""
+        """Return the image of the curve under p -> p @ matrix + offset."""
         centre = self.centre @ matrix + offset
         return Arc(centre, self.u @ matrix, self.v @ matrix, self.start, self.sweep)
 
@@ -95,7 +95,7 @@ class Bezier:
         ) @ self.points
 
     def transformed(self, matrix: Points, offset: Points) -> Bezier:
-        """Return the image under p -> p @ matrix + offset."""
+        """Return the image of the curve under p -> p @ matrix + offset."""
         return Bezier(self.points @ matrix + offset)
 
     def chords(self, reach: float) -> Points:
@@ -110,9 +110,9 @@ class Spline:
     """A curve in pieces, such as a B-spline over its range of knots."""
 
     points: Points
-    """Control points, shape (n, d); their bounds are approximately the bounds of the curve."""
+    """Control points, shape (n, d), whose bounds approximate the bounds of the curve."""
     evaluate: Callable[[Points], Points]
-    """Function of parameters (m,) that returns points (m, d)."""
+    """Function of parameters (m,) that returns the points (m, d) of the curve."""
     breaks: Points
     """Parameters at the start, between the pieces, and at the end."""
 
@@ -122,7 +122,7 @@ class Spline:
         return self.evaluate(np.interp(t * (count - 1), np.arange(count), self.breaks))
 
     def transformed(self, matrix: Points, offset: Points) -> Spline:
-        """Return the image under p -> p @ matrix + offset."""
+        """Return the image of the curve under p -> p @ matrix + offset."""
         evaluate = self.evaluate
         points = self.points @ matrix + offset
         return Spline(points, lambda t: evaluate(t) @ matrix + offset, self.breaks)
@@ -133,7 +133,8 @@ class Spline:
         t = np.arange(pieces + 1) / pieces
         while True:
             points, midpoints = self.at(t), (t[1:] + t[:-1]) / 2
-            # The distance to the midpoint of a chord bounds the distance to the chord.
+            # the distance from the curve to the midpoint of a chord bounds the distance to the
+            # chord
             off = np.linalg.norm(self.at(midpoints) - (points[1:] + points[:-1]) / 2, axis=1)
             if (off <= reach).all():
                 return points
@@ -162,7 +163,7 @@ def chords(curve: Curve, reach: float) -> Points:
 
 
 def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
-    """Return the largest distance of chords from curves: `tolerance`, or 1/2000 of the size.
+    """Return the largest allowed distance of chords: `tolerance`, or 1/2000 of the size.
 
     Coordinates beyond 1e100 raise a FileFormatError.
     """
@@ -173,12 +174,13 @@ def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
     check_coordinates(points)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
-    # At least the rounding of coordinates: an outline as small as a point is refused later.
+    # This is at least the rounding of coordinates. Outlines as small as a point raise an error
+    # later.
     return max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
 
 
 def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> list[Ring]:
-    """Return each outline as a ring (n, d) without a closing repeat.
+    """Return each outline as a ring (n, d) without a repeated first vertex.
 
     The chords are within `tolerance` of the curves, in their unit; None: 1/2000 of the size of the
     outline. A full ellipse becomes a polygon of the same area; otherwise all vertices lie on the
@@ -194,7 +196,7 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
 def _counted(steps: float) -> int:
     if not steps <= MOST_VERTICES:
         raise FileFormatError(
-            f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines or give a "
+            f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines or pass a "
             "larger tolerance for curves"
         )
     return max(1, math.ceil(steps))

@@ -44,15 +44,18 @@ _JOINT = 1e-6
 CAD programs write six decimals or more; ends of a drawing of 100 units meet within 1e-4.
 """
 
-# Largest difference of heights in a plane drawing, in diagonals of the drawing: rounding.
+# Largest difference of heights in a plane drawing, as a fraction of the diagonal of the drawing. It
+# allows for rounding.
 _FLAT = 1e-9
-# Largest relative difference of angles that are equal up to rounding.
+# Largest relative difference of angles that count as equal.
 _SAME = 1e-9
-# Largest nesting depth of the boundaries of a hatch, by its style: normal (all), outer (the
-# outermost two, so that islands are open with their content), ignore (the outermost).
+# Largest nesting depth of the boundaries of a hatch that are used, by its style: normal (all),
+# outer (the outermost two, so that islands stay open with all their content), ignore (only the
+# outermost).
 _DEEPEST = {0: 1_000_000, 1: 1, 2: 0}
 
-# Metres of $INSUNITS; units without an exact length (light years, survey units) are refused.
+# Metres per unit, by the code $INSUNITS. Units without an exact length (light years, survey units)
+# raise an error.
 _UNITS = {
     1: 0.0254, 2: 0.3048, 3: 1609.344, 4: 1e-3, 5: 1e-2, 6: 1.0, 7: 1e3, 8: 2.54e-8, 9: 2.54e-5,
     10: 0.9144, 11: 1e-10, 12: 1e-9, 13: 1e-6, 14: 0.1, 15: 10.0, 16: 100.0, 17: 1e9,
@@ -68,10 +71,10 @@ class _Shape:
 
     boundaries: list[list[Path]]
     style: int | None = None
-    """Style of a hatch; None for outlines, which have one path."""
+    """Style of a hatch; None for outlines, which have only one path."""
 
     def transformed(self, matrix: Points, offset: Points) -> _Shape:
-        """Return the image under p -> p @ matrix + offset."""
+        """Return the image of the shape under p -> p @ matrix + offset."""
         images = [
             [[transformed(curve, matrix, offset) for curve in path] for path in paths]
             for paths in self.boundaries
@@ -96,14 +99,14 @@ def _ends(path: Path) -> Points:
 
 
 def _array(points: Iterable[Any]) -> Points:
-    """Return an array (n, 3) of points of ezdxf in two or three dimensions."""
+    """Return an array (n, 3) of ezdxf's points in two or three dimensions."""
     array = np.array([[*p, 0.0][:3] for p in points], dtype=np.float64).reshape(-1, 3)
     check_coordinates(array)
     return array
 
 
 def _elliptic(centre: Points, u: Points, v: Points, start: float, end: float) -> Arc:
-    """Return the arc from one angle to another (radians); equal angles make a full ellipse."""
+    """Return the arc between two angles in radians; equal angles make a full ellipse."""
     sweep = (end - start) % math.tau
     is_full = abs(math.remainder(sweep, math.tau)) <= _SAME * math.tau
     return Arc(centre, u, v, start, math.tau if is_full else sweep)
@@ -123,13 +126,13 @@ def _curves(kind: str, item: Any) -> Path:
         centre, x, y = _array([tool.center, tool.major_axis, tool.minor_axis])
         return [_elliptic(centre, x, y, tool.start_param, tool.end_param)]
     control = _array(tool.control_points)
-    # ezdxf evaluates splines that are not clamped beyond their first and last knot.
+    # ezdxf evaluates splines that are not clamped beyond their first and last knots
     breaks = np.unique(list(tool.knots())[tool.degree : len(control) + 1])
     return [Spline(control, lambda t: _array(tool.points(t.tolist())), breaks)]
 
 
 def _bulged(rows: Points, is_closed: bool, height: float = 0.0) -> Path:
-    """Return the lines and arcs of a polyline with rows x, y, bulge (n, 3)."""
+    """Return the lines and arcs of a polyline, given as rows (n, 3) of x, y and bulge."""
     rows = np.concatenate([rows, rows[: int(is_closed)]])
     points, bulges = np.insert(rows[:, :2], 2, height, axis=1), rows[:-1, 2]
     if not bulges.any():
@@ -147,7 +150,7 @@ def _bulged(rows: Points, is_closed: bool, height: float = 0.0) -> Path:
 
 
 def _polyline(polyline: Any, layer: str) -> Path:
-    """Return the path of a plane polyline."""
+    """Return the path of a polyline in the plane."""
     if polyline.has_width:
         raise FileFormatError(
             f"expected polylines of width zero, got one with a width on layer {layer[:60]!r}; set "
@@ -197,7 +200,7 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
             f"expected lines, plane polylines, curves, hatches and blocks, got a {kind[:40]}; "
             "convert it to polylines, or move it to a layer that is off"
         )
-    # These entities have an object coordinate system.
+    # the coordinates of these entities refer to an object coordinate system
     axes = _array(map(entity.ocs().to_wcs, np.eye(3).tolist()))
     return shape.transformed(axes, offset @ axes)
 
@@ -208,11 +211,12 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
 def load_dxf(file: File) -> Drawing:
     """Load the outlines and hatches in the model space of a DXF file, on layers that are on."""
     document = importlib.import_module("ezdxf").readfile(file.path)
-    # ezdxf assigns metres to a drawing without units.
+    # ezdxf assumes metres for a drawing without units
     code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.content else 0
     if code not in (0, *_UNITS):
         raise FileFormatError(
-            f"expected $INSUNITS from 0 to {max(_UNITS)}, got {code!r}; save in millimetres"
+            f"expected a unit $INSUNITS from 0 to {max(_UNITS)}, got {code!r}; save the drawing in "
+            "millimetres"
         )
     space = _Space(document, file.layers)
     shapes = list(space.shapes(document.modelspace()))
@@ -242,12 +246,13 @@ class _Space:
         """Yield the shapes of the model space, or of a block inserted on layer `around`."""
         for entity in entities:
             kind, layer = entity.dxftype(), _layer_of(entity)
-            # Layer 0 of a block stands for the layer that the block is inserted on.
+            # Layer 0 of a block stands for the layer on which the block is inserted.
             layer = around if layer == "0" and around else layer
             if kind in _IGNORED or entity.dxf.get("invisible", 0):
                 continue
             if kind == "INSERT":
-                # A layer that is off hides its entities only; a frozen layer also hides blocks.
+                # A layer that is off hides only its own entities. A frozen layer also hides
+                # inserted blocks.
                 if layer.lower() not in self.frozen:
                     yield from self._inserted(entity, layer)
             elif layer.lower() not in self.hidden and (
@@ -256,7 +261,7 @@ class _Space:
                 yield _shape_of(entity, layer)
 
     def _inserted(self, insert: Any, layer: str) -> Iterator[_Shape]:
-        """Yield the shapes of a block, once or in an array."""
+        """Yield the shapes of an inserted block, once or as an array."""
         block, clip = insert.block(), importlib.import_module("ezdxf.xclip").XClip
         if block is None or block.block.is_xref or clip(insert).has_clipping_path:
             raise FileFormatError(
@@ -284,7 +289,7 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
     if np.ptp(heights) > _FLAT * (_size(points) + np.abs(points).max()):
         raise FileFormatError(
             f"expected a plane drawing, got heights from {heights.min():g} to {heights.max():g}; "
-            "flatten it"
+            "move all entities to one height"
         )
     gap, tolerance = _JOINT * _size(points), file.tolerance and file.tolerance / metres
     shapes = [shape.transformed(np.eye(3)[:, :2], np.zeros(2)) for shape in shapes]
@@ -315,8 +320,8 @@ def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[l
 
 
 def _rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
-    """Return rings (n, 2) of closed paths, and of paths whose ends meet."""
-    paths = [path for path in paths if _size(_rough(path)) > gap]  # shorter paths are points
+    """Return rings (n, 2) of closed paths, and of chains of paths whose ends meet."""
+    paths = [path for path in paths if _size(_rough(path)) > gap]  # shorter paths count as points
     is_open = [_size(_ends(path)) > gap for path in paths]
     runs = [[(path, False)] for path in compress(paths, np.logical_not(is_open))]
     loose = list(compress(paths, is_open))
@@ -336,7 +341,7 @@ def _chords(path: Path, reach: float) -> Points:
 
 
 def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
-    """Return closed runs of paths; `tips`: the ends (2, 3) of each path, which must meet in pairs.
+    """Return closed chains of paths; `tips`: ends (2, 3) of each path, which must meet in pairs.
 
     Ends meet if their distance is at most `gap`. Each run contains the numbers of its paths, and
     whether each path is reversed.
@@ -346,7 +351,7 @@ def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
     points = np.concatenate(tips)
     geometries = shapely.points(points[:, :2])
     first, second = shapely.STRtree(geometries).query(geometries, predicate="dwithin", distance=gap)
-    counts = np.bincount(first)  # each end is near itself
+    counts = np.bincount(first)  # each end is also near itself
     if (counts != 2).any():
         worst = int(np.argmax(counts != 2))
         x, y = points[worst, :2]
@@ -360,7 +365,7 @@ def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
     runs: list[list[tuple[int, bool]]] = []
     used: set[int] = set()
     for start in range(len(tips)):
-        run, end = [], 2 * start  # ends 2 k and 2 k + 1 belong to path k
+        run, end = [], 2 * start  # the ends 2 k and 2 k + 1 belong to path k
         while end // 2 not in used:
             used.add(end // 2)
             run.append((end // 2, end % 2 == 1))

@@ -1,4 +1,4 @@
-"""Polygons and paths of a GDSII layout, as gdstk reads them."""
+"""Polygons and paths of a GDSII layout, read with gdstk."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     import gdstk
 
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
-# Type of the record STRANS, and its bits for absolute magnification and absolute angle.
+# Type of the record STRANS, and its bits for an absolute magnification and an absolute angle.
 _TRANSFORMATION, _ABSOLUTE = 0x1A, 0x0006
 
 
 def _chosen(library: Any, name: str | None) -> gdstk.Cell:
-    """Return the cell with a name, or by default the only top cell."""
+    """Return the cell with a given name, or by default the only top cell."""
     cells = {cell.name: cell for cell in library.cells if hasattr(cell, "get_polygons")}
     top = [cell.name for cell in library.top_level() if cell.name in cells]
     if name is None and len(top) == 1:
@@ -35,13 +35,13 @@ def _chosen(library: Any, name: str | None) -> gdstk.Cell:
         expected = "one top cell" if name is None else f"a cell or layer of the file ({name!r})"
         listed = ", ".join(sorted(top if name is None else cells)[:12])
         raise FileFormatError(
-            f"expected {expected}, got the cells {listed}; select a cell by layer"
+            f"expected {expected}, got the cells {listed}; pass the name of a cell as layer"
         )
     return cells[name]
 
 
 def _check_transformations(content: bytes) -> None:
-    """Raise FileFormatError for absolute transformations, which gdstk reads as relative ones."""
+    """Raise FileFormatError for absolute transformations, which gdstk treats as relative ones."""
     position = 0
     while size := int.from_bytes(content[position : position + 2], "big"):
         flags = content[position + 4 : position + 6]
@@ -65,7 +65,7 @@ def _check_references(cells: Iterable[Any]) -> None:
 
 
 def _check_cycles(cells: Iterable[Any]) -> None:
-    """Raise FileFormatError for a cell that contains itself, on which gdstk ends the process."""
+    """Raise FileFormatError if a cell contains itself, which would make gdstk abort the process."""
     inner = {
         cell.name: [ref.cell.name for ref in cell.references if not isinstance(ref.cell, str)]
         for cell in cells
@@ -88,7 +88,8 @@ def _shapes(cell: Any) -> Iterator[tuple[str, str, Ring]]:
     """Yield the outlines of polygons and paths, with their layer and "layer/data type"."""
     for polygon in cell.get_polygons(include_paths=False):
         yield *_layer_names(polygon.layer, polygon.datatype), polygon.points
-    for path in cell.get_paths():  # get_polygons would lose absolute widths of paths in references
+    # get_polygons would lose the absolute widths of paths in references
+    for path in cell.get_paths():
         for polygon in path.to_polygons():
             yield *_layer_names(path.layers[0], path.datatypes[0]), polygon.points
 
@@ -101,11 +102,13 @@ def load_gds(file: File) -> Drawing:
     """
     cells = [name for name in file.layers if not _LAYER.fullmatch(name)]
     if len(cells) > 1:
-        raise ArgumentError(f"expected one cell, got {', '.join(cells)}; read them one by one")
+        raise ArgumentError(f"expected one cell, got {', '.join(cells)}; read each cell separately")
     library: Any = importlib.import_module("gdstk").read_gds(str(file.path))
     metres = float(library.unit)
     if not 0 < metres < math.inf:
-        raise FileFormatError(f"expected a unit above zero, got {metres:g} m; export it again")
+        raise FileFormatError(
+            f"expected a unit above zero, got {metres:g} m; export the layout again"
+        )
     cell: Any = _chosen(library, cells[0] if cells else None)
     _check_cycles(library.cells)
     members = [cell, *cell.dependencies(True)]
@@ -117,21 +120,25 @@ def load_gds(file: File) -> Drawing:
         names = _layer_names(path.layers[0], path.datatypes[0])
         if length == 0 and not (requested and requested.isdisjoint(names)):
             raise FileFormatError(  # gdstk drops these paths
-                f"expected paths with a length, got a point on layer {names[1]}; draw a polygon"
+                f"expected paths with a length, got a path of length zero on layer {names[1]}; "
+                "draw a polygon instead"
             )
         size = length + float(path.widths().max())
         path.tolerance = file.tolerance / metres if file.tolerance else DEFAULT_TOLERANCE * size
-    # Boundaries without extent have no points.
+    # boundaries without extent have no points
     shapes = [shape for shape in _shapes(cell) if len(shape[2])]
     if missing := requested - {name for layer, kind, _ in shapes for name in (layer, kind)}:
         listed = ", ".join(sorted({kind for _, kind, _ in shapes})[:12])
-        raise FileFormatError(f"expected a layer of the cell, got {min(missing)}; it has {listed}")
+        raise FileFormatError(
+            f"expected a layer of the cell, got {min(missing)}; the cell has the layers {listed}"
+        )
     shapes = [s for s in shapes if not requested or not requested.isdisjoint(s[:2])]
     rings = [ring for _, _, ring in shapes]
     if not rings:
         raise FileFormatError("expected polygons or paths in the cell, got none")
     check_coordinates(np.concatenate(rings))
-    # In GDSII, a cut leads from the exterior of a polygon to each hole. The fill rule opens it.
+    # In GDSII, a cut leads from the exterior of a polygon to each hole. The fill rule separates the
+    # holes again.
     polygons = [polygon for ring in rings for polygon in filled([ring], "nonzero")]
     if not polygons:
         raise FileFormatError("expected polygons that enclose an area, got none that do")

@@ -1,4 +1,4 @@
-"""Copper of one layer of a board in Gerber (RS-274X), parsed by gerbonara, as polygons.
+"""Copper of one layer of a board from Gerber (RS-274X), parsed by gerbonara, as polygons.
 
 gerbonara ignores or misreads some statements (step and repeat, blocks, transformed apertures).
 Such statements are refused before.
@@ -48,15 +48,16 @@ _STATEMENT = re.compile(
     rf"|{_NAME}(?:,[+-]?{_LENGTH}(?:X[+-]?{_LENGTH})*)?)"
     rf"|%AM{_NAME}\*{_BLOCK}(?:\*{_BLOCK})*"
 )
-# Attributes, names, and transformations that change nothing.
+# Statements that can be skipped: attributes, names, and transformations that change nothing.
 _NEUTRAL = re.compile(
     r"G90|%(?:T[FAOD].*|[IL]N.*|IPPOS|ASAXBY|MIA0B0|LMN|IR0|SR(?:X1Y1I0J0)?|"
     r"OFA0(?:\.0*)?B0(?:\.0*)?|SFA1(?:\.0*)?B1(?:\.0*)?|LR0(?:\.0*)?|LS1(?:\.0*)?)",
     re.DOTALL,
 )
-# Warnings of gerbonara about statements that it reads correctly.
+# Warnings of gerbonara about statements that it nevertheless reads correctly.
 _HARMLESS = ".*(Arc is missing|D01 interpolation with a zero-size)"
-# Largest relative difference of the radii at both ends of an arc, due to rounded coordinates.
+# Largest relative difference of the radii at both ends of an arc, which rounded coordinates may
+# cause.
 _RADII = 1e-3
 
 Layers = Iterable[tuple[bool, BaseGeometry]]
@@ -81,13 +82,13 @@ def _statements(text: str) -> Iterator[tuple[str, int]]:
         position, line = match.end(), line + match[0].count("\n")
     if text[position:].strip():
         raise _refusal(
-            "Gerber statements that end with an asterisk", "text without one",
-            "the file may be cut short, or is not Gerber",
+            "Gerber statements that end with an asterisk", "text without an asterisk",
+            "check whether the file is complete and is Gerber",
         )  # fmt: skip
 
 
 def _checked(text: str) -> tuple[str, str]:
-    """Return the statements of a Gerber file that gerbonara needs, and its unit "MM" or "IN"."""
+    """Return the statements of a Gerber file for gerbonara, and the unit "MM" or "IN"."""
     statements: list[str] = []
     unit = ""
     for statement, line in _statements(text):
@@ -99,25 +100,28 @@ def _checked(text: str) -> tuple[str, str]:
         match = _STATEMENT.fullmatch(statement)
         if match is None:
             raise _refusal(
-                "plain RS-274X", f"a statement that is not read in line {line}",
+                "plain RS-274X", f"an unsupported statement in line {line}",
                 "export the layer without panels, blocks, transformations and unusual macros",
             )  # fmt: skip
         unit = match["unit"] or unit
-        # gerbonara reads neither names of one letter nor G1 for G01.
+        # gerbonara accepts neither names of one letter nor G1 for G01
         statement = re.sub(rf"^(%AM|%ADD\d+)(?={_NAME})", r"\1M_", statement)
         statement = re.sub(r"^G(?=[123](?:[XYIJD]|$))", "G0", statement)
         statements.append(statement + "*%\n" if statement[0] == "%" else statement + "*\n")
     regions = [words[:3] for words in statements if words in ("G36*\n", "G37*\n")]
-    if regions != ["G36", "G37"] * (len(regions) // 2):  # gerbonara drops an open region
+    # gerbonara silently drops a region that is not closed
+    if regions != ["G36", "G37"] * (len(regions) // 2):
         raise _refusal("G37 after each G36", "another order")
     checked = "".join(statements)
     if not unit or "%FS" not in checked:
-        raise _refusal("%FS and %MO before coordinates and apertures", "neither")
+        raise _refusal(
+            "the statements %FS and %MO before coordinates and apertures", "a file without both"
+        )
     return checked, unit
 
 
 def _objects_of(text: str) -> list[Any]:
-    """Return the objects of gerbonara in the order of the file. Warnings count as errors."""
+    """Return gerbonara's objects in the order of the file. Warnings count as errors."""
     library: Any = import_module("gerbonara.rs274x")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -133,7 +137,7 @@ def _composed(layers: Layers) -> BaseGeometry:
         if not shapes:
             continue
         shape = shapes[0] if len(shapes) == 1 else union_on_grid(shapes)
-        # Polygons outside the bounds of the new shape stay unchanged.
+        # Polygons outside the bounds of the new shape remain unchanged.
         near = shapely.intersects(copper, shapely.box(*shape.bounds))
         if near.any():
             around = shapely.MultiPolygon(list(copper[near]))
@@ -154,12 +158,12 @@ def _circle(centre: Any, radius: float, start: float = 0.0, sweep: float = 2 * m
 
 
 def _between(start: Any, end: Any, clockwise: bool, about: Any) -> Arc:
-    """Return an arc; its centre is moved to have the same distance from both ends."""
+    """Return an arc, with its centre moved to the same distance from both ends."""
     first_end, last_end, centre = np.array([start, end, about], dtype=float)
     first, last = np.hypot(*(first_end - centre)), np.hypot(*(last_end - centre))
     if not 0 < first < math.inf or abs(first - last) > _RADII * first:
         raise _refusal(
-            "arcs with one radius", f"{first:.6g} at the start and {last:.6g} at the end"
+            "arcs with one radius", f"the radius {first:.6g} at the start and {last:.6g} at the end"
         )
     chord = last_end - first_end
     if chord.any():
@@ -181,19 +185,19 @@ def _hull(outlines: Sequence[Points]) -> BaseGeometry:
 
 
 class _Shapes:
-    """Polygons of objects; curves stay within `tolerance` (in the file's unit, or None)."""
+    """Polygons of objects; `tolerance` of chords in the file's unit, or None."""
 
     def __init__(self, tolerance: float | None) -> None:
         self._tolerance = tolerance
         self._flashes: dict[int, BaseGeometry] = {}
 
     def of(self, item: Any) -> Layers:
-        """Yield the polygons of one object of gerbonara."""
+        """Yield the polygons of one gerbonara object."""
         kind = type(item).__name__
         if kind == "Region":
             shapes = [self._region(item)]
         elif item.aperture is None:
-            raise _refusal("an aperture before D01 and D03", "none")
+            raise _refusal("an aperture before the first D01 or D03", "none")
         elif kind == "Flash":
             shapes = [self._flash(item)]
         else:
@@ -211,14 +215,14 @@ class _Shapes:
         along = ends[1] - ends[0]
         if not along.any():
             return self._polygon([_circle(ends[0], width / 2)])
-        # The half circle has vertices at its ends, which the straight sides touch.
+        # The half circle has vertices at its ends, where the straight sides begin.
         half = _circle((0, 0), width / 2, math.atan2(along[1], along[0]) + math.pi / 2, math.pi)
         discs = [_circle(end, width / 2) for end in ends]
         side = chords(half, reach_of(discs, self._tolerance))
         return _hull([ends[1] - side, ends[0] + side])
 
     def _primitive(self, primitive: Any) -> BaseGeometry:
-        """Return the region of a graphic primitive; the outlines of gerbonara are wrong."""
+        """Return the region of a graphic primitive; outlines computed by gerbonara are wrong."""
         kind, p = type(primitive).__name__, primitive
         if kind == "Circle":
             return self._polygon([_circle((p.x, p.y), p.r)])
@@ -231,7 +235,9 @@ class _Shapes:
         points = [tuple(point) for point in region.outline]
         if points[0] != points[-1]:
             x, y = points[0]
-            raise _refusal("closed outlines of regions", f"one from ({x:g}, {y:g}) that is open")
+            raise _refusal(
+                "closed outlines of regions", f"an outline from ({x:g}, {y:g}) that is open"
+            )
         sides = zip(points[:-1], points[1:], region.arc_centers, strict=True)
         outline: list[Curve] = [
             _between(start, end, *arc) if arc else np.array([start, end])
@@ -255,9 +261,9 @@ class _Shapes:
         is_round = hasattr(pen, "diameter")
         if pen.hole_dia or (kind == "Arc" and not is_round):
             raise _refusal(
-                "strokes of round or rectangular apertures without a hole, arcs of round ones",
+                "lines of round or rectangular apertures without holes, or arcs of round ones",
                 "other strokes",
-                "export them as regions",
+                "export the strokes as regions",
             )
         if kind == "Line" and is_round:
             return [self._capsule(stroke.p1, stroke.p2, pen.diameter)]
@@ -287,8 +293,8 @@ def load_gerber(file: File) -> Drawing:
         copper = _composed(layer for item in _objects_of(text) for layer in shapes.of(item))
     except (PolywignerError, ImportError):
         raise
-    except Exception as error:  # gerbonara documents no exceptions
-        # The line number refers to the checked text, not to the file.
+    except Exception as error:  # gerbonara does not document its exceptions
+        # the line number refers to the checked statements, not to the file
         why = re.sub(r"^<unknown>:\d+ ", "", str(error.__cause__ or error).partition("\n")[0])
         raise _refusal("Gerber that gerbonara reads", why[:200].rstrip(".")) from None
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]

@@ -1,4 +1,4 @@
-"""Checks of all file readers: kind and size of the file, encoding, and numbers."""
+"""Checks of all file readers: type and size of the file, encoding, and numbers."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 
-# Largest sizes in bytes. A million vertices take about 40 MB as text; scene files have no meshes.
+# Largest sizes of files in bytes. A million vertices take about 40 MB as text. Scene files contain
+# no meshes.
 LARGEST_FILE = 64 * 2**20
 LARGEST_SCENE = 8 * 2**20
 
-# Largest number of vertices and of outlines of an aperture: their checks take about 10 s.
+# Largest numbers of vertices and of outlines of an aperture, whose checks take about 10 s.
 MOST_VERTICES = 1_000_000
 MOST_RINGS = 10_000
 
-# Largest number of triangles of a body: their checks take about 10 s.
+# Largest number of triangles of a body, whose checks take about 10 s.
 MOST_FACES = 200_000
 
-# Largest coordinate: squares and products must not overflow.
+# Largest absolute value of a coordinate. Squares and products of such numbers do not overflow.
 LARGEST_NUMBER = 1e100
 
 
@@ -43,10 +44,10 @@ def check_bytes(size: int, largest: int, kind: str = "") -> None:
 
 def check_coordinates(points: NDArray[Any]) -> None:
     """Raise FileFormatError for coordinates that are not finite or too large."""
-    if not (np.abs(points) <= LARGEST_NUMBER).all():  # also for a NaN
+    if not (np.abs(points) <= LARGEST_NUMBER).all():  # the condition is also true for NaN
         raise FileFormatError(
             f"expected finite coordinates below {LARGEST_NUMBER:g}, got a larger number or NaN; "
-            "correct it"
+            "correct the file"
         )
 
 
@@ -61,14 +62,14 @@ def token(text: str, known: tuple[str, ...] = ()) -> str:
 
 
 def check_regular(path: Path) -> None:
-    """Raise FileFormatError for a path that is missing or not a regular file."""
+    """Raise FileFormatError if a path is missing or is not a regular file."""
     if not path.is_file():
         kind = "a directory or a device" if path.exists() else "a path that does not exist"
-        raise FileFormatError(f"expected a file, got {kind}")
+        raise FileFormatError(f"expected the path of a file, got {kind}")
 
 
 def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
-    """Return the content of a regular file, which must have 1 to `largest` bytes."""
+    """Return the content of a regular file; its size must be from 1 to `largest` bytes."""
     try:
         check_regular(path)
         check_bytes(path.stat().st_size, largest)
@@ -81,7 +82,7 @@ def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
 
 
 def text_of(content: bytes) -> str:
-    """Return the text of a file, which must be UTF-8."""
+    """Return the text of a file in UTF-8."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -24,24 +24,24 @@ MESH_SUFFIXES = (".stl", ".ply", ".obj")
 Points = NDArray[np.float64]
 Face = tuple[int, ...]
 
-# Vertices nearer than this fraction of the size are merged: CAD programs compute the corners of
-# each face separately, with rounding errors of 1e-16 to 1e-12.
+# Largest distance of vertices that are merged, as a fraction of the size. CAD programs compute the
+# corners of each face separately, with rounding errors of 1e-16 to 1e-12.
 _WELD = 1e-9
-# Largest difference of merged vertices in single precision, in units of the last digit.
+# Largest difference of vertices that are merged in single precision, in units of the last digit.
 _LAST_DIGITS = 2
-# Largest distance of a vertex from its face's plane, as a fraction of the size: coordinates with
-# six digits pass.
+# Largest distance of a vertex from the plane of its face, as a fraction of the size. Coordinates
+# with six digits satisfy this limit.
 _PLANAR = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Vertices (n, 3) in the file's unit, and faces."""
+    """Vertices (n, 3) in the file's unit, and the vertex indices of faces."""
 
     vertices: Points
     faces: list[Face]
     precision: float
-    """Relative rounding error of the stored coordinates."""
+    """Relative rounding error of the coordinates in the file."""
 
 
 _DOUBLE, _SINGLE = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
@@ -57,7 +57,7 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
     kind = suffix.removeprefix(".").upper()
     try:
         mesh = readers[suffix](content)
-    except FileFormatError:  # is also a ValueError
+    except FileFormatError:  # FileFormatError is also a ValueError
         raise
     except (ValueError, IndexError, KeyError, OverflowError, TypeError) as error:
         raise FileFormatError(
@@ -71,12 +71,14 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
     if least < 0 or most >= len(mesh.vertices):
         raise FileFormatError(
             f"expected {kind} faces with vertex numbers up to {len(mesh.vertices)}, got a face "
-            "with another number; correct it"
+            "with another number; export the body again"
         )
     check_coordinates(mesh.vertices)
     mesh = _welded(mesh)
     if not mesh.faces:
-        raise FileFormatError("expected triangles with an area, got points only; export it again")
+        raise FileFormatError(
+            "expected triangles with an area, got points only; export the body again"
+        )
     return _triangulated(mesh)
 
 
@@ -85,8 +87,9 @@ def _triangulated(mesh: Mesh) -> tuple[Points, NDArray[np.intp]]:
     worst = int(heights.argmax()) if len(heights) else 0
     if len(heights) and heights[worst] > _PLANAR * _size(mesh.vertices):
         warn_caller(
-            f"face {worst} of the mesh is not planar: a vertex lies {heights[worst]:.3g} off its "
-            "plane in the file's unit, and the body depends on its triangles; export triangles"
+            f"face {worst} of the mesh is not planar: a vertex lies {heights[worst]:.3g} (in the "
+            "file's unit) off its plane, and the body depends on the division into triangles; "
+            "export the mesh as triangles"
         )
     triangles = triangulate_faces(mesh.vertices, mesh.faces)
     return mesh.vertices, triangles
@@ -97,7 +100,7 @@ def _size(points: Points) -> float:
 
 
 def _welded(mesh: Mesh) -> Mesh:
-    """Merge vertices that differ by rounding, and drop edges and faces that vanish."""
+    """Merge vertices that differ only by rounding, and drop edges and faces that vanish."""
     points = mesh.vertices + 0.0
     reach = _WELD * _size(points)
     if mesh.precision > _DOUBLE:
@@ -116,7 +119,7 @@ def _welded(mesh: Mesh) -> Mesh:
 
 
 def _clusters(values: Points, reach: float) -> NDArray[np.intp]:
-    """Return labels (n,), equal for values that steps of at most `reach` connect."""
+    """Return labels (n,), equal for values that are connected by steps of at most `reach`."""
     order = np.argsort(values, kind="stable")
     labels = np.empty(len(values), dtype=np.intp)
     labels[order] = np.cumsum(np.diff(values[order], prepend=values[order[:1]]) > reach)
@@ -150,8 +153,8 @@ def _stl(content: bytes) -> Mesh:
         )
     if facets and not _END_OF_SOLID.search(content):
         raise FileFormatError(
-            "expected an STL file that ends with endsolid, got one without; it may be cut short: "
-            "export the body again, or add that line"
+            "expected an STL file that ends with the line endsolid, got a file without this line, "
+            "which may be cut short; export the body again, or add the line"
         )
     return _of_corners(
         np.array(vertices, dtype=bytes).astype(np.float64).reshape(-1, 3, 3), _DOUBLE
@@ -178,7 +181,7 @@ def _obj(content: bytes) -> Mesh:
             vertices.append([float(x), float(y), float(z)])
         elif word in (b"f", b"fo"):
             numbers = [int(value.partition(b"/")[0]) for value in values]
-            # negative numbers count back from the last vertex read
+            # negative indices count backwards from the most recent vertex
             faces.append(tuple(n - 1 if n > 0 else len(vertices) + n if n else -1 for n in numbers))
             if len(numbers) < 3:
                 raise ValueError
@@ -208,7 +211,9 @@ Take = Callable[[str], Sequence[Any]]
 def _ply(content: bytes) -> Mesh:
     header = _HEADER.match(content)
     if header is None:
-        raise FileFormatError("expected a PLY mesh, got a file without its header; export it again")
+        raise FileFormatError(
+            "expected a PLY mesh, got a file without a PLY header; export the mesh again"
+        )
     form, elements = _header(header[1].decode("ascii", "replace"))
     body = content[header.end() :]
     take, is_empty = _words(body) if form == "ascii" else _records(body, _ORDERS[form])
@@ -217,7 +222,8 @@ def _ply(content: bytes) -> Mesh:
             name: [_row(properties, take) for _ in range(count)]
             for name, count, properties in elements
         }
-    except (StopIteration, RuntimeError, struct.error):  # StopIteration may become RuntimeError
+    # inside a generator, StopIteration becomes RuntimeError
+    except (StopIteration, RuntimeError, struct.error):
         raise _cut_short("fewer") from None
     if not is_empty():
         raise _cut_short("more")
@@ -235,7 +241,7 @@ def _ply(content: bytes) -> Mesh:
 
 
 def _header(text: str) -> tuple[str, list[tuple[str, int, list[Property]]]]:
-    """Return the format of a PLY file, and name, number of rows and properties of its elements."""
+    """Return the format of a PLY file, and the name, row count and properties of each element."""
     form = ""
     elements: list[tuple[str, int, list[Property]]] = []
     for line in text.splitlines():
@@ -261,7 +267,7 @@ def _row(properties: list[Property], take: Take) -> dict[str, Any]:
 
 
 def _words(body: bytes) -> tuple[Take, Callable[[], bool]]:
-    """Return a function that reads numbers as text, and a test for the end."""
+    """Return a function that reads numbers from text, and a test for the end of the text."""
     words = iter(body.split())
 
     def take(form: str) -> Sequence[Any]:
@@ -271,7 +277,7 @@ def _words(body: bytes) -> tuple[Take, Callable[[], bool]]:
 
 
 def _records(body: bytes, order: str) -> tuple[Take, Callable[[], bool]]:
-    """Return a function that reads binary numbers, and a test for the end."""
+    """Return a function that reads binary numbers, and a test for the end of the data."""
     position = 0
 
     def take(form: str) -> Sequence[Any]:
@@ -285,6 +291,6 @@ def _records(body: bytes, order: str) -> tuple[Take, Callable[[], bool]]:
 
 def _cut_short(got: str) -> FileFormatError:
     return FileFormatError(
-        f"expected as many rows as the header of the PLY file announces, got {got}; the file may "
-        "be cut short: export it again"
+        f"expected the number of rows that the header of the PLY file states, got {got}; the file "
+        "may be cut short: export the mesh again"
     )

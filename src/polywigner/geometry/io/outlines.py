@@ -42,38 +42,43 @@ Polygon = list[Ring]
 
 @dataclass(frozen=True, eq=False)
 class File:
-    """A file with the options of the caller."""
+    """A file to read, with the options of the caller."""
 
     path: Path
     content: bytes
     unit_metres: float
-    """Metres per unit of the file, unless the file states its unit."""
+    """Length of the file's unit in metres; ignored if the file itself states its unit."""
     tolerance: float | None
     """Largest distance in metres between a curve and its chords; None: see `flattened`."""
     layers: tuple[str, ...]
-    """Layers to read, even if they are hidden; empty: everything that is visible."""
+    """Names of the layers to read, even if they are hidden; if empty, all visible layers are
+    read."""
     union: bool
-    """Whether to join outlines that overlap."""
+    """Whether overlapping outlines are joined."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """Polygons of a file, each a list of rings with the exterior first, in the file's unit."""
+    """Polygons of a file in the file's unit; each is a list of rings with the exterior first."""
 
     polygons: Sequence[Sequence[Any]]
     metres: float
-    """Length of the file's unit."""
+    """Length of the file's unit in metres."""
 
 
 def check_known(requested: Iterable[str], known: Iterable[str]) -> None:
-    """Raise ArgumentError for a layer that the drawing does not have."""
+    """Raise ArgumentError for a requested layer that the drawing does not contain."""
     names = sorted(set(known))
     missing = [name for name in requested if name not in names]
     if missing:
         listed = ", ".join(name[:60] for name in names[:12]) + ", ..." * (len(names) > 12)
         raise ArgumentError(
             f"expected a layer of the drawing, got {missing[0][:60]!r}; "
-            + (f"it has {listed}" if names else "it names none, so leave layer out")
+            + (
+                f"the drawing has the layers {listed}"
+                if names
+                else "the drawing has no named layers, so omit layer"
+            )
         )
 
 
@@ -90,13 +95,13 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     if not rings:
         return []
     if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):
-        return [rings]  # cleaned later, with the aperture
+        return [rings]  # the outlines are cleaned later, together with the aperture
     clean = [clean_ring(ring, "a ring") for ring in rings]
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
 
 
 def depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
-    """Return how many of the other rings (n, 2) lie around each ring."""
+    """Return the number of other rings around each of the rings (n, 2)."""
     return np.bincount(_containing(rings)[1], minlength=len(rings))
 
 
@@ -107,7 +112,7 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
     GeometryError.
     """
     is_simple = shapely.is_valid([shapely.Polygon(ring) for ring in rings])
-    clean = [  # simple rings are cleaned later, with the aperture
+    clean = [  # simple rings are cleaned later, together with the aperture
         ring if simple else part_of_ring(ring, f"outline {k}")[0]
         for k, (ring, simple) in enumerate(zip(rings, is_simple.tolist(), strict=True))
     ]
@@ -121,7 +126,7 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
 
 
 def _joined(rings: Sequence[Ring]) -> list[Ring]:
-    """Return the outlines of groups of rings that overlap or touch; rings inside others stay."""
+    """Return the outlines of groups of rings that overlap or touch; rings inside others remain."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     tree = shapely.STRtree(polygons)
     pairs = [tree.query(polygons, predicate=relation) for relation in ("overlaps", "touches")]
@@ -135,7 +140,7 @@ def _joined(rings: Sequence[Ring]) -> list[Ring]:
 
 
 def _check_overlaps(rings: Sequence[Ring]) -> None:
-    """Raise GeometryError for two rings that overlap, unless one lies in the other."""
+    """Raise GeometryError if two rings overlap, unless one ring lies inside the other."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     first, second = shapely.STRtree(polygons).query(polygons, predicate="overlaps")
     once = first < second
@@ -144,7 +149,7 @@ def _check_overlaps(rings: Sequence[Ring]) -> None:
 
 
 def _by_nesting(rings: Sequence[Ring]) -> list[Polygon]:
-    """Return polygons of rings that do not cross, by the number of rings around each."""
+    """Return the polygons of rings that do not cross, from the number of rings around each ring."""
     outer, inner = _containing(rings)
     depth = np.bincount(inner, minlength=len(rings))
     order = np.argsort(depth[outer], kind="stable")
@@ -157,7 +162,7 @@ def _by_nesting(rings: Sequence[Ring]) -> list[Polygon]:
 
 
 def _containing(rings: Sequence[Ring]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return pairs of rings: outer rings (m,), and rings (m,) inside them."""
+    """Return the indices of outer rings (m,), and of the rings inside them (m,)."""
     if not len(rings):
         return np.empty(0, np.intp), np.empty(0, np.intp)
     polygons = [shapely.Polygon(ring) for ring in rings]

@@ -1,4 +1,4 @@
-"""Files of apertures and bodies: GeoJSON, WKT, CSV, SVG, DXF, GDSII, Gerber; STL, PLY and OBJ.
+"""Readers of apertures (GeoJSON, WKT, CSV, SVG, DXF, GDSII, Gerber) and bodies (STL, PLY, OBJ).
 
 A loader returns polygons in the unit of the file. :class:`Aperture` and :class:`Polyhedron` check
 them.
@@ -49,13 +49,13 @@ def load_geojson(file: File) -> Drawing:
 
 
 def load_wkt(file: File) -> Drawing:
-    """Load the polygons of well-known text."""
+    """Load the polygons of a file in well-known text (WKT)."""
     return _polygons(file, shapely.from_wkt, "WKT such as POLYGON ((0 0, 1 0, 1 1, 0 0))")
 
 
 def _polygons(file: File, parse: Callable[[str], BaseGeometry], expected: str) -> Drawing:
     try:
-        with np.errstate(invalid="ignore"):  # a NaN is reported below, with its vertex
+        with np.errstate(invalid="ignore"):  # a NaN is reported later, together with its vertex
             geometry = parse(text_of(file.content).strip())
     except (shapely.errors.GEOSException, NotImplementedError) as error:
         line = re.search(r" in line \d+", str(error).replace("at line", "in line"))
@@ -77,13 +77,13 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 
 def table_rows(text: str) -> list[tuple[int, list[str]]]:
-    """Return line number and columns of each line of a table; # begins a comment."""
+    """Return the line number and the columns of each line of a table; # begins a comment."""
     lines = enumerate(text.splitlines(), start=1)
     return [(n, columns) for n, line in lines if (columns := _columns_of(line.split("#", 1)[0]))]
 
 
 def _columns_of(line: str) -> list[str]:
-    """Split a line at semicolons, else commas, else blanks.
+    """Split a line at semicolons, otherwise at commas, otherwise at blanks.
 
     With semicolons, a comma is a decimal sign, as in spreadsheets of many countries.
     """
@@ -94,13 +94,13 @@ def _columns_of(line: str) -> list[str]:
     else:
         fields = line.split()
     stripped = [field.strip().strip("\"'") for field in fields]
-    while stripped and not stripped[-1]:  # a trailing separator
+    while stripped and not stripped[-1]:  # the line ends with a separator
         stripped.pop()
     return stripped
 
 
 def load_csv(file: File) -> Drawing:
-    """Load the ring of a table with a vertex per line, and perhaps a header line."""
+    """Load the ring of a table with one vertex per line and an optional line of names."""
     rows = table_rows(text_of(file.content))
     has_header = rows and not any(map(_NUMBER.match, rows[0][1]))
     vertices = []
@@ -111,7 +111,7 @@ def load_csv(file: File) -> Drawing:
             )
         vertices.append((float(fields[0]), float(fields[1])))
     if not vertices:
-        raise FileFormatError("expected lines of two numbers, got none")
+        raise FileFormatError("expected lines with two numbers each, got no such line")
     return Drawing([[np.array(vertices)]], file.unit_metres)
 
 
@@ -128,7 +128,7 @@ LOADERS: dict[str, Callable[[File], Drawing]] = {
 """Loader of each suffix."""
 
 _WITH_LAYERS = (load_svg, load_dxf, load_gds)
-# Patterns of the first bytes, for files with another suffix.
+# Patterns of the first bytes of files, for files with another suffix.
 _STARTS = (
     (rb"AutoCAD Binary DXF|(?:999\r?\n[^\n]*\n\s*)*0\s*\r?\n\s*SECTION", load_dxf),
     (rb"\x00\x06\x00\x02", load_gds),
@@ -141,7 +141,7 @@ _NOT_READ = (".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", 
 
 
 def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
-    """Return the loader of a file by its suffix, else by its first bytes, else the CSV loader."""
+    """Return the loader for a file by its suffix, by its first bytes, or else the CSV loader."""
     suffix = path.suffix.lower()
     if suffix in MESH_SUFFIXES:
         raise FileFormatError(
@@ -150,8 +150,8 @@ def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
         )
     if suffix in _NOT_READ:
         raise FileFormatError(
-            f"expected one of {', '.join(LOADERS)}, got {suffix}, which is not read; export the "
-            "outline in one of these formats"
+            f"expected a file with one of the suffixes {', '.join(LOADERS)}, got {suffix}; export "
+            "the outline in one of these formats"
         )
     start = content[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
     by_start = (loader for pattern, loader in _STARTS if re.match(pattern, start))
@@ -159,15 +159,15 @@ def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
 
 
 def _loaded(file: File) -> Drawing:
-    """Return the drawing; a missing or failing library is reported as a PolywignerError."""
+    """Return the drawing in a file; PolywignerError if its library is missing or fails."""
     loader = _loader_of(file.path, file.content)
     if file.layers and loader not in _WITH_LAYERS:
         raise ArgumentError(
-            "expected a layer of a drawing (SVG, DXF, GDSII), got a file without layers; leave "
-            "layer out"
+            "expected layer only for drawings (SVG, DXF, GDSII), got it for a file without layers; "
+            "omit layer"
         )
     try:
-        with warnings.catch_warnings():  # hides warnings of the libraries
+        with warnings.catch_warnings():  # hides warnings of the libraries that read the file
             warnings.simplefilter("ignore")
             return loader(file)
     except PolywignerError:
@@ -177,18 +177,18 @@ def _loaded(file: File) -> Drawing:
         raise missing_extra(library, "formats", f"reads {file.path.suffix} files") from None
     except RecursionError:
         raise FileFormatError(
-            "expected fewer levels of nested elements, or no element that contains itself; ungroup "
-            "them"
+            "expected elements with fewer levels of nesting, got too many levels, or an element "
+            "that contains itself; ungroup the elements"
         ) from None
-    except Exception as error:  # libraries document few of their exceptions
+    except Exception as error:  # the libraries document only a few of their exceptions
         raise FileFormatError(
-            f"expected a drawing, got a file that its library does not read "
-            f"({type(error).__name__}); it may be damaged: export it again"
+            f"expected a drawing, got a file that the library for this format cannot read "
+            f"({type(error).__name__}); it may be damaged: export the drawing again"
         ) from None
 
 
 def _scaled(points: Any, metres: float) -> Ring:
-    """Return coordinates in metres; dividing by 1000 is more exact than multiplying by 0.001."""
+    """Return coordinates in metres; dividing by 1000 is more accurate than multiplying by 0.001."""
     array = np.asarray(points, dtype=np.float64)
     per_metre = round(1 / metres) if 1e-15 < metres < 1 else 0
     return array / per_metre if per_metre and 1 / per_metre == metres else array * metres
@@ -213,7 +213,7 @@ def _aperture(drawing: Drawing, union: bool) -> Aperture:
     try:
         return build(drawing.metres)
     except GeometryError:
-        build(1.0)  # raises the same error with positions in the unit of the file
+        build(1.0)  # this raises the same error, with positions in the unit of the file
         raise
 
 
@@ -222,12 +222,12 @@ def _metres(unit: str | float) -> float:
 
 
 def _checked_layers(layer: Any) -> tuple[str, ...]:
-    """Return the names of layers: one, several, or none for all layers."""
+    """Return the names of the requested layers as a tuple, which is empty for all layers."""
     layers = () if layer is None else (layer,) if isinstance(layer, str) else layer
     names = tuple(layers) if isinstance(layers, Iterable) else (layers,)
     if not all(isinstance(name, str) and name for name in names):
         raise ArgumentError(
-            f"expected a layer by its name, or several names, got {layer!r}; give for example "
+            f"expected layer as one name or several names, got {layer!r}; pass for example "
             'layer="pads" or layer=["pads", "feed"]'
         )
     return names
@@ -303,7 +303,8 @@ def read_aperture(
     layers, joins = _checked_layers(layer), checked_flag(union, "union")
     try:
         file = File(source, bytes_of(source), metres, tolerance, layers, joins)
-        with np.errstate(all="ignore"):  # the checks report numbers beyond the range of float64
+        # later checks report numbers that are too large for float64
+        with np.errstate(all="ignore"):
             return _aperture(_loaded(file), joins)
     except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
         raise type(error)(f"{source}: {error}") from None
@@ -410,14 +411,14 @@ def _body(
     unit: str | float,
     build: Callable[[NDArray[np.float64], NDArray[np.intp]], T],
 ) -> T:
-    """Return ``build(vertices, triangles)`` of a mesh file, in metres."""
+    """Return ``build(vertices, triangles)`` for a mesh file, with vertices in metres."""
     metres, source = _metres(unit), checked_path(path)
     kind = source.suffix.lower()
     try:
         if kind not in MESH_SUFFIXES:
             raise FileFormatError(
                 f"expected a mesh with the suffix {', '.join(MESH_SUFFIXES)}, got "
-                f"{source.suffix or 'no suffix'!r}; outlines are read by polywigner.read_aperture"
+                f"{source.suffix or 'no suffix'!r}; read outlines with polywigner.read_aperture"
             )
         with np.errstate(all="ignore"):
             vertices, triangles = read_mesh(bytes_of(source), kind)
@@ -426,15 +427,15 @@ def _body(
         raise type(error)(f"{source}: {error}") from None
 
 
-# Normals of triangles, and their heights divided by the size of the mesh, are rounded to this step.
-# Triangles with equal normals and heights form one plate.
+# Step to which normals of triangles, and their heights as fractions of the mesh's size, are
+# rounded. Triangles with equal rounded normals and heights form one plate.
 _ONE_PLANE = 1e-12
-# Largest fraction of the area that a union may lose by rounding.
+# Largest fraction of the area that a union may lose, which is due to rounding.
 _LOST = 1e-9
 
 
 def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[PlacedAperture]:
-    """Return triangles (m, 3) of vertices (n, 3) as plates, one plate for each plane."""
+    """Return triangles (m, 3) of vertices (n, 3) as plates, with one plate for each plane."""
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
@@ -443,7 +444,7 @@ def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[P
     if not wide.any():
         raise GeometryError("expected triangles with an area, got none; export the mesh again")
     corners, normals = corners[wide], normals[wide] / lengths[wide, None]
-    # A plate has no orientation, so the largest component of its normal is made positive.
+    # Plates have no orientation, so the normal is reversed if its largest component is negative.
     largest = np.take_along_axis(normals, np.abs(normals).argmax(axis=1)[:, None], axis=1)
     normals = normals * np.sign(largest)
     heights = (normals * corners[:, 0]).sum(axis=1, keepdims=True) / np.ptp(vertices, axis=0).max()

@@ -1,4 +1,4 @@
-"""Filled shapes of an SVG file: (x, y) becomes (x, -y), and strokes are ignored.
+"""Filled shapes of an SVG file: y is reversed, and strokes are ignored.
 
 svgelements parses paths, transforms and colours. It silently skips invalid text, so this module
 checks the text first.
@@ -35,7 +35,8 @@ from polywigner.geometry.rings import rings_of_polygon
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-# svgelements skips text that does not follow this grammar. Possessive quantifiers bound the time.
+# svgelements silently skips text that does not follow this grammar. Possessive quantifiers limit
+# the time of a match.
 _NUMBER = r"[+-]?(?>[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+"
 _COMMA = r"(?>\s*+,\s*+|\s*+)"
 _LENGTH = re.compile(rf"\s*+({_NUMBER})(%|\w*+)\s*+")
@@ -44,7 +45,8 @@ _TRANSFORM = re.compile(
     r"(?:\s*+(?:matrix|translate|scale|rotate|skew[XY])"
     rf"\s*+\(\s*+(?:{_NUMBER}{_COMMA})++\)\s*+,?+)*+\s*+"
 )
-_ARGUMENT = _NUMBER.replace(r"\.?[0-9]*+", r"(?:\.[0-9]++)?+") + _COMMA  # not "5."
+# excludes numbers such as "5."
+_ARGUMENT = _NUMBER.replace(r"\.?[0-9]*+", r"(?:\.[0-9]++)?+") + _COMMA
 _PATH = re.compile(
     rf"\s*+(?:(?=[Mm])(?:[MmLlTt]\s*+(?:(?:{_ARGUMENT}){{2}})++|[HhVv]\s*+(?:{_ARGUMENT})++"
     rf"|[Cc]\s*+(?:(?:{_ARGUMENT}){{6}})++|[SsQq]\s*+(?:(?:{_ARGUMENT}){{4}})++"
@@ -68,7 +70,7 @@ _SHAPES = {"path", "rect", "circle", "ellipse", "polygon", "polyline"}
 _OPAQUE = {"text", "image", "foreignObject"}
 _INHERITED = ("fill", "fill-rule", "fill-opacity", "visibility", "color")
 _EFFECTS = ("clip-path", "mask", "filter", "transform-origin")
-# Rules of style sheets that could change an outline or its fill.
+# Properties in style sheets that could change an outline or its fill.
 _RULE = re.compile(
     rf"[{{;\s](?:{'|'.join((*_INHERITED, *_EFFECTS))}|display|opacity|transform"
     r"|d|[xyr]|[cr][xy]|width|height)\s*:",
@@ -77,16 +79,16 @@ _RULE = re.compile(
 
 
 def _refusal(what: str, text: str) -> FileFormatError:
-    """Return the error for an attribute."""
+    """Return the error for an attribute with an invalid value."""
     short = repr(text if len(text) <= 60 else text[:60] + "...")
-    return FileFormatError(f"expected {what}, got {short}; correct it")
+    return FileFormatError(f"expected {what}, got {short}; correct the attribute")
 
 
 # ---- attributes ----------------------------------------------------------------------------------
 
 
 def _length(text: str, name: str, reference: float | None = None) -> tuple[float, Fraction | None]:
-    """Return a length in user units, and its metres if it states them as "20mm" does.
+    """Return a length in user units, and in metres if its unit is a length such as in "20mm".
 
     `reference` is the length of 100 %, if known.
     """
@@ -105,11 +107,11 @@ def _length(text: str, name: str, reference: float | None = None) -> tuple[float
 
 
 def _affine_of(text: str) -> Points:
-    """Return the matrix of a transform attribute, (x, y, 1) -> (x, y, 1) @ matrix."""
+    """Return the matrix of a transform attribute: (x, y, 1) is mapped to (x, y, 1) @ matrix."""
     try:
         matrix = import_module("svgelements").Matrix(_TRANSFORM.fullmatch(text)[0])  # type: ignore[index]
         rows = np.array([float(getattr(matrix, letter)) for letter in "abcdef"]).reshape(3, 2)
-    except (ValueError, IndexError, TypeError):  # no match, or too few arguments
+    except (ValueError, IndexError, TypeError):  # there is no match, or there are too few arguments
         raise _refusal("a transform such as translate(10 5) rotate(45)", text) from None
     return np.column_stack([rows, [0, 0, 1]])
 
@@ -131,10 +133,10 @@ def _closed(subpath: list[Curve]) -> list[Curve]:
 
 
 def _subpaths(path: Any) -> list[list[Curve]]:
-    """Return the subpaths of an svgelements path, closed by a line, as a fill closes them."""
+    """Return the subpaths of an svgelements path, each closed by a line, as in filled paths."""
     subpaths: list[list[Curve]] = []
     for segment in path:
-        # After a Z without an M, the next subpath starts at the same point.
+        # after a Z without an M, the next subpath starts at the same point as the previous one
         if type(segment).__name__ in ("Move", "Close"):
             subpaths.append([])
         else:
@@ -178,7 +180,9 @@ def _outlines_of(
     if tag == "circle":
         rx = ry = value("r")
     if min(width, height, rx, ry) < 0:
-        raise FileFormatError("expected lengths of zero or more, got a negative length; correct it")
+        raise FileFormatError(
+            "expected lengths of zero or more, got a negative length; correct the attribute"
+        )
     if tag == "rect":
         radii = [value(name) if name in attributes else None for name in ("rx", "ry")]
         rectangle = library.Rect(value("x"), value("y"), width, height, *radii)
@@ -188,7 +192,7 @@ def _outlines_of(
 
 
 def _opacity(text: str | None) -> float:
-    """Return the number from 0 to 1 of an opacity."""
+    """Return an opacity as a number from 0 to 1."""
     return 1.0 if text is None else min(max(_length(text, "opacity", 1.0)[0], 0.0), 1.0)
 
 
@@ -196,15 +200,16 @@ def _opacity(text: str | None) -> float:
 
 
 def _parsed(content: bytes) -> Element:
-    """Return the root element. A plain DOCTYPE is accepted; entities are refused."""
+    """Return the root element. A plain DOCTYPE is accepted; entities raise an error."""
     try:
         root: Element = import_module("defusedxml.ElementTree").fromstring(content)
-    except (SyntaxError, LookupError) as error:  # ParseError is a SyntaxError
+    except (SyntaxError, LookupError) as error:  # ParseError is a subclass of SyntaxError
         line = getattr(error, "position", (1, 0))[0]
         raise FileFormatError(f"expected SVG, got text that is not XML in line {line}") from None
-    except ValueError:  # DefusedXmlException
+    except ValueError:  # this is a DefusedXmlException
         raise FileFormatError(
-            "expected SVG without entities or external files, got some; save as plain SVG"
+            "expected SVG without entities or external files, got a file with some; save the "
+            "drawing as plain SVG"
         ) from None
     if _tag(root) != "svg":
         raise FileFormatError("expected an svg element, got XML of another kind")
@@ -218,12 +223,12 @@ def _tag(element: Element) -> str:
 
 
 def _names(element: Any) -> list[str]:
-    """Return the names of a group or shape in drawing programs."""
+    """Return the names that drawing programs show for a group or shape."""
     return [element.get(key) for key in _NAMES if element.get(key)]
 
 
 def _properties(element: Element) -> dict[str, str]:
-    """Return the attributes of an element, and the properties of its style attribute."""
+    """Return the attributes of an element, together with the properties of its style attribute."""
     pairs = (part.partition(":") for part in element.get("style", "").split(";"))
     style = {name.strip().lower(): value.strip() for name, colon, value in pairs if colon}
     return {**element.attrib, **style}
@@ -240,7 +245,7 @@ def _colour(style: Mapping[str, str]) -> tuple[str, float]:
     if text == "none":
         return "", 0.0
     colour = import_module("svgelements").Color("black" if text.startswith("url(") else text)
-    # svgelements misreads functions without commas.
+    # svgelements misreads colour functions without commas
     if colour.value is None or re.fullmatch(r"(?!url)\w+\([^,]*\)", text):
         raise _refusal("a fill such as red, #f00, rgb(255, 0, 0) or none", text)
     return str(colour.hex), colour.alpha / 255
@@ -248,16 +253,16 @@ def _colour(style: Mapping[str, str]) -> tuple[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class _Context:
-    """Transform and style of an element and of the elements in it."""
+    """Transform and style that apply to an element and to the elements inside it."""
 
     matrix: Points
-    """Transform (x, y, 1) -> (x, y, 1) @ matrix."""
+    """Matrix of the transform: (x, y, 1) is mapped to (x, y, 1) @ matrix."""
     is_requested: bool
-    """Whether the element is in a layer that is read."""
+    """Whether the element is in a layer that is to be read."""
     properties: Mapping[str, str]
     """Attributes and style of the element."""
     style: Mapping[str, str]
-    """Inherited properties."""
+    """Properties inherited from the elements around the element."""
     opacity: float = 1.0
     effect: str = ""
     """Unsupported property, such as a mask, of the element or of an element around it."""
@@ -267,7 +272,7 @@ class _Shape(NamedTuple):
     subpaths: list[list[Curve]]
     rule: str
     is_white: bool
-    """Whether the shape is opaque and white, so that it hides shapes below it."""
+    """Whether the shape is opaque and white, so that it hides the shapes below it."""
 
 
 class _Document:
@@ -289,7 +294,7 @@ class _Document:
         self.named = {e.get("id"): e for e in reversed(elements) if e.get("id")}
 
     def shapes(self, element: Any, context: _Context) -> Iterator[_Shape]:
-        """Yield the painted shapes of an element and of the elements in it."""
+        """Yield the painted shapes of an element and of the elements inside it."""
         tag = _tag(element)
         if tag not in _CONTAINERS | _SHAPES | _OPAQUE:
             return
@@ -302,10 +307,12 @@ class _Document:
         children: Iterable[Any] = element
         if tag == "use":
             inside, children = self._used(inside)
-        elif tag == "switch":  # draws the first element without required extensions
+        elif tag == "switch":  # a switch draws its first element without required extensions
             children = [e for e in element if _tag(e) and not e.get("requiredExtensions")][:1]
         elif tag == "svg" and element is not self.root and inside.is_requested:
-            raise FileFormatError("expected one svg element, got a nested one; make it a group")
+            raise FileFormatError(
+                "expected one svg element, got a nested svg element; replace it by a group"
+            )
         for child in children:
             yield from self.shapes(child, inside)
 
@@ -325,18 +332,18 @@ class _Document:
         )
 
     def _used(self, context: _Context) -> tuple[_Context, list[Any]]:
-        """Return the context and the element that a ``use`` element draws."""
+        """Return the context and the element that a ``use`` element refers to."""
         properties = context.properties
         link = properties.get("href", properties.get(_LINK, "")).strip()
         target = self.named.get(link[1:]) if link.startswith("#") else None
         if target is None or _tag(target) in ("svg", "symbol"):
-            raise _refusal("a use of a group or shape in the same file", link)
+            raise _refusal("a use element that refers to a group or shape in the same file", link)
         shift = np.eye(3)
         shift[2, :2] = [_length(properties.get(name, "0"), name)[0] for name in "xy"]
         return replace(context, matrix=shift @ context.matrix), [target]
 
     def _painted(self, tag: str, context: _Context) -> Iterator[_Shape]:
-        """Yield the shape of an element if its fill is visible."""
+        """Yield the shape of an element if the element has a visible fill."""
         colour, alpha = _colour(context.style)
         opacity = alpha * context.opacity * _opacity(context.style.get("fill-opacity"))
         is_hidden = context.style.get("visibility") in ("hidden", "collapse")
@@ -361,14 +368,15 @@ class _Document:
 
 
 def load_svg(file: File) -> Drawing:
-    """Load the filled shapes of an SVG file, y up, each flattened and filled by its own rule."""
+    """Load the filled shapes of an SVG file with y upwards, each with its own fill rule."""
     root = _parsed(file.content)
     metres, matrix = _unit(root, file.unit_metres)
     context = _Context(matrix, not file.layers, {}, {})
     shapes = list(_Document(root, file.layers).shapes(root, context))
     if not shapes:
         raise FileFormatError(
-            "expected filled shapes, got none; give the outlines a fill (strokes have no inside)"
+            "expected filled shapes, got none; set a fill for the outlines, because strokes do not "
+            "enclose an area"
         )
     subpaths = [subpath for shape in shapes for subpath in shape.subpaths]
     rings = iter(flattened(subpaths, file.tolerance and file.tolerance / metres))
@@ -376,7 +384,8 @@ def load_svg(file: File) -> Drawing:
     polygons = _visible(painted, [shape.is_white for shape in shapes])
     if not polygons:
         raise FileFormatError(
-            "expected shapes that enclose an area, got none, or white shapes cover them"
+            "expected shapes that enclose an area, but there are none, or white shapes cover them "
+            "all"
         )
     return Drawing(polygons, metres)
 
@@ -400,7 +409,7 @@ def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list
 
 
 def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
-    """Return the metres per unit of the file's coordinates, and the map that flips y.
+    """Return the metres per unit of the file's coordinates, and the map that reverses y.
 
     A width or height in mm, cm, Q, in, pt or pc is the size of the viewBox; without a viewBox the
     unit is then a CSS pixel. Otherwise the unit is `unit_metres`.
@@ -417,6 +426,7 @@ def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
         return unit_metres, flip
     if max(scales) > 1.001 * min(scales):
         raise FileFormatError(
-            "expected a width and height in the ratio of the viewBox, got another ratio; correct it"
+            "expected width and height in the ratio of the viewBox, got another ratio; correct the "
+            "width, the height or the viewBox"
         )
     return min(scales), flip

@@ -39,14 +39,15 @@ Complexes = NDArray[np.complex128]
 Pair2 = tuple[Any, Any]
 Row = tuple[float, ...]
 
-# Number of coefficients that one load reads.
+# Number of coefficients that the engine reads with one load instruction.
 _PACKET = 4
-# Number of terms in a temporary array, which takes some tens of megabytes with its intermediates.
+# Largest number of terms in a temporary array. Together with intermediate results, such an array
+# takes some tens of megabytes.
 _BLOCK = 1 << 18
 
 
 def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
-    """Return the index of the other site of a pair, along a direction of ``count`` sites.
+    """Return the index of the second site of a pair, along a direction of ``count`` sites.
 
     ``number``, 0 to 2 count - 2, is the sum of both indices (``by_mean``), or their difference plus
     count - 1. In both cases count - |number - (count - 1)| pairs of sites share a number. The array
@@ -80,17 +81,17 @@ class ProfileFactor:
 
     @cached_property
     def means(self) -> _Series:
-        """Products a_i a_j* for each sum i + j, in the order of increasing i - j."""
+        """Products a_i a_j*: a row for each sum i + j, in the order of increasing i - j."""
         return self._mutual(by_mean=True)
 
     @cached_property
     def differences(self) -> _Series:
-        """Products a_i a_j* for each difference i - j, in the order of increasing i + j."""
+        """Products a_i a_j*: a row for each difference i - j, in the order of increasing i + j."""
         return self._mutual(by_mean=False)
 
     @cached_property
     def _all(self) -> _Series:
-        """The amplitudes themselves, as one row."""
+        """The amplitudes of all sites, as a table with one row."""
         return _series(np.array([self.count]), lambda row, k: self._amplitudes[k])
 
     def _mutual(self, by_mean: bool) -> _Series:
@@ -104,7 +105,10 @@ class ProfileFactor:
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
     def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
-        """Return the factor of all pairs with one number at t = ``cycles``; real for means."""
+        """Return the array factor, at t = ``cycles``, of all pairs with one :func:`partner` number.
+
+        Each pair has the weight a_i a_j*. With ``by_mean``, the factor is real.
+        """
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
         if self.profile.is_uniform:
@@ -122,7 +126,7 @@ class ProfileFactor:
 
 @lru_cache(maxsize=64)
 def profile_factor(profile: Profile) -> ProfileFactor:
-    """Return the factors of a profile without its constant and its linear phase."""
+    """Return the array factors of a profile, without its constant factor and its linear phase."""
     return ProfileFactor(profile)
 
 
@@ -147,9 +151,10 @@ class _Series:
     """
 
     packets: int
-    """Number of packets of a row."""
+    """Number of packets of coefficients in each row."""
     tables: tuple[DeviceTable | None, ...]
-    """Real and imaginary part of p, then of q: (rows * packets of a row, terms of a packet)."""
+    """Real and imaginary parts of p, then of q. Shape (rows * packets per row, coefficients per
+    packet)."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, cycles: Any) -> Pair:
         """Return the sum of a row at t = ``cycles``, or 0 if the row does not exist.
@@ -157,11 +162,12 @@ class _Series:
         ``pairs``: number of pairs of sites, which is the number of terms of the row.
         """
         exists = (row >= 0.0) & (row <= last)
-        # Indices are integers, because float32 rounds numbers beyond 2^24 (profiles of 8,200
-        # sites).
+        # Row indices are integers, because float32 rounds numbers above 2^24, which profiles of
+        # more than 8,200 sites need.
         known = ops.select(exists, row, 0.0)
         start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * cycles
-        is_even = _odd(ops, ops.select(exists, pairs, 1.0)) < 0.5  # centre between two terms
+        # the centre of the row lies between two terms
+        is_even = _odd(ops, ops.select(exists, pairs, 1.0)) < 0.5
         basis = _Basis(ops, cycles, is_even)
         ends = (basis.cosine, basis.cosine, basis.sine, basis.sine)
         p_real, p_imag, q_real, q_imag = (
@@ -217,7 +223,7 @@ class _Basis:
 def _series(
     lengths: NDArray[np.intp], product: Callable[[NDArray[np.intp], NDArray[np.intp]], Complexes]
 ) -> _Series:
-    """Return the rows c_k = ``product(row, k)``, 0 <= k < length, as sums about their centres."""
+    """Return rows c_k = ``product(row, k)``, 0 <= k < length, as sums about their centres."""
     count, terms = len(lengths), (int(lengths.max()) + 1) // 2
     packet = min(terms, _PACKET)
     packets = -(-terms // packet)
@@ -231,7 +237,7 @@ def _series(
         ahead = np.where(exists, product(rows, np.where(exists, up, 0)), 0.0)
         behind = np.where(exists, product(rows, np.where(exists, down, 0)), 0.0)
         p[rows, k], q[rows, k] = ahead + behind, ahead - behind
-        odd = rows[n % 2 == 1]  # the central term is both ahead and behind
+        odd = rows[n % 2 == 1]  # the central term of a row is in both halves
         p[odd, 0] /= 2
     tables = (_unless_zero(t, part, packet) for t in (p, q) for part in ("real", "imag"))
     return _Series(packets, tuple(tables))
@@ -247,10 +253,12 @@ def _unless_zero(values: Complexes, part: str, packet: int) -> DeviceTable | Non
 def factor_of(
     ops: Any, profiles: tuple[ProfileFactor, ProfileFactor], by_mean: bool, cycles: Pair2
 ) -> Callable[[Pair2, Pair2], Pair]:
-    """Return a function for the factor of a midpoint (``by_mean``) or a difference of sites.
+    """Return a function that computes the array factor of the pairs of sites at a node.
+
+    A node is a midpoint of sites (``by_mean``) or a difference of sites.
 
     ``cycles``: t along both directions. The function takes the steps from the first contributing
-    node, and the numbers of `partner`, each along both directions.
+    node to the node, and the numbers of the node for `partner`, each along both directions.
     """
     first, second = (
         _remembered(partial(profile.at, ops, by_mean, cycles=along))
@@ -260,11 +268,11 @@ def factor_of(
 
 
 def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
-    """Cache ``compute(argument)`` by the constant step that is passed with the argument."""
+    """Return a cached ``compute(argument)``, with the step as the key."""
     known: dict[float, Any] = {}
 
     def of(step: Any, argument: Any) -> Any:
-        if not isinstance(step, float):  # a row of an engine's table
+        if not isinstance(step, float):  # the step is an array of the engine and cannot be a key
             return compute(argument)
         if step not in known:
             known[step] = compute(argument)
@@ -275,9 +283,10 @@ def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
 
 # ---- sites -----------------------------------------------------------------------------------
 
-# Largest deviation of positions from a lattice, as a fraction of its extent D, for a sum in closed
-# form. The error of the phase is 6e3 times this fraction at |nu| D = 1000. Rounded multiples of a
-# pitch deviate by less; rounded positions far from the origin deviate by more.
+# Largest deviation of positions from a lattice, as a fraction of its extent D, for which the closed
+# form is used. The error of the phase in radians is 6e3 times this fraction at |nu| D = 1000.
+# Rounded multiples of a pitch deviate by less; rounded positions far from the origin deviate by
+# more.
 _MISFIT = 2.0**-52
 # Smallest number of sites for the closed form. Fewer sites are summed one by one, which is as fast
 # and compiles sooner (benchmarks/array_cost.py).
@@ -287,10 +296,11 @@ _LEAST_SITES = 16
 @dataclass(frozen=True)
 class _Tables:
     frame: LinearFrame
-    """Rows are the basis vectors of a lattice; there are none if sites are summed one by one."""
+    """Rows are the basis vectors of the lattice. The frame has no rows if sites are summed one by
+    one."""
     rows: tuple[Row, ...] = ()
-    """Position relative to the centre, each coordinate as two floats, and weight of each site.
-    Empty for a lattice.
+    """One row for each site: its position relative to the centre, each coordinate as two floats,
+    and its weight. Empty for a lattice.
     """
     factors: tuple[ProfileFactor, ...] = ()
     constant: complex = 1.0
@@ -311,7 +321,7 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     frame = LinearFrame(tuple(phases.doubled(c, double) for c in centre), lattice.basis, 1.0)
     constant = complex(np.prod([profile.factor for profile in profiles]))
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
-        # phases are relative to the centre of the lattice
+        # the phases refer to the centre of the lattice
         constant *= complex(np.exp(1j * np.pi * profile.cycles_per_element * (count - 1)))
     factors, cycles = (
         map(profile_factor, profiles),

@@ -37,13 +37,13 @@ from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
-# Smallest number of elements for sums over pairs. Arrays of fewer elements are computed as one
-# source, which is faster (benchmarks/array_cost.py).
+# Smallest number of elements for which W and A are sums over pairs of elements. Arrays of fewer
+# elements are computed as one source, which is faster (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 6
-# Rounding to 24 bits moves a point by less than this fraction of its distance from the centre, so
-# the boxes of pairs are larger by this fraction.
+# Rounding to 24 bits moves a point by less than this fraction of its distance from the centre. The
+# boxes of pairs are enlarged by this fraction.
 _MARGIN = 2.0**-21
-# Limits of the number of cells: more cells do not shorten the lists.
+# Largest number of grid cells, and of cells per pair: more cells do not shorten the lists.
 _MOST_CELLS, _CELLS_PER_PAIR = 1 << 20, 64
 
 Floats = NDArray[np.float64]
@@ -62,7 +62,7 @@ def is_scattered(array: Array) -> bool:
 
 @lru_cache(maxsize=64)
 def _tables(array: Array, double: bool, view: View | None) -> PairTables:
-    """Return the pairs of elements; without a view (for R) each element as a pair with itself.
+    """Return the pairs of elements, or for R (no view) the pairs of each element with itself.
 
     Pairs are sorted by the midpoint of their centres (``MIRRORED``, for W) or by the difference of
     their centres (``BEHIND``, for A). The field of the first element is the unconjugated factor of
@@ -79,8 +79,8 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     shift = low + np.ptp(positions, axis=0) / 2
     x, y = (shift + local.centre).tolist()
     frame = replace(local, centre=(x, y))
-    # fields are stored relative to the carrier; the phase of the carrier depends on the user's
-    # position or lag
+    # The stored fields have no carrier. The phase of the carrier follows from the position or lag
+    # that the user has passed.
     cycles = positions @ np.array(local.carrier)
     weights = copies.weights * np.exp(-2j * np.pi * (cycles - np.rint(cycles)))
     high, low = (
@@ -92,7 +92,8 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         centre, across = (high, low), (0.0 * high, 0.0 * high)
     else:
         first, second = (index.ravel() for index in np.indices((len(weights),) * 2))
-        if view is MIRRORED:  # each pair once: the reversed pair is the conjugate
+        # each pair is stored once: the reversed pair contributes the complex conjugate
+        if view is MIRRORED:
             first, second = first[first <= second], second[first <= second]
         weights = weights[first] * weights[second].conj()
         if view is MIRRORED:
@@ -102,7 +103,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         total, lost = phases.difference(high[first], high[second])
         apart = total, lost + (low[first] - low[second])
         centre, across = (mean, apart) if view is MIRRORED else (apart, mean)
-        # two copies of an element overlap at differences up to the sum of both half-widths
+        # Two copies of an element overlap if their difference is below the sum of both half-widths.
         scale = 1.0 if view is MIRRORED else 2.0
     reach = np.broadcast_to(scale * np.array(local.reach) * (1 + _MARGIN), centre[0].shape)
     columns = (*_columns(centre, double), *_columns(across, double), weights.real, weights.imag)
@@ -112,7 +113,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
 
 
 def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
-    """Return x and y of vectors, each as a float of the kernel's precision and the rest."""
+    """Return x and y of vectors, each as a float of the kernel's precision and a remainder."""
     total, low = vector
     high = total if double else total.astype(np.float32).astype(np.float64)
     low = (total - high) + low
@@ -134,15 +135,15 @@ class PairLists:
     low: tuple[float, float]
     scale: tuple[float, float]
     counts: tuple[int, int]
-    """Number of cells that contain samples, along each axis. Records have one more row and column
-    of cells before these.
+    """Number of cells that contain samples, along each axis. The table of records has one more row
+    and one more column of cells, in front of these cells.
     """
     starts: DeviceTable
-    """(cells + 1, 1) the first record of each cell, row by row."""
+    """Index of the first record of each cell, shape (cells + 1, 1), row by row."""
     records: DeviceTable
 
     def runs(self, ops: Any, x: Any, y: Any) -> Iterator[tuple[Any, Any]]:
-        """Yield the begin and the end of the two runs of records for the cell of each point."""
+        """Yield the start and the end of both runs of records in the cells around each point."""
         starts = self.starts.in_memory(ops)
         u, v = ((p - low) * s for p, low, s in zip((x, y), self.low, self.scale, strict=True))
         rows, columns = self.counts
@@ -159,7 +160,8 @@ def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
     farthest = reach.max(axis=0)
     farthest += _MARGIN * (np.abs(centres).max(axis=0) + farthest)
     low, high = centres.min(axis=0) - farthest, centres.max(axis=0) + farthest
-    size = 2 * farthest * (1 + 1e-9)  # so that rounding cannot make a box span three cells
+    # the margin ensures that rounding cannot make a box span three cells
+    size = 2 * farthest * (1 + 1e-9)
     most = min(_MOST_CELLS, _CELLS_PER_PAIR * len(records))
     while np.prod(np.floor((high - low) / size) + 2) > most:
         size = size * 1.25
@@ -192,20 +194,20 @@ def _less(ops: Any, value: Any, constant: float) -> phases.Doubled:
 
 
 def _position(ops: Any, frame: Frame, *point: Any) -> Values:
-    """Return a point relative to the centre in the frame, each component as two floats."""
+    """Return a position in the frame, relative to its centre, each component as two floats."""
     less = (_less(ops, c, m) for c, m in zip(point, frame.centre, strict=True))
     total, low = (frame.vector(ops, *part) for part in zip(*less, strict=True))
     return _halves(ops, *zip(total, low, strict=True))
 
 
 def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Values:
-    """Return a frequency less the carrier in the frame, each component as two floats."""
+    """Return a spatial frequency minus the carrier, in the frame, each component as two floats."""
     less = tuple(_less(ops, f, c) for f, c in zip(nu, carrier, strict=True))
     return _halves(ops, *(phases.dot(ops, less, row) for row in frame.inverse_transpose))
 
 
 def _halves(ops: Any, *numbers: phases.Doubled) -> Values:
-    """Return each number as two floats, the first one of single precision."""
+    """Return each number as two floats. The first float has single precision."""
     return tuple(half for number in numbers for half in phases.halves(ops, number))
 
 
@@ -237,7 +239,7 @@ def _point(numbers: Sequence[Any]) -> Point:
 
 
 def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
-    """Return the point relative to the pair's midpoint or difference."""
+    """Return the position or lag of the sample relative to the pair's midpoint or difference."""
     (x, x_low), (y, y_low) = _point(samples[:4])
     (px, px_low), (py, py_low) = _point(record[:4])
     return (x - px) + (x_low - px_low), (y - py) + (y_low - py_low)
@@ -246,7 +248,7 @@ def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
 def _of_element(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """Return the contribution of a pair of equal elements; W is the real part."""
+    """Return the contribution of a pair of equal elements to A, or to W (the real part)."""
     nu, offset = _point(samples[4:]), _offset(record, samples)
     cycles = phases.reduced(ops, phases.dot(ops, nu, _point(record[4:8])))
     factor = Pair(record[8], record[9]) * unit_wave(ops, cycles).conjugate()
@@ -259,7 +261,7 @@ def _of_element(
 def _field_of(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """Return the field of an element, with its weight, at a point."""
+    """Return the field of a single element, including its weight, at a point."""
     return Pair(*element_field(ops, element, *_offset(record, samples))) * Pair(*record[8:10])
 
 
@@ -270,7 +272,7 @@ def _sum(
     ops: Any, tables: PairTables, values: int, samples: Values,
     of_pair: Callable[..., Pair] = _of_element,
 ) -> list[Any]:  # fmt: skip
-    """Return the sum over all pairs, (real, imaginary) or the first alone; NaN for NaN arguments.
+    """Return the sum over all pairs, as (real, imaginary) or real part only; NaN for NaN arguments.
 
     ``of_pair``: contribution of a pair, by default to W or A.
     """
@@ -278,7 +280,7 @@ def _sum(
     records = lists.records.in_memory(ops)
 
     def is_near(row: Any, *samples: Any) -> Mask:
-        """Return whether the boxes of both copies meet."""
+        """Return whether the sample lies in the box in which the pair contributes."""
         record = ops.gather(records, row)
         (x, y), (width, height) = _offset(record, samples), record[10:12]
         return (abs(x) < width) & (abs(y) < height)
@@ -305,7 +307,7 @@ def _ambiguity_sum(ops: Any, tables: PairTables, cycles: Any, *samples: Any) -> 
 
 
 def _fields(ops: Any, tables: PairTables, cycles: Any, *positions: Any) -> Values:
-    """Return u at both ends of a lag, without the carrier."""
+    """Return the field u at both ends of a lag, x + xi/2 and x - xi/2, without the carrier."""
     ends = positions[:4], positions[4:]
     return tuple(part for end in ends for part in _sum(ops, tables, 2, end, _field_of))
 

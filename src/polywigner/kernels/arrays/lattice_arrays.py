@@ -33,8 +33,8 @@ from polywigner.source import Array
 from polywigner.source.lattices import Lattice, Profile, separated
 from polywigner.source.normal_form import normal_form
 
-# Smallest number of elements for array factors; fewer elements are computed as one source
-# (benchmarks/array_cost.py).
+# Smallest number of elements for which W and A are computed with array factors. Arrays of fewer
+# elements are computed as one source (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4
 # A point this close to the boundary of a region contributes less than rounding.
 _EDGE = 4e-15

@@ -1,4 +1,4 @@
-"""W, A and the field of an element of which an array consists, and tables of its copies."""
+"""W, A and the field of the element that an array repeats, and tables of its copies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ElementTables = Tables | SeparableTables
 
 
 def element_tables(aperture: Aperture, double: bool) -> ElementTables:
-    """Return the tables of an element, for float64 or float32 kernels."""
+    """Return the tables of an element for kernels in float64 (``double``) or float32."""
     return separable_tables(aperture, double) or tables_of(aperture, double)
 
 
@@ -42,7 +42,7 @@ def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> Pair:
 
 
 def element_field(ops: Any, tables: ElementTables, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return (real, imaginary) part of u in the element's frame, less the carrier's phase."""
+    """Return the (real, imaginary) field u of the element in its frame, without the carrier."""
     if isinstance(tables, SeparableTables):
         return separable.field(ops, tables, x, y)
     return plane.field(ops, tables, x, y)
@@ -60,18 +60,19 @@ class RepeatedTables(Generic[Element, Sites]):
     element: Element
     sites: Sites
     terms: int = 1
-    """Number of terms of the sum over copies at a sample, for the choice of an engine."""
+    """Number of copies that are summed at each sample. The choice of the engine depends on this
+    number."""
 
 
 @dataclass(frozen=True, eq=False)
 class DeviceTable:
-    """A table (rows, columns) with copies in the memory of engines."""
+    """A table (rows, columns) that is copied once into the memory of each engine."""
 
     values: NDArray[Any]
     copies: dict[Hashable, Any] = field(default_factory=dict)
 
     def in_memory(self, ops: Any) -> Any:
-        """Return the table in an engine's memory."""
+        """Return the copy of the table in the memory of an engine."""
         if ops.key not in self.copies:
             self.copies[ops.key] = ops.on_device(self.values)
         return self.copies[ops.key]

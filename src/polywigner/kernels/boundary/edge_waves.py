@@ -34,20 +34,23 @@ Values = tuple[Any, ...]
 Point = tuple[Any, ...]
 """Coordinates, of numbers or arrays."""
 
-# Phase difference of two waves in cycles below which their difference is computed as a product.
+# Phase difference of two waves, in cycles, below which the difference of the waves is computed as a
+# product to avoid cancellation.
 _CLOSE = 0.5
-# A travelling wave grazes points lower than _LOW wavelengths, at an angle with a sine below
-# _GRAZING.
+# A travelling wave counts as grazing at a point if the point is lower than _LOW wavelengths and the
+# sine of the angle to the mirrored ray is below _GRAZING.
 _LOW, _GRAZING = 1.0, 0.3
-# An evanescent wave grazes points at which it has decayed by less than a factor of exp(pi).
+# An evanescent wave counts as grazing at points where it has decayed by less than a factor of
+# exp(pi).
 _LOST = 0.5
-# Distance in half-lengths if there is no singularity, beyond the largest ellipse of the rules.
+# Distance in half-lengths of the panel that stands for "no singularity". It exceeds the largest
+# ellipse of the quadrature rules.
 _NONE = 100.0
 
 
 @dataclass(frozen=True)
 class PanelView:
-    """A panel in the axes of a point, in which its position s runs from ``first`` to ``last``.
+    """A panel as seen from a point. The position s along it runs from ``first`` to ``last``.
 
     The other numbers are the same for all positions along the panel.
     """
@@ -55,7 +58,8 @@ class PanelView:
     first: Any
     last: Any
     length: Any
-    """last - first, which far away is lost in their rounding."""
+    """The difference last - first, which far from the panel is smaller than the rounding errors of
+    both."""
     radius_first: Any
     radius_last: Any
     b: Any
@@ -63,19 +67,19 @@ class PanelView:
     along: Any
     across: Any
     pz: Any
-    """q of an evanescent wave, p_z = i q."""
+    """Direction cosine p_z of a travelling wave. For an evanescent wave, q with p_z = i q."""
 
 
 class _Travelling:
-    """Waves with a real direction cosine p_z > 0, or p_z = 0."""
+    """Waves with a real direction cosine p_z >= 0."""
 
     directions = 3
-    """Components of the direction in which the free wave turns."""
+    """Number of components of the direction that determine the free wave."""
 
     def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
-        """Return numbers that all nodes share, and bounds on the distance of singularities.
+        """Return the data shared by all nodes, and bounds on the distance of singularities.
 
         ``moment``: components of p x (P - Q) along e, -n and z at the begin of the panel; () for
         waves along z. The results are: the waves e and e', whether the wave grazes the point, and
@@ -104,7 +108,7 @@ class _Travelling:
         along: Any, b: Any, z: Any, across: Any, pz: Any,
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any, *moment: Any,
     ) -> Pair:  # fmt: skip
-        """Return the integrand times the radius, at t from the begin of the panel."""
+        """Return the integrand times the radius, at the position t from the start of the panel."""
         tiny = 1e-300 if ops.double else 1e-37
         lean, path = detour(ops, t, s, radius, along, b, z, across, pz, *moment)
         mirror = path + 2.0 * (pz * z)
@@ -147,7 +151,7 @@ class _Evanescent:
 
         It is a difference of logarithms along two vertical lines.
         """
-        # the sign stands in front of s, so that the factor 1 + |along| is not 0
+        # the sign multiplies s, so that the factor 1 + |along| is never 0
         sign = ops.select(view.along < 0.0, -1.0, 1.0)
         begin = _total(ops, view, view.first, view.radius_first)
         end = _total(ops, view, view.last, view.radius_last)
@@ -166,7 +170,7 @@ class _Evanescent:
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any,
         decay: Any, decayed: Any, growth: Any,
     ) -> Pair:  # fmt: skip
-        """Return the integrand times the radius.
+        """Return the integrand times the radius, at the position t from the start of the panel.
 
         N' is the conjugate of N, and b' is minus the conjugate of a.
         """
@@ -195,7 +199,7 @@ def detour(
     ops: Any, t: Any, s: Any, radius: Any, along: Any, b: Any, z: Any, across: Any, pz: Any,
     *moment: Any,
 ) -> tuple[Any, Any]:  # fmt: skip
-    """Return a and N = R - p.(P - Q) of (B2), without cancellation if the two are parallel.
+    """Return a and N = R - p.(P - Q) of (B2), without cancellation for P - Q parallel to p.
 
     ``moment``: as for :meth:`_Travelling.shared_data`.
     """
@@ -252,31 +256,33 @@ def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point)
     axis = difference(point, source)
     inverse = 1.0 / ops.sqrt(dot(axis, axis))
     axis = tuple(a * inverse for a in axis)
-    # vectors across the axis from the point, because differences of long vectors lose digits
+    # Only components across the axis from the source to the point are needed. Differences of the
+    # long vectors would lose digits.
     first, last = (_across(axis, difference(end_point, point)) for end_point in (start, end))
     return ops.atan2(dot(axis, cross(first, last)), dot(first, last))
 
 
 def _across(axis: Point, vector: Point) -> Point:
-    """Return the part of a vector perpendicular to a unit vector."""
+    """Return the component of a vector perpendicular to a unit vector."""
     along = dot(axis, vector)
     return tuple(v - along * a for v, a in zip(vector, axis, strict=True))
 
 
 @dataclass(frozen=True)
 class EdgeRule:
-    """Nodes that sum the boundary wave of a straight edge."""
+    """Quadrature nodes for the boundary wave of a straight edge."""
 
     turns: float
-    """Detour beyond the least, in wavelengths, up to which the wave is summed along the edge."""
+    """Largest detour, in wavelengths more than the least detour, up to which the wave is integrated
+    along the edge."""
     nodes: tuple[tuple[float, float], ...]
-    """Nodes from -1 to 1 there, with weights (Gauss-Legendre)."""
+    """Gauss-Legendre nodes on [-1, 1] with weights, for the part along the edge."""
     tails: tuple[tuple[float, float], ...]
-    """Nodes beyond, into the complex plane, with weights (Gauss-Laguerre)."""
+    """Gauss-Laguerre nodes with weights, for the part beyond, along a path in the complex plane."""
 
     @classmethod
     def of(cls, turns: float, nodes: int, tails: int) -> EdgeRule:
-        """Return the rule with given numbers of nodes along the edge and beyond."""
+        """Return the rule with the given numbers of nodes along the edge and on the path beyond."""
         along = np.stack(np.polynomial.legendre.leggauss(nodes), axis=-1)
         beyond = np.stack(np.polynomial.laguerre.laggauss(tails), axis=-1) / (2.0 * math.pi)
         return cls(turns, *(tuple((t, w) for t, w in rule.tolist()) for rule in (along, beyond)))
@@ -307,12 +313,15 @@ class _EdgePaths:
         self.both = both = h_first * h_last
         self.shortest = shortest = ops.sqrt(gap * gap + height * height)
         self.distance = ops.sqrt(dot(axis, axis))
-        # sum and difference of the shortest path over the line and the distance
+        # Sum and difference of two lengths: the shortest path over the edge's line, and the
+        # distance from source to point.
         self.total = shortest + self.distance
         self.detour = both * dot(near, near) / self.total
-        # 1 - cos of the angle at the edge between source and point; cos is -1 at the shadow
+        # 1 - cos of the angle at the edge between the source and the point; at the shadow boundary
+        # the cosine is -1
         self.closing = 0.5 * dot(away, away)
-        # product of the distances and of the sine of this angle, positive on the left
+        # product of both distances from the line and the sine of this angle; positive to the left
+        # of the edge
         self.turn = dot(cross(from_source, along), to_point)
 
         def root_at(s: Any) -> Number:
@@ -322,13 +331,14 @@ class _EdgePaths:
             size = ops.sqrt(both * both + lean * lean) + both
             return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
 
-        # roots of the detours over both ends beyond the least detour; negative before the foot
+        # Roots of the detours over both ends of the edge, each minus the least detour. A root is
+        # negative before the foot of the perpendicular.
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def angle(self, ops: Any, limit: float) -> Number:
-        """Return the angle that the edge subtends about the axis, for roots up to a limit."""
+        """Return the angle of the edge about the axis, with roots clipped to a limit."""
         low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
-        # near the boundary of the shadow the root of the detour is a product, without cancellation
+        # near the shadow boundary, a product replaces the root of the detour to avoid cancellation
         steep = ops.sqrt(2.0 / (self.both * self.total * ops.maximum(self.closing, 1.0)))
         root = ops.select(self.closing > 1.0, abs(self.turn) * steep, ops.sqrt(self.detour))
         angle = ops.atan2((high - low) * root, self.detour + low * high)
@@ -344,7 +354,7 @@ def edge_wave(
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
     blocked: Any = None,
 ) -> tuple[Any, Any]:  # fmt: skip
-    """Return the (real, imaginary) boundary wave of a straight edge over the free wave, times 2 pi.
+    """Return the boundary wave (real, imag) of a straight edge over the free wave, times 2 pi.
 
     It is the integral of the wave of a point source along a directed edge of a silhouette. With v
     the root of the detour beyond the least detour, it is an integral of exp(2 pi i v^2) times a
@@ -373,7 +383,7 @@ def edge_wave(
     detour, total_path = paths.detour, paths.total
     distance, turn = paths.distance, paths.turn
     slant = 0.5 / paths.shortest
-    # from here on, positions along the edge are given by v, with the detour ``detour + v^2``
+    # From here on, v denotes the position along the edge. The detour there is ``detour + v^2``.
     foot = 4.0 * paths.both * slant
 
     def density(q: Any) -> Number:
@@ -386,7 +396,7 @@ def edge_wave(
     tiny = 1e-300 if ops.double else 1e-37
 
     def near_foot(low: Any, high: Any) -> tuple[Any, Any]:
-        """Return the integral of the wave without its pole."""
+        """Return the integral over v from ``low`` to ``high``, with the pole subtracted."""
         scale = ops.sqrt(ops.minimum(foot, 4.0 * rule.turns))
         first, last = (
             inverse_sinh(ops, v, ops.sqrt(v * v + 1.0)) for v in (low / scale, high / scale)
@@ -406,7 +416,7 @@ def edge_wave(
         return size * real, size * imag
 
     def beyond(v: Any) -> tuple[Any, Any]:
-        """Return the integral from v on, along a path on which the wave decays."""
+        """Return the integral from v to infinity, along a complex path on which the wave decays."""
         q = v * v
         total = Pair(0.0, 0.0)
         for y, weight in rule.tails:
@@ -421,7 +431,7 @@ def edge_wave(
         return -wave.imag, wave.real
 
     def outside(start: Any, end: Any) -> tuple[Any, Any]:
-        """Return the integrals beyond the limit, up to the ends of the edge."""
+        """Return the integrals from the limits of v to the ends of the edge."""
         rim = beyond(0.0 * start + limit)
         real, imag = 0.0, 0.0
         for sign, v in ((-1.0, start), (1.0, end)):
@@ -436,8 +446,9 @@ def edge_wave(
     step = 4.0 * distance * pole * ops.sqrt(0.5 * paths.both * total_path * paths.closing)
     if blocked is not None:
         step = step * (1.0 - blocked * ops.exp(-2.0 * math.pi * paths.detour))
-    # The angle jumps where the axis meets the edge, and turns around its ends. All edges evaluate
-    # it at one position with the same offset from the point, so that their sum is smooth.
+    # The angle jumps where the axis meets the edge, and winds around the ends of the edge. All
+    # edges evaluate the angle at one position with the same offset from the point, so their sum is
+    # smooth.
     beside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
     step = step * beside.angle(ops, limit)
     return real + step + farther[0], imag + farther[1]
@@ -464,7 +475,7 @@ def path_over(
 ) -> tuple[Any, Any, Any]:
     """Return the shortest path over a straight edge.
 
-    The numbers are its detour, the cosine of its bend, and the position of the bend as a fraction
+    The numbers are its detour, the cosine of its deflection, and the position of the bend as a fraction
     of the edge.
     """
     along = difference(end, start)
@@ -483,20 +494,20 @@ def path_over(
     axis = difference(point, source)
     rho, radius, distance = (ops.sqrt(dot(v, v)) for v in (first, last, axis))
     product, ahead, normal = rho * radius, dot(first, last), cross(first, last)
-    # product - ahead without cancellation if the path is almost straight
+    # computes product - ahead without cancellation if the path is almost straight
     bent = dot(normal, normal) / ops.maximum(product + ahead, 1e-30)
     bent = ops.select(ahead > 0.0, bent, product - ahead)
     return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30), foot
 
 
 def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:
-    """Return the inverse of sinh, with cosh of the result given."""
+    """Return the inverse hyperbolic sine of ``sinh``; ``cosh`` is the cosine of the result."""
     logarithm = ops.log(abs(sinh) + cosh)
     return ops.select(sinh < 0.0, -logarithm, logarithm)
 
 
 def root(ops: Any, z: Pair) -> Pair:
-    """Return the square root of a number to the right of the imaginary axis."""
+    """Return the square root of a complex number that has a positive real part."""
     real = ops.sqrt(0.5 * (ops.sqrt(z.real * z.real + z.imag * z.imag) + z.real))
     return Pair(real, 0.5 * z.imag / real)
 

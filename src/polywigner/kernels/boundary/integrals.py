@@ -37,15 +37,15 @@ from polywigner.numerics.nodes import (
 )
 from polywigner.numerics.phases import Doubled, cos_sin_turns
 
-# Distance in wavelengths beyond which a sum of two floats contains no phase, and rounding errors of
-# products overflow.
+# Distance in wavelengths beyond which the sum of two floats does not resolve the phase, and
+# rounding errors of products overflow.
 _FARTHEST = 1e30
 
 
 def point_in_wavelengths(
     ops: Any, centre: tuple[float, float], wavelength: float, x: Any, y: Any, z: Any
 ) -> tuple[Doubled, Doubled, Doubled]:
-    """Return (x, y, z) minus the centre in wavelengths; ``ops`` of float64."""
+    """Return the point (x, y, z) relative to the centre, in wavelengths; ``ops`` has float64."""
     scale = phases.doubled(1 / Fraction(wavelength))
     # most sources are centred at the origin
     aside = (
@@ -57,7 +57,7 @@ def point_in_wavelengths(
 
 
 def distance_of(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
-    """Return sqrt(x^2 + y^2 + z^2) as two floats, by one step of Newton's method."""
+    """Return sqrt(x^2 + y^2 + z^2) as two floats, refined by one step of Newton's method."""
     highs = tuple(high for high, _ in point)
     root = ops.sqrt(sum(high * high for high in highs))
     total, rest = phases.dot(ops, (*highs, -root), (*highs, root))
@@ -79,40 +79,43 @@ def paraxial_distance(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
 
 
 Row = tuple[float, ...]
-"""A panel and a wave: x, y of its beginning relative to the centre; e_x, e_y; length; p_x, p_y,
-p_z as pairs of floats, the nearest and the rest (q of an evanescent wave, p_z = i q); the wave's
-phase at the beginning; its amplitude over 2 pi, real and imaginary part; 1 if evanescent, else 0.
+"""A panel and a wave. Panel: x and y of its start relative to the centre, unit vector (e_x, e_y),
+and length. Wave: direction cosines p_x, p_y, p_z, each as two floats, the nearest float and the
+remainder (q for an evanescent wave with p_z = i q); phase at the start of the panel; real and
+imaginary part of the amplitude over 2 pi; and 1 for an evanescent wave, otherwise 0.
 """
 
-# Singularities in the sinh variable lie pi/2 off the real axis; 10% are kept clear.
+# Singularities lie pi/2 from the real axis of the variable v with s = |foot| sinh(v). Rules use a
+# strip narrower by about 10 %.
 _STRIP = 1.4
 
 
 @dataclass(frozen=True)
 class BoundaryFrame:
-    """Frame of lengths in wavelengths, relative to the centre of the source."""
+    """Frame of boundary integrals: lengths in wavelengths from the centre of the source."""
 
     centre: tuple[float, float]
     wavelength: float
     double: bool
-    """Whether fields are summed up in float64."""
+    """Whether the field is summed in float64."""
     paraxial: bool
     """Whether phases are relative to Fresnel's distance, z + rho^2/(2 z)."""
 
 
 @dataclass(frozen=True)
 class BoundaryTables:
-    """Panels times waves, and the rules for integrals along panels."""
+    """Rows for each panel and wave, and the quadrature rules for integrals along panels."""
 
     frame: BoundaryFrame
     edges: tuple[Row, ...]
     rules: Rules
     share: float
-    """Share of the second term of (B3): 0 (Rayleigh-Sommerfeld II), 1/2 (Kirchhoff), 1 (I)."""
+    """Factor m of the second term of (B3): 0 (Rayleigh-Sommerfeld II), 1/2 (Kirchhoff), 1
+    (Rayleigh-Sommerfeld I)."""
 
 
 def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -> Values:
-    """Return the coordinates and the distance from the centre, its cycles modulo 1, and the digits.
+    """Return position and distance from the centre as pairs of floats, the phase, and the digits.
 
     Each coordinate and the distance are two floats. ``digits``: minus the natural logarithm of the
     allowed error.
@@ -160,7 +163,7 @@ def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
 def _panel(
     ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> Values:
-    """Return the contribution of one panel to the field of one wave, and its error."""
+    """Return the contribution of one panel to the field of one wave, and its error estimate."""
     view, free, moment, phase = seen_from(ops, row, inner, wave, oblique)
     shared, sine, depth = wave.shared_data(ops, view, free, moment)
 
@@ -190,7 +193,7 @@ def seen_from(
     """
     x, y, ex, ey, length, *cosines, start, _, _ = row
     px, _, py, _, pz, _ = cosines
-    # in float32 the sums equal their first terms
+    # for float32 kernels each sum rounds to its first term
     z, distance = inner[4] + inner[5], inner[6] + inner[7]
     offset = _offset_of(inner, x, y)
     dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
@@ -202,9 +205,9 @@ def seen_from(
 
 
 def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
-    """Return the components of p x (P - Q) along e, -n and z at the begin of a panel.
+    """Return the components of p x (P - Q) along e, -n and z at the start of a panel.
 
-    Far along p the terms are large, and their differences are not.
+    For points far away along p, the terms are large, but their differences are small.
     """
     px, py, pz = zip(cosines[::2], cosines[1::2], strict=True)
     x, y, z = offset
@@ -226,7 +229,7 @@ def sums_over_panel(
     ops: Any, rules: Rules, view: PanelView, bounds: tuple[Any, Any, Any],
     node: Callable[..., Values], values: int, *data: Any,
 ) -> tuple[Values, Values]:  # fmt: skip
-    """Return the sums of ``node`` over a panel, and the expected errors.
+    """Return the sums of ``node`` over a panel, and the errors expected beforehand.
 
     The variable of integration is the length along the panel, or the angle for points close to the
     panel.
@@ -250,7 +253,7 @@ def sums_over_panel(
     def far_node(
         at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, foot2: Any, *data: Any
     ) -> Values:
-        """Return a node in the length t along the panel."""
+        """Return the values at a node in the length t along the panel."""
         t = half * (1.0 + at)
         s = first + t
         radius = ops.sqrt(s * s + foot2)
@@ -260,7 +263,7 @@ def sums_over_panel(
         at: Any, w: Any, v1: Any, v2: Any,
         midpoint: Any, span: Any, away: Any, first: Any, *data: Any,
     ) -> Values:  # fmt: skip
-        """Return a node in v, where s = away sinh v, radius = away cosh v and dt/radius = dv."""
+        """Return values at a node v: s = away sinh v, radius = away cosh v, dt/radius = dv."""
         grown = ops.exp(midpoint + span * at)
         shrunk = 1.0 / grown
         s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
@@ -275,7 +278,7 @@ def sums_over_panel(
 
 
 def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return the data of a rule in the length along a panel.
+    """Return the data of a rule whose variable is the length along the panel.
 
     These are: whether the rule is sufficient; the distance of singularities in half-lengths; the
     phase over half of the panel in cycles; and half of the length.
@@ -292,7 +295,7 @@ def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, 
 
 
 def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return the data of a rule in v, where s = sqrt(b^2 + z^2) sinh v.
+    """Return the data of a rule whose variable is v, where s = sqrt(b^2 + z^2) sinh v.
 
     These are: the distance of singularities in half-lengths of the interval of v; the phase over
     half of the interval in cycles; the centre of the interval; and half of its length.
@@ -306,22 +309,22 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
         abs(view.last + view.along * view.radius_last),
     )
     clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
-    # far away the interval rounds to 0, and the rule in the length is used
+    # for distant points the interval rounds to 0, and the rule in the length is used
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, midpoint, span
 
 
 def rounded_turns(ops: Any, row: Values, inner: Values) -> Number:
-    """Return the cycles whose rounding contributes to the error of a panel."""
+    """Return the number of cycles whose rounding contributes to the error of a panel."""
     size = abs(row[0]) + abs(row[1]) + row[4]
     return _rounded_turns(ops, size, inner[6] + inner[7], abs(row[5]) + abs(row[7]))
 
 
 def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
-    """Return the cycles whose rounding contributes to the error.
+    """Return the number of cycles whose rounding contributes to the error.
 
-    These are the size of the source, and the part of the distance beyond two floats. The latter is
-    common to all panels. It is therefore lost in fields far outside the pattern of a shadow, except
-    for the fraction ``slope`` that lies along the plane.
+    The number is the size of the source plus the rounding error of the distance. All panels have
+    the same rounding error of the distance. It therefore cancels in fields far outside the pattern
+    of a shadow, except for the fraction ``slope`` along the plane.
     """
     ulp = 2.0**-52 if ops.double else 2.0**-23
     return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
@@ -338,16 +341,16 @@ def _square_along(row: Values, inner: Values) -> tuple[Any, Any]:
 
 
 def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
-    """Return radius^2 - distance^2 at the begin of a panel for a point over (x, y), and its slope.
+    """Return the constant and the slope of radius^2 - distance^2 for a point above (x, y).
 
-    At t along the panel the difference is constant + t (slope + t).
+    At the position t along the panel, the difference is constant + t (slope + t).
     """
     constant = begin_x * (begin_x - 2.0 * x) + begin_y * (begin_y - 2.0 * y)
     return constant, 2.0 * (ex * (begin_x - x) + ey * (begin_y - y))
 
 
 def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
-    """Return the point relative to the begin of the panel, each component as two floats."""
+    """Return the point relative to the start of the panel, each component as two floats."""
     offset = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
         rounded, lost = phases.difference(high, origin)
@@ -380,10 +383,12 @@ def edge_wave(
 def seen_in_parabolic_waves(
     ops: Any, row: Values, inner: Values, oblique: bool
 ) -> tuple[PanelView, Pair, Values, Any]:
-    """Return :func:`seen_from` for the waves of (B6), and the cycles whose rounding is an error.
+    """Return four values of :func:`seen_from` for the parabolic waves of (B6).
 
-    The axes begin where the ray of the wave through the point crosses the plane. With z for the
-    distances in the phase, :func:`edge_wave` is the parabolic wave.
+    The values are the view of the panel, the free wave, the arguments of :func:`edge_wave`, and the
+    number of cycles whose rounding contributes to the error. The origin of the view is the position
+    at which the ray of the wave through the point crosses the plane. :func:`edge_wave` returns the
+    parabolic wave if z replaces the distances in the phase.
     """
     x, y, ex, ey, length, *cosines, start, _, _ = row
     z, offset = inner[4] + inner[5], _offset_of(inner, x, y)
@@ -402,16 +407,17 @@ def seen_in_parabolic_waves(
     return view, free, (*_square_along(row, inner), z, along, start), turns
 
 
-# Integrals along single panels, for gradients (G6) and for polarised fields (VP4). With t the
-# length from the panel's beginning, R the distance from a point, and G = exp(2 pi i R)/R, of
+# Integrals along single panels, for gradients (G6) and for polarised fields (VP4). t is the length
+# from the start of the panel, R the distance from a point, and G = exp(2 pi i R)/R. The integrands
+# are
 #
 #     u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R
 #
 # relative to the phase of the point's distance from the centre. Panels are arguments, as points
 # are, so one compiled kernel handles all outlines.
 
-# On the edge of the strip kept clear in the angle, 1/R^2 is larger than on the panel by 1/cos^2 of
-# 1.4, a factor of 35.
+# Where the strip of the angle variable ends, 1/R^2 is larger than on the panel by the factor
+# 1/cos^2(1.4) = 35.
 _GROWN = 3.6
 
 

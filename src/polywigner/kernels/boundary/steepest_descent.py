@@ -38,28 +38,30 @@ from polywigner.numerics import Number
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
 
-# Numbers of nodes of the rules of tails.
+# Numbers of nodes of the quadrature rules for tails, which are integrals from an end of an edge to
+# infinity.
 _SIZES = (2, 3, 4, 5, 6, 8, 10)
-# Logarithms of the numerators of (B11). From the derivative of order 2n, n Gauss-Laguerre nodes
-# integrate exp(-2 pi y) times (1 + iy/x^2)^-2 with an error of at most
-# sqrt(2) (2n + 1) n!^2/(2 pi x^2)^(2n). The bound also holds for products of such factors whose
-# powers add up to -2, if each of them has a larger x^2.
+# Logarithms of the numerators of the error bound (B11). From the derivative of order 2n, n
+# Gauss-Laguerre nodes integrate exp(-2 pi y) times (1 + iy/x^2)^-2 with an error of at most sqrt(2)
+# (2n + 1) n!^2/(2 pi x^2)^(2n). The bound also holds for products of such factors whose powers add
+# up to -2, if each of them has a larger x^2.
 _BOUNDS = tuple(math.log(math.sqrt(2) * (2 * n + 1) * math.factorial(n) ** 2) for n in _SIZES)
-# Distance of singularities in half-lengths, beyond the largest ellipse of the rules.
+# Distance in half-lengths that stands for "no singularity". It exceeds the largest ellipse of the
+# quadrature rules.
 _NO_SINGULARITY = 100.0
-# Cycles of phase along an edge from which on tails need fewer nodes than the edge.
+# Number of cycles of phase along an edge above which tails need fewer nodes than the edge.
 _FEW = 2.0
 
 
 @cache
 def _tail_rules() -> Rules:
-    """Return Gauss-Laguerre rules in cycles, (n, 2) of nodes and weights."""
+    """Return Gauss-Laguerre rules in cycles, shape (n, 2) of nodes and weights."""
     rules = (np.polynomial.laguerre.laggauss(n) for n in _SIZES)
     return tuple(np.stack(rule, axis=1) / (2.0 * math.pi) for rule in rules)
 
 
 def steepest_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return the (real, imaginary) field of travelling waves and its error.
+    """Return the (real, imaginary) field of the travelling waves, and its error estimate.
 
     The rows of ``tables`` are whole edges. The phase of the distance from the centre is left out.
     """
@@ -75,22 +77,22 @@ def steepest_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
 
 @dataclass(frozen=True)
 class _End:
-    """A position t from the begin of an edge, at the distance R from the point."""
+    """A position on an edge, t from its start, and at the distance R from the point."""
 
     t: Any
     s: Any
     radius: Any
     slope: Any
-    """s + p_e R, the derivative of the phase times R."""
+    """s + p_e R: R times the derivative of the phase in s."""
     phase: Any
     """R + p_e s."""
     beyond: Any
-    """x^2, the phase beyond the stationary phase."""
+    """x^2: phase minus the stationary phase."""
 
 
 @dataclass(frozen=True)
 class _Line:
-    """The line of an edge as seen from a point, and numbers that are constant along the line."""
+    """The line of an edge as seen from a point, and quantities constant along the line."""
 
     view: PanelView
     upright: Any
@@ -116,7 +118,7 @@ class _Line:
         upright = view.across * view.across + view.pz * view.pz
         least = ops.sqrt(upright * (view.b * view.b + view.z * view.z))
         direct = view.pz * view.z - view.b * view.across
-        # without cancellation close to the boundary of the shadow
+        # this form has no cancellation close to the shadow boundary
         turned = lean * lean / (least + abs(direct))
         ahead = ops.select(direct > 0.0, turned, least - direct)
         beta = view.pz * view.b - view.z * view.across
@@ -124,15 +126,15 @@ class _Line:
 
     @classmethod
     def parabolic(cls, view: PanelView) -> _Line:
-        """Return the line for Fresnel's waves, seen from the ray of the wave through the point.
+        """Return the line for Fresnel's waves, relative to the ray of the wave through the point.
 
-        It has R = z and c = z in all formulas but the square of the phase.
+        All formulas then have R = z and c = z, except for the square of the phase.
         """
         ahead = view.b * view.b / (2.0 * view.z)
         return cls(view, 1.0, view.z, ahead, view.b, 0.0, 0.0, 0.0, 0.0)
 
     def end(self, ops: Any, t: Any) -> _End:
-        """Return the position t."""
+        """Return the data of the point at the position t."""
         view, s = self.view, self.view.first + t
         radius = self._radius(ops, s, view.b * view.b + view.z * view.z)
         slope, phase = s + view.along * radius, radius + view.along * s
@@ -142,7 +144,7 @@ class _Line:
         return ops.sqrt(s * s + foot2) if self.curved else self.view.z + 0.0 * s
 
     def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
-        """Return the ends of the part of an edge that is summed over nodes on the edge.
+        """Return the ends of the part of an edge that is integrated with nodes on the edge.
 
         An edge with few cycles of phase is summed as a whole.
         """
@@ -161,7 +163,7 @@ class _Line:
         return self.end(ops, low), self.end(ops, high)
 
     def angles(self, ops: Any, begin: _End, low: _End, high: _End, end: _End) -> tuple[Any, Any]:
-        """Return the integral of a/(N R) outside of the inner part, and of b'/(N' R)."""
+        """Return the integrals of a/(N R) outside the inner part, and of b'/(N' R)."""
         view = self.view
         level, height = view.b * view.across, view.pz * view.z
 
@@ -181,7 +183,7 @@ class _Line:
         self, ops: Any, rules: Rules, low: _End, high: _End, digits: Any, free: Pair,
         moment: Values, phase: Values,
     ) -> tuple[Values, Values]:  # fmt: skip
-        """Return the sums of nodes from ``low`` to ``high``, and their expected errors."""
+        """Return the sums over the nodes from ``low`` to ``high``, and their expected errors."""
         view, rest, tiny = self.view, self.rest, 1e-300 if ops.double else 1e-37
         half, foot2 = 0.5 * (high.t - low.t), view.b * view.b + view.z * view.z
         is_curved = bool(self.curved)
@@ -190,7 +192,7 @@ class _Line:
             at: Any, w: Any, v1: Any, v2: Any, half: Any, begin: Any, first: Any, foot2: Any,
             *data: Any,
         ) -> Values:  # fmt: skip
-            """Return the integrand of (B3) without e in its second term."""
+            """Return the integrand of (B3), without the wave e in the second term."""
             (*wave, b, z, across, pz, beta, lift, free_r, free_i), moment = data[:13], data[13:]
             t = half * (1.0 + at)
             s, t = first + t, begin + t
@@ -199,7 +201,8 @@ class _Line:
             lean, path = detour(ops, t, s, radius, wave[3], b, z, across, pz, *moment)
             over = 0.5 * lean / ops.maximum(path, tiny)
             value = wave_difference(ops, edge, Pair(free_r, free_i), path).scaled(over)
-            # the largest |E - e|: where the two waves cancel, their errors do not
+            # The sum of moduli uses the largest |E - e|. Where both waves cancel, their rounding
+            # errors do not.
             size = abs(over) * ops.minimum(2.0, 2.0 * math.pi * path)
             if rest:
                 value = value + edge.scaled(rest * beta / (path + lift))
@@ -220,23 +223,25 @@ class _Line:
     def _nodes_needed(
         self, ops: Any, low: _End, high: _End, half: Any, foot2: Any, digits: Any
     ) -> tuple[Any, tuple[Any, ...]]:
-        """Return :func:`nodes_needed` in the length from ``low`` to ``high``."""
+        """Return :func:`nodes_needed` for integration over the length from ``low`` to ``high``."""
         half = ops.maximum(half, 1e-30)
         rates = low.slope / low.radius, high.slope / high.radius
         outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
         nearest = ops.sqrt(outside * outside + foot2)
-        if not self.curved:  # the integrand is entire
+        if not self.curved:  # the integrand has no singularity
             nearest = nearest + _NO_SINGULARITY * half
         if self.rest:
-            # a lower bound on the sine of the angle to the mirrored ray
+            # lower bound on the sine of the angle between the point and the mirrored ray
             tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
             nearest = nearest * ops.minimum(tilt, 1.0)
-        # A phase of q radians that is quadratic in the position grows by q sinh(u) cosh(u) in the
-        # ellipse u, and 2 q sinh(u) is expected. The excess is below 1 in smaller ellipses only.
+        # In the ellipse with parameter u, a phase of q radians that is quadratic in the position
+        # grows by q sinh(u) cosh(u), but nodes_needed expects 2 q sinh(u). The excess is below 1
+        # for ellipses up to ``largest``.
         bend = (0.5 * math.pi) * half * abs(rates[1] - rates[0])
         largest = 0.7 + ops.sqrt(1.0 + 1.0 / ops.maximum(bend, 1e-6))
         swing = half * ops.maximum(abs(rates[0]), abs(rates[1]))
-        # This excess, and at complex positions with E = e a larger integrand by pi N.
+        # ``extra`` is this excess plus the logarithm of pi N, the factor by which the integrand may
+        # be larger at complex positions with E = e.
         path = self.ahead + ops.maximum(low.beyond, high.beyond)
         extra = 1.0 + ops.log(ops.maximum(math.pi * path, 1.0))
         clear = ops.minimum(nearest / half, largest)
@@ -244,7 +249,7 @@ class _Line:
         return needed, (digits, growth + extra, last + extra)
 
     def tail(self, ops: Any, at: _End, sign: Any, digits: Any, wave: Pair) -> tuple[Pair, Any]:
-        """Return the integral of E from an end to infinity times a sign, and a bound on it.
+        """Return ``sign`` times the integral of E from an end to infinity, and a bound on it.
 
         The wave at the end is ``wave``. The error is at most exp(-digits) of the bound.
         """
@@ -256,7 +261,7 @@ class _Line:
             y: Any, weight: Any,
             slope2: Any, phase: Any, path: Any, lift: Any, half: Any, beta: Any,
         ) -> Values:  # fmt: skip
-            """Return the integrand of (B10) over E."""
+            """Return the integrand of (B10) divided by E."""
             speed = root(ops, Pair(slope2 - curved * (y * y), 2.0 * phase * y))
             value = _quotient(weight * half, Pair(path, y) * speed)
             if rest:
@@ -277,7 +282,7 @@ class _Line:
 
 
 def _tail_rule(ops: Any, beyond: Any, digits: Any) -> Number:
-    """Return the index of the smallest rule of (B11) for an error of exp(-digits)."""
+    """Return the index of the smallest rule whose error by (B11) is at most exp(-digits)."""
     decay = ops.log(2.0 * math.pi * ops.maximum(beyond, 0.1))
     number = 0.0
     for size, bound in zip(_SIZES[:-1], _BOUNDS[:-1], strict=True):
@@ -286,12 +291,12 @@ def _tail_rule(ops: Any, beyond: Any, digits: Any) -> Number:
 
 
 def _quotient(real: Any, divisor: Pair) -> Pair:
-    """Return a real number over a complex number."""
+    """Return the quotient of a real and a complex number."""
     return divisor.conjugate().scaled(real / divisor.norm())
 
 
 def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool) -> Values:
-    """Return the contribution of one edge to the field of one wave, and its error."""
+    """Return the contribution of one edge to the field of one wave, and its error estimate."""
     if tables.frame.paraxial:
         view, free, phase, turns = seen_in_parabolic_waves(ops, row, inner, oblique)
         line, moment = _Line.parabolic(view), ()
@@ -305,7 +310,7 @@ def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique:
     low, high = line.inner_part(ops, begin, end, digits)
     sums, expected = line.inner_sums(ops, tables.rules, low, high, digits, free, moment, phase)
     outside, mirrored = line.angles(ops, begin, low, high, end)
-    # the waves e of (B2) are constant along the edge
+    # the waves e of (B2) have one value along the edge
     total = Pair(sums[0], sums[1]) - free.scaled(0.5 * (outside + mirrored))
     size, missing = abs(outside) + abs(mirrored), missed(ops, sums, expected, turns)
     for at, sign in _signed_ends(ops, begin, low, high, end):
@@ -323,8 +328,9 @@ def _signed_ends(
 ) -> tuple[tuple[_End, Any], ...]:
     """Return the ends of the outer parts of an edge, with the signs of their tails.
 
-    The integral from ``high`` to ``end`` is the tail at ``high`` minus the tail at ``end``. At both
-    limits of the inner part that lie on the edge the tails are equal.
+    The integral from ``high`` to ``end`` is the tail at ``high`` minus the tail at ``end``. The
+    tails at both limits of the inner part are equal, so one tail is counted once for each limit
+    that lies on the edge.
     """
     is_left, is_right = low.t > 0.0, high.t < end.t
     low_on_edge, high_on_edge = is_left & (low.t < end.t), is_right & (high.t > 0.0)

@@ -28,18 +28,20 @@ from polywigner.kernels.cut.pair_grid import (
 )
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
-# Start and vector of an edge that meets no other and is parallel to none.
+# Start point and vector of an edge that crosses no other edge and is parallel to none. It fills the
+# entry of rows without a second edge.
 _NO_EDGE = (877.0, 512.375, 1.0, 0.28125)
-# Number of pairs, and of cells times edges, per pass, so that temporary arrays stay in the cache.
+# Largest number of pairs, and of cells times edges, per pass, so that temporary arrays stay in the
+# cache.
 _BLOCK = 1 << 15
 _DENSE = 1 << 18
-# Cells are enlarged by this margin in units of the frame, far beyond rounding.
+# Cells are enlarged by this margin, in units of the frame. It is far larger than rounding errors.
 _MARGIN = 1e-12
 # Levels are sums of weights. Relative to the largest weight, levels below _NO_WEIGHT are rounding
 # errors of 0, and levels that agree to 1/_LEVELS are merged.
 _NO_WEIGHT, _LEVELS = 1e-15, 2.0**50
-# Largest number of cells across, and of rows in all. With 64 cells across, a cell of a 30-gon has
-# some 4 pairs (benchmarks/call_rates.py).
+# Largest number of cells across, and largest number of rows in all cells. With 64 cells across, a
+# cell of a regular 30-gon has about 4 pairs (benchmarks/call_rates.py).
 _ACROSS, _MOST_ROWS = 64, 1 << 21
 
 
@@ -51,7 +53,7 @@ class _Exact:
     @staticmethod
     def cross(ax: Array, ay: Array, bx: Array, by: Array) -> Array:
         rough = np.asarray(ax * by - ay * bx)
-        near = np.abs(rough) < ROUNDED  # sufficient for vectors shorter than 8
+        near = np.abs(rough) < ROUNDED  # this bound holds for vectors shorter than 8
         if near.any():
             rough[near] = accurate_cross(*(v[near] for v in (ax, ay, bx, by)))
         return rough
@@ -59,10 +61,11 @@ class _Exact:
 
 @dataclass(frozen=True)
 class _Cells:
-    """Squares of the plane of offsets; T = 0 is a corner of four."""
+    """Squares in the plane of offsets T; the origin T = 0 is a common corner of four squares."""
 
     size: float
-    """A power of two, so that the cell of an offset on the grid is exact."""
+    """Side of a cell. It is a power of two, so the cell of an offset on the grid is computed
+    exactly."""
     nx: int
     ny: int
 
@@ -88,7 +91,7 @@ class _Cells:
 
 @lru_cache(maxsize=256)
 def cells_across(first: Outline, second: Outline, samples: int) -> int:
-    """Return the number of cells along the longer side of the plane of offsets.
+    """Return the number of cells along the longer side of the plane of offsets T.
 
     Finer cells have shorter lists, but take longer to build and more memory.
     """
@@ -97,7 +100,7 @@ def cells_across(first: Outline, second: Outline, samples: int) -> int:
     counts = [len(o.edges) for o in outlines]
     pairs, across = math.prod(counts), 2
     while across < _ACROSS:
-        # a parallelogram of two edges meets about (1 + |e|/cell)(1 + |f|/cell) cells
+        # the parallelogram of the edges e and f meets about (1 + |e|/cell)(1 + |f|/cell) cells
         finer = zip(counts, perimeters, strict=True)
         rows = math.prod(count + length * across / size for count, length in finer)
         pays = 4 * across * across < samples or rows < 2 * pairs
@@ -108,7 +111,7 @@ def cells_across(first: Outline, second: Outline, samples: int) -> int:
 
 
 def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
-    """Return the pairs of edges of the first outline and of copies {T - p} of the second, by cells.
+    """Return pairs of edges of the first outline and of copies {T - p} of the second, by cells.
 
     For W the second outline is the first one. For A it is the first one rotated by half a turn, so
     that its copy is shifted.
@@ -117,13 +120,14 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     far = max(float(np.abs(o.vertices[:, 0]).max()) for o in (first, second)) + first.step
     leads = _leads(first, far)
     edges, others = np.concatenate([first.edges, leads]), second.edges
-    # each block of cells yields the edges inside the other copy, and the other rows
+    # each block has two tables of rows: the edges inside the other copy, and the other rows
     blocks = list(_rows_of_cells(first, cells, edges, others))
     cell, table, level = (
         np.concatenate([part[k] for block in blocks for part in block]) for k in range(3)
     )
     inside = np.bincount(cell[table[:, 2] == INSIDE], minlength=cells.count)
-    order = np.argsort(cell, kind="stable")  # within a cell, the edges inside come first
+    # within a cell, the edges inside the other copy come first
+    order = np.argsort(cell, kind="stable")
     rows, level = table[order], level[order]
     rows[:, 3], levels = _numbered(level, abs(others[:, 5] + 1j * others[:, 6]).max(initial=0.0))
     ends = np.zeros((cells.count + 1, 4), np.uint32)
@@ -142,7 +146,7 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
 
 
 def _reach(first: Outline, second: Outline) -> Array:
-    """Return the largest |T_x| and |T_y| at which copies meet."""
+    """Return the largest |T_x| and |T_y| for which the two copies overlap."""
     sizes = (np.abs(outline.vertices).max(axis=0) for outline in (first, second))
     return np.asarray(np.maximum(sum(sizes), 1e-300))
 
@@ -198,7 +202,7 @@ def _rows_of_cells(
         jumps = (
             summed(jump.real) + 1j * summed(jump.imag) if np.iscomplexobj(jump) else summed(jump)
         )
-        # only one of the two leads of a ring has pairs in a cell
+        # in each cell, only one of the two leads of a ring has pairs
         first = jumps[:, count::2] + jumps[:, count + 1 :: 2]
         jumps = jumps[:, :count]
         before = np.cumsum(jumps, axis=1) - jumps
@@ -215,11 +219,11 @@ def _rows_of_cells(
 def _other_rows(
     pairs: tuple[Array, Array, Array], starts: Array, changes: Array, level: Array, null: int
 ) -> tuple[Array, Array, Array]:
-    """Return (cell, row, level) of pairs along the rings and of edges with changing levels."""
+    """Return (cell, row, level) of the pairs along rings, and of the edges with changing levels."""
     at, i, j = pairs
     count = changes.shape[1]
-    # if the level of the first vertex of a ring changes in a cell, crossings of the lead determine
-    # it
+    # If the level of the first vertex of a ring changes within a cell, the crossings of the lead
+    # with edges determine that level.
     led = changes[:, starts]
     led_cell, led_ring = led.nonzero()
     is_lead = i >= count
@@ -246,7 +250,7 @@ def _other_rows(
 
 
 def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
-    """Return the index of each level in a table, and that table.
+    """Return the index of each level in a table of distinct levels, and the table.
 
     Levels that are equal up to rounding are one entry. ``unit``: largest modulus of a weight.
     """
@@ -259,14 +263,14 @@ def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
 
 
 def _table(edge: Array, other: Array | int, kind: Array | int) -> Array:
-    """Return rows of the lists, without the indices of levels."""
+    """Return rows for :attr:`PairGrid.rows`, with the indices of levels still 0."""
     rows = np.zeros((len(edge), 4), np.uint32)
     rows[:, 0], rows[:, 1], rows[:, 2] = edge, other, kind
     return rows
 
 
 def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
-    """Return starts and vectors of some edges; differences on the grid are exact."""
+    """Return the start points and vectors of some edges; differences on the grid are exact."""
     ax, ay, bx, by = (column.take(number) for column in edges.T[:4])
     return ax, ay, bx - ax, by - ay
 
@@ -274,7 +278,7 @@ def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
 def _meeting(
     cells: _Cells, edges: Array, others: Array, count: int
 ) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield (cell, edge, other edge) for cells that meet the parallelogram of two edges, by blocks.
+    """Yield (cell, edge, other edge) for cells that meet a pair's parallelogram, by blocks.
 
     Edges from ``count`` on are lines from the left and the right, each for its half of the cells.
     """
@@ -305,7 +309,7 @@ def _meeting(
 
 
 def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, cell: Array) -> Array:
-    """Return whether cells meet the parallelograms of pairs, if they meet the bounding boxes."""
+    """Return whether cells in the bounding boxes of pairs meet the parallelograms of the pairs."""
     e, f, centre = b - a, d - c, 0.5 * (a + b + c + d).reshape(-1, 2)
     half = 0.5 * cells.size
     x, y = np.subtract(cells.centre(cell), centre.take(pair, axis=0).T)
@@ -320,7 +324,7 @@ def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, ce
 
 
 def _touches(cells: _Cells, edge: Any, other: Any, x: Array, y: Array) -> Array:
-    """Return whether cells meet the offsets for which the first edge starts on the other edge."""
+    """Return whether cells contain offsets for which the first edge starts on the other edge."""
     (ax, ay, _, _), (cx, cy, fx, fy) = edge, other
     half = 0.5 * cells.size
     px, py = x - (ax + cx + 0.5 * fx), y - (ay + cy + 0.5 * fy)

@@ -63,7 +63,7 @@ class Edge:
     length: Any
     """e = length u, with one unit vector u for all parallel edges; negative if e runs against u."""
     real: Any = 1.0
-    """The complex weight of the element that the edge bounds."""
+    """Complex weight of the element that the edge bounds: real part, imaginary part."""
     imag: Any = 0.0
     group: Any = 0
     """Index of the weight's field in ``Tables.groups``."""
@@ -88,14 +88,15 @@ class Piece:
 
     sides: tuple[tuple[int, int], ...]
     real: float
-    """The weight of the element; negated for a triangle whose orientation rounding has reversed."""
+    """Weight of the element, with the opposite sign for a triangle whose orientation was reversed
+    by rounding."""
     imag: float
     group: int
 
 
 @dataclass(frozen=True)
 class Constants:
-    """Edges, lines and convex pieces of all elements, on the grid."""
+    """Edges, lines and convex pieces of all elements, with coordinates on the grid."""
 
     edges: tuple[Edge, ...]
     lines: tuple[Line, ...]
@@ -106,7 +107,7 @@ class Constants:
 
 @lru_cache(maxsize=128)
 def constants_of(tables: Tables) -> Constants:
-    """Return the constants of a source; its elements share lines."""
+    """Return the edges, lines and convex pieces of a source; its elements share lines."""
     frame = tables.frame
     step = frame.grid_step(tables.double)
     group_of = dict(zip(tables.names[:, 2].tolist(), tables.names[:, 3].tolist(), strict=True))
@@ -126,7 +127,8 @@ def constants_of(tables: Tables) -> Constants:
             for k, (ax, ay, ex, ey) in enumerate(_sides(points)):
                 length = math.copysign(math.hypot(ex, ey), ey if ey else ex)
                 unit = (ex / length, ey / length)
-                # directions that are equal up to rounding share one unit vector u, and thus nu.u
+                # directions that are equal up to rounding share one unit vector u, and thus one
+                # product nu.u
                 ux, uy = directions.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
                 ends = names[k], names[(k + 1) % len(names)]
                 edges.append(
@@ -142,7 +144,7 @@ def constants_of(tables: Tables) -> Constants:
 
 
 def _sides(polygon: Floats) -> list[list[float]]:
-    """Start and vector of each side of a closed polygon (n, 2)."""
+    """Return the start point and vector of each side of a closed polygon (n, 2)."""
     return list(np.hstack([polygon, np.roll(polygon, -1, axis=0) - polygon]).tolist())
 
 
@@ -163,7 +165,7 @@ class View:
 
     @property
     def side(self) -> float:
-        """The sign of T as seen from the edges' copy, and of its displacement at ties."""
+        """Sign of T seen from the copy with the edges, and of the shift that decides ties."""
         return float(-self.offset * self.point)
 
 
@@ -176,7 +178,7 @@ Cuts = dict[View, list[tuple[Any, Any, Any, Any]]]
 
 
 class Clipper:
-    """Cuts of edges for one vector T = 2x or xi; edges and views share their terms.
+    """Cuts of edges for one vector T = 2x or xi; edges and views share common subexpressions.
 
     Edges are constants, so that parallel edges are recognised while tracing.
     """
@@ -204,10 +206,11 @@ class Clipper:
     def sums_of_runs(
         self, runs: Sequence[Any], group: int, other: int
     ) -> Iterator[tuple[Any, list[Any]]]:
-        """Yield each of several sums with its values, from one pass over the edges of a group.
+        """Yield (run, values) for several sums, from one pass over the edges of a group.
 
-        A run is a sum for one pair of waves. It has ``views``, pairs (view, side); ``values``, the
-        number of its values; and ``terms(edge, cuts)``, the contribution of an edge.
+        A run is a sum for one pair of waves. It has the attributes ``views``, a sequence of (view,
+        side); ``values``, the number of its values; and ``terms(edge, cuts)``, the contribution of
+        an edge.
         """
         views = dict.fromkeys(view for run in runs for view, _ in run.views)
 
@@ -220,7 +223,7 @@ class Clipper:
             yield run, [next(values) for _ in range(run.values)]
 
     def shared(self, edge: Edge, compute: Callable[[], T], *what: Hashable) -> T:
-        """Return ``compute()``, called once for all parallel edges if these are constants."""
+        """Return ``compute()``; if edges are constants, parallel edges share one call."""
         if type(self) is not Clipper:
             return compute()
         key = (edge.ux, edge.uy, *what)
@@ -230,7 +233,7 @@ class Clipper:
         return value
 
     def level(self, line: Line) -> Number:
-        """Return cross(direction, T); a direction along an axis takes one product."""
+        """Return cross(direction, T) of a line; directions along an axis need one product."""
         key = (line.dx, line.dy)
         if key not in self._levels:
             x, y = self.tx * -line.dy, self.ty
@@ -243,7 +246,7 @@ class Clipper:
     def intervals(
         self, edge: Edge, view: View, group: int = 0
     ) -> Iterator[tuple[Any, Any, Any, Any]]:
-        """Yield (t0 + t1, t1 - t0, real, imag) of the edge inside each piece of a group.
+        """Yield (t0 + t1, t1 - t0, real, imag) for the part of an edge inside each piece.
 
         t1 - t0 is 0 if the edge lies outside. real + i imag is the weight in u(x + xi/2) u*(x -
         xi/2). Edges of the copy AHEAD bound the second factor, all other edges the first factor.
@@ -263,7 +266,8 @@ class Clipper:
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
             line = self.lines[number]
-            # an accurate product, because the edge and the line may be nearly parallel
+            # The product is accurate to an ulp, because the edge and the line may be nearly
+            # parallel.
             slope = float(accurate_cross(line.dx, line.dy, edge.ex, edge.ey))
             if slope == 0.0:
                 distance = self._exact_distance(edge, line, view)
@@ -283,7 +287,7 @@ class Clipper:
         return low + high, length
 
     def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Number:
-        """Return t where the edge meets the line of the other copy."""
+        """Return the fraction t at which the edge meets a line of the other copy."""
         scale = -view.point / slope
         size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
         if slope**2 < _NEARLY_PARALLEL**2 * size:

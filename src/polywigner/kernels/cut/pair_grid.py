@@ -1,4 +1,4 @@
-"""Lists of pairs of edges of two copies of an outline that can meet, and cuts by these lists.
+"""Lists of pairs of edges of two copies of an outline that can cross, and cuts by these lists.
 
 An edge from a to a + e of the first outline and one from c to c + f of the second, in the copy
 {T - p}, meet if the offset T lies in the parallelogram a + c + s e + t f. The plane of offsets is
@@ -25,10 +25,10 @@ from polywigner.numerics.grid_arithmetic import accurate_cross
 # both START and WHOLE. LEAD: a crossing with the line that leads to a ring from outside. START is
 # the first bit and WHOLE the second bit.
 CROSSING, START, WHOLE, INSIDE, LEAD = range(5)
-# Bound on the rounding error of a cross product of vectors of the frame.
+# Bound on the rounding error of a cross product of two vectors in the frame.
 ROUNDED = 1e-13
-# Smaller than all nonzero levels on the grid (2^-106, in single precision 2^-48), but not
-# subnormal.
+# This value is smaller than all nonzero levels on the grid (2^-106, in single precision 2^-48), but
+# not subnormal.
 NO_LEVEL = 1e-35
 
 Array = npt.NDArray[Any]
@@ -36,7 +36,7 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The elements of a source that have one field: rings of vertices on a grid, in its frame.
+    """The elements of a source that share one field: rings of vertices on a grid, in the frame.
 
     On the grid, sums and differences of an offset and two vertices are exact. So the side of an
     edge on which a vertex lies is decided as in exact arithmetic (docs/theory/edges.md, (K2)).
@@ -45,21 +45,22 @@ class Outline:
     step: float
     """The spacing of the grid, a power of two."""
     edges: Array
-    """(n, 8) both ends of each edge, 0, the complex weight of the element, and 0; the polygon lies
-    to the left."""
+    """Shape (n, 8): start and end of each edge, 0, complex weight of the element, and 0. The
+    polygon lies to the left of the edge."""
     starts: Array
-    """(rings + 1,) index of the first edge of each ring, and n."""
+    """Index of the first edge of each ring, and n at the end, shape (rings + 1,)."""
     names: Array
-    """(n, 4) the vertices at which each edge begins and ends, and its element."""
+    """Shape (n, 4): indices of the vertices at which each edge begins and ends, index of its
+    element, and 0."""
 
     @property
     def vertices(self) -> Array:
-        """(n, 2) where each edge begins."""
+        """Start points of the edges, shape (n, 2)."""
         return self.edges[:, :2]
 
     @property
     def following(self) -> Array:
-        """(n,) the edge that comes next."""
+        """Index of the next edge along the ring, shape (n,)."""
         following = np.arange(1, len(self.edges) + 1)
         following[self.starts[1:] - 1] = self.starts[:-1]
         return following
@@ -72,7 +73,7 @@ class Outline:
 
 @lru_cache(maxsize=128)
 def outline_of(tables: Tables, group: int, double: bool) -> Outline:
-    """Return the elements with one of the fields of a source, for float64 or float32 kernels."""
+    """Return the elements that have the field ``group``, for kernels in float64 or float32."""
     in_group = tables.names[:, 3] == group
     names = np.zeros((int(in_group.sum()), 4), np.uint32)
     names[:, :3] = tables.names[in_group, :3]
@@ -92,37 +93,38 @@ class PairGrid:
     """Lists of edges and pairs of edges by cells, as tables of NumPy or of an engine."""
 
     numbers: Any
-    """(1, 8) lower and upper corner of all cells; number of cells per unit length, in a row and in
-    all; and the spacing of the grid.
+    """Shape (1, 8): lower and upper corner of the region of cells, number of cells per unit length,
+    number of cells in a row, number of all cells, and spacing of the grid.
     """
     cells: Any
-    """(cells + 1, 4) for each cell its first row, its first row that is not INSIDE, the end of its
-    rows, and 0. The last cell, for offsets outside of all others, is empty.
+    """Shape (cells + 1, 4): for each cell its first row, its first row that is not INSIDE, the end
+    of its rows, and 0. The last cell stands for all offsets outside the region and is empty.
     """
     rows: Any
-    """(k, 4) edge of the first outline, edge of the second outline, kind of the row, and index of a
-    level, which is a winding number in the other copy times the weight of its element.
+    """Shape (k, 4): edge of the first outline, edge of the second outline, kind of the row, and
+    index of a level. The level is a winding number in the other copy times the weight of its
+    element.
     """
     first: Any
-    """(n, 8) start and vector of the edges of the first outline, 0, the weight, and 0; and of the
-    lines that lead to its rings, with weight 1."""
+    """Shape (n, 8): start and vector of each edge of the first outline, 0, complex weight, and 0.
+    The lines that lead to its rings follow, with weight 1."""
     second: Any
-    """(m + 1, 8) the same for the edges of the second outline, and for an edge of weight 1 that
-    meets no other.
+    """Shape (m + 1, 8): the same for the edges of the second outline. The last edge has weight 1
+    and crosses no other.
     """
     names: Any
-    """(n, 4) `Outline.names` of the first outline."""
+    """`Outline.names` of the first outline, shape (n, 4)."""
     levels: Any
-    """(k, 4) real and imaginary part of each level."""
+    """Shape (k, 4): real and imaginary part of each level, and two zeros."""
 
     @cached_property
     def copies(self) -> dict[Hashable, Any]:
-        """These tables in the memory of engines, by engine."""
+        """Copies of these tables in the memory of engines, by the key of the engine."""
         return {}
 
     @cached_property
     def on_host(self) -> HostGrid:
-        """The lists as NumPy uses them."""
+        """The same lists in the form that NumPy's cuts need."""
         low_x, low_y, _, _, per_unit, across, count, step = self.numbers[0].tolist()
         shape = round(count / across), round(across)
         cells = np.zeros((shape[0] + 2, shape[1] + 2, 3), np.intp)
@@ -145,13 +147,13 @@ class PairGrid:
 
     @property
     def nbytes(self) -> int:
-        """The size of tables of NumPy."""
+        """Size of the NumPy tables in bytes."""
         return sum(getattr(self, part.name).nbytes for part in fields(self))
 
     def on_device(self, send: Callable[[Array], Any]) -> PairGrid:
         """Return the grid with its tables in an engine's memory."""
         tables = {f.name: getattr(self, f.name) for f in fields(self)}
-        # engines do not read from empty arrays
+        # engines cannot read from empty arrays
         return replace(self, **{k: send(v if len(v) else _NONE) for k, v in tables.items()})
 
 
@@ -163,16 +165,17 @@ class HostGrid:
     """The lists of a :class:`PairGrid` for NumPy, with points as complex numbers."""
 
     low: complex
-    """The lower corner of the cells."""
+    """Lower left corner of the region of cells."""
     per_unit: float
     shape: tuple[int, int]
-    """Cells along y and along x."""
+    """Numbers of cells along y and along x."""
     step: float
     cells: Array
-    """(n, 3) first columns of ``PairGrid.cells``, with a border of empty cells."""
+    """Shape (n, 3): the first columns of ``PairGrid.cells``, with a border of empty cells."""
     rows: Array
     first: Array
-    """(n, 4) start and vector of each edge, (limit of levels + i length), weight."""
+    """Shape (n, 4), complex: start and vector of each edge, limit of levels + i length, and
+    weight."""
     second: Array
     levels: Array
     is_uniform: bool
@@ -187,7 +190,7 @@ def _as_complex(edges: Array) -> Array:
     return np.stack(columns, axis=-1)
 
 
-# Sine of the angle of two edges below which the quotient of rounded levels is too inaccurate.
+# Sine of the angle between two edges below which the quotient of rounded levels is too inaccurate.
 _SLANTED = 1 / 16
 
 
@@ -212,7 +215,7 @@ def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
 def cut_edges(
     grid: HostGrid, row: Array, owner: Array, t: Array, side: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the last parts of edges, from a crossing to the end, for the slices of offsets ``t``.
+    """Return the part of each edge from its crossing to its end, for slices at the offsets ``t``.
 
     Parameters
     ----------
@@ -255,12 +258,12 @@ def cut_edges(
         _make_exact(levels, slanted.nonzero()[0], e, f, p)
     jump: Array = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
     before = jump.cumsum() - jump
-    # The running sum over all samples of a call would round in double precision.
+    # A running sum over all samples of a call would lose digits in double precision.
     if not grid.is_uniform:
         jump = jump * (other_edge[:, 3] if grid.levels.dtype.kind == "c" else other_edge[:, 3].real)
         exact = np.clongdouble if jump.dtype.kind == "c" else np.longdouble
         before = np.cumsum(jump, dtype=exact) - jump
-    # the first row of each ring of a sample sets the level
+    # the first row of each ring of a sample resets the level
     last = np.maximum.accumulate(np.where(kind & START, np.arange(len(row)), 0))
     level = before + (grid.levels.take(level_of) - before).take(last)
     weight = np.where(kind & WHOLE, level, np.where(kind == LEAD, 0.0, jump))
@@ -282,7 +285,7 @@ def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
 
 
 def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> None:
-    """Recompute levels from exact differences and accurate products."""
+    """Recompute levels with exact differences and products accurate to an ulp."""
     e, f, p = e[columns], f[columns], p[columns]
     pairs = (e, p), (e, p - f), (f, p), (f, p - e)
     for row, (a, b) in zip(levels, pairs, strict=True):
@@ -292,13 +295,14 @@ def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> 
 def crossing(
     ops: Any, edge: Any, other: Any, tx: Any, ty: Any, side: float = 1.0
 ) -> tuple[Any, Any, Any, Any]:
-    """Return whether an edge crosses an edge of the other copy, and the levels of its ends.
+    """Return whether an edge crosses an edge of the mirrored copy {T - p}, and two levels.
 
-    Edges are given by their starts and vectors. The results are: whether the edges meet; whether
-    the first edge enters the left side of the other edge; and the levels of the start and the end
-    of the first edge. Levels are distances to the left of the line of the other edge, times its
-    length. The first edge crosses that line at ``start / (start - end)``. Cross products of ``ops``
-    have exact signs.
+    ``edge`` and ``other`` are given by start and vector: (a, e) and (c, f). The edge of the copy
+    runs from T - c to T - c - f, with T = (``tx``, ``ty``). The results are: whether both edges
+    meet; whether the first edge enters the left side of the other edge; and the levels of the start
+    and the end of the first edge. Levels are distances to the left of the line of the other edge,
+    times the length of the other edge. The first edge crosses that line at the fraction
+    ``start / (start - end)`` of its length. Cross products of ``ops`` have exact signs.
 
     ``side``: 1 or -1, the sign of the displacement of T that decides ties.
     """
@@ -313,7 +317,7 @@ def crossing(
 
 
 def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Number:
-    """Return the level cross(e, T - p) above which p counts as left of e: 0, or just below.
+    """Return the limit of cross(e, T - p) above which p counts as left of e: 0, or just below.
 
     Ties are decided as if T were displaced by side (eps, -eps^2). No other level on the grid is as
     close to 0.

@@ -23,9 +23,10 @@ Pass = tuple[View, int, int]
 Interval = tuple[Any, Any, Any, Any]
 Level = tuple[Any, ...]
 
-# Number of samples that is assumed if it is unknown.
+# Number of samples that is assumed if the number is unknown.
 _MANY = 1 << 20
-# Largest size of the cached lists of all sources; engines have copies of the same size.
+# Largest total size in bytes of the cached lists of all sources. Copies in the memory of engines
+# have the same size.
 _MOST_BYTES = 1 << 27
 
 
@@ -35,7 +36,8 @@ def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairG
     first, second = (outline_of(tables, number, double) for number in (group, other))
     second = second if view is MIRRORED else second.rotated
     across = cells_across(first, second, 1 << (samples or _MANY).bit_length())
-    name = view.point, group, other, double, across  # AHEAD uses the lists of BEHIND
+    # the view AHEAD uses the lists of the view BEHIND
+    name = view.point, group, other, double, across
     grid: PairGrid | None = tables.pairs.get(name)
     if grid is None:
         grid = tables.pairs.setdefault(name, pair_grid(first, second, across))
@@ -51,7 +53,7 @@ _cached: deque[tuple[dict[Any, Any], Hashable, int]] = deque()
 
 
 def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
-    """Return the index of the cell of an offset on the grid, or of an empty cell outside."""
+    """Return the cell index of an offset on the grid; offsets outside belong to an empty cell."""
     x0, y0, x1, y1, per_unit, across, empty, _ = ops.gather(pair.numbers, ops.truncated(0.0))
     inside = (tx >= x0) & (tx < x1) & (ty >= y0) & (ty < y1)
     column, row = (
@@ -62,7 +64,7 @@ def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
 
 
 class PairClipper(Clipper):
-    """Cuts of the edges on the lists of the cell of each sample."""
+    """Cuts of the edges in the lists of each sample's cell."""
 
     def __init__(
         self,
@@ -90,7 +92,7 @@ class PairClipper(Clipper):
             return self.pairs[BEHIND if view is AHEAD else view, group, other]
         grid, ops = pairs_of(self.tables, key, self.ops.double), self.ops
         if ops.key not in grid.copies:
-            # the same copy in all threads
+            # setdefault makes all threads use one copy
             grid.copies.setdefault(ops.key, grid.on_device(ops.on_device))
         copy: PairGrid = grid.copies[ops.key]
         return copy
@@ -98,7 +100,7 @@ class PairClipper(Clipper):
     def sum_over_edges(
         self, term: Callable[[Edge], Level], values: int, group: int = 0, other: int = 0
     ) -> Level:
-        # NaN for infinite and NaN arguments
+        # the start value is NaN for infinite and NaN arguments
         totals = [sum(value - value for value in (self.tx, self.ty, *self.arguments))] * values
         for view in self.views:
             for part in self._sums(view, self._grid((view, group, other)), term, values):
@@ -113,7 +115,7 @@ class PairClipper(Clipper):
     def _sums(
         self, view: View, grid: PairGrid, term: Callable[[Edge], Level], values: int
     ) -> Iterator[Level]:
-        """Yield the sum over the edges inside the other copy, and the sum over the other rows."""
+        """Yield the sum over edges inside the other copy, then the sum over the other rows."""
         ops, tables, count = self.ops, self.tables, 2 if self.tables.phased else 1
         tx, ty = view.side * self.tx, view.side * self.ty
 
@@ -121,13 +123,14 @@ class PairClipper(Clipper):
             return tuple(ops.gather(grid.levels, number)[:count])
 
         def last_part(number: Any, edge: Any, fraction: Any, level: Level) -> Level:
-            """Return the term of the last ``fraction`` of an edge, times a level."""
+            """Return the term of the last ``fraction`` of an edge, multiplied by a level."""
             ax, ay, ex, ey, _, real, imag, _ = edge or ops.gather(grid.first, number)
             begin, end, _, _ = ops.gather(grid.names, number)
             weight, phase = tables.mutual(real, imag, *level, *(0.0,) * (2 - count))
             phase = -phase if view is AHEAD else phase
             self._current = view, (2.0 - fraction, fraction, weight, phase)
-            # the vector e with length 1 has the same product as a unit vector with the true length
+            # The vector e with length 1 gives the same product as a unit vector with the true
+            # length.
             return term(Edge(ax, ay, ex, ey, ex, ey, 1.0, real, imag, begin=begin, end=end))
 
         def of_inside(row: Any) -> Level:

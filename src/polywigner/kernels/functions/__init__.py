@@ -1,4 +1,4 @@
-"""Formulas of W, A and F as sums over edges, slits and tetrahedra.
+"""Formulas of W, A and F: sums over edges, slits and tetrahedra.
 
 ===================  ==========================================================================
 module               content

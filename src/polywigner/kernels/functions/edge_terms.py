@@ -49,7 +49,7 @@ def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
-    tiny = (abs(x) < floor) & (abs(y) < floor)  # false for NaN
+    tiny = (abs(x) < floor) & (abs(y) < floor)  # the condition is false for NaN
     return ops.select(tiny, floor, x), ops.select(tiny, 0.0, y)
 
 
@@ -57,7 +57,7 @@ Values = tuple[Any, ...]
 
 
 def scaled(factor: Any, value: Any) -> Number:
-    """Return factor value; no multiplication if the factor is a constant 1 or -1."""
+    """Return factor * value, without a multiplication if the factor is the constant 1 or -1."""
     if isinstance(factor, float) and abs(factor) == 1.0:
         return value if factor > 0 else -value
     return factor * value
@@ -78,37 +78,39 @@ class EdgeTerms:
     ops: Any
     nu: Values
     by_part = False
-    """Whether the parts of an edge share no factor; then only :meth:`of_part` is implemented."""
+    """Whether each part of an edge has its own factors. Only :meth:`of_part` is implemented
+    then."""
 
     def taken(self, owner: Any) -> EdgeTerms:
-        """Return the terms at the frequencies with the indices ``owner`` (k,), for NumPy."""
+        """Return the terms at the frequencies with indices ``owner`` (k,), for NumPy arrays."""
         terms, (nu_x, nu_y) = object.__new__(type(self)), self.nu
         terms.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
         return terms
 
     def at_columns(self, rows: Any, columns: slice) -> EdgeTerms:
-        """Return the terms at some rows (None: all) and columns of the frequencies (n, m)."""
+        """Return the terms at selected rows (None: all) and columns of the frequencies (n, m)."""
         terms = copy(self)
         terms.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
         return terms
 
     def along(self, ux: Any, uy: Any) -> Values:
-        """Return numbers that depend on the vector u of an edge; the first is nu.u."""
+        """Return the quantities that depend on the vector u of an edge; the first is nu.u."""
         raise NotImplementedError
 
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
-        """Return the sums of an edge after adding a part; ``sums`` is None for the first part.
+        """Return the sums over parts of an edge after adding a part; None before the first.
 
-        ``half``, ``midpoint``: nu.d/2 and nu.m in cycles; ``extent``: the part's length in units of
-        the edge's; ``weight``: (real, imaginary) product of the weights of both elements, times the
-        jump or level of the other copy. The sums lack the factors of `of_edge`.
+        ``half``, ``midpoint``: nu.d/2 and nu.m in cycles, for a part with midpoint m and vector d;
+        ``extent``: length of the part, as a fraction of the edge; ``weight``: (real, imaginary)
+        product of the weights of both elements, times the jump or level of the other copy. The sums
+        lack the factors of `of_edge`.
         """
         raise NotImplementedError
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
-        """Return the sums of an edge from the sums over its parts; d = extent length u."""
+        """Return the term of an edge from the sums over its parts; d = extent length u."""
         raise NotImplementedError
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
@@ -120,7 +122,7 @@ class EdgeTerms:
         return self.of_edge(along, 1.0, sums)
 
     def total(self, sums: Values) -> Values:
-        """Return W or A from the sums over all edges."""
+        """Return W or A from the sum over all edges."""
         raise NotImplementedError
 
 
@@ -158,7 +160,7 @@ class EvenTerms(EdgeTerms):
 
 
 class WaveTerms(EdgeTerms):
-    """Terms of W and A for all weights, (W2) and (A1), of one pair of waves.
+    """Terms of W and A for any weights, (W2) and (A1), for one pair of waves.
 
     Sums are sine and cosine parts.
     """
@@ -202,7 +204,7 @@ def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> 
     ``is_even``: whether weights are real. ``is_real``: whether only the real part is required.
     """
     if is_even:
-        # W is even in nu, so this change of nu changes W by less than rounding
+        # W is even in nu, so moving nu away from 0 changes W by less than rounding
         return EvenTerms(ops, _off_zero(ops, nu[0], nu[1], 1e-9 if ops.double else 1e-6))
     return WaveTerms(ops, moved_off_zero(ops, *nu), 1 if is_real else 2, 1 / math.pi)
 

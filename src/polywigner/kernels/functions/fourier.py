@@ -53,15 +53,15 @@ class OutlineTables:
     edges: tuple[tuple[float, ...], ...]
     """Begin (x, y) and end of every edge, and cross(begin, end), twice the area of its triangle."""
     following: tuple[int, ...] = ()
-    """Index of the edge that begins where each edge ends. The vertex at which an edge begins has
-    the index of the edge.
+    """Index of the edge that begins where each edge ends. A vertex has the index of the edge that
+    begins there.
     """
 
 
 def outline_tables(
     rings: Sequence[npt.NDArray[np.float64]], frame: Frame | None = None
 ) -> OutlineTables:
-    """Return the tables of a polygon to the left of its rings, by default in its frame."""
+    """Return the tables of the polygon to the left of rings, by default in the polygon's frame."""
     frame = frame or frame_of(np.concatenate(rings))
     edges: list[tuple[float, ...]] = []
     following: list[int] = []
@@ -103,7 +103,7 @@ def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
 
 
 def _is_short(nu: Values) -> bool:
-    """Return whether terms may be unrolled; a cube would compile in 3 s and run half as fast."""
+    """Return whether a sum may be unrolled; a cube would compile in 3 s and run half as fast."""
     return len(nu) < 3
 
 
@@ -138,7 +138,7 @@ class SolidTables:
 
     @property
     def terms(self) -> int:
-        """Number of terms, for the choice of an engine: a tetrahedron counts as eight edges."""
+        """Number of terms, for the choice of the engine: a tetrahedron counts as eight edges."""
         return 8 * len(self.edges)
 
 
@@ -164,9 +164,9 @@ def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
     centre of another box could lie many thicknesses away from a plate.
     """
     mean = body.vertices.mean(axis=0)
-    # without full_matrices=False, NumPy makes a matrix of vertices times vertices.
+    # without full_matrices=False, NumPy makes a matrix (vertices, vertices)
     _, _, principal = np.linalg.svd(body.vertices - mean, full_matrices=False)
-    # a right-handed system, so that volumes keep their sign
+    # the axes form a right-handed system, so that volumes keep their sign
     principal = principal * np.sign(np.linalg.det(principal))
     axes = min(np.eye(3), principal, key=lambda rows: np.ptp(body.vertices @ rows.T, axis=0).prod())
     along = body.vertices @ axes.T
@@ -194,47 +194,50 @@ BODY = Kernel("fourier of a body", 3, solid_tables, enter_frequency, fan_sum, le
 
 # ---- grids of frequencies --------------------------------------------------------------------
 
-# Rounding of the waves changes F by _ULP * perimeter/(2 pi |nu|). Where this exceeds _LOSS times
-# the area, (F4) is not used.
+# Rounding of the waves changes F by _ULP * perimeter/(2 pi |nu|). (F4) is not used where this error
+# exceeds _LOSS times the area.
 _LOSS, _ULP = 5e-15, 2.0**-53
-# If perimeter times largest distance from the centre is this multiple of the area, rounding of the
-# vertices changes F by 1e-14 of the area.
+# Largest ratio of perimeter times largest distance from the centre to the area. At this ratio,
+# rounding of the vertices changes F by 1e-14 of the area.
 _MOST_SLENDER = 512.0
-# For |q| below this (cycles), sinc(q) is a series of _TERMS terms, whose first omitted term is
+# For |q| below _NEAR cycles, sinc(q) is a series of _TERMS terms. The first omitted term is
 # 0.31^12/13! = 1e-16. For larger |q|, sin(pi q) is a product of sines and cosines along both axes,
 # accurate to an ulp.
 _NEAR, _TERMS = 0.1, 5
 # Number of values of a temporary array that fit into the cache of a core.
 _BLOCK = 1 << 14
-# BLAS divides larger matrix products among threads, which on a busy machine takes up to a hundred
-# times as long. A stack of smaller products, of at least four rows, costs a tenth more.
+# Largest number of multiplications of one matrix product, and smallest number of rows. BLAS divides
+# larger products among threads, which on a busy machine takes up to a hundred times as long. A
+# stack of smaller products costs a tenth more.
 _SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
-# Number of edges whose waves are in memory at a time: some 40 MB for 512 x 512 points.
+# Number of edges whose waves are in memory at a time: about 40 MB for 512 x 512 points.
 _MOST_EDGES = 1024
-# Difference in the frame below which edge vectors count as equal, such as the edges of congruent
-# elements after rounding. Their mean replaces them, which changes F by no more than that rounding.
+# Difference in the frame below which edge vectors count as equal, for example the edges of
+# congruent elements after rounding. The mean of such vectors replaces them. This changes F by no
+# more than the rounding itself.
 _EQUAL = 2.0**-51
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Edges that share one vector (ex, ey) up to its sign; components that round to 0 are 0."""
+    """Edges with the same vector (ex, ey) up to its sign; components that round to 0 are 0."""
 
     ex: float
     ey: float
     midpoints: npt.NDArray[np.float64]
-    """(n, 2)"""
+    """Midpoints of the edges, shape (n, 2)."""
     weights: npt.NDArray[np.complex128]
-    """(n,) field on the element of each edge, negated for edges along -(ex, ey)."""
+    """Field on the element of each edge, shape (n,); with the opposite sign for edges along -(ex,
+    ey)."""
 
     @property
     def is_straight(self) -> bool:
-        """Whether the edges lie along an axis."""
+        """Whether the edges are parallel to an axis of the frame."""
         return self.ex == 0.0 or self.ey == 0.0
 
 
 def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) -> tuple[Family, ...]:
-    """Return edges (begin x, y, end x, y, ...) grouped by vector, with the field on elements."""
+    """Return the families of edges (begin x, y, end x, y, ...), with the field on elements."""
     corners = np.array(edges)
     begin, end = corners[:, :2], corners[:, 2:4]
     vectors, midpoints = end - begin, (begin + end) / 2
@@ -252,9 +255,9 @@ def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) ->
 
 
 def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
-    """Return indices of vectors, grouped by equal components up to rounding."""
+    """Return indices of vectors, grouped by components that are equal up to rounding."""
     clusters: list[list[int]] = []
-    near: list[list[int]] = []  # clusters whose x is within _EQUAL
+    near: list[list[int]] = []  # these clusters agree in x to within _EQUAL
     for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
         near = [c for c in near if vectors[k, 0] - vectors[c[0], 0] <= _EQUAL]
         for cluster in near:
@@ -269,12 +272,12 @@ def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
 
 @dataclass(frozen=True)
 class GridTables:
-    """The constants of a polygon for grids."""
+    """Tables of a polygon for the computation of F on grids."""
 
     frame: Frame
     families: tuple[Family, ...]
     terms: int
-    """Number of edges."""
+    """Number of edges of the polygon."""
     perimeter_over_area: float
 
     @property
@@ -287,24 +290,24 @@ class GridTables:
 
     @property
     def floor(self) -> float:
-        """The smallest |nu| in the frame at which (F4) keeps its accuracy."""
+        """Smallest |nu| in the frame at which (F4) is accurate."""
         return self.perimeter_over_area * _ULP / (2 * math.pi * _LOSS)
 
 
 @dataclass(frozen=True, eq=False)
 class OutlineSum:
-    """The sum of a kernel over all edges of an outline, with constants for grids."""
+    """A kernel's sum over all edges of an outline, and the tables for grids."""
 
     summed: Callable[..., Values]
     on_grid: Callable[[Any], GridTables | None]
-    """(source) -> constants, or None if grids are not supported; cached."""
+    """Function (source) -> cached GridTables, or None if grids are not supported."""
 
     def __call__(self, ops: Any, tables: Any, *inner: Any) -> Values:
         return self.summed(ops, tables, *inner)
 
 
 def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables | None:
-    """Return the tables for grids of an outline, with the field on each edge's element.
+    """Return the tables of an outline for grids, with the field on each edge's element.
 
     Returns None in a rotated frame, in which a grid of frequencies is not aligned with the axes,
     and for slender outlines.
@@ -344,7 +347,7 @@ class _FamilyTerm:
             cos_y, sin_y = cos_y * factor_y[:, None], sin_y * factor_y[:, None]
         self.left = np.concatenate([cos_x, sin_x], axis=1)
         self.right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]])
-        # the parts of nu.e and cross(nu, e) along both axes, and sin(pi nu.e) as a matrix product
+        # the parts of nu.e and cross(nu, e) from both axes, and sin(pi nu.e) as a matrix product
         self.q = nu_x * family.ex, nu_y * family.ey
         self.c = nu_x * family.ey, nu_y * family.ex
         cos_x, sin_x = cos_sin_turns(ops, 0.5 * nu_x * family.ex)
@@ -352,7 +355,7 @@ class _FamilyTerm:
         self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:
-        """Return the cosine and sine parts (nu_x, 2, nu_y) on a range of rows of the grid."""
+        """Return the cosine and sine parts (rows, 2, nu_y) for a range of rows of the grid."""
         if self.is_straight:
             return self._waves(self.left[rows])
         q = self.q[0][rows, None] + self.q[1]
@@ -392,7 +395,7 @@ class _FamilyTerm:
 def fourier_on_grid(
     ops: Any, tables: GridTables, nu_x: Array, nu_y: Array
 ) -> tuple[Array, Array, Array]:
-    """Return real and imaginary part at all (nu_x[i], nu_y[j]), and a mask of inaccurate values.
+    """Return (real, imaginary) F at all (nu_x[i], nu_y[j]), and a mask of inaccurate values.
 
     ``ops``: operations in float64. Values are inaccurate where |nu| is below `GridTables.floor`.
     Source: (F4).
@@ -427,7 +430,7 @@ def fourier_on_grid(
 
 
 def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
-    """Join the terms of all families along the axes into one matrix product."""
+    """Join the terms of all families along axes into one matrix product."""
     straight = [term for term in terms if term.is_straight]
     if straight:
         straight[0].left = np.concatenate([term.left for term in straight], axis=1)

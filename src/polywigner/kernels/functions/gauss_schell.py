@@ -31,18 +31,18 @@ _LENGTHS = (0.3, 1.0, 2.5, 4.0, 6.0, 8.0)
 _OF_EDGES = {True: (10, 14, 18, 22, 26, 30, 36), False: (8, 10, 12, 14, 16, 18, 22)}
 _OF_INTERVALS = {True: (10, 14, 20, 24, 28, 32, 44), False: (8, 10, 12, 16, 18, 20, 28)}
 # Waves with beta_s above _STEEP and a phase along the edge above _LONG are integrated along paths
-# of steepest descent, with these numbers of nodes.
+# of steepest descent, with _DESCENT nodes.
 _STEEP, _LONG = 8.0, 10.0
 _OF_DESCENTS = {True: 10, False: 6}
 # Where |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On edges beyond _FAR, f
 # is as smooth as 1/Z, and the rule with index _SMOOTH suffices.
 _FAR, _SMOOTH = 8.7, 3.0
-# |Re Z| below which exp(-beta^2/2) - |g| is a series, and its number of terms. The first omitted
-# term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single precision.
+# |Re Z| below which exp(-beta^2/2) - |g| is computed by a series, and the number of terms. The
+# first omitted term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single precision.
 _SMALL, _TERMS = 0.1, {True: 9, False: 5}
-# Exponents below this give subnormal numbers, which slow processors down.
+# Exponents below this value give subnormal numbers, which slow processors down.
 _LEAST_EXPONENT = {True: -300.0, False: -80.0}
-# A small number whose square is a normal number.
+# This number is small, but its square is a normal number.
 _TINY = {True: 1e-150, False: 1e-18}
 _TURN = 2 * math.pi
 
@@ -86,13 +86,13 @@ def wave_over_interval(ops: Any, start: Any, end: Any, nu: Any) -> Values:
     everywhere = rate == rate
     rule = arc.rule(everywhere)
     real, imag = arc.integral(rule, everywhere, _OF_INTERVALS, _gaussian, (rate, nu))
-    undefined = 0.0 * (start + rate)  # NaN for NaN arguments
+    undefined = 0.0 * (start + rate)  # the result is NaN for NaN arguments
     return real + undefined, imag + undefined
 
 
 @lru_cache(maxsize=4)
 def _arc_rules(sizes: tuple[int, ...]) -> Rules:
-    """Return tables of node, weight, 1 - node^2, and the slope of the latter times the weight."""
+    """Return tables of node, weight, 1 - node^2, and the slope of 1 - node^2 times the weight."""
     rules = []
     for size in sizes:
         t, weight = np.polynomial.legendre.leggauss(size)
@@ -102,7 +102,7 @@ def _arc_rules(sizes: tuple[int, ...]) -> Rules:
 
 @lru_cache(maxsize=2)
 def _descent_rules(size: int) -> Rules:
-    """Return a table of node, and weight without exp(-node)."""
+    """Return a table of node and weight; the weight lacks the factor exp(-node)."""
     t, weight = np.polynomial.laguerre.laggauss(size)
     return (np.stack([t, weight * np.exp(t)], axis=-1),)
 
@@ -161,7 +161,7 @@ class _Arc:
 
 
 def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
-    """Return a node s = p + i r, and ds there."""
+    """Return a node s = p + i r on the arc, and ds there."""
     t, weight, rise, slope = row
     size, centre, half, lift = samples
     x = ops.fma(half, t, centre)
@@ -171,7 +171,7 @@ def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
 
 
 def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
-    """Return a node s + t/(s + i beta_s), and ds there."""
+    """Return a node s + t/(s + i beta_s) on a path of steepest descent, and ds there."""
     scale = 1.0 / ops.fma(s, s, rate * rate)
     x, y = s * scale, -rate * scale
     return ops.fma(t, x, s), t * y, weight * x, weight * y
@@ -205,7 +205,7 @@ def _times(a: Any, b: Any) -> Values:
 
 
 def _one_less_exp(ops: Any, x: Any) -> Number:
-    """Return 1 - exp(-x) for small x, to the rounding of x."""
+    """Return 1 - exp(-x) for small x, to rounding accuracy."""
     small = ops.select(abs(x) < _SMALL, x, 0.0)
     series: Any = 0.0
     for k in range(_TERMS[ops.double], 0, -1):

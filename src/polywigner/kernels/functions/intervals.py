@@ -49,15 +49,16 @@ Interval = tuple[Fraction, Fraction, Waves]
 
 
 def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
-    """Return u without the carrier in an interval that includes its begin and excludes its end."""
+    """Return u without the carrier in an interval that includes its begin, not its end."""
     inside = ops.select((x >= begin) & (x < end), 1.0, 0.0)
-    # comparisons with NaN are false, so NaN arguments would count as outside and give 0
+    # Comparisons with NaN are false. Without this line, NaN arguments would count as outside and
+    # give 0.
     return Pair(*field_of(ops, waves, (x,))).scaled(inside) + Pair(x - x, x - x)
 
 
 @dataclass(frozen=True)
 class SlitFrame:
-    """x' = (x - centre)/scale, nu' = scale nu; the scale is a power of two."""
+    """Frame of a line: x' = (x - centre)/scale and nu' = scale nu; the scale is a power of two."""
 
     centre: tuple[float]
     scale: float
@@ -84,7 +85,7 @@ class SlitFrame:
         return (nu * self.scale,)
 
     def detuned(self, ops: Any, nu: Any) -> tuple[Any]:
-        """Return a spatial frequency relative to the carrier, in the frame."""
+        """Return a spatial frequency minus the carrier, in the frame."""
         return self.frequency(ops, nu - self.carrier[0] if self.carrier[0] else nu)
 
     def exact_frequency(self, nu: float) -> tuple[float]:
@@ -93,11 +94,12 @@ class SlitFrame:
 
 @dataclass(frozen=True)
 class SlitTables:
-    """Intervals in their frame; sums run over ``edges``."""
+    """The intervals of a source in their frame; sums run over ``edges``."""
 
     frame: SlitFrame
     edges: tuple[tuple[Any, ...], ...]
-    """Each entry is an `Interval`. For F it is the begin and the length, each as two floats."""
+    """Each entry is an `Interval`; for F, it contains the begin and the length of the interval,
+    each as two floats."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ class PairTables:
 
     @property
     def terms(self) -> int:
-        """Number of terms, for the choice of an engine: a pair counts as half an edge of F."""
+        """Number of terms, for the choice of the engine: a pair counts as half an edge of F."""
         return -(-len(self.edges) // 2)
 
 
@@ -184,7 +186,7 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
 def _overlap(
     ops: Any, shift: Doubled, gap: Any, gap_low: Any, half: Any, other: Any
 ) -> tuple[Any, Any]:
-    """Return the length of the overlap of two intervals, and the offset of its centre.
+    """Return the length of the overlap of two intervals, and the offset of the overlap's centre.
 
     The intervals have half-lengths ``half`` and ``other``. Their centres are ``gap + gap_low -
     shift`` apart. The offset is relative to the mean of both centres. If the shorter interval lies
@@ -200,7 +202,7 @@ def _overlap(
 
 
 def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
-    """Return the transform of the mutual field on the slices as (real, imaginary) part."""
+    """Return the transform of the mutual field on the slices as (real, imaginary)."""
 
     def term(
         gap: Any, gap_low: Any, half: Any, other: Any, mean: Any, mean_low: Any, real: Any,
@@ -229,8 +231,8 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
     return total
 
 
-# Frequencies count as equal if they agree to this, in cycles per unit of the frame or relative to
-# the largest one.
+# Frequencies count as equal if they agree to this tolerance, in cycles per unit of the frame or
+# relative to the largest frequency.
 _EQUAL = 1e-14
 
 
@@ -240,14 +242,14 @@ class LineField:
 
     half: float
     waves: Waves
-    """Each wave has one frequency component."""
+    """Waves with one frequency component each."""
 
     @property
     def pairs(self) -> int:
         return len(self.waves) * (len(self.waves) + 1) // 2
 
     def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Number:
-        """Return W, which is real, for a coherence width in the frame."""
+        """Return W, which is real, for a coherence width in units of the frame."""
         pairs = mean_pairs(self.waves, self.waves, True)
         return _over_pairs(ops, pairs, x, nu, _length(ops, self.half - abs(x), 4.0), width).real
 
@@ -357,7 +359,7 @@ def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
 
 
 def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Values:
-    """Return the phase of centre and carrier, and upsilon and xi as two floats each."""
+    """Return the phase of centre and carrier in cycles, and upsilon and xi as two floats each."""
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon)
     cycles = phases.less_carrier(ops, frame, cycles, xi)
     shift = phases.halves(ops, (*frame.frequency(ops, upsilon), 0.0))
@@ -369,7 +371,7 @@ def _lag(ops: Any, frame: SlitFrame, xi: Any) -> Values:
 
 
 def _ambiguity(ops: Any, tables: PairTables, cycles: Any, *inner: Any) -> Values:
-    """Return (cosine part, sine part), A = cosine - i sine."""
+    """Return (cosine part, sine part) of A = cosine - i sine."""
     real, imag = _sum(ops, tables, inner[2:], inner[:2])
     return real, -imag
 

@@ -27,7 +27,7 @@ from polywigner.numerics.complex_pairs import Pair
 
 
 def coherence_of(frame: Frame, width: float) -> Matrix:
-    """Return the matrix from lags in the frame to lags in coherence widths (``width`` in m)."""
+    """Return the matrix that converts lags in the frame to coherence widths (``width`` in m)."""
     (xx, xy), (yx, yy) = frame.inverse_transpose
     return ((xx / width, yx / width), (xy / width, yy / width))
 
@@ -42,7 +42,7 @@ def _tables_of(source: Wavefront, double: bool) -> Tables:
 def term_of_lags(
     ops: Any, coherence: Matrix, nu: Sequence[Any], midpoint: Values, vector: Values
 ) -> Values:
-    """Return the contribution of a part of an edge to W, (real, imag).
+    """Return the contribution of a part of an edge to W, as (real, imaginary).
 
     The part is given by its midpoint and its vector as lags of the frame; ``nu`` is in the frame.
     """
@@ -79,7 +79,7 @@ class _LagTerms(EdgeTerms):
         return term.real, term.imag
 
     def total(self, sums: Values) -> Values:
-        # edges of the other copy are the mirror images, with conjugate terms
+        # edges of the other copy are the mirror images, and their terms the complex conjugates
         return 2.0 * sums[0], 2.0 * sums[1]
 
 

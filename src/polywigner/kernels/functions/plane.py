@@ -62,7 +62,7 @@ def new_outline_of(aperture: Aperture) -> OutlineTables:
 
 @lru_cache(maxsize=256)
 def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
-    """Return tables for grids, with all elements in one frame; None if one has a pose."""
+    """Return tables for grids, with all elements in one frame; None if an element has a pose."""
     if isinstance(source, Aperture):
         outline = _outline_of(source, True)
         return grid_tables(outline, [1.0] * len(outline.edges))
@@ -80,7 +80,7 @@ def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
 
 
 def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
-    """Return the frame of a plane in a pose (4, 4); the floats of the pose count as exact."""
+    """Return the frame of a plane in a pose (4, 4); the elements of the pose count as exact."""
     exact = [[Fraction(value) for value in row] for row in pose.tolist()]
     in_plane = [Fraction(c) for c in plane.centre]
     centre = [row[0] * in_plane[0] + row[1] * in_plane[1] + row[3] for row in exact[:3]]
@@ -102,7 +102,7 @@ def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
 
 
 def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
-    """Return (phase of the centre and of the carrier, upsilon and xi in the frame)."""
+    """Return the phase of centre and carrier in cycles, and upsilon and xi in the frame."""
     upsilon, xi = arguments[: len(arguments) // 2], arguments[len(arguments) // 2 :]
     cycles, *inner = enter_frequency(ops, frame, *upsilon)
     cycles = phases.less_carrier(ops, frame, cycles, *xi)
@@ -110,7 +110,7 @@ def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 
 def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
-    """Return (phase of the carrier, x + xi/2 and x - xi/2 in the frame)."""
+    """Return the phase of the carrier in cycles, and x + xi/2 and x - xi/2 in the frame."""
     count = len(arguments) // 2
     x, xi = arguments[:count], arguments[count:]
     cycles = phases.less_carrier(ops, frame, 0.0 * xi[0], *xi)
@@ -120,7 +120,7 @@ def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 
 def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """Return real and imaginary part of u(x + xi/2) conj(u(x - xi/2))."""
+    """Return the real and the imaginary part of u(x + xi/2) conj(u(x - xi/2))."""
     product = Pair(*sums[:2]) * Pair(*sums[2:]).conjugate()
     if not any(frame.carrier):
         return product.real, product.imag
@@ -128,7 +128,7 @@ def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values
 
 
 def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return the (real, imaginary) part of u at a point of the frame, without the carrier.
+    """Return the (real, imaginary) field u at a point of the frame, without the carrier.
 
     u is the sum of the weights of the elements around the point, times their waves. Edges that
     cross the horizontal line to the right of the point count with the weight of their element if
@@ -148,13 +148,14 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
         rows = tables.edges[tables.names[:, 3] == group].tolist()
         weight = Pair(*ops.sum_over(rows, term, 2, like=x))
         total = total + (weight * Pair(*field_of(ops, waves, (x, y))))
-    # comparisons with NaN are false, so NaN arguments would count as outside and give 0
+    # Comparisons with NaN are false. Without this line, NaN arguments would count as outside and
+    # give 0.
     undefined = (x - x) + (y - y)
     return total.real + undefined, total.imag + undefined
 
 
 def at_both_ends(field: Any) -> Callable[..., Values]:
-    """Return the edge sum of an autocorrelation: ``field(ops, tables, x, y)`` at both ends."""
+    """Return the sum of an autocorrelation: ``field(ops, tables, x, y)`` at both ends of a lag."""
     return lambda ops, tables, cycles, *ends: (
         *field(ops, tables, *ends[:2]),
         *field(ops, tables, *ends[2:]),

@@ -1,4 +1,4 @@
-"""Fields u(x, y) = f(x) g(y) on a rectangle, with x and y along its sides.
+"""Product fields u(x, y) = f(x) g(y) on a rectangle, with x and y along its sides.
 
 All transforms are products of two transforms in one dimension, each of which is a sum over pairs of
 a few waves (docs/theory.md, (I4)). A Taylor taper along both axes has 49 waves with 1,225 pairs,
@@ -27,10 +27,11 @@ from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.source.lattices import column_and_row
 
-# An outline counts as a rectangle if it deviates from one by less than _ROUNDING times its shorter
-# side, or by less than _ROUNDINGS roundings of its largest coordinate: a rotated point has five
-# roundings along each axis (two products, two sums and the shift). The limit is at most _SHAPELESS
-# times the shorter side, because the shape of a strip a few ulps wide is undefined.
+# An outline counts as a rectangle if its corners deviate from a true rectangle by less than
+# _ROUNDING times the shorter side, or by less than _ROUNDINGS times the rounding of the largest
+# coordinate: a rotated point has five roundings along each axis (two products, two sums and the
+# shift). The limit is at most _SHAPELESS times the shorter side, because the shape of a strip a few
+# ulps wide is undefined.
 _ROUNDING, _ROUNDINGS, _SHAPELESS = 1e-14, 8, 1e-6
 
 _UNIT = np.finfo(np.float64).eps / 2
@@ -39,7 +40,7 @@ Floats = npt.NDArray[np.float64]
 
 
 def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
-    """Return the corners (4, 2) of a rectangular aperture, and their rounding; otherwise None.
+    """Return the corners (4, 2) of a rectangular aperture and their rounding, or None.
 
     Corners are counter-clockwise, a longer side first. Vertices may lie on the sides. The rounding
     is the largest distance between the corners and those of a true rectangle.
@@ -60,28 +61,27 @@ def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
     return (corners if sides[0] >= sides[1] else np.roll(corners, -1, axis=0)), allowed
 
 
-# Amplitudes are a product if they deviate from one by _PRODUCT times the largest amplitude, which
-# changes W by less than 1e-13 of the energy. Frequencies along an axis are equal if they agree to
-# _EQUAL, in cycles per side or relative to the largest frequency.
+# Amplitudes count as a product of two profiles if they deviate from it by less than _PRODUCT times
+# the largest amplitude, which changes W by less than 1e-13 of the energy. Frequencies along an axis
+# count as equal if they agree to _EQUAL, in cycles per side or relative to the largest frequency.
 _PRODUCT, _EQUAL = 4e-15, 1e-14
-# Rounding increases both limits, since frequencies may be rotated and amplitudes contain phases
-# relative to the origin. Frequencies that differ by more than this, in cycles per side, never count
-# as equal.
+# Rounding increases both limits, because frequencies may be rotated and amplitudes contain phases
+# relative to the origin. The limit of frequencies grows by at most this value, in cycles per side.
 _LARGEST_ROUNDING = 1e-6
-# Cost of a pair of waves, relative to the cost of cutting an edge by another edge.
+# Cost of a pair of waves, relative to the cost of cutting an edge with another edge.
 _CLIPS_PER_PAIR = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class SeparableTables:
-    """The field along either axis of the rectangle, in its frame."""
+    """The field along each axis of the rectangle, in the frame of the rectangle."""
 
     frame: Frame
     fields: tuple[LineField, LineField]
     coherence_widths: tuple[float, float] = (math.inf, math.inf)
-    """Coherence width along each axis in units of the frame, which differ between the axes."""
+    """Coherence width along each axis, in units of the frame of that axis."""
     terms: ClassVar[int] = 1
-    """Number of terms, for the choice of an engine: there is no sum over edges."""
+    """Number of terms, for the choice of the engine: there is no sum over edges."""
 
     @property
     def clips(self) -> int:
@@ -95,7 +95,7 @@ def is_separable(aperture: Aperture) -> bool:
 
 @lru_cache(maxsize=256)
 def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None:
-    """Return the tables of a field that is a product on a rectangle, or None."""
+    """Return the tables of a field that is a product on a rectangle; None for other apertures."""
     illumination = aperture.illumination
     if illumination is None or len(illumination.amplitudes) < 2:
         return None
@@ -107,15 +107,16 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     a, b, c, d = corners
     (length, width), direction = (high - low).tolist(), (1.0, 0.0)
     is_rotated = bool((b - a).all())
-    if is_rotated:  # the axis is the mean of both longer sides
+    if is_rotated:  # the direction of the first axis is the mean of both longer sides
         length, width = float(np.hypot(*(b - a))), float(np.hypot(*(d - a)))
         along = (b - a) + (c - d)
         direction = tuple((along / np.hypot(*along)).tolist())
     sizes = power_of_two(length), power_of_two(width)
     frame = frame_along(corners, low + (high - low) / 2, direction, sizes)
     frame = replace(frame, carrier=carrier_of([illumination], 2))
-    # Rounding of frequencies: some ulps of the largest one. For a rotated rectangle the error of
-    # its angle adds to it, which is the rounding of its coordinates over its length.
+    # Rounding of frequencies: some ulps of the largest frequency. For a rotated rectangle, the
+    # error of its angle is added: the rounding of the corners divided by the length of the
+    # rectangle.
     largest = float(np.hypot(*illumination.frequencies.T).max())
     phase_rounding = 2 * np.pi * _ROUNDINGS * _UNIT * largest * float(np.abs(corners).max())
     relative = _ROUNDINGS * _UNIT + (rounding / length if is_rotated else 0.0)
@@ -133,7 +134,7 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
 def _profiles(
     waves: Waves, frequency_rounding: tuple[float, float], phase_rounding: float
 ) -> tuple[Waves, Waves] | None:
-    """Return waves along either axis whose products are the given waves, or None."""
+    """Return the waves along each axis whose products are the given waves, or None."""
     frequencies = np.array([wave.frequency for wave in waves])
     amplitudes = np.array([wave.amplitude for wave in waves])
     (rates_x, i), (rates_y, j) = (
@@ -155,7 +156,7 @@ def _profiles(
 
 
 def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
-    """Return the numbers that differ by more than rounding, ascending, and the index of each."""
+    """Return distinct values up to rounding, in ascending order, and the index of each input."""
     order = np.argsort(values)
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
     number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)
@@ -165,7 +166,7 @@ def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.i
 
 
 def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
-    """Return (phase of the centre, nu in the frame less the carrier)."""
+    """Return the phase of the centre in cycles, and nu minus the carrier in the frame."""
     return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
 
@@ -191,7 +192,7 @@ def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[An
 
 
 def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return the (real, imaginary) part of u at a point of the frame, without the carrier.
+    """Return the (real, imaginary) field u at a point of the frame, without the carrier.
 
     Lower ends of either axis belong to the rectangle, upper ends do not.
     """

@@ -45,28 +45,30 @@ Views = tuple[tuple[View, float], ...]
 Pairing = tuple[int, int, Views, Sequence[WavePair]]
 """Group of edges, group of the other copy, views of the edges there, and pairs of waves."""
 
-# Samples times edges, and parts times frequencies, that NumPy computes at a time: some 2 MB.
+# Samples times edges, and parts of edges times frequencies, that NumPy computes at a time: about 2
+# MB.
 _CUT, _SUMMED = 1 << 14, 1 << 14
-# Number of samples for which NumPy's lists of pairs are optimised.
+# Number of samples for which the lists of pairs that NumPy uses are optimised.
 _SAMPLES = 1 << 9
-# Largest number of pairs of waves that become code, which compiles in 20 ms per pair. More pairs
-# are rows of a table.
+# Largest number of pairs of waves that are compiled as code, in 20 ms per pair. More pairs are rows
+# of a table.
 MOST_PAIRS_AS_CODE = 16
-# Number of columns of such a row (amplitude, shift and rate), padded to a multiple of four.
+# Number of columns of a row of this table (amplitude, shift and rate), padded to a multiple of
+# four.
 _ROW = 8
 
 
 @dataclass(frozen=True, eq=False)
 class SliceSum:
-    """The sum of a kernel over edges that are cut."""
+    """A kernel's sum over the edges of a slice, which are parts of the edges of the outline."""
 
     views: tuple[View, ...]
-    """The views in which edges are cut: one for W, two for A."""
+    """Views in which edges are cut: one view for W, two for A."""
     scale: float
-    """The offset T between the copies is ``scale`` times the position or lag: 2x, or xi. A point p
-    of an edge is the point ``scale (p + side T)`` of the slice."""
+    """T, the offset between the two copies of the outline, is ``scale`` times the position or lag:
+    2x, or xi. A point p of an edge corresponds to the point ``scale (p + side T)`` of the slice."""
     position: slice
-    """Components of the position or lag among the arguments in the frame."""
+    """Indices of the position or lag among the arguments in the frame."""
     frequency: slice
     pairings: Callable[[Tables], Sequence[Pairing]]
     terms: Callable[[Any, Tables, Values, bool, bool], EdgeTerms]
@@ -75,9 +77,9 @@ class SliceSum:
     is needed.
     """
     values: int
-    """1 for a real sum, or 2: cosine part and sine part, cosine - i sine."""
+    """Number of values: 1 for a real sum; 2 for the cosine and sine part of cosine - i sine."""
     arguments: slice | None = None
-    """Components of the position or lag among the user's arguments. None if the frequencies at one
+    """Indices of the position or lag among the user's arguments. None if frequencies at one
     position cannot share a slice.
     """
 
@@ -89,7 +91,7 @@ class SliceSum:
             if is_plain and np.shape(position[1]) == shape and shape[0] * len(tables.edges) <= _CUT:
                 return self._as_waves(self._sums(ops, tables, position, nu))
             return self._in_blocks(ops, tables, inner)
-        # Dr.Jit cannot differentiate nested loops
+        # Dr.Jit cannot differentiate nested loops, so edges are code
         if ops.needs_gradient(*inner) or (ops.target == "compiled" and tables.fits_code):
             offset = (self.scale * c for c in inner[self.position])
             return self._summed(Clipper(ops, tables, *offset), inner)
@@ -98,7 +100,7 @@ class SliceSum:
     def by_pairs(
         self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
     ) -> Values:
-        """Return the sums by lists of pairs in an engine's memory, by default those of tables."""
+        """Return the sums by lists of pairs: ``pairs``, or the lists of the tables."""
         tx, ty = (self.scale * c for c in inner[self.position])
         return self._summed(PairClipper(ops, tables, tx, ty, self.views, inner, pairs), inner)
 
@@ -109,7 +111,7 @@ class SliceSum:
         return [(view, field, other) for view in views for field in fields for other in fields]
 
     def after(self, count: int) -> SliceSum:
-        """Return the sum for arguments that follow ``count`` others."""
+        """Return the same sum for arguments that follow ``count`` other arguments."""
         position, frequency = (
             slice(s.start + count, s.stop + count) for s in (self.position, self.frequency)
         )
@@ -136,7 +138,7 @@ class SliceSum:
     def _sums_of_pairings(
         self, clipper: Clipper, sum_of: Callable[[Views, WavePair, bool], TermSum], position: Values
     ) -> Iterator[Sequence[Any]]:
-        """Yield the sums over pairs of waves, in one pass over the edges for each pair of groups.
+        """Yield the sums over pairs of waves, with one pass over the edges for each pair of groups.
 
         If there are many pairs of waves, they are rows of a table. Compiled code loops over this
         table for each part of an edge.
@@ -175,13 +177,13 @@ class SliceSum:
     def shared_sums(
         self, ops: Any, tables: Tables, position: Sequence[Array], nu: Sequence[Array]
     ) -> Values:
-        """Return sums (n, m) at points (n,), cutting the slice of each point once."""
+        """Return sums (n, m) at positions (n,); the slice at each position is cut only once."""
         columns = np.broadcast_shapes(*(n.shape for n in nu))[1]
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
         if nu[0].shape != nu[1].shape:
             nu = np.broadcast_arrays(*nu)
-        # temporary arrays have (points, frequencies) entries, so many frequencies allow fewer
-        # points
+        # Temporary arrays have (points, frequencies) entries, so blocks have fewer points for many
+        # frequencies.
         step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
         results = [np.zeros((len(position[0]), columns)) for _ in range(self.values)]
         for k in range(0, len(position[0]), step):
@@ -193,14 +195,14 @@ class SliceSum:
         return self._as_waves(results)
 
     def _sums(self, ops: Any, tables: Tables, position: Any, nu: Any) -> list[Any]:
-        """Return sums at points (n,).
+        """Return the sums at points (n,), each with its own frequency.
 
         Frequencies (n,) give (n,); frequencies (1, m) or (n, m) give (n, m).
         """
         is_shared, count = nu[0].ndim > 1, len(position[0])
         check = position[0] + position[1]
         check = check[:, None] + (nu[0] + nu[1]) if is_shared else check + (nu[0] + nu[1])
-        # NaN and infinite arguments give NaN
+        # the start value is NaN for infinite and NaN arguments
         totals: list[Any] = [0.0 if np.isfinite(check).all() else check - check] * self.values
         for pairs, is_even, owner, part in self.parts(tables, position):
             for pair in pairs:
@@ -223,7 +225,7 @@ class SliceSum:
     def parts(
         self, tables: Tables, position: Sequence[Array]
     ) -> Iterator[tuple[Sequence[WavePair], bool, Array, tuple[Any, ...]]]:
-        """Yield pairs of waves, whether their terms are even, and last parts of edges, (K1).
+        """Yield pairs of waves, whether their terms are even, and the last parts of edges, (K1).
 
         Parts are given by the index of their point (k,), and by centre and vector in the slice
         (x, y, dx, dy) and weight (real, imag), in double precision.
@@ -256,7 +258,7 @@ class SliceSum:
                 yield pairs, is_even, grid, view.side, side
 
     def listed(self, ops: Any, tables: Tables, *position: Array) -> tuple[Array, Array, bool]:
-        """Return the index of the first part of each point (n + 1,), the parts, and a flag.
+        """Return the index of each point's first part (n + 1,), the parts, and a flag.
 
         The flag states whether weights are real. A part is a row (x, y, dx, dy) if all weights are
         1 or -1 and no frequency is shifted. A part of weight -1 is then stored reversed, because
@@ -282,7 +284,7 @@ class SliceSum:
     def of_listed(
         self, ops: Any, tables: Tables, columns: int, is_real: bool, nu: Values
     ) -> PartSum:
-        """Return the sum over rows of ``listed`` at frequencies."""
+        """Return the sum over the rows that ``listed`` has returned, at frequencies ``nu``."""
 
         def terms(shifted: Values) -> EdgeTerms:
             return self.terms(ops, tables, shifted, is_real, self.values == 1)
@@ -307,7 +309,7 @@ def _row_sums(
 
 
 def _with_amplitude(total: Values, amplitude: tuple[Any, Any]) -> Values:
-    """Return a sum, real or complex, times the amplitude of its pair of waves."""
+    """Return a real or complex sum, multiplied by the amplitude of its pair of waves."""
     real, imag = amplitude
     if isinstance(imag, float) and imag == 0.0:
         return tuple(scaled(real, value) for value in total)
@@ -324,7 +326,7 @@ def _sum_of_rows(
     position: Values,
     count: int,
 ) -> Values:
-    """Return the results of all pairs of waves of two groups by a loop over these pairs."""
+    """Return the sums over all pairs of waves of two groups, computed by a loop over the pairs."""
     ops, (group, other) = clipper.ops, groups
     rows = np.zeros((sum(len(pair.terms) for pair in pairs), _ROW))
     rows[:, :6] = rows_of(pairs)
@@ -403,7 +405,7 @@ class TermSum:
 
 
 class PartSum:
-    """The sum over listed parts of edges at given frequencies."""
+    """The sum over listed parts of edges at the frequencies ``nu``."""
 
     def __init__(
         self, terms: Any, nu: Values, is_plain: bool, is_real: bool, as_waves: Any
@@ -413,18 +415,18 @@ class PartSum:
         self.values = self.terms.values
 
     def term(self, *row: Any) -> Values:
-        """Return the contribution of a part, given by the columns of its row."""
+        """Return the contribution of a part of an edge from the columns of its row."""
         if self.is_plain:
             values: Values = self.terms.of_part(*row, 1.0, 0.0)
             return values
         (nu_x, nu_y), (shift_x, shift_y) = self.nu, row[6:]
-        # the part has its own shift of the frequency
+        # the row of the part contains the shift of the frequency
         terms = self._at((nu_x - shift_x, nu_y - shift_y))
         total: Values = terms.total(terms.of_part(*row[:5], 0.0 if self.is_real else row[5]))
         return total
 
     def total(self, sums: Values) -> Values:
-        """Return the kernel's sums from the sums of all terms."""
+        """Return the values of the kernel's sum from the sums of all terms."""
         values: Values = self._as_waves(self.terms.total(sums) if self.is_plain else sums)
         return values
 

@@ -1,4 +1,4 @@
-"""A source in its frame: edges and waves.
+"""A source in its normalised frame: its edges and its waves.
 
 ==============  ==================================================================
 module          content

@@ -26,9 +26,9 @@ import shapely
 from polywigner.geometry.rings import whole_numbers
 from polywigner.numerics import phases
 
-# Outlines whose bounding box has a larger aspect ratio are rotated to their axes and stretched. For
-# smaller ratios, rounding costs fewer ulps of the width than in the kernels, and edges along the
-# user's axes stay along the axes.
+# Outlines whose bounding box has a larger aspect ratio are rotated to their principal axes and
+# stretched. At smaller ratios, rounding costs fewer ulps of the width than in the kernels, and
+# edges along the user's axes remain parallel to the axes of the frame.
 NEEDLE_ASPECT = 8.0
 
 Array = npt.NDArray[np.float64]
@@ -57,8 +57,8 @@ class Frame:
         cx, cy = self.centre
         if self.is_diagonal:
             return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
-        # Products across a needle cancel almost completely, so the rounding errors of dx and dy
-        # matter.
+        # Products across a needle-shaped outline cancel almost completely, so the rounding errors
+        # of dx and dy matter.
         (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
         fine = self._cross_products(ops, lost_x, lost_y)
         coarse = self._cross_products(ops, dx, dy)
@@ -80,18 +80,18 @@ class Frame:
 
     @property
     def rows(self) -> Matrix:
-        """The matrix that takes frequencies into the frame."""
+        """Matrix that converts frequencies to the frame."""
         return self.inverse_transpose
 
     def vector(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
-        """Return a difference of points in the frame."""
+        """Return a difference of two points in the frame."""
         if self.is_diagonal:
             return x * self.matrix[0][0], y * self.matrix[1][1]
         return self._cross_products(ops, x, y)
 
     @property
     def axes(self) -> tuple[int, int] | None:
-        """The user's axis to which each axis of the frame is parallel; None in rotated frames."""
+        """Index of the user's axis parallel to each axis of the frame; None in rotated frames."""
         for axes in ((0, 1), (1, 0)):
             if self.inverse_transpose[0][axes[1]] == 0.0 == self.inverse_transpose[1][axes[0]]:
                 return axes
@@ -104,7 +104,7 @@ class Frame:
         return matrix_times(ops, self.inverse_transpose, x, y)
 
     def detuned(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
-        """Return a spatial frequency relative to the carrier, in the frame."""
+        """Return a spatial frequency minus the carrier, in the frame."""
         cx, cy = self.carrier
         return self.frequency(ops, x - cx if cx else x, y - cy if cy else y)
 
@@ -132,14 +132,14 @@ def enter_position_and_frequency(
 
 
 def matrix_times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
-    """Return matrix nu; each component is accurate to about an ulp, also across a needle."""
+    """Return matrix nu; each component is accurate to about an ulp, even for thin outlines."""
     if _diagonal(matrix):
         return tuple(n * row[k] for k, (n, row) in enumerate(zip(nu, matrix, strict=True)))
     return tuple(total + low for total, low in (phases.dot(ops, nu, row) for row in matrix))
 
 
 def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Array:
-    """Return the x' (n, d), correctly rounded, with (matrix nu).x' = nu.(x - centre) for all nu."""
+    """Return correctly rounded x' (n, d) with (matrix nu).x' = nu.(x - centre) for all nu."""
     if _diagonal(matrix):
         return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
     points, exponent = whole_numbers(np.vstack([np.asarray(centre, np.float64), points]))
@@ -149,12 +149,12 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Arra
     power = exponent - row_exponent
     if power < 0:
         divisor <<= -power
-    # A quotient of integers is rounded once.
+    # a quotient of integers is rounded only once
     return ((sums << max(power, 0)) / divisor).astype(np.float64)
 
 
 def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
-    """Return the determinant times the inverse transpose; for 2 x 2 and 3 x 3."""
+    """Return the determinant times the inverse transpose of a 2 x 2 or 3 x 3 matrix."""
     n = len(matrix)
 
     def cofactor(i: int, j: int) -> int:
@@ -186,7 +186,7 @@ def _diagonal(matrix: Matrix) -> bool:
 
 
 def frame_of(points: Array) -> Frame:
-    """Return the frame of a set of points (n, 2) that span a region of non-zero area."""
+    """Return the frame of points (n, 2) that are not all on one line."""
     low, high = points.min(axis=0), points.max(axis=0)
     centre = low + (high - low) / 2
     corners = shapely.get_coordinates(shapely.oriented_envelope(shapely.MultiPoint(points)))
@@ -204,7 +204,7 @@ def frame_of(points: Array) -> Frame:
 def frame_along(
     points: Array, centre: Array, direction: tuple[float, float], sizes: tuple[float, float]
 ) -> Frame:
-    """Return the frame with a direction of its first axis and with powers of two as units."""
+    """Return the frame with a given direction of its first axis and powers of two as units."""
     (c, s), (length, width) = direction, sizes
     norm = c * c + s * s
     matrix = ((c / length, s / length), (-s / width, c / width))

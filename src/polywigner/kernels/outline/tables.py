@@ -20,39 +20,42 @@ from polywigner.kernels.outline.wave_pairs import (
 )
 from polywigner.source.normal_form import Source
 
-# Cost of each further wave on an edge, relative to the cost of cutting the edge by another edge.
+# Cost of each wave after the first on an edge, relative to the cost of cutting the edge by another
+# edge.
 _EDGES_PER_WAVE = 24
-# Edges as code are two to four times as fast as edges as data, and compile in 1 ms for each pair of
-# edges and wave (benchmarks/wigner_cost.py).
+# Largest number of edges that are compiled as code. Edges as code are two to four times as fast as
+# edges as data, and compile in 1 ms for each pair of edges and wave (benchmarks/wigner_cost.py).
 _MOST_EDGES_AS_CODE = 16
 
 Floats = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)  # compared by identity, which is fast
+@dataclass(frozen=True, eq=False)  # comparison by identity is fast
 class Tables:
-    """The elements of a coherent source, in one frame."""
+    """The elements of a coherent source as edges, weights and fields, in one frame."""
 
     frame: Frame
     edges: Floats
-    """(n, 6) start and end of each edge, and the complex weight of its element."""
+    """Shape (n, 6): start and end of each edge, and complex weight of its element."""
     names: npt.NDArray[np.intp]
-    """(n, 4) the vertices at which each edge begins and ends, its element, and its group."""
+    """Shape (n, 4): indices of the vertices at which each edge begins and ends, of its element, and
+    of its group."""
     apertures: tuple[Aperture, ...]
     """The elements in the plane of the source."""
     weights: tuple[Any, ...]
-    """Weights of the elements."""
+    """Complex weights of the elements, relative to the field of their group."""
     factors: tuple[complex, ...]
-    """(elements,) weight of each element, divided by the user's weight."""
+    """Weight of each element divided by the user's weight, one factor for each element."""
     groups: tuple[Waves, ...]
-    """The different fields on the elements, without the weights of the elements."""
+    """Distinct fields on the elements, without the weights of the elements."""
     double: bool
     coherence: Any = None
-    """The matrix from lags in the frame to lags in coherence widths; None for coherent light."""
+    """Matrix that converts lags in the frame to lags in coherence widths; None for coherent
+    light."""
     pairs: dict[Any, Any] = field(default_factory=dict, repr=False)
-    """Lists of the pairs of edges that can meet, by view, groups, precision and number of cells."""
+    """Lists of pairs of edges that can cross, by view, groups, precision and number of cells."""
     lists: dict[Any, Any] = field(default_factory=dict, repr=False)
-    """The same lists in NumPy's form, one entry for W and one for A."""
+    """The same lists in the form that NumPy uses, one entry for W and one for A."""
 
     @cached_property
     def uniform(self) -> bool:
@@ -83,13 +86,13 @@ class Tables:
 
     @cached_property
     def fits_code(self) -> bool:
-        """Whether compiled kernels have each edge as a constant: few edges and one wave."""
+        """Whether compiled kernels may have each edge as a constant: for few edges and one wave."""
         is_short = len(self.edges) <= _MOST_EDGES_AS_CODE and self.waves_per_cut == 1
         return is_short and self.coherence is None
 
     @cached_property
     def by_element(self) -> Tables:
-        """The tables with each element as a separate group of weight 1."""
+        """The same tables with each element as a separate group of weight 1."""
         edges, names = self.edges.copy(), self.names.copy()
         edges[:, 4:], names[:, 3] = (1.0, 0.0), names[:, 2]
         group_of = dict(zip(self.names[:, 2].tolist(), self.names[:, 3].tolist(), strict=True))
@@ -106,7 +109,7 @@ class Tables:
         )
 
     def mutual(self, real: Any, imag: Any, level: Any, level_imag: Any) -> tuple[Any, Any]:
-        """Return the weight of an element times the conjugate of another weight: (real, imag)."""
+        """Return (real, imag) of an element's weight times the conjugate of another weight."""
         if self.uniform:
             return level, 0.0
         if not self.phased:
@@ -151,5 +154,5 @@ def build_tables(source: Source, *, double: bool) -> Tables:
 
 
 def is_plain(tables: Tables) -> bool:
-    """Return whether the source is uniform, coherent and without waves."""
+    """Return whether the source has unit weights, full coherence and no waves."""
     return tables.groups == (UNIFORM,) and tables.uniform and tables.coherence is None

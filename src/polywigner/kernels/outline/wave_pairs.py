@@ -20,7 +20,7 @@ import numpy as np
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 
-# Relative difference below which frequencies count as equal: sums of the same terms in another
+# Relative difference below which frequencies count as equal: sums of the same terms in a different
 # order differ by rounding.
 _EQUAL = 1e-14
 
@@ -40,14 +40,14 @@ UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
 
 
 def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
-    """Return the centre of all frequencies, to which those of steered sources are relative."""
+    """Return the centre of all frequencies, the reference for those of steered sources."""
     still = np.zeros((1, dimension))
     frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
     return tuple((frequencies.min(axis=0) / 2 + frequencies.max(axis=0) / 2).tolist())
 
 
 def waves_in_frame(illumination: Any, frame: Any) -> Waves:
-    """Return the waves of an illumination (None: uniform) in a frame, less its carrier."""
+    """Return the waves of an illumination (None: uniform) in a frame, less the carrier."""
     if illumination is None:
         pairs = [(1.0, [0.0] * len(frame.centre))]
     else:
@@ -64,7 +64,7 @@ def waves_in_frame(illumination: Any, frame: Any) -> Waves:
 
 
 def field_of(ops: Any, waves: Waves, point: Sequence[Any]) -> tuple[Any, Any]:
-    """Return the (real, imaginary) part of the field at a point of the frame, less the carrier."""
+    """Return the (real, imaginary) field at a point of the frame, without the carrier."""
     return _summed(ops, tuple((w.amplitude, w.frequency) for w in waves), point)
 
 
@@ -73,9 +73,9 @@ class WavePair:
     """Pairs of waves that share a frequency of the uniform source."""
 
     shift: Vector
-    """The shift to subtract from the frequency."""
+    """Shift of the pairs, to be subtracted from the frequency."""
     terms: tuple[tuple[Any, Vector], ...]
-    """Amplitude of each pair, and its frequency along the position (W) or the lag (A)."""
+    """Amplitude of each pair, and its spatial frequency over positions (W) or over lags (A)."""
     is_real: bool
     """Whether the conjugate of each pair is included, so that only real parts are summed."""
 
@@ -85,7 +85,7 @@ class WavePair:
         return real, imag
 
     def gradient(self, ops: Any, point: Sequence[Any]) -> list[tuple[Any, Any]]:
-        """Return the (real, imaginary) derivative of the amplitude in each component."""
+        """Return the (real, imaginary) derivatives of the amplitude by each component."""
         result = []
         for k in range(len(point)):
             turned = tuple((2j * math.pi * f[k] * a, f) for a, f in self.terms if f[k])
@@ -100,17 +100,17 @@ class WavePair:
 
     @cached_property
     def is_unit(self) -> bool:
-        """Whether the pair belongs to a uniform source: no shift, amplitude 1."""
+        """Whether the pair belongs to a uniform source: no shift, and amplitude 1."""
         return self.is_constant and not any(self.shift) and self.terms == ((1.0, (0.0, 0.0)),)
 
     @property
     def is_constant(self) -> bool:
-        """Whether the shift consists of plain numbers."""
+        """Whether the components of the shift are Python floats."""
         return all(isinstance(component, float) for component in self.shift)
 
 
 def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
-    """Return all pairs of two waves as rows of an engine's table, for `pair_of_row`."""
+    """Return all pairs of waves as rows of an engine's table, which `pair_of_row` reads."""
     return [
         (complex(amplitude).real, complex(amplitude).imag, *wave_pair.shift, *rate)
         for wave_pair in wave_pairs
@@ -124,7 +124,8 @@ def pair_of_row(is_real: bool, real: Any, imag: Any, *vectors: Any) -> WavePair:
 
 
 def _is_zero(number: Any) -> bool:
-    return isinstance(number, float) and number == 0.0  # values of an engine's arrays are unknown
+    # the values of arrays of an engine are unknown while it traces
+    return isinstance(number, float) and number == 0.0
 
 
 def _summed(
@@ -171,7 +172,7 @@ def difference_pairs(first: Waves, second: Waves) -> tuple[WavePair, ...]:
 
 
 def _products(first: Waves, second: Waves) -> Iterator[tuple[int, int, complex, Vector, Vector]]:
-    """Yield m, n, c_m c_n*, and the mean and the difference of the frequencies of all pairs."""
+    """Yield m, n, c_m c_n*, and the mean and the difference of the frequencies, for all pairs."""
     for (m, wave), (n, second_wave) in product(enumerate(first), enumerate(second)):
         components = list(zip(wave.frequency, second_wave.frequency, strict=True))
         mean = tuple(0.5 * (a + b) for a, b in components)
