@@ -266,3 +266,10 @@ def test_a_path_with_a_step_warns():
 def test_fields_without_aberrations_are_named(options):
     with pytest.raises(ArgumentError, match="aberration requires"):
         pw.amplitude(SQUARE, (0.0, 0.0, 1.0), WAVELENGTH, aberration=COMA, **options)
+
+
+def test_a_coefficient_in_nanometres_is_refused_at_once():
+    with pytest.raises(ArgumentError, match="in metres"):
+        pw.psf(
+            pw.shapes.square(6e-3), (0.0, 0.0), 550e-9, 0.05, aberration=pw.zernike({4: 25}, 5e-3)
+        )

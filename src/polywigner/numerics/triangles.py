@@ -27,7 +27,7 @@ Cells = NDArray[np.float64]
 # Gauss rules converge above pi/2 nodes per cycle of the integrand.
 NODES_PER_CYCLE = 3.5
 # Largest number of nodes along a side in the table of counts.
-_MOST = 4096
+LARGEST = 4096
 
 
 def areas(triangles: Triangles) -> Floats:
@@ -81,10 +81,10 @@ def rule_of_counts(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indic
 def counts_for(cycles: Floats, error: float) -> Indices:
     """Return the numbers of nodes that integrate waves of ``cycles`` over an interval.
 
-    The remainder of n nodes for q cycles is at most (pi e q/(4 n))^(2n), relative to the integral
-    of the modulus.
+    A number above ``LARGEST`` means that no rule suffices. The remainder of n nodes for q cycles is
+    at most (pi e q/(4 n))^(2n), relative to the integral of the modulus.
     """
-    n = np.arange(1.0, _MOST + 1)
+    n = np.arange(1.0, LARGEST + 1)
     reach = 4 * n / (math.pi * math.e) * error ** (0.5 / n)
     return np.searchsorted(reach, cycles) + 1
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.execution import Differentiable, Engine
+from polywigner.execution import Differentiable, Engine, checked_engine
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import Points
 from polywigner.optics import FirstOrder
@@ -116,6 +116,7 @@ def psf(
     >>> round(float(peak * (0.5e-6 * 0.1) ** 2 / 1e-4), 12)
     1.0
     """
+    checked_engine(engine)
     plain, numbers = PupilNumbers.of(source, aberration)
     checked_radiator(plain)
     lengths, fractions = pupil.checked_band(wavelength, weights)

@@ -22,6 +22,7 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
 from polywigner.geometry.convex import trapezoids, triangles_of
 from polywigner.numerics.triangles import (
+    LARGEST,
     Cells,
     Floats,
     Indices,
@@ -206,11 +207,11 @@ def _node_counts(
     along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2:].max(axis=1)], axis=1)
     steeper = 1.0 + max(extra - _STEEP, 0) / 12.0
     counts = counts_for(steeper * along, error) + extra
-    total = float(counts.prod(axis=1).sum())
-    if total > _MOST:
+    if counts.prod(axis=1).sum() > _MOST or counts.max(initial=0) > LARGEST:
         raise ArgumentError(
-            f"the aberrated pupil requires {total:.1e} nodes, at most {_MOST:.1e}; use a smaller "
-            "aberration, fewer points far from the axis, or a larger tolerance"
+            f"the aberrated pupil has up to {along.max():.1e} cycles of phase along a side of its "
+            f"parts and would require more than {_MOST:.1e} nodes; check that the coefficients are "
+            "in metres, or use points closer to the axis"
         )
     return counts
 

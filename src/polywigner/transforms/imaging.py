@@ -166,7 +166,8 @@ def partially_coherent_image(
         As in :func:`transmission_cross_coefficient`; a condenser of half the pupil's size has the
         coherence factor 0.5.
     points : array_like, shape (..., 2)
-        Points in the image in m, at the scale of the object.
+        Points in the image in m, with the scale and the orientation of the object. The axes are
+        opposite to those of the inverted image behind the lens.
     wavelength : float
         In m.
     distance : float

@@ -475,8 +475,8 @@ def path_over(
 ) -> tuple[Any, Any, Any]:
     """Return the shortest path over a straight edge.
 
-    The numbers are its detour, the cosine of its deflection, and the position of the bend as a fraction
-    of the edge.
+    The results are its detour, the cosine of its deflection, and the position of its bend along the
+    edge, from 0 to 1.
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
