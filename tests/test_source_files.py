@@ -341,7 +341,7 @@ def test_missing_files_and_libraries_are_reported(
     with pytest.raises(ArgumentError, match="expected a path"):
         pw.read_source(None)  # type: ignore[arg-type]
     monkeypatch.setitem(sys.modules, "scipy.signal.windows", None)
-    with pytest.raises(MissingExtraError, match=r"weights: .*polywigner\[arrays\]"):
+    with pytest.raises(MissingExtraError, match=r"weights: .*\[arrays\]"):
         read_table(repeated(GRID_TABLE, {"kind": "window", "window": "taylor"}), tmp_path)
 
 
