@@ -35,7 +35,8 @@ help: ## list the targets
 demo: ## render the example scenes, transforms and near fields of the example apertures into out/
 	@$(SETUP) --group demo
 	@$(MAKE) --no-print-directory pictures \
-	  SAMPLES="$$(if [ -n '$(DEMO_SPP)' ]; then echo --spp $(DEMO_SPP); else $(BIN)/python tools/demo_samples.py; fi)"
+	  SAMPLES="$$(if [ -n '$(DEMO_SPP)' ]; then echo --spp $(DEMO_SPP); else $(BIN)/python tools/demo_samples.py; fi)" \
+	  DIFFRACTING="$$($(BIN)/python tools/demo_samples.py --diffraction $(DEMO_SPP))"
 
 paper-figures: ## draw the figures of the paper into out/paper_figures; FIGURES='projs --quality print' chooses
 	@$(SETUP) --group demo
@@ -43,9 +44,9 @@ paper-figures: ## draw the figures of the paper into out/paper_figures; FIGURES=
 
 pictures:
 	$(TRANSFORM) examples/two_chevrons/chevrons.geojson --frequency "94 GHz" --out out/two_chevrons_transforms
-	$(RENDER) examples/patch_above_floor/scene.xml $(SAMPLES) --out out/patch_above_floor
+	$(RENDER) examples/patch_above_floor/scene.xml $(DIFFRACTING) --out out/patch_above_floor
 	$(RENDER) examples/two_chevrons/scene.xml $(SAMPLES) --out out/two_chevrons
-	$(RENDER) examples/street_77ghz/scene.xml $(SAMPLES) --out out/street_77ghz
+	$(RENDER) examples/street_77ghz/scene.xml $(DIFFRACTING) --out out/street_77ghz
 	$(RENDER) examples/phased_array_77ghz/scene.xml $(SAMPLES) --db-floor -30 --out out/phased_array_77ghz
 	$(PROPAGATE) examples/two_chevrons/chevrons.geojson --frequency "94 GHz" --method kirchhoff --accuracy 1e-4 \
 	  --plane "-40 mm to 40 mm, 0 mm, 2 mm to 120 mm" --samples "161 x 237" --out out/two_chevrons_near_field

@@ -1,10 +1,10 @@
 """Question: how does the time of a render whose shadows diffract grow?
 
-Run ``python benchmarks/diffraction_cost.py``; takes some minutes. A square at 94 GHz lights a floor
-0.3 m below, with boxes halfway; one sample a pixel. Each row changes one thing: pixels, the side of
-the square, or the number of boxes. Processor seconds of the second render of each scene, and of the
-same scene without diffraction; edges that all points of the source see, together; and nanoseconds
-for each combination of a sample and such an edge.
+Run ``python benchmarks/diffraction_cost.py``; takes some minutes. A square at 94 GHz illuminates a
+floor 0.3 m below, with square plates or a ball halfway; one sample a pixel. Two examples follow.
+Processor seconds of the first and the second render of each scene, and of the second render of the
+same scene without diffraction. ``--check`` adds the second render from all points of the source,
+and the largest difference of both images, over the free and over the diffracted peak.
 """
 
 from __future__ import annotations
@@ -12,91 +12,151 @@ from __future__ import annotations
 import logging
 import re
 import resource
+import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
+import numpy as np
 
 import polywigner as pw
+from polywigner.propagation import source_nodes
 
 mi.set_variant("llvm_ad_mono")
 import polywigner.mitsuba as pm  # noqa: E402
 
 WAVELENGTH = 299_792_458.0 / 94e9
-# Faces times points above which all points share the silhouette of their centre.
-SHARED = 32_768
 BLACK = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 0.0}}
+EXAMPLES = Path(__file__).parents[1] / "examples"
+PIXELS = 128
+ROWS: list[tuple[str, Any]] = [
+    *((f"{n} plates, {side:g} mm", (n, side)) for n in (1, 4, 16, 64, 256) for side in (0.5, 10)),
+    *((f"ball of {n} faces, 10 mm", n) for n in (80, 1280, 9_000, 20_000)),
+    ("patch_above_floor, 240²", ("patch_above_floor", 240, 240)),
+    ("street_77ghz, 192 x 144", ("street_77ghz", 192, 144)),
+]
 
 
-def scene(pixels: int, side: float, boxes: int, diffraction: bool) -> Any:
+def floor(side: float, bodies: dict[str, Any], diffraction: bool) -> Any:
     transform = mi.ScalarTransform4f
-    across = max(1, round(boxes**0.5))
+    look = transform().look_at(origin=[0, 0, 0.29], target=[0, 0, 0.3], up=[0, 1, 0])
+    film = {"type": "hdrfilm", "width": PIXELS, "height": PIXELS, "rfilter": {"type": "box"}}
+    below = transform().translate([0, 0, 0.3]).rotate([1, 0, 0], 180)
+    source = pw.shapes.square(side * 1e-3)
+    lamp = pm.aperture(source, WAVELENGTH, estimator="exact", diffraction=diffraction)
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "source": lamp,
+            "floor": {"type": "rectangle", "to_world": below},
+            "camera": {
+                "type": "orthographic",
+                "to_world": look.scale([0.1, 0.1, 1]),
+                "film": film,
+            },
+            **bodies,
+        }
+    )
+
+
+def plates(count: int) -> dict[str, Any]:
+    across = round(count**0.5)
     step = 0.16 / across
-    made: dict[str, Any] = {
-        "type": "scene",
-        "source": pm.aperture(
-            pw.shapes.square(side), WAVELENGTH, estimator="exact", diffraction=diffraction
-        ),
-        "floor": {
-            "type": "rectangle",
-            "to_world": transform().translate([0, 0, 0.3]).rotate([1, 0, 0], 180),
-        },
-        "camera": {
-            "type": "orthographic",
-            "to_world": transform()
-            .look_at(origin=[0, 0, 0.29], target=[0, 0, 0.3], up=[0, 1, 0])
-            .scale([0.1, 0.1, 1]),
-            "film": {"type": "hdrfilm", "width": pixels, "height": pixels},
-        },
-    }
-    for k in range(boxes):
+    made = {}
+    for k in range(count):
         x, y = (step * (i + 0.5) - 0.08 for i in divmod(k, across))
-        pose = transform().translate([x, y, 0.15]).scale(0.25 * step)
-        made[f"box{k}"] = {"type": "cube", "to_world": pose, "bsdf": BLACK}
-    return mi.load_dict(made)
+        pose = mi.ScalarTransform4f().translate([x, y, 0.15]).scale(0.25 * step)
+        made[f"plate{k}"] = {"type": "rectangle", "to_world": pose, "bsdf": BLACK}
+    return made
+
+
+def ball(faces: int) -> dict[str, Any]:
+    """Return a ball of rings of triangles, 60 mm wide."""
+    n = round((faces / 2) ** 0.5)
+    polar, azimuth = np.linspace(0, np.pi, n + 1)[:, None], np.arange(n) * 2 * np.pi / n
+    parts = (
+        np.sin(polar) * np.cos(azimuth),
+        np.sin(polar) * np.sin(azimuth),
+        np.cos(polar) + 0 * azimuth,
+    )
+    points = np.stack(parts, axis=-1)
+    lower, upper = np.arange(n * n).reshape(n, n), np.arange(n * n).reshape(n, n) + n
+    corners = (
+        [lower, upper, np.roll(upper, -1, axis=1)],
+        [lower, np.roll(upper, -1, axis=1), np.roll(lower, -1, axis=1)],
+    )
+    triangles = np.concatenate([np.stack(some, axis=-1).reshape(-1, 3) for some in corners])
+    points, number = np.unique(points.reshape(-1, 3).round(12), axis=0, return_inverse=True)
+    triangles = number.ravel()[triangles]
+    first, second, third = triangles.T
+    triangles = triangles[(first != second) & (second != third) & (third != first)]
+    mesh = mi.Mesh("ball", len(points), len(triangles))
+    params = mi.traverse(mesh)
+    params["vertex_positions"] = (0.03 * points + [0.01, 0.0, 0.15]).ravel()
+    params["faces"] = triangles.ravel()
+    params.update()
+    return {"ball": mesh}
+
+
+def scene(what: Any, diffraction: bool) -> Any:
+    if isinstance(what, int):
+        return floor(10, ball(what), diffraction)
+    if isinstance(what[0], int):
+        return floor(what[1], plates(what[0]), diffraction)
+    loaded = pm.load_scene(EXAMPLES / what[0] / "scene.xml", diffraction=diffraction)
+    params = mi.traverse(loaded)
+    (size,) = (key for key in params.keys() if key.endswith("film.size"))  # noqa: SIM118
+    params[size] = what[1:]
+    params.update()
+    return loaded
 
 
 class Counts(logging.Handler):
-    """Edges and points that the package's log tells of."""
+    """Numbers in the package's log."""
+
+    numbers = "", "", "", ""
 
     def emit(self, record: logging.LogRecord) -> None:
-        result = re.search(r"(\d+) faces, (\d+) edges of (\d+) points", record.getMessage())
-        if result:
-            self.faces, self.edges, self.points = map(int, result.groups())
+        pattern = r"(\d+) faces, (\d+) edges, (\d+) nodes of (\d+) points"
+        result = re.search(pattern, record.getMessage())
+        self.numbers = result.groups() if result else self.numbers
 
 
-def seconds(made: Any) -> tuple[float, float]:
-    """Processor seconds of the first and of the second render."""
+def rendered(made: Any) -> tuple[list[float], Any]:
+    """Return processor seconds of the first and of the second render, and the image."""
     taken = []
     for seed in range(2):
         start = time.process_time()
-        mi.Bitmap(pm.render(made, "direct", spp=1, seed=seed))
+        image = np.array(pm.render(made, "direct", spp=1, seed=seed))
         taken.append(time.process_time() - start)
-    return taken[0], taken[1]
+    return taken, image
+
+
+def from_all_points(what: Any) -> tuple[float, Any]:
+    usual, source_nodes._LIMITS = source_nodes._LIMITS, {}
+    (_, seconds), image = rendered(scene(what, True))
+    source_nodes._LIMITS = usual
+    return seconds, image
 
 
 def main() -> None:
-    counts = Counts()
+    counts, check = Counts(), "--check" in sys.argv
     logging.getLogger("polywigner.mitsuba").addHandler(counts)
     logging.getLogger("polywigner.mitsuba").setLevel(logging.INFO)
-    print("| pixels | side | boxes | faces | points | edges | first | next | without | ns each |")
-    print("|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|")
-    usual = (256, 10e-3, 1)
-    rows = [usual, (128, *usual[1:]), (512, *usual[1:])]
-    rows += [(256, side, 1) for side in (2.5e-3, 5e-3, 20e-3)]
-    rows += [(256, 10e-3, boxes) for boxes in (4, 16, 64)]
-    rows += [(64, 2.5e-3, boxes) for boxes in (64, 256, 1024)]
-    for pixels, side, boxes in rows:
-        first, following = seconds(scene(pixels, side, boxes, True))
-        _, without = seconds(scene(pixels, side, boxes, False))
-        shared = counts.faces * counts.points > SHARED
-        edges = counts.edges * (counts.points if shared else 1)
-        each = following / (pixels**2 * edges) * 1e9
-        print(
-            f"| {pixels}² | {side * 1e3:g} mm | {boxes} | {counts.faces} | {counts.points} | "
-            f"{edges} | {first:.2f} s | {following:.2f} s | {without:.3f} s | {each:.1f} |",
-            flush=True,
-        )
+    columns = ["scene", "faces", "edges", "nodes", "points", "first", "next", "without"]
+    columns += ["all points", "of free peak", "of peak"] if check else []
+    print("| " + " | ".join(columns) + " |\n|---|" + "--:|" * (len(columns) - 1))
+    for name, what in ROWS:
+        (first, following), image = rendered(scene(what, True))
+        cells = [name, *counts.numbers, f"{first:.2f} s", f"{following:.3f} s"]
+        (_, without), free = rendered(scene(what, False))
+        cells.append(f"{without:.3f} s")
+        if check:
+            seconds, expected = from_all_points(what)
+            off = np.abs(image - expected).max()
+            cells += [f"{seconds:.2f} s", f"{off / free.max():.1e}", f"{off / expected.max():.1e}"]
+        print("| " + " | ".join(cells) + " |", flush=True)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"\nPeak memory of the process: {peak:.0f} MiB.")
 

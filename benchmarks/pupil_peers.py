@@ -130,7 +130,7 @@ def nodes_of(aberration: pw.Aberration) -> int:
     """Nodes of the second rule for the spectrum, the larger one."""
     pupil = AberratedPupil.of(HEXAGON, aberration, 1.0, 0.0)
     band = np.full(2, AXIS[0]), np.full(2, AXIS[-1])
-    return sum(part.y.size for part in pupil.columns(0, band, 4, 1e-10))
+    return sum(weights.size for _, weights in pupil.rules(0, band, 4, 1e-10))
 
 
 def main() -> None:

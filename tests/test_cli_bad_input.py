@@ -125,7 +125,7 @@ BAD: dict[str, str] = {
         --samples 1 => --samples | two or more | '1'
         --samples "3 x 3" => --samples | 3 x 3
         --method fdtd => method | fdtd | kirchhoff
-        --method "kirchhoff 3" => after wigner only
+        --method "kirchhoff 3" => only the method wigner
         --method "wigner 3" => obliquity | 3 | paper
         --obliquity lambert => obliquity | lambert
         --method wigner --method wigner => 'wigner' twice
@@ -144,7 +144,7 @@ BAD: dict[str, str] = {
         --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --method wigner => obstacles | 'wigner'
         --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --bandwidth "1 GHz" => one wavelength
         --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --obstacle-unit ell => ell
-        --obstacle-unit mm => --obstacle-unit | alone
+        --obstacle-unit mm => --obstacle-unit | requires --obstacle
     """,
     'propagate square.wkt --frequency "94 GHz"': """
          => --line | --hemisphere | got none
@@ -154,7 +154,7 @@ BAD: dict[str, str] = {
         --line "0 mm, 0 mm, -2 mm to 0 mm, 0 mm, 9 mm" => z > 0
         --line "{many}" => two points
         --plane "-3 mm to 3 mm, 0 mm, 9 mm" => --plane | two ranges
-        --plane "3 mm to -3 mm, -3 mm to 3 mm, 9 mm" => rising
+        --plane "3 mm to -3 mm, -3 mm to 3 mm, 9 mm" => ascending
         --plane "-3 mm to 3 mm, 0 mm, 2 mm to 9 mm" --samples "99999 x 99999" => polywigner volume
         --arc far => --arc | length | far
         --arc "50 mm, 0 deg, 90 deg" => --arc | between 0 and 90 deg
@@ -183,7 +183,7 @@ BAD: dict[str, str] = {
         --frequency "3 GHz" --format zip => --format
         --frequency "3 GHz" --step "30 deg" --polarisation rr => polarisation
         --frequency "3 GHz" --bounces 4 => bounces
-        --frequency "3 GHz" --open-mesh => --open-mesh with a mesh
+        --frequency "3 GHz" --open-mesh => --open-mesh requires a mesh
         --frequency "3 GHz" --cut-step "0 deg" => angle above 0
         --frequency "3 GHz" --smooth wide => angle
     """,
@@ -239,7 +239,7 @@ BAD: dict[str, str] = {
         link.xml --db-floor 3 => floor
         link.xml --variant no_such => variant
         lit.xml => wigner_receiver
-        two_colours.xml => one wavelength of emitter 'tx'
+        two_colours.xml => equal wavelengths of emitter 'tx'
         absent.xml => not a file
         square.wkt => polywigner transform
     """,

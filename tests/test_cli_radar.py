@@ -19,7 +19,7 @@ def test_the_command_writes_the_cube_and_both_maps(tmp_path, capsys):
     options = ("--velocity", "car = -8, 0, 0", "--elements", "--points", "500", "--out", str(out))
     assert main(["radar", SCENE, "--waveform", WAVEFORM, *options]) == 0
     printed = capsys.readouterr().out
-    assert "12 receivers, 1 emitters, 500 scatterers" in printed
+    assert "receivers: 12, emitters: 1, 500 scatterers" in printed
     with xarray.open_dataset(tmp_path / "street.nc", engine="h5netcdf") as cube:
         assert dict(cube.sizes)["receiver"] == 12 and cube.attrs["chirps"] == 8
     names = sorted(path.name for path in tmp_path.iterdir())
@@ -43,6 +43,8 @@ def test_zarr_replaces_an_earlier_store(tmp_path):
         ([SCENE, "--waveform", WAVEFORM, "--velocity", "car 3"], "VX, VY, VZ"),
         ([SCENE, "--waveform", WAVEFORM, "--velocity", "moon = 1, 0, 0", "--points", "9"], "moon"),
         ([SCENE, "--waveform", WAVEFORM, "--window", "none", "--points", "9"], "window"),
+        ([SCENE, "--waveform", WAVEFORM, *2 * ("--velocity", "car = 1, 0, 0")], "got several"),
+        ([SCENE, "--waveform", WAVEFORM, "--velocity", "car = 4e8, 0, 0"], "speed below"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(arguments, words, tmp_path, monkeypatch, capsys):

@@ -104,6 +104,7 @@ def test_derivatives_are_those_of_exact_arithmetic(rings, precision):
         assert abs(got - expected) < ERRORS[precision] * largest
 
 
+@pytest.mark.slow
 def test_forward_and_reverse_mode_are_adjoint():
     """<g, J t> = <J* g, t> for random t and g: of A of a collection, in all numbers."""
     import drjit as dr

@@ -139,7 +139,7 @@ def test_sources_with_curved_waves_are_values():
         (lambda wave: pw.fourier(wave, [0, 1e9]), "cycles of phase along an edge"),
         (lambda wave: pw.amplitude(wave, [0, 0, 1e-9], WAVELENGTH, "fresnel"), "cycles of phase"),
         (lambda wave: pw.projections(wave), "flat, coherent wave for projections"),
-        (lambda wave: pw.suggest_sampling(wave, "wigner"), "a flat, coherent wave to suggest"),
+        (lambda wave: pw.suggest_sampling(wave, "wigner"), "a flat, coherent wave"),
         (lambda wave: pw.wigner(wave, [0, 0, 0], [0, 0]), r"x of shape \(\.\.\., 2\)"),
     ],
 )

@@ -123,6 +123,7 @@ def test_a_source_without_a_polarisation_is_seen_polarised_along_its_y_axis() ->
         assert s[1:] / s[0] == pytest.approx([first, 0.0, 0.0], abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
 def test_a_diffuse_floor_returns_half_to_the_default_and_ranges_and_scatterers_agree() -> None:
     """A diffuse surface undoes polarisations: one mode takes half of what all take."""

@@ -131,3 +131,15 @@ def test_a_pupil_without_aberrations_has_derivatives(llvm: Any) -> None:
         pw.otf(square, Array2f64(0.5e-3, 0.0))
     with pytest.raises(ArgumentError, match="psf, otf and mtf only"):
         pw.strehl(POLYGON, WAVELENGTH, PATH.with_coefficients(Float64([1e-9] * 3)))
+
+
+def test_lags_without_overlap_have_derivatives_of_zero(llvm: Any) -> None:
+    import drjit as dr
+    from drjit.llvm.ad import Float64
+
+    coefficients = Float64(PATH.coefficients)
+    dr.enable_grad(coefficients)
+    path = PATH.with_coefficients(coefficients)
+    lags = np.full((140, 2), 4 * RADIUS)  # more lags than one block has
+    dr.backward(pw.otf(POLYGON, lags, aberration=path, wavelength=WAVELENGTH)[0])
+    assert not np.array(coefficients.grad).any()

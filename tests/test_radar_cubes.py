@@ -330,3 +330,21 @@ def test_waveforms_that_do_not_fit_are_errors(waveform, error, words):
 def test_arguments_out_of_range_are_errors(options, words):
     with pytest.raises(ArgumentError, match=words):
         pm.radar_cube(scene_of(board=plate(3.0, 0.4)), SHORT, **{"points": 100, **options})
+
+
+def test_objects_too_fast_for_the_sums_are_refused():
+    """A board at 90 km/s crosses eight range bins within a chirp of 12.8 us."""
+    waveform = radar.FMCW(76e9, 1e9, 64, 5e6)
+    with pytest.raises(ArgumentError, match="range bins within a repetition"):
+        pm.radar_cube(
+            scene_of(board=plate(3.0, 0.4)), waveform, velocities={"board": (0, 0, 9e4)}, points=50
+        )
+
+
+@pytest.mark.parametrize(
+    "arguments", [(np.zeros((3, 3)),), (None, (1,)), (None, (2, 2), (80, 8))], ids=str
+)
+def test_maps_and_bins_of_detections_are_checked(corner, arguments):
+    image = radar.range_doppler(corner[1])
+    with pytest.raises(ArgumentError):
+        radar.detections(image if arguments[0] is None else arguments[0], *arguments[1:])

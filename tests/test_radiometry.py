@@ -226,6 +226,7 @@ def test_wide_sources_lose_what_their_edges_keep(obliquity: Any, scale: int) -> 
         assert pw.energy_budget(source, wavelength).evanescent == pytest.approx(lost, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_rays_of_a_wide_curved_wave_carry_its_power_but_for_its_edges() -> None:
     places, weights = triangle_nodes(WIDE.rings[0][None], 20)
     cosines = np.sqrt(1 - np.square(places / 5e-3).sum(axis=1))

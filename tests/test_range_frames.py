@@ -111,10 +111,10 @@ class TestCameras:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--range", "2 m to 1 m"], "rising lengths"),
+        (["--range", "2 m to 1 m"], "ascending lengths"),
         (["--range", "0 m to 1 s"], "length"),
         (["--range", "0 m to 1 m", "--bins", "0"], "--bins"),
-        (["--bins", "5"], "add a --range"),
+        (["--bins", "5"], "--bins requires --range"),
     ],
 )
 def test_bad_ranges_are_one_sentence(words, message, scene, capsys, monkeypatch):
@@ -152,5 +152,5 @@ def test_a_profile_is_drawn_in_dbm_with_the_noise():
     for bad in (None, pw.shapes.square(1.0)):
         with pytest.raises(ArgumentError, match="range_profile"):
             draw_range_profile(bad)
-    with pytest.raises(ArgumentError, match="receivers"):
+    with pytest.raises(ArgumentError, match="one receiver"):
         draw_range_profile(profile(), 1)

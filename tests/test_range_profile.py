@@ -89,9 +89,9 @@ def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power():
 @pytest.mark.parametrize(
     ("ranges", "message"),
     [
-        ([1.0], "at least two"),
-        ([0.0, 2.0, 1.0], "rise"),
-        ([-1.0, 1.0], "rise from zero"),
+        ([1.0], "two to"),
+        ([0.0, 2.0, 1.0], "ascending"),
+        ([-1.0, 1.0], "ascending edges"),
         ([100.0, 100.0 + 1e-7], "single precision"),
     ],
 )
@@ -310,7 +310,7 @@ def test_bodies_and_paths_that_interfere_have_a_range():
     assert result["mirrors"].values.tolist() == ["plate"]
     assert np.flatnonzero(result["direct_power"].values).tolist() == [12]
     assert result["direct_power"].values[12] == pytest.approx(steady.direct, rel=1e-9)
-    with pytest.raises(ArgumentError, match="expected bodies with coherent=True"):
+    with pytest.raises(ArgumentError, match="bodies= requires coherent=True"):
         pm.range_profile(scene, [0.0, 8.0], spp=16, bodies=body)
 
 

@@ -42,6 +42,7 @@ def entries(bsdf: Any = WHITE) -> dict[str, Any]:
     return made
 
 
+@pytest.mark.slow
 def test_results_follow_the_ids_however_mitsuba_orders_its_emitters() -> None:
     """Mitsuba's own loader merges the walls, and then returns emitters in any order."""
     scenes = [mi.load_dict(entries()), pm.load_scene(entries())]
@@ -60,6 +61,7 @@ def test_results_follow_the_ids_however_mitsuba_orders_its_emitters() -> None:
     assert first.receiver == scenes[1].sensors()[1].id() == "alpha rx"
 
 
+@pytest.mark.slow
 def test_loaded_scenes_repeat_their_random_numbers() -> None:
     floor = {"floor": {"type": "rectangle", "bsdf": WHITE, "to_world": moved(0, 0, 2).scale(3)}}
     floor["floor"]["to_world"] = floor["floor"]["to_world"].rotate([1, 0, 0], 180)

@@ -233,7 +233,7 @@ def _on_a_line(**options: Any) -> Any:
     [
         (_at_a_point, pw.shapes.square(1.0), {}, "placed"),
         (_at_a_point, "box.stl", {}, "Polyhedra"),
-        (_at_a_point, BODIES["box"], {"method": "fresnel"}, "with obstacles require a method"),
+        (_at_a_point, BODIES["box"], {"method": "fresnel"}, "requires one of the methods"),
         (_at_a_point, BODIES["box"], {"tolerance": 1e-12}, "tolerance"),
         (_at_a_point, box((-1, -1, -1), (1, 1, 1)), {}, "away from the source"),
         (_on_a_line, BODIES["box"], {}, "got method='wigner'"),

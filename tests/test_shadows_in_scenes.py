@@ -119,6 +119,7 @@ def test_shapes_of_mitsuba_throw_shadows(name: str) -> None:
     assert np.abs(result - expected).max() < within * on_floor(8, 1, None, point).max()
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
 def test_plate_before_a_wall_has_the_field_of_both_in_pictures_and_at_points() -> None:
     use("llvm_ad_mono")
@@ -151,6 +152,7 @@ def test_plate_before_a_wall_has_the_field_of_both_in_pictures_and_at_points() -
     assert weights[0] == pytest.approx(weights[2], rel=1e-2)
 
 
+@pytest.mark.slow
 def test_null_surfaces_let_pass_and_moved_ones_are_found_again() -> None:
     use("llvm_ad_mono")
     free = rendered(scene(4, {}), 64)
@@ -249,6 +251,7 @@ def test_cubes_of_one_mesh_with_a_common_face_are_in_contact_with_what_touches_t
     assert result.contacts.tolist() == [[0, 1]]
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
 def test_both_ends_of_a_link_over_an_edge_are_exchanged() -> None:
     use("llvm_ad_mono")

@@ -82,8 +82,8 @@ TINTED = {"specular_transmittance": 0.5, "specular_reflectance": 0.25}
     ("index", "angle", "tint", "opacity"),
     [
         *((index, angle, {}, None) for index, angle in ((1.5, 1.3), (4.0, BREWSTER), (0.6, 0.9))),
-        (4.0, 0.7, {}, 0.3),
-        (1.5, 1.0, TINTED, None),
+        pytest.param(4.0, 0.7, {}, 0.3, marks=pytest.mark.slow),
+        pytest.param(1.5, 1.0, TINTED, None, marks=pytest.mark.slow),
     ],
     ids=["glass", "at Brewster's angle", "thinner", "masked", "tinted"],
 )

@@ -1,4 +1,7 @@
-"""The --spp option for `make demo` on this machine: nothing with LLVM, one sample without.
+"""Options of renders for `make demo` on this machine.
+
+The number of samples is the scene's own with LLVM, and one without. ``--diffraction [SPP]`` adds
+the options for scenes whose shadows diffract, with LLVM.
 
 Without LLVM scenes are rendered with scalar_rgb, one sample at a time: at the scenes' own number
 of samples the demo would take hours, at one it takes some minutes and shows noisy pictures.
@@ -10,9 +13,18 @@ import sys
 
 from polywigner.llvm import prepare
 
+# Samples per pixel of direct light with diffraction: a grid of 4 x 4 in each pixel.
+_DIFFRACTING = "16"
+
 
 def main() -> None:
+    diffraction, spp = "--diffraction" in sys.argv, [s for s in sys.argv[1:] if s.isdigit()]
     if prepare().usable:
+        if diffraction:
+            print("--diffraction --integrator direct --spp", *(spp or [_DIFFRACTING]))
+        return
+    if diffraction and spp:
+        print("--spp", *spp)
         return
     sys.stderr.write(
         "polywigner: without LLVM the demo renders one sample per pixel: expect noise, and say "

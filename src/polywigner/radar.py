@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# Largest numbers of samples in a repetition, and of repetitions.
+# Largest number of samples in a repetition, and largest number of repetitions.
 _MOST = 1 << 20
-# Relative error of an interval that is rounded to fewer digits than the samples take.
+# Largest relative rounding error of an interval or of a sample rate that a user specifies.
 _ROUNDING = 1e-9
-# Points of a window, between which its values are interpolated.
+# Number of points of a window, between which its values are interpolated.
 _WINDOW_POINTS = 1025
 
 
@@ -151,8 +151,8 @@ class SteppedFrequency(FMCW):
 class Pulse(FMCW):
     """Pulses with a flat spectrum, after matched filtering; parameters as for :class:`FMCW`.
 
-    ``start`` and ``bandwidth`` describe the spectrum. Sample n of the receiver has the time
-    ``n / bandwidth`` after the pulse, so that it is the range bin n; ``sample_rate`` must equal
+    ``start`` and ``bandwidth`` describe the spectrum. Sample n is received at the time
+    ``n / bandwidth`` after the pulse and is therefore range bin n. ``sample_rate`` must equal
     ``bandwidth``.
     """
 
@@ -177,7 +177,7 @@ class Pulse(FMCW):
         return float(self.samples)
 
     def from_spectrum(self, spectrum: Complexes) -> Complexes:
-        """Return samples in time, of which the largest is the amplitude of a single path."""
+        """Return samples in time; the largest sample of a single path is its amplitude."""
         return np.fft.fft(spectrum) / self.samples
 
     def to_spectrum(self, signal: Complexes) -> Complexes:
@@ -194,7 +194,7 @@ _TEXT = re.compile(
 
 
 def parse_waveform(text: str | FMCW) -> FMCW:
-    """Parse a text to a waveform; a waveform is returned unchanged.
+    """Parse a string to a waveform; a waveform is returned unchanged.
 
     Parameters
     ----------
@@ -215,8 +215,9 @@ def parse_waveform(text: str | FMCW) -> FMCW:
     match = _TEXT.fullmatch(text.strip()) if isinstance(text, str) else None
     if match is None or (match["rate"] is None and match["kind"] != Pulse.repetition):
         raise ArgumentError(
-            'expected a waveform such as "76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every '
-            f'60 us", got {value_text(text)}'
+            'expected a waveform as "START + BANDWIDTH, N samples at RATE, M chirps every '
+            'INTERVAL", such as "76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every 60 us", '
+            f"got {value_text(text)}"
         )
     bandwidth = parse_frequency(match["bandwidth"])
     return _CLASSES[match["kind"]](
@@ -250,8 +251,8 @@ def waveform_of(cube: Any) -> FMCW:
     except (AttributeError, KeyError, TypeError):
         pass
     raise ArgumentError(
-        f"expected a data cube of polywigner.mitsuba.radar_cube, got {type(cube).__name__} without "
-        "its signal and attributes"
+        f"expected a data cube made by polywigner.mitsuba.radar_cube, got {type(cube).__name__}, "
+        "which lacks the signal and attributes of a cube"
     )
 
 
@@ -351,19 +352,20 @@ def range_angle(
         raise ArgumentError(
             f"expected several elements along {array_axis}, got positions {positions.ravel()!r:.60}"
         )
-    # one spacing wider than the array, so that no element has the weight zero
+    # The window is one spacing wider than the array, so that no element has the weight zero.
     spacing = extent / (len(np.unique(positions.round(9))) - 1)
     across = (positions - positions.min() + spacing / 2) / (extent + spacing)
-    shape = _window(window, _WINDOW_POINTS)
+    shape = window_of(window, _WINDOW_POINTS)
     weights = np.interp(across, np.linspace(0.0, 1.0, _WINDOW_POINTS), shape)
     weights /= weights.sum()
     waves = np.exp(2j * np.pi / waveform.wavelength * np.multiply.outer(cosines, positions))
     image = np.zeros((len(values), len(cosines), len(ranges)))
-    for rate in range(values.shape[3]):  # one rate at a time needs little memory
+    # Only one rate is computed at a time, which needs little memory.
+    for rate in range(values.shape[3]):
         beams = np.tensordot(values[..., rate, :], waves * weights, axes=([1, 2], [1, 2]))
         image += np.square(np.abs(beams)).swapaxes(1, 2)
-    # the sum over rates counts a target as often as the window's noise bandwidth in bins
-    of_rates = _window(window, waveform.chirps)
+    # The sum over rates counts a target several times: the window's noise bandwidth, in bins.
+    of_rates = window_of(window, waveform.chirps)
     image /= len(of_rates) * (of_rates**2).sum() / of_rates.sum() ** 2
     floor = float((np.mean(_noise_of(cube)) * of_range) * (weights**2).sum())
     axes = {"direction_cosine": cosines, "range": ranges}
@@ -378,7 +380,7 @@ def detections(
     training: Sequence[int] = (8, 8),
     false_alarm: float = 1e-6,
 ) -> xarray.DataArray:
-    """Detect peaks with a constant rate of false alarms (cell averaging, CA-CFAR).
+    """Detect peaks at a constant rate of false alarms (cell averaging, CA-CFAR).
 
     A bin is detected if it exceeds the mean of the training bins around it by the factor
     ``N (P**(-1/N) - 1)`` for N training bins and the false-alarm probability P.
@@ -403,8 +405,18 @@ def detections(
         If the numbers of bins or the probability are out of range.
     """
     filters = require("scipy.ndimage", "arrays", "detections are found with")
+    if not (hasattr(image, "dims") and len(guard) == len(training) == 2):
+        raise ArgumentError(
+            "expected a DataArray of range_doppler or range_angle, and guard and training as two "
+            f"numbers, got {type(image).__name__}, {guard!r} and {training!r}"
+        )
     near = [checked_count(n, "guard", 0, _MOST) for n in guard]
     far = [n + checked_count(m, "training", 1, _MOST) for n, m in zip(near, training, strict=True)]
+    if any(2 * n >= size for n, size in zip(far, image.shape[-2:], strict=True)):
+        raise ArgumentError(
+            f"expected fewer guard and training bins than the map has, {image.shape[-2:]}, got "
+            f"{guard!r} and {training!r} on each side"
+        )
     if not 0 < false_alarm < 1:
         raise ArgumentError(f"false_alarm must be between 0 and 1, got {value_text(false_alarm)}")
     modes = ["wrap" if dim == "range_rate" else "reflect" for dim in image.dims[-2:]]
@@ -420,8 +432,8 @@ def detections(
     return image.copy(data=image.values > factor * (outer - inner)).rename("detected")
 
 
-def _window(name: str, count: int) -> Floats:
-    """Return a symmetric window without zeros at its ends."""
+def window_of(name: str, count: int) -> Floats:
+    """Return a symmetric window (count,) without zeros at its ends, or raise ArgumentError."""
     signal = require("scipy.signal", "arrays", "windows are computed with")
     try:
         return np.asarray(signal.get_window(name, count + 2, fftbins=False)[1:-1], np.float64)
@@ -438,7 +450,7 @@ def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complexes, Floats, float
     """
     waveform = waveform_of(cube)
     bins = waveform.chirps * checked_count(pad, "pad", 1, 64)
-    weights = _window(window, waveform.chirps)
+    weights = window_of(window, waveform.chirps)
     period = cube.attrs["period"]
     signal = waveform.to_spectrum(np.asarray(cube["signal"].values))
     spectra = np.fft.fft(signal * weights[:, None], bins, axis=-2) / weights.sum()
@@ -455,7 +467,7 @@ def _by_range(
     """Return amplitudes over range in place of frequency, ranges in m, and the noise gain."""
     waveform = waveform_of(cube)
     bins = waveform.samples * checked_count(pad, "pad", 1, 64)
-    weights = _window(window, waveform.samples)
+    weights = window_of(window, waveform.samples)
     values = np.fft.fft(spectra * weights, bins) / weights.sum()
     ranges = np.arange(bins) * waveform.range_step * waveform.samples / bins
     noise = waveform.noise_gain * float((weights**2).sum() / weights.sum() ** 2)

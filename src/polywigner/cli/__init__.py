@@ -31,7 +31,7 @@ __all__ = ["main"]
 
 _FAILED = 1
 _BAD_INPUT = 2
-_INTERRUPTED = 130  # the exit code of shells for a program that SIGINT interrupted
+_INTERRUPTED = 130  # Shells use this exit code for a program that SIGINT interrupted.
 _DEBUG = "POLYWIGNER_DEBUG"
 
 
@@ -77,13 +77,14 @@ def _from_exception(error: BaseException) -> int:
         return _say(f"error: {error}", _BAD_INPUT)
     if isinstance(error, MemoryError):
         return _say(f"error: out of memory ({error}); use fewer samples or pixels", _FAILED)
-    if isinstance(error, BrokenPipeError):  # `polywigner ... | head`
+    if isinstance(error, BrokenPipeError):  # This happens in `polywigner ... | head`.
         # The buffer of stdout must not be flushed again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _FAILED
     # The click module inside typer is private, so its usage errors are recognised by name.
     if hasattr(error, "format_message"):
-        if type(error).__name__ == "NoArgsIsHelpError":  # `polywigner` alone shows the help
+        # The command `polywigner` without arguments shows the help.
+        if type(error).__name__ == "NoArgsIsHelpError":
             print(error.format_message().rstrip())
             return _BAD_INPUT
         text = error.format_message().rstrip(".")
@@ -154,12 +155,12 @@ def explore(
     """
     if aperture is not None:
         reading.check_file(aperture)
-    wave.length()  # raises for a wrong option
+    wave.length()  # This call raises the error of a wrong option.
     from polywigner.explorer import serve, start_state
 
     state = start_state(aperture, wave.frequency or wave.wavelength, **reading.reading_arguments())
     serve(state, port=port, browser=browser, say=partial(print, flush=True))
-    os._exit(0)  # does not wait for a computation in progress
+    os._exit(0)  # Unlike sys.exit, this does not wait for a computation in progress.
 
 
 _COMMANDS = (

@@ -67,7 +67,7 @@ def _transforms() -> Row:
             version = importlib.metadata.version("numpy")
             return Row("engine numpy", _GOOD, f"NumPy {version}; needs nothing else")
         problem = f"a square of area 4 transforms to {area}"
-    except Exception as error:  # the report has other rows
+    except Exception as error:  # The report has other rows, so an error must not end it.
         problem = f"{type(error).__name__}: {' '.join(str(error).split())}"
     return Row("engine numpy", _BAD, problem, f"Run {install_command()}.")
 
@@ -94,7 +94,8 @@ def _gpu() -> Row:
 
 def _rendering(llvm: LLVMStatus, gpu: Row) -> Row:
     """Return the variants that the installed Mitsuba has and this machine can run."""
-    # in a child process: versions of Mitsuba and Dr.Jit that do not match can end the process
+    # The import runs in a child process, because versions of Mitsuba and Dr.Jit that do not match
+    # can crash it.
     child = run_in_child("import mitsuba; print(*mitsuba.variants())")
     if child.returncode != 0:
         remedy = f"Run `pip install --force-reinstall '{_requirement('mitsuba')}'`."

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from polywigner import Aberration, Aperture
     from polywigner import Array as ApertureArray
 
-# Contrast below which its sign is not marked.
+# Reversed contrast below this value is not marked.
 _FAINT = 1e-3
 Samples = Annotated[int, typer.Option(min=2, max=2001, help="Samples along each axis.")]
 

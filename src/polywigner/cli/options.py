@@ -215,7 +215,7 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
             partials = tuple(stack.enter_context(atomic_path(path)) for path in paths)
             yield partials
             for partial in partials:
-                partial.stat()  # all exist before the first is renamed
+                partial.stat()  # All files must exist before the first is renamed.
         print(*paths, sep="\n", flush=True)
     except OSError as error:
         raise ArgumentError(
@@ -303,12 +303,14 @@ class SceneOptions:
 
         if self.range_text is None:
             if self.bins is not None:
-                raise ArgumentError("--bins: expected with a range of lengths; add a --range")
+                raise ArgumentError(
+                    "--bins requires --range; add it, such as --range '0 m to 60 m'"
+                )
             return None
         ends = [parse_coordinate(end.strip()) for end in self.range_text.split(" to ")]
         if len(ends) != 2 or not 0 <= ends[0] < ends[1]:
             raise ArgumentError(
-                f"expected --range as two rising lengths, got {value_text(self.range_text)}; "
+                f"expected --range as two ascending lengths, got {value_text(self.range_text)}; "
                 "write such as '0 m to 60 m'"
             )
         return np.linspace(ends[0], ends[1], (self.bins or default) + 1)
@@ -330,7 +332,7 @@ class SceneOptions:
         with warnings_of_mitsuba():
             if self.range_text is not None:
                 required("h5netcdf", "dask")
-                # registers integrators that the scene may name
+                # This registers integrators that the scene may name.
                 require_transients(variant)
             yield store
         if store is not None:

@@ -28,12 +28,13 @@ if TYPE_CHECKING:
 Point = tuple[float, float, float]
 _Projection = Literal["maximum", "mean"]
 
-_WIDEST = math.radians(80.0)  # largest angle from the axis, default of an arc
-_GRAZING = math.radians(89.5)  # largest angle of a hemisphere, as of suggested samples
-_MOST_POINTS = 1 << 26  # half a gigabyte for each method
-# Bounds of the default number of samples: the lower for smooth figures, the upper for at most four
-# times the run time.
+_WIDEST = math.radians(80.0)  # largest angle from the axis of an arc by default
+# largest angle of a hemisphere, equal to the largest of suggest_sampling
+_GRAZING = math.radians(89.5)
+_MOST_POINTS = 1 << 26  # largest number of points; they take half a gigabyte for each method
+# Smallest default number of samples, for smooth figures.
 _FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
+# Largest default number of samples, for at most four times the run time.
 _MOST = {"line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240)}
 _FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
 
@@ -71,7 +72,7 @@ class FieldOptions(FieldSourceOptions):
             name = text.replace(" ", "-")
             if obliquity and method != "wigner":
                 raise ArgumentError(
-                    f"--method: expected an obliquity after wigner only, got {text!r}"
+                    f"--method: only the method wigner accepts an obliquity, got {text!r}"
                 )
             if name in methods:
                 raise ArgumentError(f"--method: expected different methods, got {text!r} twice")
@@ -127,7 +128,7 @@ def propagate(
     from polywigner.propagation.stores import required
 
     methods, reference = field.methods("wigner", options.EXACT)
-    required("h5netcdf")  # raises before the work, not after it
+    required("h5netcdf")  # This call raises its error before the work, not after it.
     source, wavelength = field.read_with_wavelength()
     obstacles = field.read_obstacles()
     region = region._replace(shape=samples_of_region(source, region, wavelength, amplitude))
@@ -406,7 +407,8 @@ def _ranges(text: str, count: int) -> tuple[Point, Point]:
         low, *high = map(parse_coordinate, _split(part, r"\s+to\s+"))
         if len(high) > 1 or (high and not low < high[0]):
             raise QuantityError(
-                f'expected a coordinate, or a rising range such as "-30 mm to 30 mm", got {part!r}'
+                f'expected a coordinate, or an ascending range such as "-30 mm to 30 mm", '
+                f"got {part!r}"
             )
         ends.append((low, *high))
     if len(ends) != 3 or sum(map(len, ends)) != 3 + count:

@@ -33,15 +33,18 @@ if TYPE_CHECKING:
 # ---- rcs -----------------------------------------------------------------------------------------
 
 _Format = StrEnum("_Format", "csv nc")
-# Default steps of the map in degrees, and time in which the map should be computed [s].
-_STEPS, _MAP_SECONDS = (1.0, 2.0, 5.0, 10.0), 60.0
+# Default steps of the map in degrees.
+_STEPS = (1.0, 2.0, 5.0, 10.0)
+# Time in s in which the map should be computed.
+_MAP_SECONDS = 60.0
 # Number of directions that are timed to choose default steps.
 _TIMED = 8
 # Largest number of directions of the map: hours of work for a simple body, and 0.1 GB of values.
 _MOST = 4_000_000
-# Default number of steps per lobe of backscatter in the cuts, and time in which a cut should be
-# computed [s].
-_STEPS_PER_LOBE, _CUT_SECONDS = 4.0, 30.0
+# Default number of steps per lobe of backscatter in the cuts.
+_STEPS_PER_LOBE = 4.0
+# Time in s in which a cut should be computed.
+_CUT_SECONDS = 30.0
 _FINEST, _MOST_OF_CUTS = 1e-3, 33_000_000_000
 
 
@@ -118,7 +121,7 @@ def _steps(
     import numpy as np
 
     azimuth, elevation = np.linspace(-3.0, 3.0, _TIMED), np.linspace(-1.4, 1.5, _TIMED)
-    pattern.at(azimuth[:1], elevation[:1])  # fills caches before the timing
+    pattern.at(azimuth[:1], elevation[:1])  # This call fills the caches before the timing.
     start = time.perf_counter()
     pattern.at(azimuth, elevation)
     seconds = (time.perf_counter() - start) / _TIMED
@@ -200,7 +203,10 @@ def radar(
     several receivers or emitters, also writes a figure of power by range and direction,
     NAME_angle.png.
     """
-    velocities = dict(parse_velocity(text) for text in velocity or [])
+    pairs = [parse_velocity(text) for text in velocity or []]
+    velocities = dict(pairs)
+    if len(velocities) < len(pairs):
+        raise ArgumentError("expected one --velocity for each name, got several")
     options.check_scene(scene)
     suffixes = (".zarr" if zarr else ".nc", "_rate.png", "_angle.png")
     files = options.files_to_write(out, f"{Path(scene).stem}_radar", suffixes)
@@ -208,9 +214,10 @@ def radar(
     from polywigner.figures import draw_radar_map
     from polywigner.mitsuba import choose_variant, load_scene, radar_cube
     from polywigner.propagation.stores import required
-    from polywigner.radar import parse_waveform, range_angle, range_doppler
+    from polywigner.radar import parse_waveform, range_angle, range_doppler, window_of
 
     wave = parse_waveform(waveform)
+    window_of(window, wave.samples)  # a bad name is refused before the work
     required("zarr" if zarr else "h5netcdf", "dask")
     with options.warnings_of_mitsuba():
         loaded = load_scene(scene, choose_variant(variant))
@@ -226,7 +233,7 @@ def radar(
     mean = by_rate.mean(by_rate.dims[:-2])
     peak = mean.isel(mean.argmax(...))
     summary = [
-        f"{cube.sizes['receiver']} receivers, {cube.sizes['emitter']} emitters, "
+        f"receivers: {cube.sizes['receiver']}, emitters: {cube.sizes['emitter']}, "
         f"{cube.attrs['scattered_points']} scatterers; bins of {wave.range_step:.4g} m and "
         f"{wave.rate_step / cube.sizes['emitter']:.4g} m/s",
         f"maximum at {float(peak['range']):.4g} m, {float(peak['range_rate']):.4g} m/s: "

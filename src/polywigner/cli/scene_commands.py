@@ -87,7 +87,8 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
                 f"expected a camera in {settings.scene} with --polarised, got a wigner_receiver, "
                 "which defines its polarisation itself"
             )
-        if edges is not None:  # fails here if paths of the scene cannot be sorted by range
+        # This check fails here if paths of the scene cannot be sorted by range.
+        if edges is not None:
             render_frames = prepared_frames(
                 scene, edges, spp=samples, seed=settings.seed, sensor=0, integrator=integrator
             )
@@ -144,7 +145,7 @@ def _checked_specs(scene: Any, name: str) -> list[Any]:
     if not specs:
         raise SceneError(
             f'expected a <shape type="wigner"> in {name}, got a scene without; add one, or render '
-            "it with mitsuba itself"
+            "the scene with Mitsuba itself"
         )
     for spec in specs:
         check_wavelength(spec.wavelength, spec.support.diameter)
@@ -174,7 +175,7 @@ def _title(specs: Sequence[Any], name: str, variant: str, samples: int) -> str:
 
 # ---- receive -------------------------------------------------------------------------------------
 
-# Panels in a row of the figure.
+# Number of panels in a row of the figure.
 _COLUMNS = 3
 _MOST_FREQUENCIES = 1 << 16
 

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 # ---- transform -----------------------------------------------------------------------------------
 
 _FEWEST = 257
-_MOST_BY_DEFAULT = 513  # about ten seconds for an aperture with a hundred edges
+# Largest default number of samples along an axis: about ten seconds for an aperture with a hundred
+# edges.
+_MOST_BY_DEFAULT = 513
 
 
 def transform(
@@ -95,7 +97,9 @@ def _samples(
 def _write_values(slices: TransformSlices, path: Path) -> None:
     """Write the slices as .npz, with a JSON text ``metadata`` that describes axes and units."""
     import numpy as np
-    from shapely import to_geojson  # all digits; GEOS writes WKT with 16 decimals only
+
+    # GeoJSON contains all digits, but GEOS writes WKT with 16 decimals only.
+    from shapely import to_geojson
 
     import polywigner as pw
 
@@ -119,7 +123,7 @@ def _write_values(slices: TransformSlices, path: Path) -> None:
 # ---- pattern -------------------------------------------------------------------------------------
 
 _Format = StrEnum("_Format", "csv txt ffd cut msi pln")
-# Number of steps of the map per lobe; lobes of a source of diameter D are lambda/D wide.
+# Number of steps of the map per lobe. The lobes of a source of diameter D are lambda/D wide.
 _STEPS_PER_LOBE = 8
 # Default steps in degrees. The finest results in 361 x 1440 directions, computed in 1 to 2 s.
 _FINEST, _COARSEST = 0.25, 1.0
@@ -171,7 +175,7 @@ def pattern(
     radiator, length = source.read_with_wavelength()
     wavelengths = outline_of(radiator).diameter / length
     quarter = round(90.0 / (degrees or _degrees(wavelengths)))
-    # the field behind the source is zero, but HFSS requires all directions
+    # The field behind the source is zero, but HFSS requires all directions.
     theta_steps = 2 * quarter if ".ffd" in suffixes else quarter
     theta = np.radians(np.arange(theta_steps + 1) * 90.0 / quarter)
     phi = np.radians(np.arange(4 * quarter) * 90.0 / quarter)
@@ -186,7 +190,7 @@ def pattern(
     values = pw.radiation_pattern(radiator, length, theta, phi, **settings)
     along = pw.beam_cuts(radiator, length, **settings)
     metrics = pw.beam_metrics(along, power=watts, efficiency=efficiency)
-    if source.steering is not None:  # a grating lobe may be larger than the steered beam
+    if source.steering is not None:  # A grating lobe may be larger than the steered beam.
         metrics = replace(metrics, steering=parse_direction(source.steering))
     title = field_title(source.source, length)
     figure = draw_pattern(values, cuts=[along], metrics=metrics, floor_db=floor_db, title=title)

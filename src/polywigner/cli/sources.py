@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _FREQUENCIES = (("THz", 1e12), ("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0))
 _LONGEST_NAME = 32
 _MESHES = (".stl", ".ply", ".obj")
-# Relative difference of wavelengths that are equal up to the digits that users type.
+# Largest relative difference of wavelengths that count as equal, since users type few digits.
 _SAME_WAVELENGTH = 1e-3
 # Largest ratio of wavelength and diameter, or of diameter and wavelength. Larger ratios are typing
 # errors, and figures with them fail.
@@ -53,7 +53,7 @@ class WaveOptions:
     def length(self) -> float | None:
         """Return the wavelength in metres, or None without both options."""
         if self.frequency is not None and self.wavelength is not None:
-            raise ArgumentError("expected --frequency or --wavelength, got both; drop one of them")
+            raise ArgumentError("expected --frequency or --wavelength, got both; leave one out")
         if self.frequency is not None:
             return wavelength_of(parse_frequency(self.frequency))
         return None if self.wavelength is None else parse_length(self.wavelength)
@@ -107,7 +107,7 @@ class Reading:
         if Path(path).suffix.lower() not in _MESHES:
             if as_plates:
                 raise ArgumentError(
-                    "expected --open-mesh with a mesh (STL, PLY, OBJ), got a drawing"
+                    "--open-mesh requires a mesh (STL, PLY, OBJ), got a drawing; leave it out"
                 )
             return self.read_file(path)
         self.check_unused(("tolerance", "layer", "union"), "a mesh; it is for drawings")
@@ -211,7 +211,7 @@ def short_name(path: str) -> str:
     name = file.resolve().parent.name if file.stem == "scene" else file.name
     if len(name) > _LONGEST_NAME:
         name = f"{name[:20]}…{name[-11:]}"
-    return name.replace("$", r"\$")  # a dollar sign starts a formula in Matplotlib
+    return name.replace("$", r"\$")  # A dollar sign starts a formula in Matplotlib.
 
 
 def frequency_text(wavelength: float) -> str:
@@ -230,7 +230,7 @@ def _is_source_file(path: str) -> bool:
     if suffix == ".json":
         with suppress(
             ValueError, RecursionError, OSError
-        ):  # the reader of apertures reports these errors
+        ):  # The reader of apertures reports these errors.
             content = json.loads(bytes_of(Path(path)))
             return isinstance(content, dict) and "kind" in content and "type" not in content
     return suffix == ".toml"
@@ -256,7 +256,7 @@ class FieldSourceOptions(SourceOptions):
         if self.obstacle_unit is not None:
             parse_unit(self.obstacle_unit)
             if not self.obstacle:
-                raise ArgumentError("expected --obstacle-unit with --obstacle, got it alone")
+                raise ArgumentError("--obstacle-unit requires --obstacle, got none; leave it out")
 
     def read_obstacles(self) -> list[Polyhedron | PlacedAperture]:
         """Return the bodies and placed plates."""
@@ -273,7 +273,7 @@ class FieldSourceOptions(SourceOptions):
 
         theta, phi = angles
         axis = np.array([-math.sin(phi), math.cos(phi), 0.0])
-        cross = np.cross(np.eye(3), axis)  # cross @ v is axis x v
+        cross = np.cross(np.eye(3), axis)  # cross @ v is the cross product of axis and v
         pose = np.eye(4)
         pose[:3, :3] += math.sin(theta) * cross + (1.0 - math.cos(theta)) * cross @ cross
         pose[:3, 3] = origin

@@ -10,7 +10,7 @@ import numpy as np
 from polywigner.errors import ArgumentError
 from polywigner.figures import style
 from polywigner.figures.levels import check_floor, checked_dataset, level_db
-from polywigner.quantities import length_unit
+from polywigner.quantities import LengthUnit, length_unit
 from polywigner.transforms.aberrations import polygons_of
 
 if TYPE_CHECKING:
@@ -59,16 +59,13 @@ def draw_psf(
     if floor_db is not None:
         check_floor(floor_db)
     spots = _checked_lens(dataset, "psf", ("defocus", "y", "x"))
-    unit = length_unit(float(np.ptp(dataset["x"].values)))
     peak = float(spots.max())
     count = spots.sizes["defocus"]
     figure = style.figure_on(figure, 2.4 + 2.6 * count, 3.5, title)
     panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
-    across, up = (dataset[name].values / unit.metres for name in ("x", "y"))
     for axes, spot in zip(panels, spots, strict=True):
-        shown = _draw_image(axes, spot.values, across, up, peak, floor_db)
+        shown, _ = _draw_image(axes, spot, peak, floor_db)
         axes.set_title(_of_focus(spot))
-        style.length_axes(axes, "x", unit)
         axes.set_adjustable("box")
         axes.label_outer()
     style.colour_bar(panels, shown, _scale_text(f"{peak:.3g} /m²", floor_db))
@@ -76,12 +73,18 @@ def draw_psf(
 
 
 def _draw_image(
-    axes: Axes, values: Any, across: Any, up: Any, peak: float, floor_db: float | None
-) -> style.Map:
-    """Draw an image relative to a peak, in dB above a floor or on a linear scale."""
+    axes: Axes, image: xarray.DataArray, peak: float, floor_db: float | None
+) -> tuple[style.Map, LengthUnit]:
+    """Draw an image (y, x) relative to a peak, in dB above a floor or on a linear scale."""
+    unit = length_unit(float(np.ptp(image["x"].values)))
+    across, up = (image[name].values / unit.metres for name in ("x", "y"))
     if floor_db is None:
-        return style.draw_levels(axes, values / peak, across, up, low=0.0, high=1.0)
-    return style.draw_levels(axes, level_db(values, peak, floor_db), across, up, low=floor_db)
+        shown = style.draw_levels(axes, image.values / peak, across, up, low=0.0, high=1.0)
+    else:
+        levels = level_db(image.values, peak, floor_db)
+        shown = style.draw_levels(axes, levels, across, up, low=floor_db)
+    style.length_axes(axes, "x", unit)
+    return shown, unit
 
 
 def _scale_text(peak: str, floor_db: float | None) -> str:
@@ -142,19 +145,16 @@ def draw_image(
             "expected image as a DataArray (y, x) with the coordinates x and y, got "
             f"{type(image).__name__} of dimensions {getattr(image, 'dims', None)}"
         )
-    unit = length_unit(float(np.ptp(image["x"].values)))
-    across, up = (image[name].values / unit.metres for name in ("x", "y"))
     figure = style.figure_on(figure, 5.0, 4.2, title)
     axes, peak = figure.subplots(), float(image.max())
-    shown = _draw_image(axes, image.values, across, up, peak, floor_db)
+    shown, unit = _draw_image(axes, image, peak, floor_db)
     units = image.attrs.get("units", "1")
     text = f"{peak:.3g}" if units == "1" else f"{peak:.3g} {units}"
     style.colour_bar(axes, shown, _scale_text(text, floor_db))
     if mask is not None:
+        axes.autoscale(False)  # the mask may be larger than the image
         for polygon in polygons_of(mask):
             style.draw_polygons(axes, polygon, unit, edgecolor="white", facecolor="none", lw=0.8)
-        axes.set(xlim=(across[0], across[-1]), ylim=(up[0], up[-1]))
-    style.length_axes(axes, "x", unit)
     return figure
 
 

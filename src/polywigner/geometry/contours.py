@@ -37,6 +37,8 @@ _TOUCHING = 1e-6
 # Sides of triangles within this distance of the border of a figure are on the border, in the same
 # unit; such sides have this number in the place of an edge.
 _BORDER, _BORDER_SIDE = 1e-11, -2
+# Largest difference of two equal silhouettes, as a fraction of their extent.
+_EQUAL = 1e-6
 # Axes of the six pyramids, rotated out of the planes in which faces of bodies usually lie.
 _CUBE = np.linalg.qr(np.array([[0.83, 0.31, 0.47], [-0.29, 0.91, 0.17], [0.41, -0.23, 0.87]]))[0]
 
@@ -102,6 +104,25 @@ class Silhouette:
         )
         touching = frozenset[tuple[int, int]]().union(*(part.touching for part in parts))
         return cls(edges, numbers, bodies, behind, touching)
+
+    def is_like(self, other: Silhouette) -> bool:
+        """Return whether another silhouette has the same edges, which may be split elsewhere."""
+        keys, sums = self._lengths()
+        other_keys, other_sums = other._lengths()
+        within = _EQUAL * float(np.abs(self.edges).max(initial=0.0))
+        return np.array_equal(keys, other_keys) and bool(
+            np.allclose(sums, other_sums, 1e-6, within)
+        )
+
+    def _lengths(self) -> tuple[Indices, Floats]:
+        """Return lengths (k,) and centroids of all edges of one number before one face."""
+        keys = np.column_stack([self.numbers, self.bodies, self.behind])
+        unique, which = np.unique(keys, axis=0, return_inverse=True)
+        length = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1)
+        moments = length[:, None] * self.edges.mean(axis=1)
+        columns = [length, *moments.T]
+        sums = np.stack([np.bincount(which.ravel(), column) for column in columns], axis=1)
+        return unique, np.column_stack([sums[:, 0], sums[:, 1:] / sums[:, :1]])
 
     def subset(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
         """Return the masked edges, shortened to ``edges`` (m, 2, 3)."""

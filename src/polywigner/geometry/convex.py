@@ -161,6 +161,13 @@ class Trapezoids(NamedTuple):
         return np.stack(self, axis=-1)
 
     @property
+    def corners(self) -> NDArray[np.float64]:
+        """Lower left, lower right, upper left and upper right corners, shape (n, 4, 2)."""
+        x = np.stack([self.left, self.left + self.width] * 2, axis=-1)
+        low, height = np.stack(self[4:], axis=-1), np.stack(self[2:4], axis=-1)
+        return np.stack([x, np.concatenate([low, low + height], axis=-1)], axis=-1)
+
+    @property
     def midpoints(self) -> NDArray[np.float64]:
         """Centre points of the trapezoids, midway between the parallel sides, shape (n, 2)."""
         height = self.height_left + self.height_right

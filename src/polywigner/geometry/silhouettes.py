@@ -140,9 +140,7 @@ def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros((len(body.faces), 3))
     np.add.at(normals, owner, areas)
-    convex = _is_convex(points, points[[face[0] for face in body.faces]], normals)
-    # several bodies are never convex: some vertex is in front of a face
-    return Obstacle(points, triangles, owner, normals, True, convex)
+    return Obstacle(points, triangles, owner, normals, True, _is_convex(points, triangles, areas))
 
 
 def shells(body: Obstacle) -> list[Obstacle]:
@@ -159,18 +157,26 @@ def shells(body: Obstacle) -> list[Obstacle]:
         faces, owner = np.unique(body.owner[rows], return_inverse=True)
         points, normals = body.vertices[used], body.normals[faces]
         triangles = corners.reshape(-1, 3)
-        simple = _is_convex(
-            points, points[triangles[np.unique(owner, return_index=True)[1], 0]], normals
-        )
+        simple = _is_convex(points, triangles, normals[owner.ravel()])
         bodies.append(Obstacle(points, triangles, owner.ravel(), normals, True, simple))
     return bodies
 
 
-def _is_convex(points: Floats, on_faces: Floats, normals: Floats) -> bool:
-    """Return whether no point (n, 3) is in front of a face, given by a point and a normal."""
-    offsets = np.einsum("fk,fk->f", normals, on_faces)
-    size = float(np.ptp(points, axis=0).max()) * np.linalg.norm(normals, axis=1)
-    return bool((normals @ points.T - offsets[:, None] <= ON * size[:, None]).all())
+def _is_convex(points: Floats, triangles: Indices, normals: Floats) -> bool:
+    """Return whether no edge of a closed surface has a triangle in front of its neighbour's plane.
+
+    ``normals`` (t, 3): of the triangles, of any length. One connected surface is then convex.
+    """
+    ends = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+    forth, back = ends @ [len(points), 1], ends @ [1, len(points)]
+    order, other = np.argsort(forth), np.argsort(back)
+    if not np.array_equal(forth[order], back[other]) or (np.diff(forth[order]) == 0).any():
+        return False
+    near = np.tile(np.arange(len(triangles)), 3)[order]
+    across = np.concatenate([triangles[:, (k + 2) % 3] for k in range(3)])[other]
+    height = np.einsum("ek,ek->e", points[across] - points[triangles[near, 0]], normals[near])
+    size = float(np.ptp(points, axis=0).max()) * np.linalg.norm(normals[near], axis=1)
+    return bool((height <= ON * size).all())
 
 
 def bodies_if_any(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
@@ -230,9 +236,26 @@ class Obstacles:
 
         For large meshes all points have the silhouette of their mean.
         """
-        if len(sources) * sum(len(body.triangles) for body in self.bodies) > _MOST_FACES:
+        if self._is_large(len(sources)):
             return [self.silhouette(np.mean(sources, axis=0))] * len(sources)
         return [self.silhouette(point) for point in sources]
+
+    def shared_silhouette(self, sources: Floats) -> Silhouette | None:
+        """Return the silhouette that points (k, 3) in one plane have in common, if any.
+
+        All points have the silhouette of their mean if the mesh is large.
+        """
+        low, high = sources.min(axis=0), sources.max(axis=0)
+        shared = self.silhouette(0.5 * (low + high))
+        if self._is_large(len(sources)):
+            return shared
+        corners = [np.where(k, high, low) for k in ([0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0])]
+        is_like = all(shared.is_like(self.silhouette(corner)) for corner in corners)
+        return shared if is_like else None
+
+    def _is_large(self, count: int) -> bool:
+        """Return whether all of ``count`` points have the silhouette of their mean."""
+        return count * sum(len(body.triangles) for body in self.bodies) > _MOST_FACES
 
     def silhouette(self, source: Floats) -> Silhouette:
         """Return the edges of the shadows of all bodies for a point source at (3,)."""

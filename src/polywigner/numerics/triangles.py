@@ -1,12 +1,14 @@
-"""Gauss rules on triangles: products of two rules on lines from the corner opposite the short side.
+"""Gauss rules on triangles and trapezoids.
 
-They integrate polynomials exactly and converge spectrally for smooth integrands.
+Both are cells: images of the unit square under a bilinear map (u, v). The side u = 0 of a triangle
+is a single corner. A product of two rules on [0, 1] integrates polynomials over a cell exactly and
+converges spectrally for smooth integrands.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import shapely
@@ -18,6 +20,8 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Triangles = NDArray[np.float64]
 """Corners (n, 3, 2)."""
+Cells = NDArray[np.float64]
+"""Corners (n, 4, 2) at (u, v) = (0, 0), (1, 0), (0, 1) and (1, 1)."""
 
 # Nodes along a side per cycle of the phase of a field. W oscillates at twice its frequency, and
 # Gauss rules converge above pi/2 nodes per cycle of the integrand.
@@ -32,31 +36,46 @@ def areas(triangles: Triangles) -> Floats:
     return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
 
-def from_apex(triangles: Triangles) -> tuple[Triangles, Floats, Floats]:
-    """Return corners, starting opposite to the shortest side; longest sides; shortest sides."""
-    sides = np.linalg.norm(triangles[:, (1, 2, 0)] - triangles[:, (2, 0, 1)], axis=-1)
-    apex = sides.argmin(axis=1)
-    order = (apex[:, None] + np.arange(3)) % 3
-    corners = np.take_along_axis(triangles, order[:, :, None], axis=1)
-    return corners, sides.max(axis=1), sides.min(axis=1)
+def cells_of(triangles: Triangles) -> Cells:
+    """Return triangles as cells; the corner u = 0 is opposite to the shortest side."""
+    order = (_side_lengths(triangles).argmin(axis=1)[:, None] + np.array([0, 1, 0, 2])) % 3
+    return np.take_along_axis(triangles, order[:, :, None], axis=1)
 
 
-def rule_of_counts(corners: Triangles, counts: Indices) -> tuple[Floats, Floats, Indices]:
-    """Return nodes (m, 2), weights (m,) and the triangle (m,) of each node.
+def _side_lengths(triangles: Triangles) -> Floats:
+    """Return the lengths (n, 3) of the sides opposite to the corners."""
+    return np.asarray(np.linalg.norm(triangles[:, (1, 2, 0)] - triangles[:, (2, 0, 1)], axis=-1))
 
-    ``counts`` (n, 2): nodes from the first corner to the opposite side, and along this side.
+
+def cell_rules(cells: Cells, counts: Indices) -> Iterator[tuple[Indices, Floats, Floats]]:
+    """Yield the rules of all cells that have the same numbers of nodes.
+
+    ``counts`` (n, 2): nodes along u and along v. Yields the numbers (k,) of the cells, nodes
+    (k, along u, along v, 2) and weights (k, along u, along v).
     """
-    nodes, weights, owners = [], [], []
     for shared in np.unique(counts, axis=0):
         members = np.flatnonzero((counts == shared).all(axis=1))
         (u, of_u), (v, of_v) = (unit_rule(count) for count in shared.tolist())
-        apex, first, second = corners[members].transpose(1, 0, 2)[:, :, None, None]
-        along = first - apex + v[:, None] * (second - first)
-        nodes.append((apex + u[:, None, None] * along).reshape(-1, 2))
-        on_unit = np.outer(of_u * u, of_v).ravel()
-        weights.append(np.outer(2 * areas(corners[members]), on_unit).ravel())
-        owners.append(np.repeat(members, len(on_unit)))
-    return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
+        u, v = u[:, None, None], v[:, None]
+        origin, *others = cells[members].transpose(1, 0, 2)[:, :, None, None]
+        lower, left, twist = others[0] - origin, others[1] - origin, others[2] - others[1]
+        twist = twist - lower
+        along_u, along_v = lower + v * twist, left + u * twist
+        jacobian = along_u[..., 0] * along_v[..., 1] - along_u[..., 1] * along_v[..., 0]
+        yield members, origin + u * lower + v * along_v, np.abs(jacobian) * np.outer(of_u, of_v)
+
+
+def rule_of_counts(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indices]:
+    """Return nodes (m, 2), weights (m,) and the number (m,) of the cell of each node.
+
+    ``counts``: see :func:`cell_rules`.
+    """
+    rules = [
+        (nodes.reshape(-1, 2), weights.ravel(), np.repeat(members, weights[0].size))
+        for members, nodes, weights in cell_rules(cells, counts)
+    ]
+    nodes, weights, owners = (np.concatenate(parts) for parts in zip(*rules, strict=True))
+    return nodes, weights, owners
 
 
 def counts_for(cycles: Floats, error: float) -> Indices:
@@ -82,8 +101,8 @@ def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats,
     """Return nodes (m, 2) and weights (m,) of a rule on triangles (n, 3, 2).
 
     The integrand has up to ``rate`` cycles per metre. Along a side of length s the rule has ``extra
-    + 3.5 s rate`` nodes, at least 1. The lines of nodes meet in the corner opposite to the shortest
-    side of each triangle.
+    + 3.5 s rate`` nodes, at least 1. In each triangle the lines of nodes meet in the corner
+    opposite to the shortest side.
     """
     nodes, weights, _ = rule_by_triangles(triangles, rate, extra)
     return nodes, weights
@@ -93,26 +112,29 @@ def rule_by_triangles(
     triangles: Triangles, rate: float, extra: float
 ) -> tuple[Floats, Floats, Indices]:
     """Return the rule of :func:`gauss_rule`, and the index (m,) of the triangle of each node."""
-    corners, long, short = from_apex(triangles)
-    return rule_of_counts(corners, _counts(long, short, rate, extra).astype(np.intp))
+    counts = _counts(_extents(triangles), rate, extra)
+    return rule_of_counts(cells_of(triangles), counts.astype(np.intp))
 
 
 def node_count(triangles: Triangles, rate: float, extra: float) -> float:
     """Estimate the number of nodes of :func:`gauss_rule`."""
-    _, long, short = from_apex(triangles)
-    return float(_counts(long, short, rate, extra).prod(axis=1).sum())
+    return float(_counts(_extents(triangles), rate, extra).prod(axis=1).sum())
 
 
 def spacings(triangles: Triangles, rate: float, extra: float) -> Floats:
     """Return the largest distance between neighbouring nodes of :func:`gauss_rule`, (n,)."""
-    _, long, short = from_apex(triangles)
-    sides = np.column_stack([long, short])
-    return np.asarray((sides / _counts(long, short, rate, extra)).max(axis=1))
+    extents = _extents(triangles)
+    return np.asarray((extents / _counts(extents, rate, extra)).max(axis=1))
 
 
-def _counts(long: Floats, short: Floats, rate: float, extra: float) -> Floats:
-    sides = np.column_stack([long, short])
-    return np.asarray(np.maximum(np.ceil(extra + NODES_PER_CYCLE * rate * sides), 1.0))
+def _extents(triangles: Triangles) -> Floats:
+    """Return the lengths (n, 2) of the longest and the shortest sides."""
+    sides = _side_lengths(triangles)
+    return np.column_stack([sides.max(axis=1), sides.min(axis=1)])
+
+
+def _counts(extents: Floats, rate: float, extra: float) -> Floats:
+    return np.asarray(np.maximum(np.ceil(extra + NODES_PER_CYCLE * rate * extents), 1.0))
 
 
 def quartered(triangles: Triangles) -> Triangles:

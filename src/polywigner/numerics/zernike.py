@@ -4,14 +4,16 @@ With z = x + iy, V_n^m(z) = R_n^m(r) exp(i m theta) obeys, for m >= 0,
 
     V_n^m = z V_(n-1)^(m-1) + conj(z) V_(n-1)^(m+1) - V_(n-2)^m,    V_n^(-m) = conj(V_n^m),
 
-without powers that cancel, so high orders keep their digits. Cosine terms are its real part, sine
-terms its imaginary part. Source: T. B. Andersen, Opt. Express 26, 18878 (2018), in complex form.
+without cancellation, so high orders are accurate. The real part of V_n^m is the cosine
+polynomial, the imaginary part the sine polynomial. Source: T. B. Andersen, Opt. Express 26, 18878
+(2018), in complex form.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,12 +45,22 @@ def fringe(j: int) -> Order:
     return 2 * d - m, m if rank % 2 == 0 else -m
 
 
-INDEXINGS: dict[str, tuple[Callable[[int], Order], int, bool]] = {
-    "noll": (noll, 1, True),
-    "fringe": (fringe, 1, False),
-    "osa": (osa, 0, True),
+class Indexing(NamedTuple):
+    """A numbering of the polynomials by a single index."""
+
+    order: Callable[[int], Order]
+    """Order of an index."""
+    first: int
+    """First index."""
+    is_normalised: bool
+    """True if the polynomials have unit rms on the disc; False if they are 1 at the rim."""
+
+
+INDEXINGS = {
+    "noll": Indexing(noll, 1, True),
+    "fringe": Indexing(fringe, 1, False),
+    "osa": Indexing(osa, 0, True),
 }
-"""Order of an index, the first index, and whether the polynomials have unit rms on the disc."""
 
 
 def norm(order: Order) -> float:
@@ -58,9 +70,9 @@ def norm(order: Order) -> float:
 
 
 def values(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
-    """Return polynomials (k, ...) at x, y (...), 1 or at most 1 on the rim, without a norm."""
-    powers = _complex_values(max((n for n, _ in orders), default=0), x, y)
-    return np.array([_part(powers, order) for order in orders])
+    """Return polynomials (k, ...) at x, y (...), with the largest value 1 on the rim."""
+    table = _complex_values(max((n for n, _ in orders), default=0), x, y)
+    return np.array([_part(table, order) for order in orders])
 
 
 def gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
@@ -69,40 +81,40 @@ def gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
     d/dz V_n^m - d/dz V_(n-2)^m = n V_(n-1)^(m-1), and n V_(n-1)^(m+1) for the derivative in
     conj(z).
     """
-    powers = _complex_values(max((n for n, _ in orders), default=0), x, y)
-    return np.array([_gradient(powers, order) for order in orders])
+    table = _complex_values(max((n for n, _ in orders), default=0), x, y)
+    return np.array([_gradient(table, order) for order in orders])
 
 
 def _complex_values(highest: int, x: Floats, y: Floats) -> dict[Order, NDArray[np.complex128]]:
     """Return V_n^m (...) for 0 <= m <= n <= highest with n - m even."""
     z = np.asarray(x) + 1j * np.asarray(y)
-    powers: dict[Order, NDArray[np.complex128]] = {(0, 0): np.ones_like(z)}
+    table: dict[Order, NDArray[np.complex128]] = {(0, 0): np.ones_like(z)}
     for n in range(1, highest + 1):
         for m in range(n % 2, n + 1, 2):
-            value = z * _at(powers, n - 1, m - 1)
+            value = z * _at(table, n - 1, m - 1)
             if m < n:
-                value = value + z.conj() * powers[n - 1, m + 1] - powers[n - 2, m]
-            powers[n, m] = value
-    return powers
+                value = value + z.conj() * table[n - 1, m + 1] - table[n - 2, m]
+            table[n, m] = value
+    return table
 
 
-def _at(powers: dict[Order, NDArray[np.complex128]], n: int, m: int) -> NDArray[np.complex128]:
+def _at(table: dict[Order, NDArray[np.complex128]], n: int, m: int) -> NDArray[np.complex128]:
     """Return V_n^m for any m, zero for |m| > n."""
     if abs(m) > n:
-        return np.zeros_like(powers[0, 0])
-    return powers[n, m] if m >= 0 else powers[n, -m].conj()
+        return np.zeros_like(table[0, 0])
+    return table[n, m] if m >= 0 else table[n, -m].conj()
 
 
-def _part(powers: dict[Order, NDArray[np.complex128]], order: Order) -> Floats:
+def _part(table: dict[Order, NDArray[np.complex128]], order: Order) -> Floats:
     n, m = order
-    return powers[n, m].real if m >= 0 else powers[n, -m].imag
+    return table[n, m].real if m >= 0 else table[n, -m].imag
 
 
-def _gradient(powers: dict[Order, NDArray[np.complex128]], order: Order) -> Floats:
+def _gradient(table: dict[Order, NDArray[np.complex128]], order: Order) -> Floats:
     n, m = order
-    by_z = by_conjugate = np.zeros_like(powers[0, 0])
+    by_z = by_conjugate = np.zeros_like(table[0, 0])
     for k in range(n, 0, -2):
-        by_z = by_z + k * _at(powers, k - 1, abs(m) - 1)
-        by_conjugate = by_conjugate + k * _at(powers, k - 1, abs(m) + 1)
+        by_z = by_z + k * _at(table, k - 1, abs(m) - 1)
+        by_conjugate = by_conjugate + k * _at(table, k - 1, abs(m) + 1)
     both = np.array([by_z + by_conjugate, 1j * (by_z - by_conjugate)])
     return both.real if m >= 0 else both.imag

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,57 +12,43 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.numerics.chirps import waves_of_turns
-from polywigner.numerics.triangles import Indices, counts_for
 from polywigner.propagation.collins import FrequencyLattice
 from polywigner.transforms.aberrated_pupils import (
     AberratedPupil,
-    Columns,
     Converged,
     converged,
 )
 from polywigner.transforms.aberrations import Aberration
-from polywigner.transforms.pupil_gradients import (
-    Edges,
-    Jets,
-    Parts,
-    PupilNumbers,
-    edges_of,
-    nodes_on,
-)
+from polywigner.transforms.pupil_gradients import Jets, PupilNumbers, edges_of
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Values of waves in a block: some tens of megabytes. Largest number of waves, about 1e9 a minute.
+# Waves in a block (some tens of megabytes), and largest number of waves: 1e9 take about a minute.
 _BLOCK, _MOST = 1 << 20, 2e10
-# Points at which the error of a rule is estimated.
+# Number of points at which the error of a rule is estimated.
 _CHECKED = 32
 
 
 def aberrated_spectrum(
     pupil: AberratedPupil, nu: Floats, tolerance: float, centre: Any = (0.0, 0.0)
 ) -> Converged:
-    """Return int u exp(2 pi i W/lambda - 2 pi i nu.(x - centre)) dx (...) at nu (..., 2).
+    """Return int u exp(2 pi i W/lambda - 2 pi i nu.(x - centre)) dx, (n,), at nu (n, 2).
 
     ``tolerance``: allowed error over int |u|. The error is estimated at some of the points.
     """
-    flat = nu.reshape(-1, 2)
-    band = band_of(flat)
-    some = np.unique(np.linspace(0, max(len(flat) - 1, 0), _CHECKED).astype(int))[: len(flat)]
+    band = band_of(nu)
+    some = np.unique(np.linspace(0, max(len(nu) - 1, 0), _CHECKED).astype(int))[: len(nu)]
 
     def evaluate(extra: int, points: Floats) -> Complex:
-        lattice, total = FrequencyLattice(points), np.zeros(len(points), np.complex128)
-        for k, weight in enumerate(pupil.weights):
-            for part in pupil.columns(k, band, extra, tolerance):
-                total += weight * lattice_sum(lattice, part, centre)
-        return total
+        sums = element_sums(pupil, points, band, extra, tolerance, centre=centre)
+        weighted = (weight * row for weight, (row,) in zip(pupil.weights, sums, strict=True))
+        return np.asarray(sum(weighted))
 
     checked = converged(
-        lambda extra: evaluate(extra, flat[some]), tolerance * pupil.content, "the pupil's field"
+        lambda extra: evaluate(extra, nu[some]), tolerance * pupil.content, "the pupil's field"
     )
-    values = evaluate(checked.extra, flat).reshape(nu.shape[:-1])
-    errors = np.full(values.shape, checked.errors.max(initial=0.0))
-    return Converged(values, errors, checked.extra)
+    return checked._replace(values=evaluate(checked.extra, nu))
 
 
 def band_of(nu: Floats) -> tuple[Floats, Floats]:
@@ -72,26 +58,52 @@ def band_of(nu: Floats) -> tuple[Floats, Floats]:
     return nu.min(axis=0), nu.max(axis=0)
 
 
-def lattice_sum(lattice: FrequencyLattice, part: Columns, centre: Any = (0.0, 0.0)) -> Complex:
-    """Return sums (n,) of a field at nodes times exp(-2 pi i nu.(x - centre)).
+def element_sums(
+    pupil: AberratedPupil,
+    nu: Floats,
+    band: tuple[Floats, Floats],
+    extra: int,
+    error: float,
+    factors: Callable[[Floats, Floats], Floats] | None = None,
+    centre: Any = (0.0, 0.0),
+) -> Iterator[Complex]:
+    """Yield int of factors times u exp(-2 pi i nu.(x - centre)) over each element, (k, n).
 
-    On a grid the sums over y are shared by all frequencies along x.
+    u is without the weight of the element. ``factors``: a function of x and y (...) that returns
+    factors (k, ...); None: the factor 1.
     """
-    waves = part.field.size * (lattice.work if lattice.index is None else len(lattice.axes[1]))
+    lattice = FrequencyLattice(nu)
+    for number in range(len(pupil.elements)):
+        total: Any = 0.0
+        for x, weights in pupil.rules(number, band, extra, error):
+            field = (weights * pupil.field(number, x))[None]
+            if factors is not None:
+                field = field * factors(x[..., 0], x[..., 1])
+            total = total + np.array([_lattice_sum(lattice, x - centre, row) for row in field])
+        yield total
+
+
+def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Complex:
+    """Return sums (n,) of a field (k, m) times exp(-2 pi i nu.x) over nodes (k, m, 2).
+
+    Nodes of a row have the same x. If the frequencies lie on a grid, all frequencies along x share
+    the sums over y.
+    """
+    waves = field.size * (lattice.work if lattice.index is None else len(lattice.axes[1]))
     if waves > _MOST:
         raise ArgumentError(
             f"the aberrated pupil requires {waves:.1e} waves from nodes to points, at most "
             f"{_MOST:.0e}; use fewer points, or a grid along x and y"
         )
     if lattice.index is None:
-        return lattice.summed(part.nodes - centre, part.field.ravel())
-    x, y = part.x - centre[0], part.y - centre[1]
+        return lattice.summed(nodes.reshape(-1, 2), field.ravel())
+    x, y = nodes[:, 0, 0], nodes[..., 1]
     total: Any = 0.0
     rows = max(1, _BLOCK // max(1, y.shape[1] * len(lattice.axes[1])))
     for start in range(0, len(x), rows):
         some = slice(start, start + rows)
         along_y = waves_of_turns(-y[some, :, None] * lattice.axes[1])
-        sums = (part.field[some, None, :] @ along_y)[:, 0]
+        sums = (field[some, None, :] @ along_y)[:, 0]
         total = total + waves_of_turns(-np.outer(lattice.axes[0], x[some])) @ sums
     return np.asarray(total[lattice.index])
 
@@ -101,72 +113,46 @@ def spectrum_jets(
 ) -> Jets:
     """Return jets (n, 1 + m) of :func:`aberrated_spectrum` at nu (n, 2)."""
     values, _, extra = aberrated_spectrum(pupil, nu, tolerance)
-    return numbers.joined(values, pupil, _OfSpectrum(nu, extra, tolerance))
+    return numbers.joined(values, _OfSpectrum(pupil, nu, extra, tolerance))
 
 
 @dataclass(frozen=True, eq=False)
-class _OfSpectrum(Parts):
+class _OfSpectrum:
     """Derivatives of the spectrum of a pupil."""
 
+    pupil: AberratedPupil
     nu: Floats
     extra: int
     error: float
 
-    @cached_property
-    def lattice(self) -> FrequencyLattice:
-        return FrequencyLattice(self.nu)
+    def _sums(self, factors: Callable[[Floats, Floats], Floats] | None = None) -> Iterator[Complex]:
+        band = band_of(self.nu)
+        return element_sums(self.pupil, self.nu, band, self.extra, self.error, factors)
 
-    def _columns(self, pupil: AberratedPupil, number: int) -> list[Columns]:
-        return pupil.columns(number, band_of(self.nu), self.extra, self.error)
-
-    def weights(self, pupil: AberratedPupil) -> tuple[Complex, Complex]:
-        sums = [
-            sum(lattice_sum(self.lattice, part) for part in self._columns(pupil, k))
-            for k in range(len(pupil.elements))
-        ]
-        by_weight = np.stack(sums, axis=1)
-        return by_weight, np.zeros_like(by_weight)
-
-    def coefficients(self, pupil: AberratedPupil) -> Complex:
-        assert pupil.aberration is not None
-        total: Any = 0.0
-        for k, weight in enumerate(pupil.weights):
-            for part in self._columns(pupil, k):
-                modes = pupil.aberration.modes(*part.nodes.T)
-                fields = weight * part.field * modes.reshape(-1, *part.y.shape)
-                terms = [lattice_sum(self.lattice, part._replace(field=f)) for f in fields]
-                total = total + np.stack(terms, axis=1)
-        return np.asarray(total * (2j * np.pi / pupil.wavelength))
-
-    def vertices(self, pupil: AberratedPupil) -> Complex:
-        parts = []
-        for k, (edges, weight) in enumerate(zip(edges_of(pupil), pupil.weights, strict=True)):
-            x, terms, owner = self._boundary(pupil, k, edges)
-            by_node = np.zeros((len(x), len(edges.begin), 2), np.complex128)
-            row = np.arange(len(x))
-            for corner, fraction in ((edges.first, 0), (edges.second, 1)):
-                local = corner[owner] - edges.first[0]
-                by_node[row, local] += terms[:, fraction, None] * edges.normal[owner]
-            waves = np.exp(-2j * np.pi * (self.nu @ x.T))
-            parts.append(weight * np.tensordot(waves, by_node, 1))
+    def vertices(self) -> Complex:
+        pupil, parts = self.pupil, []
+        largest = np.abs(np.stack(band_of(self.nu))).max(axis=0)
+        for k, edges in enumerate(edges_of(pupil)):
+            every, ones = np.arange(len(edges.begin)), np.ones(len(edges.begin))
+            band = largest + np.abs(pupil.elements[k].frequencies).max(axis=0)
+            x, weights = edges.rule(
+                (every, 0.0 * ones, ones), pupil.slopes, band, self.error, self.extra
+            )
+            field = pupil.weights[k] * pupil.field(k, x)[..., None] * weights
+            waves = np.exp(-2j * np.pi * (x @ self.nu.T)).swapaxes(1, 2)  # (edges, n, nodes)
+            parts.append(edges.at_vertices(every, (waves @ field).swapaxes(0, 1)))
         return np.concatenate(parts, axis=1)
 
-    def _boundary(
-        self, pupil: AberratedPupil, number: int, edges: Edges
-    ) -> tuple[Floats, Complex, Indices]:
-        """Return nodes (m, 2) on edges, the field times (1 - t, t) dt (m, 2), and edges (m,)."""
-        ends = edges.begin[:, None] + np.array([0.0, 0.5, 1.0])[:, None] * edges.vector[:, None]
-        slope = np.abs((pupil.slopes(ends) * edges.vector[:, None]).sum(axis=-1)).max()
-        kappa = np.abs(pupil.elements[number].frequencies).max(axis=0)
-        reach = kappa + np.abs(np.stack(band_of(self.nu))).max(axis=0)
-        cycles = slope + float((np.abs(edges.vector) @ reach).max())
-        count = int(counts_for(np.array(cycles), self.error)) + self.extra
-        every = np.ones(len(edges.begin))
-        t, weights = nodes_on(0.0 * every, every, count)
-        x = (edges.begin[:, None] + t[..., None] * edges.vector[:, None]).reshape(-1, 2)
-        field = pupil.waves(number, x) * np.exp(2j * np.pi * pupil.cycles(x)) * weights.ravel()
-        terms = field[:, None] * np.stack([1.0 - t.ravel(), t.ravel()], axis=1)
-        return x, terms, np.repeat(np.arange(len(every)), count)
+    def weights(self) -> tuple[Complex, Complex]:
+        by_weight = np.stack([row for (row,) in self._sums()], axis=1)
+        return by_weight, np.zeros_like(by_weight)
+
+    def coefficients(self) -> Complex:
+        path = self.pupil.aberration
+        assert path is not None
+        sums = self._sums(path.modes)
+        total = sum(weight * rows.T for weight, rows in zip(self.pupil.weights, sums, strict=True))
+        return np.asarray(total) * (2j * np.pi / self.pupil.wavelength)
 
 
 def aberrated_fresnel_field(
@@ -174,8 +160,8 @@ def aberrated_fresnel_field(
 ) -> tuple[Complex, Floats]:
     """Return Fresnel's field (n,) of an aberrated pupil at points (n, 3), and its error.
 
-    exp(ikz)/(i lambda z) int u exp(2 pi i W/lambda + i pi |X - x|^2/(lambda z)) dx: points of one z
-    share a rule.
+    The field is exp(ikz)/(i lambda z) int u exp(2 pi i W/lambda + i pi |X - x|^2/(lambda z)) dx.
+    Points of equal z share a rule.
     """
     field, errors = np.empty(len(points), np.complex128), np.empty(len(points))
     for z in np.unique(points[:, 2]).tolist():

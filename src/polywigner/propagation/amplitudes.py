@@ -57,7 +57,7 @@ Obstacle = Polyhedron | PlacedAperture
 
 _OPS = execution.NumpyOperations()
 
-# Error of the Fourier transform relative to the content.
+# Error of a Fourier transform, relative to the bound `content` on its modulus.
 _FOURIER_ERROR = 1e-13
 
 
@@ -266,12 +266,12 @@ def field_and_error(
 
 
 def _check_rays(source: object, method: object, through: object, obliquity: object) -> None:
-    """Raise ArgumentError for options that point sources and obstacles do not have."""
+    """Raise ArgumentError for options that point sources and obstacles do not support."""
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
-            "fields of a PointSource or with obstacles require a method of "
-            f"{', '.join(CONDITIONS)} without a system and an obliquity, got method={method!r}; "
-            "leave the others out"
+            f"the field of a PointSource or behind obstacles requires one of the methods "
+            f"{', '.join(CONDITIONS)}, and no through= and obliquity=, got method={method!r}; "
+            "leave the other options out"
         )
     if isinstance(source, Screen):
         raise ArgumentError(
@@ -291,9 +291,9 @@ def _checked_aberrated(
         or method not in ("fresnel", "fraunhofer")
     ):
         raise ArgumentError(
-            'an aberration requires an Aperture, Array or Wavefront and method="fresnel" or '
-            f'"fraunhofer" without a system, obstacles and an obliquity, got method={method!r}; '
-            "leave the others out, or use polywigner.psf for a lens"
+            'an aberration requires an Aperture, Array or Wavefront, method="fresnel" or '
+            f'"fraunhofer", and no through=, obstacles= and obliquity=, got method={method!r}; '
+            "leave the other options out, or use polywigner.psf for a lens"
         )
     return source
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# Complex numbers per block, 64 MiB.
+# Number of complex numbers per block, 64 MiB.
 _BLOCK = 2**22
 # Largest value of each error, and its description in messages.
 _ERRORS = {
@@ -40,7 +40,7 @@ _ERRORS = {
     "position": (math.inf, "an rms error of zero or more, in m"),
     "dead": (math.nextafter(1.0, 0.0), "a fraction from 0 to below 1"),
 }
-# Decibels of a factor of e.
+# Change in dB if an amplitude is multiplied by e.
 _NEPER = 20 / math.log(10)
 
 
@@ -173,7 +173,7 @@ def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]
     phase = errors["phase"] ** 2 + (2 * math.pi * errors["position"] / wavelength) ** 2
     alive = 1 - errors["dead"]
     square = alive**2 * math.exp(spread - phase)
-    # e^(2 spread) - alive e^(spread - phase), without cancellation
+    # e^(2 spread) - alive e^(spread - phase), computed without cancellation
     variance = math.exp(2 * spread) * (errors["dead"] - alive * math.expm1(-spread - phase))
     return square, alive * variance
 

@@ -24,20 +24,21 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Half of the power, in dB.
+# Level difference in dB between full and half power.
 _HALF = 10 * math.log10(2.0)
 # Finite level in dBi that replaces minus infinity, since parabolas are fitted to levels.
 _DARK = -400.0
-# A parabola is fitted only to samples that differ by at most this level in dB. Levels next to a
-# null are steeper and are no parabola.
+# Largest difference in dB between samples to which a parabola is fitted. Levels next to a null are
+# steeper and do not follow a parabola.
 _STEEP = 10.0
-# A cut this far below the beam, in dB, consists of rounding errors.
+# Difference in dB between the beam and a cut above which the cut consists of rounding errors.
 _NOTHING = 150.0
-# Largest ratio of polarisations, in dB, that exceeds rounding errors.
+# Ratio of polarisations in dB above which the weaker polarisation is a rounding error.
 _LINEAR = 200
-# If the beam exceeds all cuts by this level in dB, it does not lie on a cut.
+# Difference in dB between the beam and the largest level on all cuts, above which the beam does not
+# lie on a cut.
 _MISSED = 0.1
-# Number of samples within the half-power width, below which its error is some percent.
+# Number of samples within the half-power width below which the width has an error of some percent.
 _LEAST_SAMPLES = 6
 # Angle in rad from the normal, below which a beam counts as normal.
 _SAME_ANGLE = 1e-9
@@ -363,13 +364,13 @@ def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) ->
     below = np.flatnonzero(levels < level - _HALF)
     if not below.size:
         return _Side()
-    flank = int(below[0])  # maxima before it are ripples of the beam
+    flank = int(below[0])  # Maxima before the half-power point are ripples of the beam.
     half = _crossing(levels, angles, flank, level - _HALF)
     rising = np.flatnonzero(np.diff(levels[flank:]) > 0)
     if not rising.size:
         return _Side(half)
     null = flank + int(rising[0])
-    # |E|^2 is a parabola next to a null
+    # |E|^2 is a parabola next to a null.
     scale = levels[null - 1 : null + 2].max()
     null_angle, _ = _vertex(angles, -(10 ** ((levels - scale) / 10)), null)
     peak_angle, peak_level = _vertex(angles, levels, null + int(levels[null:].argmax()))

@@ -127,12 +127,12 @@ def radiator_of(source: object) -> Radiator:
 
 # Smaller cosines p_z have few correct digits; waves that graze the plane have p_z = 0.
 _GRAZING = 1e-6
-# Cycles of phase on half a panel that the largest rule resolves with nodes to spare.
+# Number of cycles of phase on half a panel that the largest rule resolves with a margin.
 _TURNS = 48.0
 
 
 class _Panels(NamedTuple):
-    """One row for each panel and wave. All lengths are in wavelengths."""
+    """Table with one row for each panel and wave; all lengths are in wavelengths."""
 
     rows: Floats
     """(m, 12): first end x, y relative to the centre, direction x, y, length, p_x, p_y, |p_z|,
@@ -159,7 +159,7 @@ def panels_of(
         cosines = cosines_of(element.frequencies, wavelength, paraxial)
         errors = _rounding_of(element.frequencies, wavelength, plane, cosines, paraxial)
         reach = np.full(len(plane), longest)
-        if math.isfinite(longest):  # otherwise rows are whole edges
+        if math.isfinite(longest):  # without a limit, rows are entire edges
             reach = np.minimum(longest, _TURNS / (1.0 + np.linalg.norm(plane, axis=1)))
         wanted = np.full(len(plane), True) if is_wanted is None else is_wanted(cosines)
         for wave in np.flatnonzero(wanted):
@@ -176,7 +176,7 @@ def panels_of(
                 rows[..., 2:4] = along
                 rows[..., 4] = length / wavelength
                 rows[..., 5:7] = plane[wave]
-                rows[..., 7] = cosines[wave].real + cosines[wave].imag  # one of them is 0
+                rows[..., 7] = cosines[wave].real + cosines[wave].imag  # One of both parts is 0.
                 rows[..., 8:11] = errors[wave]
                 rows[..., 11] = cycles
                 amplitudes = np.repeat(weights * amplitude, len(length))
@@ -185,7 +185,7 @@ def panels_of(
 
 
 def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Complex:
-    """p_z of waves (m, 2), or 1 - (p_x^2 + p_y^2)/2 if ``paraxial``."""
+    """Return p_z of waves (m, 2), or 1 - (p_x^2 + p_y^2)/2 if ``paraxial``."""
     if not paraxial:
         return direction_cosines(frequencies, wavelength)
     return (1 - ((frequencies * wavelength) ** 2).sum(axis=1) / 2).astype(np.complex128)
@@ -194,7 +194,7 @@ def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Comple
 def _rounding_of(
     frequencies: Floats, wavelength: float, plane: Floats, cosines: Complex, paraxial: bool
 ) -> Floats:
-    """Rounding errors (m, 3) of p_x, p_y and p_z of waves."""
+    """Return the rounding errors (m, 3) of p_x, p_y and p_z of waves."""
     x, y = plane.T
     rest = np.stack([phases.dot(_OPS, (kappa,), (wavelength,))[1] for kappa in frequencies.T])
     lost = -2 * (x * rest[0] + y * rest[1])
@@ -222,27 +222,29 @@ def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, F
 
 # ---- sums over panels ----------------------------------------------------------------------------
 
-# Cost of an edge in terms of other kernels, for the choice of an engine.
+# Time of an edge, as a number of terms of other kernels, for the choice of an engine.
 _TERMS = 16
-# Largest number of panels: 2 GB, and a second of a core per point.
+# Largest number of panels: 2 GB, and a second of one core per point.
 _MOST_PANELS = 1 << 24
-# Panels twice as long as the distance need the fewest nodes. Upper ends of ranges of distance, and
-# the longest panels there, in wavelengths.
+# Upper ends of ranges of distance, and the longest panels in these ranges, in wavelengths. Panels
+# twice as long as the distance need the fewest nodes.
 _STRATA = ((3.0, 3.0), (6.0, 6.0), (math.inf, 12.0))
-# Rows of a table per block.
+# Number of rows of a table per block.
 _ROWS = 1 << 14
-# Points that miss their tolerance are computed again with more digits, by this factor, and at most
-# this number of times.
+# Factor by which the number of digits increases when points that miss their tolerance are computed
+# again, and largest number of such rounds.
 _HARDER, _ROUNDS = 1.6, 4
-# Additional digits (base e) of panels, for the sum over them and the conservative estimate.
+# Number of additional digits (base e) of panels, since the errors of panels add up and the error
+# estimate is conservative.
 _MARGIN = 2.7
-# Pairs of a point and a panel per call, which Ctrl-C cannot interrupt: about a second on two cores.
-# With fewer points, setting up a call takes longer than the computation.
+# Largest number of pairs of a point and a panel per call, which Ctrl-C cannot interrupt: about a
+# second on two cores. With fewer points than _FEWEST_POINTS, setting up a call takes longer than
+# the computation.
 _MOST_PAIRS, _FEWEST_POINTS = 1 << 20, 1 << 12
-# Steepest descent requires points at this height in wavelengths, and waves with this p_z: the
-# stationary phase is then at least _STEEP_HEIGHT _STEEP_COSINE cycles, and N' twice that.
+# Smallest height of points in wavelengths, and smallest p_z of waves, for steepest descent. The
+# stationary phase is then at least _STEEP_HEIGHT _STEEP_COSINE cycles, and N' is twice that.
 _STEEP_HEIGHT, _STEEP_COSINE = 16.0, 0.5
-# Rounds before panels replace steepest descent.
+# Number of rounds by steepest descent, after which panels replace it.
 _STEEP_ROUNDS = 2
 
 
@@ -306,7 +308,7 @@ def _summed(
 ) -> FieldEstimate:
     """:func:`boundary_field`; for "fresnel" without the phase of the distance from the centre."""
     paraxial = method == "fresnel"
-    # fraction of the second boundary term (B3), which Fresnel fields do not have
+    # fraction of the second boundary term in (B3), which Fresnel fields do not have
     share = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
     cycles, most = radiator.perimeter / wavelength, _MOST_PANELS * _STRATA[-1][1]
     if not (paraxial or cycles <= most):
@@ -315,8 +317,9 @@ def _summed(
             "unit of the wavelength"
         )
     sums = _EdgeSums(radiator, wavelength, share, paraxial, len(points), engine)
-    # the incident amplitude, or the bound on the field of the source if that is less: a wave and,
-    # for the normal derivative of a wave, the static field, which dominates within a wavelength
+    # The tolerance is relative to the incident amplitude, or to the bound on the source's field if
+    # the bound is smaller. The bound consists of a wave and, for the normal derivative of a wave,
+    # of the static field, which dominates within a wavelength.
     distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
     bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
     found = _Estimates(points, tolerance * np.minimum(radiator.amplitude, bound))

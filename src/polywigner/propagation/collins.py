@@ -43,19 +43,20 @@ _EQUAL = 8 * _ULP
 # Errors of closed forms, relative to int |u| dx.
 _CLOSED = 1e-13
 _IDENTITY = FirstOrder.magnifier(1.0)
-# Nodes along a line that two rules on a stop have in addition to the nodes that waves require. The
-# difference of both rules is the error estimate.
+# Two rules on a stop have these numbers of nodes along a line in addition to the nodes that waves
+# require. The difference between the results of both rules is the error estimate.
 _EXTRA = (8.0, 12.0)
 # Smallest tolerance of fields on a stop.
 _FINEST = 1e-13
-# Largest number of waves from the nodes of a stop to points; 1e9 waves take about a minute. The
-# field of the previous plane at a node takes as long as _NODE_COST waves.
-_MOST_WORK, _NODE_COST = 2e10, 1000
-# Number of products of two waves that take as long as one wave.
+# Largest number of waves from the nodes of a stop to points; 1e9 waves take about a minute.
+_MOST_WORK = 2e10
+# Time of the previous plane's field at a node, as a number of waves.
+_NODE_COST = 1000
+# Number of products of two waves that take as long as the computation of one wave.
 _PRODUCTS = 50
-# A lattice of points is used if it has at most this number of lattice points for each point.
+# Largest number of lattice points per point for which a lattice is used.
 _SPARSE = 4
-# Waves per block.
+# Number of waves per block.
 _BLOCK = 1 << 21
 
 
@@ -132,7 +133,7 @@ def _front(matrix: Floats) -> complex:
 def _rounding(
     radiator: Radiator, curvature: Floats, axes: Floats, slopes: Floats, wavelength: float
 ) -> Floats:
-    """Return the rounding errors (n,) of the integral along edges, which stem from its phases."""
+    """Return the rounding errors (n,) that phases cause in the integral along edges."""
     largest = float(abs(curvature).max())
     size = float(np.linalg.norm(radiator.high - radiator.low))
     along = radiator.amplitude * radiator.perimeter * min(math.sqrt(wavelength / largest), size)
@@ -335,7 +336,7 @@ def _behind(
         return collins_field(stop, points, wavelength, system, tolerance, engine)
 
     def inner(nodes: Floats) -> FieldEstimate:
-        # in the worst case errors on the stop add up in phase
+        # In the worst case, errors on the stop add up in phase.
         finer = max(0.1 * tolerance, _FINEST)
         return _behind(others, earlier_systems, nodes, wavelength, finer, engine)
 
@@ -355,7 +356,8 @@ def _behind(
         sums.append(lattice.summed(nodes, waves))
     size, areas = np.abs(out), np.abs(weights)
     off: Floats = np.abs(sums[1] - sums[0]) + areas @ error + _CLOSED * np.abs(sums[1])
-    bound = float(areas.sum() * abs(there).max())  # of the integral over the stop
+    # This product bounds the integral over the stop.
+    bound = float(areas.sum() * abs(there).max())
     return out * sums[1], size * off, size * (tolerance * bound)
 
 
@@ -397,7 +399,7 @@ def _rule(
 
 
 class FrequencyLattice:
-    """Frequencies (n, 2) of waves, which are products of waves along x and y.
+    """Frequencies (n, 2) of waves that are products of waves along x and y.
 
     If the frequencies lie on a lattice, waves along an axis are computed once for each coordinate.
     """

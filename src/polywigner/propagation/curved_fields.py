@@ -26,13 +26,14 @@ from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Gauss nodes along each side of a cell, and largest number of cycles of phase along a side. The
-# rule is accurate to 13 digits for waves, and also for the static field 1/R^2 of points that are at
-# least half a side away from the cell.
-_NODES, _MOST_CYCLES = 20, 4.0
+# Number of Gauss nodes along each side of a cell.
+_NODES = 20
+# Largest number of cycles of phase along a side of a cell. The rule is then accurate to 13 digits
+# for waves, and also for the static field 1/R^2 of points at least half a side away from the cell.
+_MOST_CYCLES = 4.0
 # Rounding error of a sum, relative to the sum of the moduli.
 _ROUNDING = 1e-13
-# Cells per block, points per block, and largest number of pairs of a point and a cell.
+# Numbers of cells and of points per block, and largest number of pairs of a point and a cell.
 _CELLS, _POINTS, _MOST_PAIRS = 1 << 9, 1 << 9, 1 << 22
 
 
@@ -120,7 +121,7 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, F
             cells = quartered(cells[~small])
             if len(cells) > _MOST_PAIRS:
                 raise ArgumentError(
-                    "curved wave has too many cycles across the source; use a larger radius of "
+                    "the curved wave has too many cycles across the source; use a larger radius of "
                     "curvature, or a smaller source"
                 )
 

@@ -60,7 +60,7 @@ Values = NDArray[Any]
 
 # Methods with an option ``obliquity``. The boundary conditions of other methods imply an obliquity.
 _WITH_OBLIQUITY = ("wigner", "fraunhofer")
-# Options of the result and its storage, which are not options of irradiance and amplitude.
+# Options of the result and of its storage, which `_settings` does not return.
 _OF_RESULTS = ("method", "quantity", "dtype", "chunks", "out", "scheduler", "threads", "progress")
 # Number of points that are computed at once in memory: enough for the full speed of compiled
 # engines, with tens of megabytes.
@@ -138,7 +138,7 @@ def _dataset(
     common, shape = _settings(options, quantity), shape_of_grid(grid)
     is_lazy = options.get("chunks") is not None or options.get("out") is not None
     samples = math.prod(shape)
-    if is_lazy:  # all chunks use the same engine, also on other machines
+    if is_lazy:  # All chunks use the same engine, also on other machines.
         common["engine"] = resolved(common["engine"], samples // _CHUNKS)
     variables = {}
     with _warnings_once():
@@ -148,7 +148,7 @@ def _dataset(
                 settings.pop("obliquity", None)
             block = partial(_field_values, radiator, grid, length, method, quantity, number_type)
             if is_lazy or len(methods) > 1:
-                # unusable arguments raise errors here, before hours of work
+                # Unusable arguments raise errors here, before hours of work.
                 block({**settings, "engine": "numpy"}, (0,) * len(shape), (1,) * len(shape))
             attrs = _field_attrs(method, quantity, settings)
             variables[method] = partial(block, settings), number_type, attrs
@@ -193,7 +193,7 @@ def _positions(grid: Grid) -> dict[str, Any]:
     """Return the coordinates x, y and z that are not axes of a grid."""
     axes = tuple(grid.coords)
     origin, missing = (0,) * len(axes), [k for k, name in enumerate("xyz") if name not in axes]
-    if len(missing) < 3:  # the missing coordinates are constant
+    if len(missing) < 3:  # The coordinates that are not axes are constant.
         axes, points = (), grid.points(origin, (1,) * len(axes)).reshape(3)
     else:
         points = grid.points(origin, shape_of_grid(grid))
@@ -202,12 +202,12 @@ def _positions(grid: Grid) -> dict[str, Any]:
 
 @contextmanager
 def _warnings_once() -> Iterator[None]:
-    """Issue warnings at the end of the block; those that differ only in numbers once."""
+    """Issue warnings at the end of the block, and only once if they differ only in numbers."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
     for warning in {re.sub(r"[\d.]+", "", str(w.message)): w for w in caught}.values():
-        # the caller of `line`, `plane`, ..., which are wrapped by `takes_frequency`
+        # This level is the caller of `line`, `plane`, ..., which are wrapped by `takes_frequency`.
         warnings.warn(warning.message, warning.category, stacklevel=6)
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Rounding of the angles in files, in rad.
+# Largest rounding error of angles in files, in rad.
 _EVEN = 1e-6
 # Number of samples from which a value on a meridian that ends at the horizon is interpolated. With
 # 8 samples per lobe the error is 1e-6 (docs/patterns.md). Rounding errors of files are amplified
@@ -39,11 +39,13 @@ _EVEN = 1e-6
 _STENCIL = 12
 # Fields behind the plane below this fraction of the largest field are treated as zero.
 _NOTHING = 1e-9
-# Number of directions in a block.
+# Number of directions per block.
 _ROWS = 4096
-# Largest numbers of angles, in steps of a quarter degree: tables of 16 MB, matrices of some 0.1 GB.
+# Largest numbers of angles, in steps of a quarter degree: tables of 16 MB, and matrices of some 0.1
+# GB.
 MOST_THETA, MOST_PHI = 721, 1440
-# Quadrature nodes beyond the band; the error, a Bessel function, is then below rounding errors.
+# Number of quadrature nodes in addition to those that the band requires. The error, a Bessel
+# function, is then below rounding errors.
 _MARGIN = 40
 
 
@@ -94,14 +96,16 @@ class ElementPattern:
         count = len(phi)
         orders = np.fft.fftfreq(count, 1 / count)
         waves = np.fft.fft(values, axis=2) / count * np.exp(-1j * orders * phi[0])
-        if count % 2 == 0:  # the highest wave is a cosine: half belongs to the opposite order
+        # The highest wave is a cosine, half of which belongs to the opposite order.
+        if count % 2 == 0:
             waves[:, :, count // 2] /= 2
             other = waves[:, :, count // 2, None] * np.exp(-1j * count * phi[0])
             waves, orders = np.concatenate([waves, other], axis=2), np.append(orders, count / 2)
         used = np.abs(waves).max(axis=(0, 1)) > 1e-15 * largest
         self._orders, waves = orders[used], waves[:, :, used]
-        beyond = -waves * (-1.0) ** np.abs(self._orders)  # waves at -theta
-        last = len(theta) - 1 if self.covers_sphere else len(theta)  # pi and -pi are one sample
+        beyond = -waves * (-1.0) ** np.abs(self._orders)  # continuation of the waves to -theta
+        # The angles pi and -pi are one sample.
+        last = len(theta) - 1 if self.covers_sphere else len(theta)
         self._waves = np.concatenate([beyond[:, last - 1 : 0 : -1], waves], axis=1)
         self._step = float(theta[-1]) / (len(theta) - 1)
         self._start = float(theta[-1]) - self._step * (self._waves.shape[1] - 1)
@@ -236,13 +240,13 @@ class FittedPattern(NamedTuple):
     aperture: Aperture
     """Aperture with the fitted field."""
     residual: float
-    """Square root of the power of the far field's error, divided by the power of the pattern."""
+    """Square root of the ratio of two powers: of the far field's error, and of the pattern."""
     power_ratio: float
     """Power int |u|^2 on the aperture over radiated power. Values far above 3 indicate
     superdirectivity."""
 
 
-# Residual above which the fit is poor.
+# Residual above which a warning is issued.
 _POOR = 0.3
 # Period of the waves, in extents of the outline. A period of 2 would halve the residual with 2.6
 # times as many waves.

@@ -86,14 +86,14 @@ _ADVICE = (
 
 
 def unit_of(text: str) -> Unit | None:
-    """Return the unit of a text such as "dBV/m"; None for an unsupported unit."""
+    """Return the unit named by a string such as "dBV/m"; None for an unsupported unit."""
     name = re.sub(r"\s|\.$", "", text).replace("²", "2").replace("^", "")
     if name.lower() in _NAMED:
         return _NAMED[name.lower()]
     is_db = name[:2].lower() == "db"
     if is_db:
         name = re.sub(r"^\((.*)\)$", r"\1", name[2:])
-        name = re.sub(r"^m(?=$|/)", "mW", name)  # dBm
+        name = re.sub(r"^m(?=$|/)", "mW", name)  # The m of dBm stands for milliwatts.
     match = _PHYSICAL.fullmatch(name)
     if match is None:
         return None
@@ -186,7 +186,7 @@ def _column(title: str, unit: str | None, name: str | None = None) -> Column | N
     kinds, default = _UNITS[quantity]
     if part == "phase":
         kinds, default = ("angle",), _RADIANS if function.endswith("rad") else _DEGREES
-    elif function.startswith("db") or match["is_feko"]:  # FEKO writes Gain(Total) in dB
+    elif function.startswith("db") or match["is_feko"]:  # FEKO writes Gain(Total) in dB.
         default = Unit("field" if is_field else "ratio", 1.0, True)
     known = _checked_unit(label, unit, kinds, default, part == "size")
     return Column(label, quantity, component, part, known)
@@ -195,14 +195,16 @@ def _column(title: str, unit: str | None, name: str | None = None) -> Column | N
 def _checked_unit(
     label: str, text: str | None, kinds: Sequence[Kind], default: Unit | None, db: bool = False
 ) -> Unit:
-    """Return the unit of a text, or the default if the text is blank.
+    """Return the unit named by a string, or the default if the string is blank.
 
     ``db``: whether units in dB are allowed. If the default is in dB, they are required. Raises
     FileFormatError for other units.
     """
     if text is None or not text.strip():
         if default is None:
-            raise FileFormatError(f"expected a unit in the header of column {label}, got none")
+            raise FileFormatError(
+                f"expected a unit in the header of column {label}, got none; add one"
+            )
         return default
     unit = unit_of(text)
     needs_db = default is not None and default.is_db
@@ -244,8 +246,8 @@ def _check_header(columns: Sequence[Column | None]) -> None:
             )
     if not {("theta", "", "value"), ("phi", "", "value")} <= set(contents):
         raise FileFormatError(
-            "the columns Theta and Phi are missing in the header; export them, and both field "
-            "components with their phases"
+            "expected the columns Theta and Phi in the header, got none; export them, and both "
+            "field components with their phases"
         )
 
 
@@ -284,7 +286,7 @@ def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats
     if not values:
         raise FileFormatError("expected a line for each direction, got none")
     table = np.array(values)
-    valid = np.abs(table) <= LARGEST_NUMBER  # False for NaN
+    valid = np.abs(table) <= LARGEST_NUMBER  # The comparison is False for NaN.
     if not valid.all():
         raise FileFormatError(
             f"expected finite numbers up to {LARGEST_NUMBER:g}, got {table[~valid][0]:g}"
@@ -471,7 +473,7 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
         parts = cuts.setdefault(parse_frequency(named[0]) if named else 0.0, [])
         parts.append((theta, phi, _from_grasp(int(kind), _pair(table), np.radians(phi))))
         k += 2 + count
-    # GRASP normalises fields to a radiated power of 4 pi W, so that |E|^2 is the directivity
+    # GRASP normalises fields to a radiated power of 4 pi W, so that |E|^2 is the directivity.
     scale = math.sqrt(2 * FREE_SPACE / (4 * math.pi))
     for frequency, parts in cuts.items():
         theta, phi = (np.concatenate([part[k] for part in parts]) for k in (0, 1))

@@ -82,7 +82,8 @@ def far_field(
         spectrum = fourier(source, nu, precision=precision, engine=engine)
         total = np.asarray(factor * spectrum, np.complex128)
     if condition.needs_normal_derivative:
-        with suppress(IlluminationError):  # raised if all waves graze the plane: cosines are zero
+        # The error means that all waves graze the plane, so their cosines are zero.
+        with suppress(IlluminationError):
             slopes = times_direction_cosine(source, wavelength)
             spectrum = fourier(slopes, nu, precision=precision, engine=engine)
             total = total + condition.slope * spectrum
@@ -176,16 +177,18 @@ def _intensity(
 
 # ---- sources as functions of direction -----------------------------------------------------------
 
-# Least number of samples of a direction cosine across the hemisphere, which resolves the obliquity
+# Smallest number of samples of a direction cosine across the hemisphere. It resolves the obliquity
 # of small sources.
 _LEAST_STEPS = 16
-# Directions per block, some megabytes.
+# Number of directions per block, some megabytes.
 _BLOCK = 1 << 17
-# Largest number of directions of a search over the hemisphere, a tenth of a second. The beam of a
-# wider source is searched only near its waves, within this number of lobes of an element.
-_MOST, _LOBES = 1 << 20, 4.0
-# Relative difference between the frequencies of an element's pattern and of the array, above which
-# a warning is issued.
+# Largest number of directions of a search over the hemisphere, which takes a tenth of a second.
+_MOST = 1 << 20
+# The beam of a wider source is searched only near its waves, within this number of lobes of an
+# element.
+_LOBES = 4.0
+# Relative difference between the frequencies of an element's pattern and of the array above which a
+# warning is issued.
 _OTHER_FREQUENCY = 0.01
 
 
@@ -278,7 +281,7 @@ class FarField:
         return [(centre, counts) for centre in centres if np.linalg.norm(centre) <= 1.0]
 
     def _on_disc(self, cosines: Values) -> tuple[Values, Values]:
-        """Return direction cosines (..., 2), moved into the unit disc, and |E|^2 (...) at these."""
+        """Return direction cosines (..., 2) moved into the unit disc, and |E|^2 (...) there."""
         cosines = cosines / np.maximum(1, np.linalg.norm(cosines, axis=-1, keepdims=True))
         third = np.sqrt(np.maximum(0, 1 - np.square(cosines).sum(axis=-1, keepdims=True)))
         directions = np.concatenate([cosines, third], axis=-1).reshape(-1, 3)
@@ -374,8 +377,8 @@ def _of_elements(
 
 # ---- steering -----------------------------------------------------------------------------------
 
-# Largest deviation in rad of the phases of weights from a linear function. Phases rounded in tables
-# satisfy it, phases of quantised phase shifters do not.
+# Largest deviation in rad between the phases of weights and a linear function. Phases that are
+# rounded in tables are within this limit, and phases of quantised phase shifters are not.
 _LINEAR = 0.02
 # Largest deviation of a field's waves from symmetry, as a fraction of 1/wavelength.
 _SYMMETRIC = 1e-6

@@ -50,9 +50,10 @@ Compute = Callable[[LightSource, float, ArrayLike], Floats]
 error, (2, ...)."""
 
 _TOLERANCE = 1e-3
-# Allowed error of means over tilts and wavelengths: as a fraction of the tolerance, and for exact
-# fields relative to the largest irradiance.
-_OF_MIXTURE, _OF_EXACT = 1e-4, 1e-7
+# Allowed error of means over tilts and wavelengths, as a fraction of the tolerance.
+_OF_MIXTURE = 1e-4
+# The same for exact fields, relative to the largest irradiance.
+_OF_EXACT = 1e-7
 # Allowed error of shadows, as a fraction of the tolerance.
 _OF_SHADOWS = 0.1
 
@@ -241,7 +242,7 @@ def _irradiance_and_error(
             f'fields, got method={method!r} and bandwidth={bandwidth!r}; use method="auto" alone'
         )
     if method == "wigner" and isinstance(source, PointSource):
-        method = DEFAULT  # rays of a point source carry |exp(ikR)/R|^2 exactly
+        method = DEFAULT  # The rays of a point source carry |exp(ikR)/R|^2 exactly.
     field_tolerance = min(allowed, DEFAULT_TOLERANCE)
     if obstacles is not None:
         field_tolerance = max(_OF_SHADOWS * allowed, LEAST_TOLERANCE)

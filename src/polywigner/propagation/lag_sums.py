@@ -33,17 +33,19 @@ Channel = Floats | None
 """Quantity on the source: None for the field, or the frequency (2,) of one of its plane waves for
 the normal derivative of this wave."""
 
-# Largest lag in coherence widths: the degree of coherence of longer lags is below 1e-10.
+# Largest lag in coherence widths. The degree of coherence at longer lags is below 1e-10.
 _LONGEST = 6.8
 # Error of the coarsest rule for a plane wave.
 _ERROR = 1e-7
-# Frequency that the rule resolves for the degree of coherence, times the coherence width.
+# Frequency of the degree of coherence that the rule resolves, times the coherence width.
 _OF_NORMAL = 0.48
-# Additional nodes of finer rules, which are tried until two successive rules agree.
+# Numbers of additional nodes of successively finer rules, which are tried until two of them agree.
 _LEVELS = (0, 2, 5, 10, 18)
-# Largest number of kink segments that separate cells, and of lags behind first-order systems.
-_MOST_KINKS, _MOST_NODES = 2000, 1 << 20
-# Array elements per block.
+# Largest number of kink segments that separate cells.
+_MOST_KINKS = 2000
+# Largest number of lags behind first-order systems.
+_MOST_NODES = 1 << 20
+# Number of array elements per block.
 _BLOCK = 1 << 22
 
 
@@ -137,8 +139,8 @@ def summed_over_lags(
 
 # ---- spherical waves -----------------------------------------------------------------------------
 
-# Times [ns]: for each pair of points on the source and each point, and for each vertex of two
-# outlines that are intersected.
+# Times in ns: for each pair of points on the source and each field point, and for each vertex of
+# two outlines that are intersected.
 _PAIR, _CUT = 60.0, 2e4
 # Time of the two coarsest rules, which are always computed, relative to the coarsest one.
 _TWO_RULES = 2.5
@@ -146,9 +148,9 @@ _TWO_RULES = 2.5
 _GRAZING = 5.0
 # Error of means over tilts.
 _MEAN_ERROR = 1e-8
-# Lags per block.
+# Number of lags per block.
 _LAGS = 256
-# Pairs and points per block: their arrays stay in the cache.
+# Numbers of pairs and of points per block, whose arrays stay in the cache.
 _PAIRS, _POINTS = 1 << 12, 4
 
 
@@ -224,7 +226,7 @@ def summed_over_pairs(
                 factor = amounts * a.weight * np.conj(b.weight) * np.exp(2j * np.pi * cycles)
                 first = [factor * channel_at(a, c, x + lag / 2) for c in channels]
                 second = [np.conj(channel_at(b, c, x - lag / 2)) for c in channels]
-                # normal derivatives of all waves have the same factor on their way to a point
+                # The normal derivatives of all waves have the same factor on their path to a point.
                 mutual = np.zeros((groups, groups, len(x)), np.complex128)
                 for (i, u), (j, v) in product(enumerate(first), enumerate(second)):
                     mutual[min(i, groups - 1), min(j, groups - 1)] += degrees[i, j][lag_of] * u * v
@@ -253,7 +255,8 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
         ]
     )
     waves = np.exp(2j * np.pi * (lags @ tilts.T)) * weights
-    # einsum, because the threads of BLAS take longer to synchronise than such small products
+    # einsum is used, because the threads of BLAS take longer to synchronise than to compute such
+    # small products.
     return np.asarray(np.einsum("at,bt,lt->abl", cosines, cosines.conj(), waves))
 
 
@@ -300,7 +303,7 @@ def _sum_of_waves(
         along = dx * xi + dy * eta
         square = dx * dx + dy * dy + (z * z + 0.25 * (xi * xi + eta * eta))
         first, second = np.sqrt(square + along), np.sqrt(square - along)
-        # the difference of the distances without loss of digits
+        # The difference of the distances is computed without loss of digits.
         phase = (2 * k) * along / (first + second)
         waves = (np.cos(phase) + 1j * np.sin(phase)) / (first * second)
         terms = zip(
@@ -309,7 +312,7 @@ def _sum_of_waves(
             strict=True,
         )
         value = sum(ahead * behind * weights for (ahead, behind), weights in terms)
-        # the threads of BLAS take longer than such short products
+        # A sum is used, because the threads of BLAS take longer than such short products.
         total[block] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
     return total
 
@@ -320,10 +323,10 @@ Trapezoids = NDArray[np.float64]
 """Trapezoids with two sides parallel to x, (n, 3, 2): the y, the left x and the right x of the
 lower and of the upper side."""
 
-# Pairs of edges and heights per block.
+# Number of pairs of edges and heights per block.
 _BATCH = 1 << 20
-# Poles of the integrand at a distance d from a trapezoid of size 2 a require _POLE/arcsinh(d/a)
-# additional nodes.
+# Factor in the number of additional nodes: poles of the integrand at a distance d from a trapezoid
+# of size 2 a require _POLE/arcsinh(d/a) nodes.
 _POLE = 4.0
 
 

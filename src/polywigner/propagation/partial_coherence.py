@@ -69,7 +69,8 @@ def partly_coherent_irradiance(
         return _in_parabolic_waves(compute, source, points, wavelength, system, error)
     if method not in CONDITIONS:
         return None
-    compute(coherent_source(source), points[:1])  # raises the errors of invalid arguments
+    # This call raises the errors of invalid arguments.
+    compute(coherent_source(source), points[:1])
     values = _in_spherical_waves(source, points, wavelength, CONDITIONS[method], error)
     return None if values is None else _with_error(values, error)
 
@@ -86,9 +87,10 @@ def _sides(source: Wavefront) -> Floats:
 
 # Size of the source in coherence widths above which sums over lags are tried first.
 _SHORT = 30.0
-# Largest number of points of a lattice, and of points in all planes at which fields are computed.
+# Largest number of points of a lattice, and largest number of points in all planes at which fields
+# are computed.
 _MOST_IN_LATTICE, _MOST_POINTS = 1 << 24, 1 << 22
-# Array elements per block.
+# Number of array elements per block.
 _BLOCK = 1 << 22
 
 
@@ -235,7 +237,7 @@ def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _
     leaves an aliasing error of exp(-steps^2/2).
     """
     step = 2 * math.pi * spread / (reach + steps)
-    if step <= 1e-12 * float(np.ptp(along)) or spread == 0.0:  # no blur along this axis
+    if step <= 1e-12 * float(np.ptp(along)) or spread == 0.0:  # There is no blur along this axis.
         nodes, near = np.unique(along, return_inverse=True)
         return _LatticeAxis(nodes, near[:, None], np.ones((len(along), 1)))
     half = math.ceil(steps * spread / step)
@@ -261,14 +263,14 @@ def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _
 _QUADRATURE = 1e-9
 # Fraction of the largest tilt that the nodes resolve; larger tilts have negligible weights.
 _RESOLVED = 0.8
-# Largest numbers of points that share nodes, of values of a spectrum, and of values per batch.
+# Largest number of points that share nodes, of values of a spectrum, and of values per batch.
 _SHARED, _SPECTRUM, _BATCH = 16, 1 << 20, 1 << 16
-# Times per point [ns] of sums over tilts: for each node, and for each row of nodes and each tilt.
+# Times per point in ns of sums over tilts: for each node, and for each row of nodes and each tilt.
 _NODE, _TILT = 60.0, 2.0
-# Times per point and tilt [ns] of boundary integrals: for each wavelength of the outline, and for
-# each edge.
+# Times per point and tilt in ns of boundary integrals: for each wavelength along the outline, and
+# for each edge.
 _WAVELENGTH, _EDGE = 250.0, 1e4
-# Longest time per point [ns] of sums over pairs.
+# Longest time per point in ns of sums over pairs.
 _LONGEST_TIME = 1e10
 
 
@@ -400,7 +402,7 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
     for element, of_element in zip(rule.elements, counts, strict=True):
         for trapezoid, shape in zip(_trapezoids(element.outline), of_element, strict=True):
             x, y, weights = rows_of(trapezoid, shape)
-            # the rows of a rectangle share x
+            # The rows of a rectangle share their x.
             nodes = (x if np.diff(trapezoid[1:]).any() else x[:1]) - centre[0]
             inner = np.empty((channels, len(y), *halves[1:]), np.complex128)
             columns = channels * len(points) + (along_x.half if len(nodes) > 1 else 0)

@@ -58,8 +58,8 @@ if TYPE_CHECKING:
 
 # Largest relative difference between a requested frequency and the frequency of a file.
 _SAME_FREQUENCY = 1e-3
-# Missing directions and coarse steps explain differences up to this value in dB between the
-# directivity in a file and the integral over its directions.
+# Largest difference in dB between the directivity in a file and the integral over its directions.
+# Missing directions and coarse steps explain smaller differences.
 _CONTRADICTION = 1.0
 # Largest relative difference of two fields in one direction, such as phi = 0 and 360 degrees.
 _SAME_FIELD = 1e-3
@@ -293,7 +293,7 @@ def _radiated_power(table: FarFieldTable, integral: float) -> float:
         f"the file has a directivity of {stated:.2f} dBi, but the integral over its directions "
         f"gives {level:.2f} dBi"
     )
-    # missing directions reduce the integral of the power, so they can only increase ``level``
+    # Missing directions reduce the integral of the power, so they can only increase ``level``.
     if (abs(level - stated) if is_sphere else stated - level) > _CONTRADICTION:
         raise FileFormatError(
             f"{contradiction}; check the units in the header, or export finer steps"
@@ -560,7 +560,7 @@ def _msi(pattern: _Pattern) -> Lines:
     yield f"GAIN {pattern.about['gain']:.3f} dBi"
     yield "TILT ELECTRICAL"
     yield "COMMENT far field of an aperture, y axis up"
-    # angles increase to the right and downwards, as _planning_cuts reads them
+    # Angles increase to the right and downwards, as _planning_cuts reads them.
     for name, phi in (("HORIZONTAL", 0.0), ("VERTICAL", 90.0)):
         theta, levels = _full_cut(pattern, phi)
         yield f"{name} 360"

@@ -39,16 +39,17 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Values = NDArray[Any]
 
-# Tolerances in rad for the horizon and for opposite meridians, since degrees are rounded.
+# Tolerance in rad of the horizon and of opposite meridians, since angles in degrees are rounded.
 _SAME_ANGLE = 1e-9
 _OPPOSITE = 1e-6
-# Samples per lobe of width lambda/D, enough to resolve nulls some 30 dB below the lobe.
+# Number of samples per lobe of width lambda/D, which resolves nulls some 30 dB below the lobe.
 _STEPS_PER_LOBE = 64
-# Limits of the number of samples of a half circle.
+# Smallest and largest number of samples of a half circle.
 _LEAST_STEPS, _MOST_STEPS = 360, 32768
 # Number of interpolated samples per step of a table.
 _STEPS_PER_ANGLE = 4
-# If the level along the normal is within this value in dB of the beam, cuts go along x and y.
+# Largest difference in dB between the beam and the level along the normal for which cuts go along x
+# and y.
 _NORMAL = 0.1
 # Smallest number of meridians for an interpolation over phi.
 _LEAST_MERIDIANS = 8
@@ -403,7 +404,7 @@ def _cross_polar(
 
 
 def front_of(theta: Floats, levels: Floats) -> tuple[Floats, Floats]:
-    """Return the angles theta in front of the plane, and the levels (theta, phi) at these."""
+    """Return the angles theta in front of the plane, and the levels (theta, phi) there."""
     front = np.abs(theta) <= math.pi / 2 + _SAME_ANGLE
     return theta[front], levels[front]
 

@@ -168,7 +168,7 @@ def _table(
     check_options(options, TableOptions)
     if kernel_for(kind, flat_source(source)).dimension != 2:
         raise ArgumentError(
-            f"expected a source of the plane, got {type(source).__name__}; use polywigner.{kind}"
+            f"expected a plane source, got {type(source).__name__}; use polywigner.{kind}"
         )
     coords = {name: _checked_axis(name, values) for name, values in axes.items()}
     precision = checked_precision(options.get("precision", "single")) or "double"

@@ -56,7 +56,7 @@ def angle_axes(theta: Angles, phi: Angles) -> dict[str, xarray.Variable]:
 def unit_vectors(theta: Angles, phi: Angles) -> NDArray[np.float64]:
     """Return unit vectors (n, m, 3) at angles (n,) from the z axis and (m,) from the x axis."""
     sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
-    # cos(pi/2) is 6e-17 in floating point, but the horizon must count as both front and back
+    # In floating point cos(pi/2) is 6e-17, but the horizon must count as both front and back.
     cosine = np.where(np.abs(cosine) < 1e-15, 0.0, cosine)
     parts = np.broadcast_arrays(sine * np.cos(phi), sine * np.sin(phi), cosine)
     return np.stack(parts, axis=-1)
@@ -132,7 +132,7 @@ def tolerance_from(tolerance: float | None, default: float, least: float, where:
 
 
 def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
-    """Return the name of a method; raise ArgumentError, which lists the names, for others."""
+    """Return the name of a method; for others, raise an ArgumentError that lists the names."""
     return checked_choice(method, "method", allowed)
 
 
@@ -196,7 +196,7 @@ Grid = StraightGrid | Hemisphere
 
 
 def box_grid(box: Any, shape: Any) -> StraightGrid:
-    """Return a volume with ``shape`` points along x, y and z, which includes all faces of a box."""
+    """Return a volume with ``shape`` points along x, y and z, including all faces of a box."""
     low, high = _corners("box", box, "lowest and the highest")
     if (high < low).any():
         raise ArgumentError(

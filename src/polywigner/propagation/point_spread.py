@@ -9,14 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.execution import Differentiable, Engine
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import Points, checked_length, checked_row
+from polywigner.geometry.arguments import Points
 from polywigner.optics import FirstOrder
-from polywigner.propagation.aberrated_fields import aberrated_spectrum, spectrum_jets
-from polywigner.propagation.collins import (
-    checked_points_behind,
-    field_behind,
-    squared_field,
-)
+from polywigner.propagation.aberrated_fields import spectrum_jets
+from polywigner.propagation.collins import checked_points_behind, field_behind
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.source import Array
 from polywigner.transforms import pupil
@@ -29,7 +25,6 @@ from polywigner.transforms.aberrated_pupils import (
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.pupil_gradients import (
     PupilNumbers,
-    autocorrelation_jets,
     quotient,
     squared_modulus,
 )
@@ -123,10 +118,8 @@ def psf(
     """
     plain, numbers = PupilNumbers.of(source, aberration)
     checked_radiator(plain)
-    lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
-    for length in lengths.tolist():
-        checked_length(length, "wavelength")
-    fractions = pupil.fractions_of(weights, lengths.size)
+    lengths, fractions = pupil.checked_band(wavelength, weights)
+    allowed = checked_tolerance(tolerance)
     radius = pupil.checked_pupil_radius(plain, pupil_radius)
     distance = pupil.image_distance(focal_length, numerical_aperture, radius)
     # exp(2 pi i w |x|^2/a^2) is a lens of power -2 w lambda/a^2, the same for all wavelengths
@@ -134,24 +127,19 @@ def psf(
     system = FirstOrder.fourier(distance)
     if bend:
         system = system @ FirstOrder([[1.0, 0.0], [bend, 1.0]])
+    image_points = checked_points_behind(points)
+    aberrated: AberratedPupil | None = None
     total: Any = 0.0
     for fraction, length in zip(fractions.tolist(), lengths.tolist(), strict=True):
         part = plain.at_wavelength(length)
-        if aberration is None and numbers is None:
-            field, error = field_behind(part, points, length, system, None, {}, engine)
+        if aberration is None and not numbers.arrays:
+            field, _ = field_behind(part, points, length, system, None, {}, engine)
+            jets = field.reshape(-1, 1)
         else:
             scale = checked_aberration(aberration, length, has_gradients=True) * distance
             aberrated = AberratedPupil.of(part, aberration, length, bend / (2.0 * length))
-            nu = checked_points_behind(points) / scale
-            allowed = checked_tolerance(tolerance)
-            if numbers is not None:
-                jets = spectrum_jets(aberrated, nu.reshape(-1, 2), numbers, allowed) / scale
-                axis = autocorrelation_jets(aberrated, np.zeros((1, 2)), numbers, allowed)
-                total = total + fraction * quotient(squared_modulus(jets), axis)
-                continue
-            field, error, _ = aberrated_spectrum(aberrated, nu, allowed)
-            field, error = field / scale, error / scale
-        total = total + fraction * squared_field(field, error)[0]
-    if numbers is not None:
-        return numbers.result(total, False)
-    return np.asarray(total / pupil.checked_energy(plain))[()]
+            nu = image_points.reshape(-1, 2) / scale
+            jets = spectrum_jets(aberrated, nu, numbers, allowed) / scale
+        total = total + fraction * squared_modulus(jets)
+    energy = pupil.energy_jets(plain, aberrated, numbers, allowed)
+    return numbers.result(quotient(total, energy), image_points.shape[:-1], is_complex=False)

@@ -26,10 +26,11 @@ Complex = NDArray[np.complex128]
 Position = tuple[float, float, float]
 
 _OPS = NumpyOperations()
-# Rule for the waves that edges diffract, and its largest error as a fraction of the incident field.
-# The largest error of 40,000 random edges was 1e-13; half of the points were within 10 wavelengths
-# of the shadow boundary.
-_RULE, _ERROR = EdgeRule.of(8.0, 100, 14), 2e-13
+# Rule for the waves that edges diffract.
+_RULE = EdgeRule.of(8.0, 100, 14)
+# Bound on the error of the rule as a fraction of the incident field. The largest error of 40,000
+# random edges was 1e-13; half of the points were within 10 wavelengths of the shadow boundary.
+_ERROR = 2e-13
 # Points exactly on a shadow boundary are shifted in this direction, by this fraction of their
 # distance from the source, to assign them to one side.
 _SHIFT, _ASIDE = 1e-14, np.array([0.57, 0.31, 0.76])
@@ -37,7 +38,7 @@ _SHIFT, _ASIDE = 1e-14, np.array([0.57, 0.31, 0.76])
 # digits. Points within _AT_CORNER of such a line get the mean field of two points at the distance
 # _BESIDE_CORNER on opposite sides. Both are fractions of the distance from the source.
 _AT_CORNER, _BESIDE_CORNER = 1e-10, 1e-9
-# Pairs of a point and an edge per block: temporary arrays of a few MB.
+# Number of pairs of a point and an edge per block; temporary arrays then take a few MB.
 _PAIRS = 1 << 15
 
 

@@ -56,7 +56,7 @@ Scheduler: TypeAlias = "str | Cluster | None"
 Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
 """A dataset in memory or lazy, one array, or the path of a store on disk."""
 
-# Time to wait for a scheduler, and for its first worker [s].
+# Time in s to wait for a scheduler, and for its first worker.
 _PATIENCE = 10.0
 
 # Largest number of samples in memory: 16 GiB of float32. Some systems would allocate any size.
@@ -67,7 +67,7 @@ LARGEST_CHUNK = 1 << 22
 
 
 def required(*names: str) -> ModuleType:
-    """Import modules of the extra ``datasets``, and return the last; raise MissingExtraError."""
+    """Import modules of the extra ``datasets``; return the last one, or raise MissingExtraError."""
     modules: list[ModuleType] = [
         require(name, "datasets", "large results are stored and distributed with") for name in names
     ]
@@ -192,7 +192,7 @@ def _in_memory(
 def _lazy_array(
     block: Block, shape: Index, chunks: Any, dtype: DTypeLike, compiled: bool, threads: int | None
 ) -> dask.array.Array:
-    """Return a dask array whose chunks are computed by ``block``, which workers must unpickle."""
+    """Return a dask array with chunks computed by ``block``, which must be picklable."""
     arrays, core = required("dask.array"), required("dask.array.core")
     try:
         sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
@@ -200,10 +200,10 @@ def _lazy_array(
             raise ValueError("chunks without samples")
     except (TypeError, ValueError, ArithmeticError) as error:
         raise ArgumentError(
-            f"expected chunks as dask takes them, a number, a tuple of {len(shape)}, or 'auto', "
+            f"expected chunks that dask accepts: a number, a tuple of {len(shape)}, or 'auto', "
             f"got {chunks!r}: {error}"
         ) from None
-    # as a node of the graph, each worker receives the block once and reuses its caches
+    # The block is a node of the graph, so each worker receives it once and reuses its caches.
     node = required("dask").delayed(block, traverse=False)
     options = {"chunks": sizes, "dtype": dtype, "meta": np.empty((0,) * len(shape), dtype)}
     array: dask.array.Array = arrays.map_blocks(_compute_chunk, node, compiled, threads, **options)
@@ -216,7 +216,8 @@ def _compute_chunk(
     location = block_info[None]["array-location"]
     origin, shape = tuple(a for a, _ in location), tuple(b - a for a, b in location)
     if compiled and threads is None and "distributed" in sys.modules:
-        with suppress(ValueError):  # not on a worker
+        # The error means that this is not a worker.
+        with suppress(ValueError):
             threads = sys.modules["distributed"].get_worker().state.nthreads
     with kernel_threads(threads) if compiled else nullcontext():
         return np.asarray(block(origin, shape))
@@ -244,7 +245,8 @@ def _complete(
     bar = progress_bar(folder.name, total, total - len(tasks), options.get("progress"))
     with nullcontext(default) if scheduler is None else _connected(scheduler) as executor:
         try:
-            if is_new:  # only now: the scheduler has responded
+            # The store is created only now, after the scheduler has responded.
+            if is_new:
                 _create(folder, dataset)
             with bar as advance, Callback(posttask=lambda key, *_: key in keys and advance()):
                 dask.compute(*tasks, scheduler=executor, num_workers=threads)
@@ -285,17 +287,19 @@ def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
 
 def _create(folder: Path, dataset: xarray.Dataset) -> None:
     """Write metadata and coordinates of a store without chunks."""
-    # no compressors, which halve the speed and cannot compress the last digits
+    # Chunks are not compressed: compression would halve the speed, and the last digits do not
+    # compress.
     encoding: dict[Any, Any] = {
-        name: {"compressors": (), "fill_value": array.dtype.type(np.nan)}  # of missing chunks
+        name: {"compressors": (), "fill_value": array.dtype.type(np.nan)}  # value of missing chunks
         for name, array in dataset.data_vars.items()
     }
     folder.parent.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings(), atomic_path(folder) as scratch:
-        warnings.simplefilter("ignore")  # of strings in zarr, and of missing consolidated metadata
+        # zarr warns of strings, and of missing consolidated metadata.
+        warnings.simplefilter("ignore")
         try:
             dataset.to_zarr(scratch, mode="w-", compute=False, zarr_format=3, encoding=encoding)
-        except ValueError as error:  # the sizes of the chunks are not equal
+        except ValueError as error:  # The chunks differ in size.
             raise ArgumentError(f"expected chunks that zarr can store: {error}") from None
 
 
@@ -304,7 +308,7 @@ def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
     tasks = []
     for name, array in dataset.data_vars.items():
         path, meta = folder.absolute() / str(name), np.empty((0,) * array.ndim)
-        # dask fuses both steps into one task
+        # dask fuses both steps into one task.
         blocks = array.data.map_blocks(_write_region, path=path, meta=meta).to_delayed()
         for index in np.ndindex(blocks.shape):
             if not path.joinpath("c", *map(str, index)).is_file():
@@ -315,7 +319,7 @@ def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
 def _write_region(values: NDArray[Any], path: Path, block_info: Any = None) -> NDArray[Any]:
     """Write one chunk to the array of a store, and return an empty array."""
     region = tuple(slice(*ends) for ends in block_info[0]["array-location"])
-    # write_empty_chunks: without a file, a chunk of NaN would count as missing
+    # Chunks of NaN are written, because a chunk without a file counts as missing.
     array = required("zarr").open_array(path, mode="r+")
     array.with_config({"write_empty_chunks": True})[region] = values
     return values[(slice(0),) * values.ndim].copy()
@@ -327,7 +331,7 @@ def _connected(scheduler: Scheduler) -> Client:
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
         client.wait_for_workers(1, timeout=_PATIENCE)
-    except Exception as error:  # of many types if another server responds
+    except Exception as error:  # Another server raises errors of many types.
         raise EngineError(
             f"no dask scheduler with workers responds at {scheduler!r} ({type(error).__name__}: "
             f"{error!s:.300}); start `dask scheduler` and `dask worker`, and pass an address such "
@@ -347,7 +351,7 @@ def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
     folder = checked_path(path)
     try:
         return xarray.open_zarr(folder, zarr_format=3, consolidated=False)
-    except Exception as error:  # zarr and its codecs raise errors of many types
+    except Exception as error:  # zarr and its codecs raise errors of many types.
         raise StoreError(
             f"expected a zarr store of format 3 at {folder}, got something else there "
             f"({type(error).__name__}: {error!s:.200}); choose another name"
@@ -397,7 +401,7 @@ def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
     """Write a dataset, which may have complex variables, to a new zarr store (format 3)."""
     required("zarr")
     with in_place(checked_path(path)) as scratch, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of missing consolidated metadata
+        warnings.simplefilter("ignore")  # zarr warns of missing consolidated metadata.
         _opened(dataset).to_zarr(scratch, mode="w-", zarr_format=3)
 
 

@@ -33,15 +33,15 @@ SampledQuantity = Literal[
 _PHASE_SPACE = ("fourier", "intensity", "wigner", "ambiguity")
 _FIELDS = ("amplitude", "irradiance")
 
-# Nyquist step of positions relative to the width of the narrowest part. W of a strip is a triangle
-# of this width along x, which is then sampled several times.
+# Nyquist step of positions relative to the width of the narrowest part. For a strip, W along x is a
+# triangle of this width, which is then sampled several times.
 _OF_WIDTH = 0.5
-# Largest number of samples along an axis; larger numbers are due to wrong units.
+# Largest number of samples along an axis. Larger numbers result from wrong units.
 _MOST_SAMPLES = 1 << 53
 # Largest theta of hemispheres, since fields are not computed in the plane z = 0.
 _GRAZING = math.radians(89.5)
-# Numbers of points along the axes of a box and of a hemisphere at which local frequencies are
-# evaluated; the frequencies vary slowly.
+# Numbers of points along the axes of a box and of a hemisphere, at which local frequencies are
+# evaluated. Few points are enough, because the frequencies vary slowly.
 _POINTS, _THETA, _PHI = 17, 31, 24
 
 
@@ -286,18 +286,19 @@ def _field_bands(
     bounds: tuple[float, ...], wavelength: float, coherent: bool, kind: str, region: Any
 ) -> list[Band]:
     """Return the bands of a field in a "box", on a "line", or on a hemisphere of a "radius"."""
-    metres = 1.0  # metres per unit of an axis
+    metres = 1.0  # length in m that corresponds to one unit of an axis
     if kind == "box":
         axes = [np.unique(axis.values) for axis in box_grid(region, 3 * (_POINTS,)).coords.values()]
         ends = [(n, "m", float(a[0]), float(a[-1])) for n, a in zip("xyz", axes, strict=True)]
-        # the angles between rays are largest at points exactly in front of the source
+        # The angles between rays are largest at points exactly in front of the source.
         for k in (0, 1):
             centre = (bounds[k] + bounds[k + 2]) / 2
             axes[k] = np.unique(np.append(axes[k], np.clip(centre, axes[k][0], axes[k][-1])))
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         tangents = list(np.eye(3))
     elif kind == "line":
-        # many points, since directions change fast where the line passes close to the source
+        # Many points are needed, since directions change fast where the line passes close to the
+        # source.
         grid = line_grid(region, _POINTS**2)
         points, tangents = grid.points((0,), (_POINTS**2,)), [grid.directions]
         ends = [("distance", "m", 0.0, float(grid.coords["distance"].values[-1]))]

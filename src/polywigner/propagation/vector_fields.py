@@ -178,7 +178,7 @@ def field(
     total = np.zeros((len(flat), 3), np.complex128)
     errors, limits = np.zeros((2, len(flat)))
     for part, q in parts:
-        if isinstance(part, Wavefront):  # a sum over nodes on the source
+        if isinstance(part, Wavefront):  # The field is a sum over nodes on the source.
             terms = partial(_dipole_terms, part, q, MODELS[name])
             value, off = summed_over_cells(part, flat, length, terms, (3,))
         else:
@@ -276,7 +276,7 @@ def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
         field[:, 2] -= m / (2 * math.pi) * (sums.wave @ n)
     if e:
         scale = -1j * e / (4 * math.pi**2)
-        # the gradient of u G: (Q - P) times ``rise`` from G, plus the wave vector of u
+        # gradient of u G: (Q - P) times ``rise`` from G, plus the wave vector of u
         weighted, grown = sums.rise * n, sums.rise_by_length * n
         total = weighted.sum(axis=1)
         for a in range(2):
@@ -319,9 +319,9 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
 
 # ---- integrals along edges -----------------------------------------------------------------------
 
-# Pairs of a point and a panel per block, and panels per block.
+# Number of pairs of a point and a panel per block, and number of panels per block.
 _PAIRS, _PANELS = 1 << 17, 1 << 14
-# Cost of a pair relative to a term of an edge sum, for the choice of an engine.
+# Time of a pair, as a number of terms of an edge sum, for the choice of an engine.
 _TERMS = 16
 # Tolerance of integrals along edges, as a fraction of the field's tolerance, since the integrals of
 # different edges may cancel.

@@ -56,12 +56,12 @@ _NEAREST = 2.0
 _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
 # Number of triangles above which a rule with one additional node is tried first.
 _MANY_TRIANGLES = 500
-# Largest number of nodes of a rule, 64 MiB.
+# Largest number of nodes of a rule; they take 64 MiB.
 _MOST_NODES = 1 << 22
 # Points whose phase rates agree within this fraction of 1/wavelength share their rules.
 _RATE_STEP = 0.25
-# A point is settled, and not refined further, if its error is below this fraction of the allowed
-# error.
+# Largest error of a settled point, as a fraction of the allowed error. Settled points are not
+# refined further.
 _SETTLED = 0.03
 
 NodeSum = Callable[[tuple[Floats, Floats], Floats], Floats]
@@ -117,7 +117,8 @@ def irradiance_by_rays(
 
     area = sum(element.area for element in flat.elements_in_plane)
     reach = wavelength * radiator.distance_of_centre(points)
-    largest = energy_of(flat) / area * np.minimum(1.0, (area / reach) ** 2)  # (T2)
+    # largest possible irradiance (T2)
+    largest = energy_of(flat) / area * np.minimum(1.0, (area / reach) ** 2)
     floor = _FLOOR * largest
     values, errors = np.zeros(len(points)), np.zeros(len(points))
     rates = _phase_rates(flat, wavelength, points, curved)

@@ -135,30 +135,33 @@ def checked_positions(x: Any) -> Floats:
 # Largest width of a source in wavelengths. Its power is a sum over 1.5e11 directions, which takes
 # half a day for a square on two cores.
 _MOST_WAVELENGTHS = 1e5
-# Directions per block, a few MB.
+# Number of directions per block, a few MB.
 _BLOCK = 1 << 17
-# Number of values of F or W, a few seconds of work, above which a terminal shows progress.
+# Number of values of F or W above which a terminal shows progress: a few seconds of work.
 _LONG = 1 << 25
 
-# The power of wide sources is an integral over lags with a smooth cut-off.
-# Smallest width of these sources in wavelengths; sums over directions take seconds for others.
+# Smallest width in wavelengths of sources whose power is an integral over lags with a smooth
+# cut-off. For narrower sources, sums over directions take only seconds.
 _WIDE = 600.0
-# Largest relative difference of the powers with two cut-offs.
+# Largest relative difference between the powers of two cut-offs. If it is larger, the power is a
+# sum over directions.
 _SAME = 1e-6
-# Largest frequency of the field, as a fraction of 1/wavelength.
+# Largest spatial frequency of the field, as a fraction of 1/wavelength, for which lags are used.
 _STEEP = 0.8
-# Width of the cut-off in wavelengths for waves along the normal, which reduces the contribution of
-# the rim of the hemisphere to exp(-32).
+# Width of the cut-off in wavelengths for waves along the normal. It reduces the contribution of the
+# rim of the hemisphere to exp(-32).
 _SOFT = 1.8
-# Positions of the two cut-offs, and distance from the cut-off to the end of the integral, beyond
-# which 1e-14 of the power is left; all in units of the width of the cut-off.
-_ENDS, _BEYOND = (4.5, 6.5), 5.5
+# Positions of the two cut-offs, in units of the width of the cut-off.
+_ENDS = (4.5, 6.5)
+# Distance from the cut-off to the end of the integral, in the same unit; 1e-14 of the power is left
+# beyond it.
+_BEYOND = 5.5
 # Largest number of directions of edges at which the angle of the lag is divided into panels.
 _MOST_KINKS = 48
-# Gauss nodes of a panel, and of a wavelength of the lag's length.
+# Number of Gauss nodes on a panel of angles, and per wavelength along the length of the lag.
 _ON_PANEL, _ON_PERIOD = 8, 12
-# Largest phase in radians on one panel of theta, since the time to compute Gauss nodes grows as the
-# cube of their number.
+# Largest phase in radians on one panel of theta. Larger panels would be slow, because the time to
+# compute Gauss nodes grows as the cube of their number.
 _PANEL = 400.0
 
 

@@ -161,7 +161,7 @@ def radiant_intensity(
     return (directions[..., 2] * squares).astype(squares.dtype, copy=False)[()]
 
 
-# Values of the radiance per block: 32 MB.
+# Number of values of the radiance per block: 32 MB.
 _BLOCK = 1 << 22
 
 

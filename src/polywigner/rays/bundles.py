@@ -143,7 +143,8 @@ def _columns(count: int, *values: Any) -> tuple[Values, Values, Values]:
             raise ArgumentError(f"expected {name} of shape {shape}, got {columns[-1].shape}")
     position, direction, weight = columns
     with np.errstate(over="ignore"):
-        wrong = np.abs(np.linalg.norm(direction, axis=1) - 1) > _UNIT  # False for lost rays
+        # The comparison is False for lost rays, which contain NaN.
+        wrong = np.abs(np.linalg.norm(direction, axis=1) - 1) > _UNIT
     if wrong.any():
         raise ArgumentError(
             f"expected direction as unit vectors, got {direction[wrong][0].tolist()}; divide each "
@@ -152,11 +153,14 @@ def _columns(count: int, *values: Any) -> tuple[Values, Values, Values]:
     return position, direction, weight
 
 
-# Largest number of pixels along an axis, in total, and in total times batches (1 GB).
-_MOST_ALONG_AXIS, _MOST_PIXELS, _MOST_SUMS = 1 << 14, 1 << 22, 1 << 26
-# Rays per block, some 100 MB.
+# Largest number of pixels along an axis.
+_MOST_ALONG_AXIS = 1 << 14
+# Largest number of all pixels, and of all pixels times batches (1 GB).
+_MOST_PIXELS, _MOST_SUMS = 1 << 22, 1 << 26
+# Number of rays per block, some 100 MB.
 _BLOCK = 1 << 20
-# Rays that start behind the plane by less than this fraction of the largest coordinate count.
+# Rays that start behind the plane still count if their distance from the plane is below this
+# fraction of the largest coordinate.
 _ON_PLANE = 1e-9
 
 
@@ -221,7 +225,7 @@ def rebuild(
     edges = _edges(bounds, shape)
     size = len(edges[1]) - 1, len(edges[0]) - 1
     pixels = math.prod(size)
-    # numbers of batches may have gaps, since the rays may be a selection
+    # The numbers of batches may have gaps, since the rays may be a selection.
     known, number = np.unique([0] if batch is None else batch, return_inverse=True)
     batches = max(1, len(known))
     if batches * pixels > _MOST_SUMS:
@@ -229,7 +233,7 @@ def rebuild(
             f"expected at most {_MOST_SUMS} pixels times batches, got {pixels} pixels and "
             f"{batches} batches; use fewer pixels"
         )
-    # the last entry is the sum over all pixels
+    # The last entry is the sum over all pixels.
     sums, squares = np.zeros((batches, pixels + 1)), np.zeros(pixels + 1)
     lost = missed = 0
     for start in range(0, len(weight), _BLOCK):
@@ -280,7 +284,8 @@ def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
     batches = len(sums)
     if batches > 1:
         return total, math.sqrt(batches) * np.std(sums, axis=0, ddof=1)
-    # n times the variance of the power of one ray, which is zero for rays that miss the pixel
+    # The expression is n times the variance of the power of one ray. The power is zero for rays
+    # that miss the pixel.
     variance = squares - total**2 / count
     return total, np.sqrt(np.maximum(variance, 0.0) * count / max(1, count - 1))
 
@@ -316,8 +321,10 @@ def _edges(bounds: Any, shape: Any) -> tuple[Values, Values]:
     if row.shape != (4,) or not np.isfinite(row).all() or not (row[2:] > row[:2]).all():
         raise ArgumentError(f"{expected}, got {np.asarray(bounds).tolist()}")
     if not isinstance(shape, (tuple, list)) or len(shape) != 2:
-        raise ArgumentError(f"expected shape as two numbers of pixels, got {shape!r}")
+        raise ArgumentError(f"expected shape as two integers, (nx, ny) in pixels, got {shape!r}")
     nx, ny = (checked_count(n, "shape", 1, _MOST_ALONG_AXIS) for n in shape)
     if nx * ny > _MOST_PIXELS:
-        raise ArgumentError(f"expected at most {_MOST_PIXELS} pixels, got {nx} x {ny}")
+        raise ArgumentError(
+            f"expected at most {_MOST_PIXELS} pixels, got {nx} x {ny}; use fewer pixels"
+        )
     return np.linspace(row[0], row[2], nx + 1), np.linspace(row[1], row[3], ny + 1)

@@ -25,7 +25,7 @@ Values = NDArray[np.float64]
 _METRES = (1.0, 0.0254, 0.01, 0.3048, 0.001)
 _MM = 4
 
-_IDENTIFIERS = 1010, 8675309  # current and older versions of the format
+_IDENTIFIERS = 1010, 8675309  # identifiers of the current and of older versions of the format
 _HEADER = np.dtype(
     [("Identifier", "<i4"), ("NbrRays", "<u4"), ("Description", "S100")]
     + [(name, "<f4") for name in ("SourceFlux", "RaySetFlux", "Wavelength")]
@@ -34,10 +34,11 @@ _HEADER = np.dtype(
     + [("unused", "<f4", 4), ("ray_format_type", "<i4"), ("flux_type", "<i4")]
     + [("reserved", "<i4", 2)]
 )
-# Count of numbers per ray, by the header field ray_format_type.
+# Number of columns of numbers per ray, by the header field ray_format_type.
 _NUMBERS = {0: 7, 2: 8}
 _MICROMETRE = 1e-6
-# Sign of the powers, suffix of the file's name, and description in the header, of each file.
+# For each file that is written: sign of its powers, suffix of its name, and description in its
+# header.
 _SIGNED = 1, "", "signed"
 _SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
 # Description in files written by polywigner: number of rays drawn, and sign of their powers.
@@ -126,7 +127,7 @@ def _write_part(
     header["InclinationEnd"], header["AzimuthEnd"] = 180.0, 360.0
     header["DimensionUnits"] = _MM
     header["Scale"] = 1.0
-    with atomic_path(path) as scratch, np.errstate(over="ignore"):  # lost rays may overflow
+    with atomic_path(path) as scratch, np.errstate(over="ignore"):  # Lost rays may overflow.
         scratch.write_bytes(header.tobytes() + columns.astype("<f4").tobytes())
     return path
 
@@ -187,19 +188,19 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
         check_regular(file)
     content = file.read_bytes()
     if len(content) < _HEADER.itemsize:
-        raise wrong(f"{len(content)} bytes")
+        raise wrong(f"a file of {len(content)} bytes")
     header = np.frombuffer(content, _HEADER, 1)[0]
     if header["Identifier"] not in _IDENTIFIERS:
         raise wrong(f"the identifier {header['Identifier']}")
     columns = _NUMBERS.get(int(header["ray_format_type"]))
     unit, count = int(header["DimensionUnits"]), int(header["NbrRays"])
     if columns is None or not 0 <= unit < len(_METRES):
-        raise wrong(f"format {header['ray_format_type']} in unit {unit}")
+        raise wrong(f"ray format {header['ray_format_type']} with unit of length {unit}")
     if header["flux_type"] != 0:
         raise wrong("powers in lumens, not in watts")
     size = len(content) - _HEADER.itemsize
     if size != 4 * count * columns:
-        raise wrong(f"{size} bytes for {count} rays")
+        raise wrong(f"{size} bytes of data for {count} rays")
     rays = np.frombuffer(content, "<f4", offset=_HEADER.itemsize).astype(np.float64)
     rays = rays.reshape(count, columns)
     wavelengths = np.unique(rays[:, 7:])
@@ -208,12 +209,13 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     wavelength = float([*wavelengths, header["Wavelength"]][0])
     attrs: dict[str, Any] = {"wavelength": wavelength * _MICROMETRE} if wavelength > 0 else {}
     position, direction, weight = rays[:, :3] * _METRES[unit], rays[:, 3:6], rays[:, 6]
-    is_valid = np.isfinite(position).all(axis=1)  # positions of lost rays are NaN
+    # The positions of lost rays are NaN.
+    is_valid = np.isfinite(position).all(axis=1)
     if not np.isfinite(rays[is_valid, 3:7]).all():
         raise wrong("directions or powers that are NaN")
     if not direction.any(axis=1).all():
         raise wrong("directions of length zero")
-    # unit vectors in single precision have errors of 6e-8
+    # Unit vectors in single precision have errors of 6e-8.
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if ours := _OURS.match(header["Description"].decode("utf-8", "replace")):
         attrs["count"] = int(ours[1])

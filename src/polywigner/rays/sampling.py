@@ -43,12 +43,13 @@ RaySampling = Literal["uniform", "quasi-random"]
 
 Values = NDArray[np.float64]
 
-# Rays per block, some 200 MB.
+# Number of rays per block, some 200 MB.
 _BLOCK = 1 << 20
-# Number of independent sets of quasi-random numbers. Their scatter is the error, to a fifth.
+# Number of independent sets of quasi-random numbers. The scatter of the sets estimates the standard
+# error to about a fifth.
 BATCHES = 16
-# Cones may extend behind the source by this fraction of pi/2, since axes may be given in single
-# precision.
+# Angle, as a fraction of pi/2, by which cones may extend behind the source, since axes may be given
+# in single precision.
 _UNIT = 1e-6
 # Smallest cosine of a direction, so that factors such as 1/cos^2 remain finite.
 _LEAST_COSINE = 1e-8
@@ -72,7 +73,7 @@ def _numbers(
         size = (count + batch) // BATCHES
         sequence = library.Sobol(4 + tilts, scramble=True, seed=generator)
         numbers = sequence.random_base2(math.ceil(math.log2(size)))[:size]
-        numbers = np.minimum(numbers, 1 - 2.0**-53)  # scrambled numbers may round to 1
+        numbers = np.minimum(numbers, 1 - 2.0**-53)  # Scrambled numbers may round to 1.
         for start in range(0, size, _BLOCK):
             yield numbers[start : start + _BLOCK], batch
 
@@ -84,7 +85,7 @@ def _normal_numbers(numbers: Values) -> Values:
     """
     plane = _disc(numbers)
     square = (plane**2).sum(axis=1)
-    # the rim of the disc would be mapped to infinity, so squares are limited to just below 1
+    # The rim of the disc would be mapped to infinity, so squares are limited to just below 1.
     normal_square = -2 * np.log1p(-np.minimum(square, 1 - np.finfo(np.float64).epsneg))
     unset = np.full_like(square, 2.0)
     return np.asarray(plane * _root_of_ratio(normal_square, square, unset)[:, None])
@@ -117,7 +118,7 @@ class Cone:
         """
         centre = None if slope is None or math.isinf(self.width) else self._beam_centres(slope)
         ratio = self.width / self.radius
-        # ratio * ratio overflows to infinity, but ratio**2 would raise an error
+        # The product ratio * ratio overflows to infinity, but ratio**2 would raise an error.
         plane, area = _concentrated(_disc(numbers), ratio * ratio, centre)
         plane *= self.radius
         along = np.sqrt(np.maximum(1.0 - (plane**2).sum(axis=1), 0.0))
@@ -129,7 +130,8 @@ class Cone:
     def _beam_centres(self, slope: Values) -> Values:
         """Return the centres (n, 2) of beams, moved into the unit disc of directions."""
         cosines = self.frame[:2, 2] + slope
-        cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]  # not behind the plane
+        # Centres outside of the unit disc are moved to its rim, so that none is behind the plane.
+        cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]
         along = np.sqrt(np.maximum(1.0 - (cosines**2).sum(axis=1), 0.0))
         plane = np.column_stack([cosines, along]) @ self.frame[:, :2] / self.radius
         return np.asarray(plane / np.maximum(np.hypot(*plane.T), 1.0)[:, None])
@@ -147,7 +149,7 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
         angle = checked_number(half_angle, "cone", meaning, lambda x: 0 < x <= math.pi / 2)
     vector = checked_unit_vectors("axis", axis)
     if vector.ndim > 1:
-        raise ArgumentError(f"expected axis as one unit vector (3,), got {vector.shape}")
+        raise ArgumentError(f"expected axis as one unit vector (3,), got shape {vector.shape}")
     vector = vector / np.linalg.norm(vector)
     tilt = math.atan2(math.hypot(*vector[:2]), vector[2])
     if tilt + angle > math.pi / 2 * (1 + _UNIT):
@@ -162,7 +164,7 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
 def _frame(axis: Values) -> Values:
     """Return a rotation whose last column is the axis; for z it is the identity."""
     x, y, z = axis
-    # the axis has z >= 0, so the denominator is not zero (Duff and others 2017)
+    # The axis has z >= 0, so the denominator is not zero (Duff and others 2017).
     a = -1.0 / (1.0 + z)
     b = x * y * a
     return np.array([[1 + x * x * a, b, x], [b, 1 + y * y * a, y], [-x, -y, z]])
@@ -197,7 +199,7 @@ def _reach(plane: Values, centre: Values) -> Values:
     )
     inside = np.maximum(1.0 - (centre**2).sum(axis=1), 0.0)
     chord = np.sqrt(along**2 + inside)
-    # the quotient avoids the cancellation in chord - along for positive values
+    # For positive values, the quotient avoids the cancellation in chord - along.
     reach = np.divide(inside, chord + along, out=chord - along, where=along > 0)
     return np.asarray(reach**2)
 
@@ -218,7 +220,7 @@ def _disc(numbers: Values) -> Values:
 
 Directions = Literal["beam", "uniform"]
 
-# Largest number of rays, 12 GB.
+# Largest number of rays; they take 12 GB.
 _MOST = 100_000_000
 # Largest power, whose square is still a floating-point number.
 _MOST_WATTS = 1e100
@@ -335,8 +337,8 @@ def sample_rays(
         points, per_area = sample_automean(flat, first[:, 2:])
         slope = None
         if isinstance(radiator, Wavefront):
-            # curvature shifts W of the flat source by Q (x - c), (Q2); partially coherent light is
-            # a mean over normally distributed tilts, (PC4)
+            # Curvature shifts W of the flat source by Q (x - c), (Q2). Partially coherent light is
+            # a mean over normally distributed tilts, (PC4).
             slope = (points - radiator.centre) @ radiator.curvature
             if tilts:
                 slope += _normal_numbers(tilt) / (2 * math.pi * radiator.coherence_width)

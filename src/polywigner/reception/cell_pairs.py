@@ -35,13 +35,14 @@ Indices = NDArray[np.intp]
 
 # Parts of a cut polygon below this fraction of the cell's area are due to rounding.
 _SLIVER = 1e-14
-# The shorter side of a box is halved with the longer one if it is at least this fraction of it.
-# Otherwise boxes become elongated, which wastes nodes along the short side.
+# Both sides of a box are halved if the shorter one is at least this fraction of the longer one. If
+# only the longer side were halved, boxes would become elongated, which wastes nodes along the short
+# side.
 _SQUARE = 0.7
 # Nodes per cycle of a wave, as a fraction of NODES_PER_CYCLE: 2.5 nodes, while Gauss rules require
 # pi/2. With 4 additional nodes, moments of triangles have errors of 1e-11 of the area.
 _NODE_RATIO = 0.7
-# Number of cached rules of other poses and orders, at most some hundred kB each.
+# Number of cached rules for other poses and orders. Each takes at most some hundred kB.
 _MOST_CACHED = 256
 
 
@@ -150,11 +151,12 @@ def cells_of(source: Any, wavelength: float) -> Cells:
     return Cells(source, wavelength)
 
 
-# Values of the kernel, or of fields at nodes, per block: their arrays stay in the cache.
+# Number of values of the kernel, or of fields at nodes, per block; their arrays stay in the cache.
 _BLOCK = 1 << 14
-# Terms of a matrix product per block. For more terms BLAS starts threads, which are slower.
+# Number of terms of a matrix product per block. For more terms, BLAS starts threads, which are
+# slower.
 _PRODUCT = 1 << 18
-# Moments per block, 64 MiB.
+# Number of moments per block, 64 MiB.
 _MOMENTS = 1 << 21
 # Rates of waves are rounded up to multiples of this value, so that poses share their nodes.
 _RATE_STEP = 0.125
@@ -247,7 +249,7 @@ class Links:
         return vectors
 
     def sums(self, pairs: Pairs, order: int) -> tuple[Complex, Floats]:
-        """Return (RX3) of pairs (n,) without the phase of the sources' distance, and sizes (n,).
+        """Return the sums (RX3) of pairs (n,) without the phase of the distance, and sizes (n,).
 
         The size is about the sum of the moduli of all terms, to which rounding errors are relative.
         """
@@ -308,7 +310,8 @@ class Links:
                 size = 1 + len(rows) * first.size // _BLOCK
                 for block in np.array_split(rows, min(len(rows), size)):
                     field = exp_cycles(waves[block] @ relative[part].T) * weights[part]
-                    # as pairs of real numbers, since BLAS cannot multiply real by complex matrices
+                    # Complex terms are pairs of real numbers, since BLAS cannot multiply real by
+                    # complex matrices.
                     terms = (field[:, :, None] * second).view(np.float64)
                     moments[block] += (first.T @ terms).view(np.complex128)
         return moments.reshape(len(numbers), order * order)
@@ -367,15 +370,18 @@ def _basis(points: Floats, order: int) -> Floats:
 # of 10 wavelengths at a distance of 10 wavelengths are one pair of order 22 with 2e5 values, or
 # pairs of order 18 with twice as many values.
 _ORDERS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 32, 38, 46, 56])
-# Pairs are split without evaluation if the phase across them exceeds this limit in radians, ...
+# Largest phase in radians across a pair of cells. Pairs with a larger phase are split without
+# evaluation.
 _MOST_PHASE = 70.0
-# ... or if half the diagonals of both cells, added, exceed this multiple of their distance.
+# Largest ratio of the sum of the half diagonals of both cells to their distance. Pairs with a
+# larger ratio are split without evaluation.
 _MOST_RATIO = 4.0
-# Orders per radian of phase below which interpolation has no accuracy. Gauss rules require 1/2.
+# Number of orders per radian of phase below which interpolation has no accuracy. Gauss rules
+# require 1/2.
 _IDLE = 0.25
 # Rounding error of a pair's sum, relative to the sum of moduli.
 _ROUNDING = 1e-15
-# Limits per pose: number of values of the kernel, which take some minutes, and number of pairs.
+# Largest number of values of the kernel per pose, which take some minutes, and of pairs per pose.
 _MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 
 
@@ -448,7 +454,7 @@ def _expected_error(links: Links, parts: Pairs) -> Floats:
 def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
     """Evaluate pairs at the first two orders with any accuracy."""
     phase = _phase(links, pairs)
-    # fitted to the lowest sufficient orders of squares at all distances
+    # This formula was fitted to the lowest sufficient orders of squares at all distances.
     likely = 1 + digits / 3 + 0.8 * np.sqrt(phase)
     least = np.minimum(np.maximum(2 + _IDLE * phase, likely), _ORDERS[-2])
     orders = np.searchsorted(_ORDERS, least)

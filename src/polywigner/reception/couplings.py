@@ -242,7 +242,7 @@ class _Link:
                     values[block] += terms[0]
                     errors[block] += terms[1]
                     limits[block] += terms[2]
-        # the norm comes last, so that sums that would take too long raise their error at once
+        # The norm comes last, so that sums that would take too long raise their error at once.
         norm = self.norm(self.normalise)
         return values / norm, errors / norm, limits / norm
 
@@ -252,7 +252,7 @@ class _Link:
         """Return couplings of two parts before the division by the norms, and both errors."""
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
-        # from the transmitter's centre to the receiver's centre
+        # vector from the transmitter's centre to the receiver's centre
         offset = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre
         offset[:, :2] -= cells[0].centre
         point = point_in_wavelengths(_OPS, (0.0, 0.0), self.wavelength, *offset.T)
@@ -384,7 +384,7 @@ def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
         real += mixed
         mixed *= near
         imag += mixed
-    # times -i exp(ikR)/R
+    # factor -i exp(ikR)/R
     real *= inverse
     imag *= inverse
     first = real * sine
@@ -463,7 +463,8 @@ def root_of_norm(
 
     Raises IlluminationError for a source whose elements cancel, or that does not radiate.
     """
-    key = None if jones is None else (jones.tobytes(), jones.shape)  # arrays have no hash
+    # tuples, because arrays have no hash
+    key = None if jones is None else (jones.tobytes(), jones.shape)
     return _root_of_norm(source, wavelength, method, normalise, key)
 
 
@@ -492,7 +493,8 @@ def _check_field(source: Any) -> None:
     )
     if not norm > _DARK * parts:
         raise IlluminationError(
-            f"expected a source with a field, got elements that cancel, int |u|^2 = {norm:.3g}"
+            f"expected a source with a field, got elements that cancel, int |u|^2 = {norm:.3g}; "
+            "change their weights"
         )
 
 

@@ -50,13 +50,14 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
-# Largest number of beams times triangles, which take some minutes.
+# Largest number of pairs of a beam and a triangle; they take some minutes.
 _MOST_COMPARED = 4e8
-# Beams times triangles per block, 100 MB.
+# Number of pairs of a beam and a triangle per block, 100 MB.
 _BLOCK = 1 << 19
-# Errors of single directions: from GEOS, and from limits of memory and time.
+# Errors that can occur in single directions: GEOS fails, or a limit of memory or time is exceeded.
 _ERRORS = GEOSException, ArgumentError
-# Number of triangles times pairs of directions whose beams are traced together.
+# Largest product of the number of triangles and the number of pairs of directions whose beams are
+# traced together.
 _AT_ONCE = 1 << 10
 # Margin of boxes that are placed side by side, as a fraction of the body's size. It exceeds the
 # rounding errors of coordinates up to thousands of body sizes.
@@ -97,7 +98,7 @@ def sums_of_beams(
             later[ends.samples] = 0.0
             if len(group) == 1:
                 failures.add(ends.samples, error)
-            else:  # isolate the directions that fail
+            else:  # Each direction is computed alone, to isolate those that fail.
                 for view in group:
                     add([view])
 
@@ -110,7 +111,7 @@ def sums_of_beams(
 
 
 class _Failures:
-    """Counter of the samples that cannot be computed, which sets their sums (m, ...) to NaN."""
+    """Record of the samples that cannot be computed; sets their sums (m, ...) to NaN."""
 
     def __init__(self, sums: Complex) -> None:
         self._sums = sums
@@ -170,7 +171,7 @@ class Ends:
 
 
 def _runs(counts: ArrayLike) -> tuple[Indices, Indices]:
-    """Return the first index and the length of consecutive runs of these lengths."""
+    """Return the first index and the length of each of several consecutive runs."""
     numbers = np.asarray(counts, np.intp)
     return np.cumsum(numbers) - numbers, numbers
 
@@ -195,7 +196,7 @@ def _views(
     groups = np.split(order, ends) if len(pairs) else []
     for pair, rows in zip(pairs, groups, strict=True):
         try:
-            if lit is None or (pair[:3] != last).any():  # pairs are sorted by transmitter
+            if lit is None or (pair[:3] != last).any():  # Pairs are sorted by transmitter.
                 last, lit = pair[:3], None
                 lit = visible_along(facets, pair[:3])
             both = visible = lit
@@ -321,9 +322,11 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     pairs, corners = beams.taken(beam), facets.corners[facet]
     unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
     axes = np.concatenate([ends.across, ends.k[:, None]], axis=1)[pairs.wave]
-    points = unfolded @ np.swapaxes(axes, 1, 2)  # across the incident direction, and along it
+    # The components are two coordinates across the incident direction, and one along it.
+    points = unfolded @ np.swapaxes(axes, 1, 2)
     ahead = _heights(facets, pairs, corners)
-    backwards = (signs < 0) ^ (np.linalg.det(pairs.rotation) < 0)  # clockwise in the image
+    # These triangles run clockwise in the image.
+    backwards = (signs < 0) ^ (np.linalg.det(pairs.rotation) < 0)
     points[backwards], ahead[backwards] = points[backwards, ::-1], ahead[backwards, ::-1]
     beyond, number = _in_front(points, ahead)
     projected = Projected(beyond[..., :2], beyond[..., 2], facets.size, np.ones(beyond.shape[:2]))
@@ -333,7 +336,7 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     window = beams.polygon[beam[number]]
     meets = shapely.intersects(window, triangles)
     number, projected, triangles = number[meets], projected.subset(meets), triangles[meets]
-    # without a grid GEOS sometimes loses polygons whose edges coincide with edges of the window
+    # Without a grid, GEOS sometimes loses polygons whose edges coincide with edges of the window.
     grid = GRID * facets.size
     lit = intersections(window[meets], triangles, grid)
     boxes = _side_by_side(projected.points, beam[number], facets.size)
@@ -392,7 +395,7 @@ def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
     """
     below = (heights < 0).sum(axis=1)
     (complete,), (quadrangle,), (tip,) = (np.nonzero(below == count) for count in range(3))
-    # start with the corner that is alone on its side
+    # The corner that is alone on its side comes first.
     alone = np.where(below == 1, (heights < 0).argmax(axis=1), heights.argmax(axis=1))
     order = (alone[:, None] + np.arange(3)) % 3
     a, b, c = np.moveaxis(np.take_along_axis(corners, order[..., None], 1), 1, 0)
@@ -412,7 +415,7 @@ def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
 
 
 def _side_by_side(points: Floats, beam: Indices, size: float) -> Shapes:
-    """Return bounding boxes of triangles (n, 3, 2), with the images of all beams side by side."""
+    """Return bounding boxes of triangles (n, 3, 2); boxes of different beams lie side by side."""
     slack = _SLACK * size
     low, high = points.min(axis=1) - slack, points.max(axis=1) + slack
     width = float(np.ptp(points[..., 0])) + 4 * slack if len(points) else 0.0
@@ -435,7 +438,8 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     beams, view = hits.beams.taken(hits.beam[hit[owner]]), view[owner]
     back = np.swapaxes(beams.rotation, 1, 2)
     k = ends.k[beams.wave]
-    # path lengths, the phases in cycles times the wavelength, at a corner and along both sides
+    # These are path lengths, the phases in cycles times the wavelength, at a corner and along both
+    # sides.
     rate = ends.s[view] - _times(back, k)
     corner, first, second = (
         (rate * part).sum(axis=1) for part in (pieces.corner, pieces.first, pieces.second)

@@ -44,15 +44,16 @@ Sides = NDArray[np.int8]
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 
 _EXPECTED = "expected a body (Polyhedron, Aperture, placed Aperture, or an Array or list of these)"
-# Cosine of the angle between normals. Triangles that meet at smaller angles belong to one curved
-# face, as in meshes of smooth bodies.
+# Cosine of the angle between the normals of two triangles. Triangles that meet at smaller angles
+# belong to one curved face, as in meshes of smooth bodies.
 SMOOTH = math.cos(math.radians(30))
-# Dents up to this depth, as a fraction of the body's size, are due to rounding.
+# Largest depth of a dent that is due to rounding, as a fraction of the body's size.
 _FLAT = 1e-9
-# Triangles are in one plane if their normals, and their heights divided by the body's size, agree
-# to this value. The phase error is this value, in cycles, for each wavelength of the body's size.
+# Largest difference between normals, and between heights divided by the body's size, of triangles
+# in one plane. The phase error in cycles is this value times the body's size in wavelengths.
 _ONE_PLANE = 1e-12
-# Vertices closer than this fraction of the body's size are equal, since STL files round to 1e-7.
+# Largest distance between equal vertices, as a fraction of the body's size, since STL files round
+# to 1e-7.
 _ONE_VERTEX = 1e-6
 
 
@@ -165,7 +166,8 @@ def _parts(body: Any) -> tuple[Polyhedron | Aperture | PlacedAperture, ...]:
     return parts
 
 
-# The cache pays: hashing a body of a million vertices takes some ms, computing its triangles more.
+# The cache is worth its cost: hashing a body of a million vertices takes some ms, and computing its
+# triangles takes longer.
 @lru_cache(maxsize=16)
 def _facets(parts: tuple[Polyhedron | Aperture | PlacedAperture, ...]) -> Facets:
     corners, plates = [], []
@@ -206,11 +208,12 @@ def _is_convex(solid: Facets) -> bool:
     pairs = solid.neighbours
     if 2 * len(pairs[0]) != 3 * len(
         solid.corner
-    ):  # an edge of a closed mesh belongs to two triangles
+    ):  # An edge of a closed mesh belongs to two triangles.
         return False
     for here, there in (pairs, pairs[::-1]):
         away = solid.corners[there] - solid.corner[here, None]
-        if (away @ solid.normal[here, :, None]).max() > _FLAT * solid.size:  # a concave edge
+        # A corner of the neighbour in front of the triangle means that their edge is concave.
+        if (away @ solid.normal[here, :, None]).max() > _FLAT * solid.size:
             return False
     corners = solid.corners - solid.corners.mean(axis=(0, 1))
     # The surface covers each direction once if the ray from the centre through the centroid of the
@@ -224,14 +227,14 @@ def _is_convex(solid: Facets) -> bool:
 
 # ---- visible parts ------------------------------------------------------------------------------
 
-# A face counts as edge-on, and dark, if the cosine of its normal is below this value.
+# Smallest cosine of the normal of a face that is not edge-on. Edge-on faces count as dark.
 _EDGE_ON = 1e-12
 _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """Parts of the triangles of a body, which are n triangles."""
+    """Parts of the triangles of a body; the parts are n triangles."""
 
     corner: Floats
     """First corners (n, 3) in m."""
@@ -326,9 +329,10 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
     (rows,) = np.nonzero(signs)
     corners = facets.corners[rows]
     is_reversed = signs[rows] < 0
-    corners[is_reversed] = corners[is_reversed][:, ::-1]  # to make all triangles counter-clockwise
+    # Reversing the corners makes all triangles counter-clockwise.
+    corners[is_reversed] = corners[is_reversed][:, ::-1]
     projected = project(corners)
-    wide = projected.has_width  # triangles without width cast no shadow
+    wide = projected.has_width  # Triangles without width cast no shadow.
     rows, projected = rows[wide], projected.subset(wide)
     polygons = np.asarray(shapely.polygons(projected.points), dtype=object)
     touched, left = less_shadows(projected, polygons, polygons)
@@ -402,7 +406,8 @@ Signs = Callable[[slice, slice], Sides]
 
 _OPS = execution.NumpyOperations()
 _TITLE = "radar cross sections"
-# Triangles times directions per block: some twenty arrays of this size fit into the cache.
+# Number of triangles times directions per block. Some twenty arrays of this size fit into the
+# cache.
 _AT_ONCE = 1 << 14
 
 
@@ -438,13 +443,17 @@ def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
 
 # ---- mutual illumination of faces ---------------------------------------------------------------
 
-# Distances below this fraction of the body's size count as zero, since STL files round to 1e-7.
+# Largest distance that counts as zero, as a fraction of the body's size, since STL files round to
+# 1e-7.
 _NEAR = 1e-6
-# Largest number of tested directions, and limits of the number of rays of each direction.
-_MOST_DIRECTIONS, _FEWEST_RAYS, _MOST_RAYS = 256, 16, 128
-# Largest number of rays times triangles: of all directions, which take a second or two, and per
-# block.
-_MOST_TESTS, _BLOCK = 1 << 21, 1 << 18
+# Largest number of tested directions.
+_MOST_DIRECTIONS = 256
+# Smallest and largest number of rays of each direction.
+_FEWEST_RAYS, _MOST_RAYS = 16, 128
+# Largest number of rays times triangles of all directions, which take a second or two.
+_MOST_TESTS = 1 << 21
+# Number of rays times triangles per block.
+_BLOCK = 1 << 18
 # Multiples of these two numbers, modulo 1, fill the unit square evenly: M. Roberts, "The
 # unreasonable effectiveness of quasirandom sequences" (2018).
 _STEPS = 0.7548776662466927, 0.5698402909980532
@@ -487,12 +496,13 @@ def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -
     signs = facing(facets, k)
     if not signs.any():
         return False
-    # half of the rays are in proportion to the area, and half are the same number per triangle
+    # Half of the rays are shared out in proportion to area, and half equally among the triangles.
     area = np.abs((facets.vector @ k) * signs)
     weights = np.cumsum(area / area.sum() + (signs != 0) / np.count_nonzero(signs))
     facet = np.searchsorted(weights, (rays + 0.5) / count * weights[-1])
     a, b = (np.outer(_STEPS, rays + 0.5) % 1)[..., None]
-    a, b = np.where(a + b > 1, [1 - a, 1 - b], [a, b])  # folded from parallelogram to triangle
+    # Points in the second half of the parallelogram are folded into the triangle.
+    a, b = np.where(a + b > 1, [1 - a, 1 - b], [a, b])
     point = facets.corner[facet] + a * facets.first[facet] + b * facets.second[facet]
     lit = _first_met(facets, point, np.broadcast_to(-k, point.shape)) < 0
     facet, point, normal = facet[lit], point[lit], facets.normal[facet[lit]]
@@ -507,7 +517,7 @@ def _first_met(facets: Facets, start: Floats, along: Floats) -> Indices:
 
     Rays have the origins ``start`` (n, 3) and the directions ``along`` (n, 3).
     """
-    # the product of a dual vector and a point is the point's coordinate along a side of a triangle
+    # The product of a dual vector and a point is the point's coordinate along a side of a triangle.
     squared = np.square(facets.vector).sum(axis=1, keepdims=True)
     duals = np.cross(facets.second, facets.vector), np.cross(facets.vector, facets.first)
     vectors = facets.normal, *(dual / squared for dual in duals)

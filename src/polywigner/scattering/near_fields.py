@@ -104,10 +104,14 @@ def checked_polarisations(
         lengths, lean = np.linalg.norm(vectors, axis=-1), np.abs(part).max(initial=0.0)
         wrong = ~(np.abs(lengths - 1) <= _UNIT)
         if wrong.any():
-            raise ArgumentError(f"{expected}, got a {name} of length {lengths[wrong][0]:.6g}")
+            raise ArgumentError(
+                f"{expected}, got a vector of the {name} of length {lengths[wrong][0]:.6g}"
+            )
         if lean > _UNIT:
             angle = np.degrees(np.arcsin(min(1, lean)))
-            raise ArgumentError(f"{expected}, got a {name} that leans by {angle:.3g} degrees")
+            raise ArgumentError(
+                f"{expected}, got a vector of the {name} that is {angle:.3g} degrees from normal"
+            )
     return q, p
 
 
@@ -209,8 +213,8 @@ class Antenna:
 
     def _vectors(self, points: Floats) -> tuple[Complex, Complex]:
         assert self.jones is not None
-        # H is E of the dual currents, which for Huygens' currents are the same model with a
-        # polarisation rotated by 90 degrees
+        # H is E of the dual currents. For Huygens' currents, the dual currents are the same model
+        # with a polarisation rotated by 90 degrees.
         dual = np.stack([-self.jones[..., 1], self.jones[..., 0]], axis=-1)
         electric, magnetic = (
             field(self.source, self.inside(points), self.wavelength, p, tolerance=self.tolerance)
@@ -269,7 +273,8 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
 def directions_of(poses: Any) -> Floats:
     """Return unit vectors (..., 3) from the body's centre towards the origins of source frames."""
     away = -np.einsum("...ji,...j->...i", poses[..., :3, :3], poses[..., :3, 3])
-    with np.errstate(invalid="ignore"):  # check_in_front rejects sources at the centre
+    # There are no sources at the centre, because check_in_front rejects them.
+    with np.errstate(invalid="ignore"):
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
 
@@ -315,14 +320,16 @@ def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
 
 # ---- sums over pieces ---------------------------------------------------------------------------
 
-# Pieces per block, and largest number of pieces (4 GB).
+# Number of pieces per block.
 _BLOCK = 1 << 15
+# Largest number of pieces, which take 4 GB.
 _MOST = 1 << 24
-# Allowed departure from plane waves, as a fraction of the square root of the tolerance. The error
-# of the extrapolation from pieces and their quarters is about the square of the departure.
+# Allowed departure of fields from plane waves, as a fraction of the square root of the tolerance.
+# The error of the extrapolation from pieces and their quarters is about the square of the
+# departure.
 _OF_ROOT = 0.7
-# Variances of positions along an axis: in an equilateral triangle, relative to the square of its
-# side, and in an antenna, relative to the square of its extent.
+# Variances of positions along an axis: in an equilateral triangle relative to the square of its
+# side, and in an antenna relative to the square of its extent.
 _OF_TRIANGLE, _OF_ANTENNA = 1 / 24, 1 / 12
 
 
@@ -401,7 +408,8 @@ def _summed(
         sent, slope, ahead = transmitter.wave(centre)
         is_same = receiver is transmitter
         back, _, behind = (sent, slope, ahead) if is_same else receiver.wave(centre)
-        if transmitter.jones is not None:  # E of the receiver times the currents n x H
+        # The coupling is E of the receiver times the currents n x H.
+        if transmitter.jones is not None:
             parts = (back * np.cross(block.vector, slope)).sum(axis=-1)
         else:
             q_there = _across(q, centre - receiver.position)
@@ -459,7 +467,7 @@ def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
         wave_number = 2 * np.pi / antenna.wavelength
         to_centre = np.linalg.norm(centre - antenna.position, axis=1)
         height = np.abs(antenna.inside(centre)[:, 2])
-        # distance of the antenna's nearest point
+        # Distance of the antenna's nearest point.
         distance = np.maximum(to_centre - antenna.extent / 2, height)
         total += wave_number * longest**2 * _OF_TRIANGLE / distance
         spread = antenna.extent / np.hypot(distance, antenna.extent)
@@ -538,7 +546,7 @@ def near_sections(
         back.check_in_front(facets, "receiver")
         back = transmitter if is_single else back
         sums = near_sums(facets, transmitter, back, (q[k][:, None], p[k][None]), allowed)
-        # sum over received polarisations, mean over transmitted ones
+        # The power is summed over received polarisations, and averaged over transmitted ones.
         powers[k] = (np.abs(sums) ** 2).sum() / sums.shape[1]
         there_and_back = transmitter.power_at_centre() * back.power_at_centre()
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -570,5 +578,5 @@ def _polarisations(
     if isinstance(polarisation, str) and polarisation in get_args(Channel):
         q, p = checked_polarisations(polarisation, to_radar, to_sender)
         return (None, None), (q[..., None, :], p[..., None, :])
-    # electric fields contain both components, so one sum is enough
+    # Electric fields contain both components, so one sum is enough.
     return checked_pair(polarisation, receiver, transmitter), (q[..., :1, :], p[..., :1, :])

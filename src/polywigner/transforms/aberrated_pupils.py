@@ -1,14 +1,15 @@
-"""Pupils with aberrations: Gauss rules on triangles of outlines and of position slices.
+"""Pupils with aberrations: Gauss rules on trapezoids of outlines and triangles of position slices.
 
 The integrand u exp(2 pi i W/lambda) is smooth within each element, and so is its product with a
-shifted conjugate copy within the intersection of two elements. Gauss rules on triangles of these
-polygons therefore converge spectrally: no edge is sampled. The number of nodes along each side
-follows from the cycles of the phase along it. A rule with more nodes gives the error estimate.
+shifted conjugate copy within the intersection of two elements. Gauss rules on trapezoids or
+triangles of these polygons therefore converge spectrally, and no rule crosses an edge. The cycles
+of the phase along the sides determine the numbers of nodes. The difference between two rules of
+different size is the error estimate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -19,14 +20,14 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
-from polywigner.geometry.convex import Trapezoids, trapezoids, triangles_of
-from polywigner.numerics.nodes import unit_rule
+from polywigner.geometry.convex import trapezoids, triangles_of
 from polywigner.numerics.triangles import (
+    Cells,
     Floats,
     Indices,
-    Triangles,
+    cell_rules,
+    cells_of,
     counts_for,
-    from_apex,
     rule_of_counts,
 )
 from polywigner.source.normal_form import SourceElement, normal_form
@@ -39,48 +40,49 @@ TOLERANCE = 1e-10
 
 # Nodes along a side in addition to the nodes for a linear phase, in the order of refinement.
 _EXTRA = (1, 3, 6, 10, 16, 24, 34)
-# Largest number of nodes of a rule, and nodes in a block: some tens of megabytes.
+# Largest number of nodes of a rule, and number of nodes in a block (some tens of megabytes).
 _MOST, _BLOCK = 1 << 26, 1 << 17
-# Lags whose slices are cut together.
-_LAGS = 128
-# Points where slopes of the phase are evaluated: barycentric coordinates of a triangle, and
-# bilinear ones of a trapezoid, which may span the pupil.
-_SAMPLES = np.array([(i, j, 3 - i - j) for i in range(4) for j in range(4 - i)]) / 3.0
-_CELL_SAMPLES = np.array(
-    [
-        ((1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v)
-        for u in np.linspace(0, 1, 5)
-        for v in np.linspace(0, 1, 9)
-    ]
-)
-# Rules whose additional nodes exceed this number also have more nodes per cycle, because the
-# slopes between the samples can be steeper.
+
+
+def _bilinear(count_u: int, count_v: int) -> Floats:
+    """Return weights (n, 4) of the corners of a cell that give a grid of n points in the cell."""
+    u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, count_u), np.linspace(0, 1, count_v)))
+    return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
+
+
+# Points at which slopes of the phase are evaluated. Trapezoids have more points than triangles,
+# because a trapezoid may span the pupil.
+_IN_TRIANGLE, _IN_TRAPEZOID = _bilinear(4, 3), _bilinear(5, 9)
+# Rules with more additional nodes than this number also have more nodes per cycle, because slopes
+# between the sampled points can be steeper.
 _STEEP = 4
 
 
 class Converged(NamedTuple):
-    """Values of a rule, their estimated errors, and the additional nodes of the rule."""
+    """Values of a rule, their largest estimated error, and the additional nodes of the rule."""
 
     values: Complex
-    errors: Floats
+    error: float
     extra: int
 
 
 def converged(evaluate: Callable[[int], Complex], allowed: float, what: str) -> Converged:
-    """Evaluate a rule with more and more additional nodes until it changes by less than allowed."""
+    """Increase the number of nodes until the values of a rule change by at most ``allowed``.
+
+    ``evaluate`` returns the values for a number of additional nodes; ``what`` names them.
+    """
     previous = evaluate(_EXTRA[0])
     for extra in _EXTRA[1:]:
         values = evaluate(extra)
-        errors = np.asarray(np.abs(values - previous), np.float64)
-        worst = float(errors.max(initial=0.0))
-        if not worst > allowed:
-            return Converged(values, errors, extra)
+        error = float(np.abs(values - previous).max(initial=0.0))
+        if not error > allowed:
+            return Converged(values, error, extra)
         previous = values
     warn_caller(
-        f"the estimated error of {what} is {worst / allowed:.2g} times the tolerance: the path "
+        f"the estimated error of {what} is {error / allowed:.2g} times the tolerance: the path "
         "length has kinks or changes fast; use a smooth function, or a larger tolerance"
     )
-    return Converged(values, errors, extra)
+    return Converged(values, error, extra)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +127,11 @@ class AberratedPupil:
         return float((np.abs(self.weights) * self.amplitudes) @ shapely.area(self.polygons))
 
     @cached_property
+    def energy(self) -> float:
+        """Bound on int |u|^2."""
+        return float((np.abs(self.weights) * self.amplitudes) ** 2 @ shapely.area(self.polygons))
+
+    @cached_property
     def amplitudes(self) -> Floats:
         """(k,) bounds on the fields of the elements, without weights."""
         return np.array([float(np.abs(e.amplitudes).sum()) for e in self.elements])
@@ -146,109 +153,59 @@ class AberratedPupil:
             total = total + self.aberration.slopes(x[..., 0], x[..., 1]) / self.wavelength
         return np.asarray(total)
 
-    def waves(self, number: int, x: Floats) -> Complex:
-        """Return the field (n,) of an element at x (n, 2), without weight and aberration."""
-        element = self.elements[number]
-        if element.has_unit_field:
-            return np.ones(len(x), np.complex128)
-        return np.exp(2j * np.pi * (x @ element.frequencies.T)) @ element.amplitudes
+    def waves(self, numbers: Indices, x: Floats) -> Complex:
+        """Return the plane waves (n,) of elements (n,) at x (n, 2), without weights."""
+        values = np.ones(len(x), np.complex128)
+        for k, element in enumerate(self.elements):
+            if not element.has_unit_field:
+                some = numbers == k
+                phases = 2j * np.pi * (x[some] @ element.frequencies.T)
+                values[some] = np.exp(phases) @ element.amplitudes
+        return values
+
+    def field(self, number: int, x: Floats) -> Complex:
+        """Return the field (...) of an element at x (..., 2), without its weight."""
+        flat = x.reshape(-1, 2)
+        waves = self.waves(np.full(len(flat), number), flat).reshape(x.shape[:-1])
+        return np.asarray(waves * np.exp(2j * np.pi * self.cycles(x)))
 
     @cached_property
-    def _cells(self) -> list[Cells]:
-        """The trapezoids of each element."""
-        result = []
-        for element in self.elements:
-            cells = trapezoids(element.rings)
-            left, right = cells.left, cells.left + cells.width
-            ends = [(left, cells.low_left), (right, cells.low_right)]
-            ends += [(left, cells.low_left + cells.height_left)]
-            ends += [(right, cells.low_right + cells.height_right)]
-            corners = np.stack([np.stack(end, axis=-1) for end in ends], axis=1)
-            sides = corners[:, (1, 3, 2, 3)] - corners[:, (0, 2, 0, 1)]
-            result.append(Cells(cells, sides, self.slopes(_CELL_SAMPLES @ corners)))
-        return result
+    def _cells(self) -> list[tuple[Cells, Floats]]:
+        """Trapezoids of each element, and slopes (n, samples, 2) of the phase in them."""
+        cells = [trapezoids(element.rings).corners for element in self.elements]
+        return [(corners, self.slopes(_IN_TRAPEZOID @ corners)) for corners in cells]
 
-    def columns(
+    def rules(
         self, number: int, band: tuple[Floats, Floats], extra: int, error: float
-    ) -> list[Columns]:
-        """Return the nodes of a rule on an element, without its weight.
+    ) -> list[tuple[Floats, Floats]]:
+        """Return rules on an element: nodes (n, m, 2) and weights (n, m).
 
-        ``band``: lowest and highest frequencies (2,) of the waves exp(-2 pi i nu.x) that multiply
-        the field.
+        All nodes of a row have the same x. ``band``: lowest and highest frequencies (2,) of the
+        waves exp(-2 pi i nu.x) that multiply the field.
         """
         kappa = self.elements[number].frequencies
         low, high = kappa.min(axis=0) - band[1], kappa.max(axis=0) - band[0]
-        cells, sides, gradient = self._cells[number]
-        cycles = np.abs((gradient + (low + high) / 2) @ sides.transpose(0, 2, 1)).max(axis=1)
-        cycles += np.abs(sides) @ ((high - low) / 2)
-        along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2:].max(axis=1)], axis=1)
-        counts, rules = _counts(along, extra, error), []
-        for shared in np.unique(counts, axis=0):
-            some = Trapezoids(*cells.rows[(counts == shared).all(axis=1)].T[..., None])
-            (t, of_t), (s, of_s) = (unit_rule(count) for count in shared.tolist())
-            bottom = some.low_left + t * (some.low_right - some.low_left)
-            height = some.height_left + t * (some.height_right - some.height_left)
-            x = (some.left + t * some.width).ravel()
-            y = (bottom[..., None] + height[..., None] * s).reshape(len(x), -1)
-            weights = ((some.width * of_t * height)[..., None] * of_s).reshape(y.shape)
-            nodes = np.stack([np.broadcast_to(x[:, None], y.shape), y], axis=-1)
-            field = weights * np.exp(2j * np.pi * self.cycles(nodes))
-            waves = self.waves(number, nodes.reshape(-1, 2)).reshape(y.shape)
-            rules.append(Columns(x, y, field * waves))
-        return rules
+        cells, slopes = self._cells[number]
+        counts = _node_counts(cells, slopes + (low + high) / 2, (high - low) / 2, extra, error)
+        return [
+            (nodes.reshape(-1, *nodes.shape[2:]), weights.reshape(-1, weights.shape[2]))
+            for _, nodes, weights in cell_rules(cells, counts)
+        ]
 
 
-class Columns(NamedTuple):
-    """Nodes of a rule in columns of one x, with the field times the weights of the rule."""
-
-    x: Floats
-    """(n,) in m."""
-    y: Floats
-    """(n, m) in m."""
-    field: Complex
-    """(n, m)."""
-
-    @property
-    def nodes(self) -> Floats:
-        """The nodes (n m, 2), column by column."""
-        return np.stack([np.repeat(self.x, self.y.shape[1]), self.y.ravel()], axis=1)
-
-
-class Cells(NamedTuple):
-    """The trapezoids of an element."""
-
-    trapezoids: Trapezoids
-    sides: Floats
-    """(n, 4, 2): the lower, upper, left and right side."""
-    gradient: Floats
-    """(n, samples, 2): gradient of the phase in cycles per metre at points of each trapezoid."""
-
-
-def node_counts(
-    corners: Triangles,
-    slopes: Callable[[Floats], Floats],
-    half_band: Floats,
-    extra: int,
-    error: float,
+def _node_counts(
+    cells: Cells, slopes: Floats, half_band: Floats, extra: int, error: float
 ) -> Indices:
-    """Return the numbers (n, 2) of nodes on triangles (n, 3, 2), as :func:`rule_of_counts` does.
+    """Return numbers (n, 2) of nodes in cells; raise ArgumentError if they are too many together.
 
-    ``slopes``: gradient of the phase in cycles per metre; ``half_band`` (2,): largest deviations
-    from it, by waves of other frequencies.
+    ``slopes`` (n, samples, 2): gradients of the phase in cycles per metre. ``half_band`` (2,):
+    largest deviations of frequencies from these gradients.
     """
-    gradient = slopes(_SAMPLES @ corners)
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    sides = np.stack([a, b, b - a], axis=1)
-    cycles = np.abs(np.einsum("nsk,nek->nse", gradient, sides)).max(axis=1)
-    cycles += np.abs(sides) @ half_band
-    along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2]], axis=1)
-    return _counts(along, extra, error)
-
-
-def _counts(cycles: Floats, extra: int, error: float) -> Indices:
-    """Return numbers (n, 2) of nodes; raise ArgumentError if they are too many together."""
+    sides = cells[:, (1, 3, 2, 3)] - cells[:, (0, 2, 0, 1)]
+    cycles = np.abs(slopes @ sides.transpose(0, 2, 1)).max(axis=1) + np.abs(sides) @ half_band
+    along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2:].max(axis=1)], axis=1)
     steeper = 1.0 + max(extra - _STEEP, 0) / 12.0
-    counts = counts_for(steeper * cycles, error) + extra
+    counts = counts_for(steeper * along, error) + extra
     total = float(counts.prod(axis=1).sum())
     if total > _MOST:
         raise ArgumentError(
@@ -258,15 +215,11 @@ def _counts(cycles: Floats, extra: int, error: float) -> Indices:
     return counts
 
 
-def blocks_of(counts: Indices) -> Iterator[slice]:
-    """Yield ranges of triangles with about ``_BLOCK`` nodes together."""
-    ends = np.cumsum(counts.prod(axis=1))
-    start = 0
-    while start < len(counts):
-        done = ends[start - 1] if start else 0
-        stop = max(start + 1, int(np.searchsorted(ends, done + _BLOCK, "right")))
-        yield slice(start, stop)
-        start = stop
+def _blocks(counts: Indices) -> list[Indices]:
+    """Return the numbers of cells in blocks of about ``_BLOCK`` nodes."""
+    block = np.cumsum(counts.prod(axis=1)) // _BLOCK
+    numbers = np.split(np.arange(len(counts)), np.flatnonzero(np.diff(block)) + 1)
+    return numbers if len(counts) else []
 
 
 # ---- position slices ----------------------------------------------------------------------------
@@ -274,14 +227,17 @@ def blocks_of(counts: Indices) -> Iterator[slice]:
 
 @dataclass(frozen=True, eq=False)
 class Slices:
-    """Common regions of two copies of pupil elements, moved by -/+ half a lag."""
+    """Intersections of two copies of a pupil, shifted by -xi/2 and xi/2, by pairs of elements."""
 
     lags: Floats
     row: Indices
-    """Number of the lag of each region."""
+    """Number of the lag of each intersection."""
     first: Indices
-    """Element moved by -xi/2, where x + xi/2 lies in it."""
+    """Number of the element of the copy shifted by -xi/2, which contains x + xi/2."""
     second: Indices
+    """Number of the element of the copy shifted by xi/2."""
+    weights: Complex
+    """Products of the weight of the first element and the conjugate weight of the second."""
     polygons: NDArray[Any]
 
 
@@ -292,13 +248,14 @@ def slices_of(pupil: AberratedPupil, lags: Floats) -> Slices:
     half = lags[:, None, None] / 2
     apart = ((high[:, None] - half) <= (low + half)) | ((high + half) <= (low[:, None] - half))
     row, first, second = np.nonzero(~apart.any(axis=-1))
-    ahead = shifted(pupil.polygons[first], -lags[row] / 2)
-    behind = shifted(pupil.polygons[second], lags[row] / 2)
-    return Slices(lags, row, first, second, shapely.intersection(ahead, behind))
+    ahead = _shifted(pupil.polygons[first], -lags[row] / 2)
+    behind = _shifted(pupil.polygons[second], lags[row] / 2)
+    weights = pupil.weights[first] * pupil.weights[second].conj()
+    return Slices(lags, row, first, second, weights, shapely.intersection(ahead, behind))
 
 
-def shifted(polygons: NDArray[Any], shifts: Floats) -> NDArray[Any]:
-    """Return polygons (n,) moved by shifts (n, 2)."""
+def _shifted(polygons: NDArray[Any], shifts: Floats) -> NDArray[Any]:
+    """Return polygons (n,) shifted by (n, 2)."""
     points, number = shapely.get_coordinates(polygons, return_index=True)
     moved: NDArray[Any] = shapely.set_coordinates(polygons.copy(), points + shifts[number])
     return moved
@@ -309,11 +266,12 @@ def slice_integrals(
     regions: Slices,
     extra: int,
     error: float,
-    by: Callable[[Floats, Floats], Floats] | None = None,
+    factors: Callable[[Floats, Floats], Floats] | None = None,
 ) -> Complex:
-    """Return the integrals (n,) of u(x + xi/2) u*(x - xi/2) over regions, without weights.
+    """Return integrals (k, n) of factors times u(x + xi/2) u*(x - xi/2) over n regions.
 
-    ``by``: factors (k, m) of the integrand at the two points (m, 2); the result is (k, n) then.
+    u is without the weights of elements. ``factors``: a function of both points (m, 2) that returns
+    factors (k, m); None: the factor 1.
     """
     half = regions.lags[regions.row] / 2
     kappa = np.concatenate([element.frequencies for element in pupil.elements])
@@ -325,13 +283,12 @@ def slice_integrals(
     def integrand(x: Floats, region: Indices) -> Complex:
         ahead, behind = x + half[region], x - half[region]
         values = np.exp(2j * np.pi * (pupil.cycles(ahead) - pupil.cycles(behind)))
-        values = values * _pair_waves(pupil, regions, region, ahead, behind)
-        return values[None] if by is None else by(ahead, behind) * values
+        values *= pupil.waves(regions.first[region], ahead)
+        values *= pupil.waves(regions.second[region], behind).conj()
+        return values[None] if factors is None else factors(ahead, behind) * values
 
-    total = region_integrals(
-        regions.polygons, slopes, integrand, np.ptp(kappa, axis=0), extra, error
-    )
-    return total[0] if by is None else total
+    band = np.ptp(kappa, axis=0)
+    return region_integrals(regions.polygons, slopes, integrand, band, extra, error)
 
 
 def region_integrals(
@@ -344,75 +301,42 @@ def region_integrals(
 ) -> Complex:
     """Return integrals (k, n) over polygons (n,) of an integrand (k, m) at points (m, 2).
 
-    ``slopes``, ``half_band``: see :func:`node_counts`. Both functions also take the number of the
-    polygon of each point, or of each row of points.
+    ``slopes``, a function of points (n, samples, 2), and ``half_band``: see :func:`_node_counts`.
+    Both functions also take the number of the polygon of each point, or of each row of points.
     """
     outer, of_outer = shapely.get_parts(polygons, return_index=True)
     parts, of_part = shapely.get_parts(outer, return_index=True)
     plane = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     triangles, part = triangles_of(parts[plane])
-    owner, corners = of_outer[of_part[plane][part]], from_apex(triangles)[0]
-    counts = node_counts(corners, lambda x: slopes(x, owner), half_band, extra, error)
-    total: Any = np.zeros((1, len(polygons)), np.complex128)
-    for some in blocks_of(counts):
-        nodes, weights, triangle = rule_of_counts(corners[some], counts[some])
-        region = owner[some][triangle]
+    owner, cells = of_outer[of_part[plane][part]], cells_of(triangles)
+    counts = _node_counts(cells, slopes(_IN_TRIANGLE @ cells, owner), half_band, extra, error)
+    # The integrand at no points has the number of rows, which is required if all regions are empty.
+    count = len(integrand(np.zeros((0, 2)), np.zeros(0, np.intp)))
+    total: Any = np.zeros((count, len(polygons)), np.complex128)
+    for some in _blocks(counts):
+        nodes, weights, cell = rule_of_counts(cells[some], counts[some])
+        region = owner[some][cell]
         rows = weights * integrand(nodes, region)
         total = total + np.array([_summed(region, row, len(polygons)) for row in rows])
     return np.asarray(total)
 
 
+def by_lag(regions: Slices, integrals: Complex) -> Complex:
+    """Return weighted sums (k, lags) of integrals (k, n) over regions."""
+    rows = regions.weights * integrals
+    return np.array([_summed(regions.row, row, len(regions.lags)) for row in rows])
+
+
 def _summed(index: Indices, values: Complex, count: int) -> Complex:
+    """Return sums (count,) of the values (n,) that have the same index."""
     real, imag = (np.bincount(index, part, count) for part in (values.real, values.imag))
     return np.asarray(real + 1j * imag)
 
 
-def _pair_waves(
-    pupil: AberratedPupil, regions: Slices, region: Indices, ahead: Floats, behind: Floats
-) -> Complex | float:
-    """Return the product of the fields of the two elements of each region."""
-    if all(element.has_unit_field for element in pupil.elements):
-        return 1.0
-    product = np.ones(len(region), np.complex128)
-    for of_region, points, is_second in (
-        (regions.first, ahead, False), (regions.second, behind, True)
-    ):  # fmt: skip
-        number = of_region[region]
-        for k in np.unique(number).tolist():
-            some = number == k
-            waves = pupil.waves(k, points[some])
-            product[some] *= waves.conj() if is_second else waves
-    return product
-
-
-def autocorrelations(
-    pupil: AberratedPupil, lags: Floats, tolerance: float
-) -> tuple[Complex, Floats]:
-    """Return int u(x + xi/2) u*(x - xi/2) dx at lags (n, 2), and the estimated errors."""
-    finite = np.isfinite(lags).all(axis=1)
-    if not finite.all():
-        both = np.full((2, len(lags)), complex(np.nan))
-        both[:, finite] = autocorrelations(pupil, lags[finite], tolerance)
-        return both[0], both[1].real
-    sums, errors = np.zeros(len(lags), np.complex128), np.zeros(len(lags))
-    energy = float((np.abs(pupil.weights) * pupil.amplitudes) ** 2 @ shapely.area(pupil.polygons))
-    for start in range(0, len(lags), _LAGS):
-        some = slice(start, start + _LAGS)
-        regions = slices_of(pupil, lags[some])
-        weights = pupil.weights[regions.first] * pupil.weights[regions.second].conj()
-
-        def evaluate(extra: int, regions: Slices = regions, weights: Complex = weights) -> Complex:
-            integrals = weights * slice_integrals(pupil, regions, extra, tolerance)
-            return _summed(regions.row, integrals, len(regions.lags))
-
-        sums[some], errors[some], _ = converged(evaluate, tolerance * energy, "the OTF")
-    return sums, errors
-
-
 def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool = False) -> float:
-    """Return the wavelength of an aberration; raise ArgumentError without one.
+    """Return the wavelength; raise ArgumentError for another aberration or wavelength.
 
-    Dr.Jit coefficients are for functions with gradients only.
+    Dr.Jit coefficients are allowed if the caller ``has_gradients``.
     """
     if aberration is not None and not isinstance(aberration, Aberration):
         raise ArgumentError(
@@ -430,7 +354,7 @@ def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool 
 
 
 def checked_tolerance(tolerance: Any) -> float:
-    """Return the tolerance of an aberrated pupil; raise ArgumentError for other values."""
+    """Return the tolerance of an aberrated pupil; raise ArgumentError if it is out of range."""
     number = checked_number(tolerance, "tolerance", "a fraction from 1e-13 to 0.1")
     if not 1e-13 <= number <= 0.1:
         raise ArgumentError(f"expected tolerance from 1e-13 to 0.1, got {number:g}")

@@ -22,18 +22,18 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.convex import triangles_of
 from polywigner.numerics import zernike as polynomials
-from polywigner.numerics.triangles import from_apex, rule_of_counts
+from polywigner.numerics.triangles import cells_of, rule_of_counts
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
 Floats = NDArray[np.float64]
 Path = Callable[[Floats, Floats], ArrayLike]
 
-# Step of the differences that estimate the slopes of a function, over the pupil's radius.
+# Step of the finite differences for the slopes of a function, relative to the pupil's radius.
 _STEP = 1e-6
 # Largest order of Zernike polynomials.
 _HIGHEST = 200
-# Smallest diagonal element of the Gram-Schmidt matrix over the largest.
+# Smallest diagonal element of the Gram-Schmidt matrix, relative to the largest.
 _DEPENDENT = 1e-10
 
 
@@ -59,12 +59,12 @@ class ZernikeModes:
     """(k, orders): the polynomials in each of k sums."""
 
     def values(self, x: Floats, y: Floats) -> Floats:
-        known = polynomials.values(self.orders, x / self.radius, y / self.radius)
-        return np.asarray(np.einsum("kj,j...->k...", self.matrix, known))
+        table = polynomials.values(self.orders, x / self.radius, y / self.radius)
+        return np.asarray(np.einsum("kj,j...->k...", self.matrix, table))
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
-        known = polynomials.gradients(self.orders, x / self.radius, y / self.radius)
-        return np.asarray(np.einsum("kj,j...->k...", self.matrix / self.radius, known))
+        table = polynomials.gradients(self.orders, x / self.radius, y / self.radius)
+        return np.asarray(np.einsum("kj,j...->k...", self.matrix / self.radius, table))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +80,10 @@ class PowerModes:
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
         u, v = x / self.radius, y / self.radius
-        both = [
+        derivatives = [
             (i * u ** max(i - 1, 0) * v**j, j * u**i * v ** max(j - 1, 0)) for i, j in self.powers
         ]
-        return np.array(both) / self.radius
+        return np.array(derivatives) / self.radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +114,11 @@ class Aberration:
     """A path length W(x, y) in metres on a pupil.
 
     The field in the pupil is multiplied by exp(+2 pi i W/lambda), with waves exp(+i k R) and the
-    time exp(-i omega t). W > 0 is a longer path, a wavefront that is late, as a positive ``piston``
-    of :func:`segmented_pupil`. x and y are distances from the optical axis in m. The axes of the
-    image are parallel to them: W = t x shifts the spot by t times the focal length along +x. W is
-    the same at all wavelengths. Aberrations are added by ``+`` and scaled by numbers.
-    :func:`zernike` makes the usual aberrations.
+    time exp(-i omega t). W > 0 is a longer path, which delays the wavefront, like a positive
+    ``piston`` of :func:`segmented_pupil`. x and y are distances from the optical axis in m. The
+    axes of the image are parallel to the axes of the pupil: W = t x shifts the spot by t times the
+    focal length along +x. W is the same at all wavelengths. Aberrations can be added with ``+`` and
+    multiplied by numbers. :func:`zernike` returns the usual aberrations.
 
     Parameters
     ----------
@@ -127,8 +127,8 @@ class Aberration:
         ``path(x, y)`` of arrays that returns W in m. A function must be smooth within the pupil;
         the accuracy falls at kinks and steps.
     radius : float, default 1.0
-        Unit of length of the coefficients in m. For a function: size of the pupil, which the steps
-        of differences are proportional to.
+        Unit of length of x and y in the power series, in m. For a function, the size of the pupil;
+        the steps of finite differences are proportional to it.
 
     Raises
     ------
@@ -153,25 +153,26 @@ class Aberration:
             table = finite_array(path, expected, (None, None))
             powers = np.argwhere(table)
             modes, coefficients = PowerModes(powers, size), table[tuple(powers.T)]
-        self._parts: tuple[tuple[Modes, int], ...] = ((modes, len(coefficients)),)
-        self._coefficients = coefficients
-        self._traced: Any = None
+        self._set(coefficients, modes)
+
+    def _set(self, coefficients: Floats, *modes: Modes, traced: Any = None) -> None:
+        self._coefficients, self._modes, self._traced = coefficients, modes, traced
 
     @classmethod
-    def _of(cls, parts: Any, coefficients: Floats, traced: Any = None) -> Aberration:
+    def _of(cls, coefficients: Floats, *modes: Modes, traced: Any = None) -> Aberration:
+        """Return an aberration with coefficients (k,) of all terms of the modes together."""
         aberration: Aberration = cls.__new__(cls)
-        aberration._parts, aberration._coefficients = tuple(parts), coefficients
-        aberration._traced = traced
+        aberration._set(coefficients, *modes, traced=traced)
         return aberration
 
     @property
     def coefficients(self) -> Floats:
-        """Coefficients (k,) of its terms: in m, or without unit for a function."""
+        """Coefficients (k,) of the terms in m; without unit for a function."""
         return self._coefficients
 
     @property
     def traced(self) -> Any:
-        """The Dr.Jit array of the coefficients, or None."""
+        """Dr.Jit array of the coefficients, or None for NumPy coefficients."""
         return self._traced
 
     def with_coefficients(self, coefficients: ArrayLike | DrJitArray) -> Aberration:
@@ -180,13 +181,13 @@ class Aberration:
         Parameters
         ----------
         coefficients : array_like or Dr.Jit Float, shape (k,)
-            In the order of :attr:`coefficients`. :func:`psf`, :func:`otf` and :func:`mtf` return
-            Dr.Jit arrays for a Dr.Jit array, with derivatives in it.
+            Values in the order of :attr:`coefficients`. For a Dr.Jit array, :func:`psf`,
+            :func:`otf` and :func:`mtf` return Dr.Jit arrays with derivatives in the coefficients.
 
         Returns
         -------
         Aberration
-            With the same terms.
+            An aberration with the same terms.
 
         Raises
         ------
@@ -205,10 +206,9 @@ class Aberration:
         if execution.is_drjit(given):
             pair = execution.numbers_of("coefficients", given, "Complex2f")
             traced, given = pair[0], execution.columns_of(pair)[:, 0]
-        expected = f"expected coefficients as finite numbers ({len(self.coefficients)},)"
-        return self._of(
-            self._parts, finite_array(given, expected, (len(self.coefficients),)), traced
-        )
+        shape = (len(self.coefficients),)
+        values = finite_array(given, f"expected coefficients as finite numbers {shape}", shape)
+        return self._of(values, *self._modes, traced=traced)
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return W in m at x, y (...) in m."""
@@ -218,20 +218,16 @@ class Aberration:
     def slopes(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the slopes (..., 2) of W along x and y at x, y (...) in m, without unit.
 
-        A ray from there meets the focal plane at the slope times the focal length from the axis.
-        Slopes of functions are differences.
+        A ray from (x, y) meets the focal plane at the slope times the focal length from the axis.
+        Slopes of functions are central differences.
         """
         points = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-        total, start = np.zeros((2, *points[0].shape)), 0
-        for modes, count in self._parts:
-            some = self.coefficients[start : start + count]
-            total += np.einsum("k,k...->...", some, modes.gradients(*points))
-            start += count
-        return np.moveaxis(total, 0, -1)
+        gradients = np.concatenate([modes.gradients(*points) for modes in self._modes])
+        return np.asarray(np.einsum("k,kd...->...d", self.coefficients, gradients))
 
     def modes(self, x: Floats, y: Floats) -> Floats:
-        """Return the derivatives (k, ...) of W by its coefficients at x, y (...) in m."""
-        return np.concatenate([modes.values(x, y) for modes, _ in self._parts])
+        """Return the derivatives (k, ...) of W in its coefficients at x, y (...) in m."""
+        return np.concatenate([modes.values(x, y) for modes in self._modes])
 
     def __add__(self, other: Aberration) -> Aberration:
         if not isinstance(other, Aberration):
@@ -241,13 +237,13 @@ class Aberration:
                 "aberrations with Dr.Jit coefficients cannot be added; add the aberrations, then "
                 "use with_coefficients"
             )
-        both = np.concatenate([self.coefficients, other.coefficients])
-        return self._of((*self._parts, *other._parts), both)
+        coefficients = np.concatenate([self.coefficients, other.coefficients])
+        return self._of(coefficients, *self._modes, *other._modes)
 
     def __mul__(self, factor: float) -> Aberration:
         number = checked_number(factor, "factor", "a finite number")
         traced = None if self.traced is None else self.traced * number
-        return self._of(self._parts, self.coefficients * number, traced)
+        return self._of(self.coefficients * number, *self._modes, traced=traced)
 
     __rmul__ = __mul__
 
@@ -275,21 +271,22 @@ def zernike(
     radius : float
         Radius of the disc in m. The polynomials continue outside.
     indexing : {"noll", "fringe", "osa"}
-        Meaning of the indices: from 1 for "noll" and "fringe", from 0 for "osa".
+        Numbering of the polynomials: from 1 for "noll" and "fringe", from 0 for "osa".
     orthogonal_on : Aperture or Array, optional
         Pupil on which the polynomials are made orthogonal, with unit rms: annular, hexagonal or
         segmented polynomials. Gram-Schmidt in the order of the indices, with exact integrals over
-        the polygon: each polynomial is the Zernike polynomial of its index plus lower ones.
+        the polygon. Each polynomial is a multiple of the Zernike polynomial of its index plus a sum
+        of polynomials with lower indices.
 
     Returns
     -------
     Aberration
-        With the ``coefficients`` of the mapping, in the same order.
+        The values of the mapping are its ``coefficients``, in the same order.
 
     Raises
     ------
     ArgumentError
-        For unknown indices and coefficients that are not finite.
+        If an index does not exist or a coefficient is not finite.
 
     Examples
     --------
@@ -308,7 +305,7 @@ def zernike(
         for index, value in coefficients.items()
     ]
     modes = _zernike_modes(indices, radius, indexing, orthogonal_on)
-    return Aberration._of([(modes, len(values))], np.array(values))
+    return Aberration._of(np.array(values), modes)
 
 
 class FittedAberration(NamedTuple):
@@ -367,11 +364,10 @@ def fit_zernike(
     samples = [finite_array(np.ravel(a), expected, (None,)) for a in (x, y, opd)]
     if len({len(a) for a in samples}) != 1:
         raise ArgumentError(f"{expected}, got {', '.join(str(len(a)) for a in samples)} of them")
-    first = polynomials.INDEXINGS[_checked_indexing(indexing)][1]
-    if isinstance(terms, Collection):
-        indices = _checked_indices(terms, indexing)
-    else:
-        indices = list(range(first, first + checked_count(terms, "terms", 1)))
+    if not isinstance(terms, Collection):
+        first = _indexing_of(indexing).first
+        terms = range(first, first + checked_count(terms, "terms", 1))
+    indices = _checked_indices(terms, indexing)
     modes = _zernike_modes(indices, radius, indexing, orthogonal_on)
     matrix = modes.values(*samples[:2]).T
     solution, _, rank, _ = np.linalg.lstsq(matrix, samples[2], rcond=None)
@@ -382,17 +378,17 @@ def fit_zernike(
             "terms, or samples that cover the pupil"
         )
     residual = float(np.sqrt(np.square(samples[2] - matrix @ values).mean()))
-    known = dict(zip(indices, values.tolist(), strict=True))
-    return FittedAberration(Aberration._of([(modes, len(values))], values), known, residual)
+    by_index = dict(zip(indices, values.tolist(), strict=True))
+    return FittedAberration(Aberration._of(values, modes), by_index, residual)
 
 
-def _checked_indexing(indexing: Any) -> str:
-    return checked_choice(indexing, "indexing", polynomials.INDEXINGS)
+def _indexing_of(name: Any) -> polynomials.Indexing:
+    return polynomials.INDEXINGS[checked_choice(name, "indexing", polynomials.INDEXINGS)]
 
 
-def _checked_indices(indices: Any, indexing: str) -> list[int]:
-    """Return distinct indices of Zernike polynomials; raise ArgumentError for others."""
-    order, first, _ = polynomials.INDEXINGS[_checked_indexing(indexing)]
+def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
+    """Return distinct indices of Zernike polynomials; raise ArgumentError for other values."""
+    order, first, _ = _indexing_of(indexing)
     for index in indices:
         is_index = isinstance(index, int | np.integer) and not isinstance(index, bool)
         if not is_index or index < first or order(int(index))[0] > _HIGHEST:
@@ -408,15 +404,13 @@ def _checked_indices(indices: Any, indexing: str) -> list[int]:
 def _zernike_modes(
     indices: list[int], radius: float, indexing: str, orthogonal_on: Aperture | Array | None
 ) -> ZernikeModes:
-    order, first, is_normalised = polynomials.INDEXINGS[indexing]
-    size = checked_length(radius, "radius")
+    order, first, is_normalised = _indexing_of(indexing)
+    is_plain = orthogonal_on is None
+    orders = tuple(map(order, indices if is_plain else range(first, max(indices) + 1)))
+    norms = [1.0 if is_plain and not is_normalised else polynomials.norm(n_m) for n_m in orders]
+    modes = ZernikeModes(orders, checked_length(radius, "radius"), np.diag(norms))
     if orthogonal_on is None:
-        orders = tuple(order(index) for index in indices)
-        norms = [polynomials.norm(order) if is_normalised else 1.0 for order in orders]
-        return ZernikeModes(orders, size, np.diag(norms))
-    orders = tuple(order(index) for index in range(first, max(indices) + 1))
-    norms = [polynomials.norm(order) for order in orders]
-    modes = ZernikeModes(orders, size, np.diag(norms))
+        return modes
     rows = [index - first for index in indices]
     return replace(modes, matrix=_gram_schmidt(modes, orthogonal_on)[rows] @ modes.matrix)
 
@@ -431,10 +425,9 @@ def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
     """Return sums (k, k) of modes, lower triangular, that are orthonormal on a pupil."""
     degree = max(n for n, _ in modes.orders)
     triangles, _ = triangles_of(polygons_of(pupil))
-    corners, _, _ = from_apex(triangles)
-    # Products have twice the degree, and the map to a triangle one more.
-    counts = np.full((len(corners), 2), degree + 2, np.intp)
-    nodes, weights, _ = rule_of_counts(corners, counts)
+    # Products of polynomials have twice the degree, and the map to a triangle adds one.
+    counts = np.full((len(triangles), 2), degree + 2, np.intp)
+    nodes, weights, _ = rule_of_counts(cells_of(triangles), counts)
     table = modes.values(*nodes.T) * np.sqrt(weights / weights.sum())
     upper = np.linalg.qr(table.T, mode="r")
     diagonal = np.diagonal(upper)

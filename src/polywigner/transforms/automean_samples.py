@@ -63,7 +63,7 @@ def sample_automean(
     >>> positions.shape, round(float(density.sum()), 6)
     ((100, 2), 100.0)
     """
-    flat: Any = flat_source(source)  # a curved wave has the same support
+    flat: Any = flat_source(source)  # A curved wave has the same support.
     numbers = _numbers(samples, kernel_for("wigner", flat).dimension, seed)
     support = _support(flat)
     if isinstance(support, Slits):
@@ -80,7 +80,7 @@ def sample_automean(
     return positions, np.full(len(positions), 1.0 / support.area)
 
 
-# Largest number of samples: positions and densities then take 6 GiB.
+# Largest number of samples. Their positions and densities take 6 GiB.
 _MOST_SAMPLES = 1 << 28
 
 
@@ -96,7 +96,7 @@ def _numbers(samples: Any, columns: int, seed: Any) -> Values:
         raise ArgumentError(f"{expected}, got {type(samples).__name__}") from None
     if array.ndim != 2 or array.shape[1] != columns:
         raise ArgumentError(f"{expected}, got shape {array.shape}")
-    inside = (array >= 0.0) & (array < 1.0)  # False for NaN
+    inside = (array >= 0.0) & (array < 1.0)  # The comparison is False for NaN.
     if not inside.all():
         raise ArgumentError(f"{expected}, got {array[~inside][0]}")
     return array

@@ -76,11 +76,11 @@ class Transform:
     plane: tuple[str, ...] = ()
     """Names of the position or lag and of the frequency that an optical system maps together."""
     full: str | None = None
-    """For a marginal, the transform of which it is the value with the other point at zero."""
+    """Name of the transform whose value with the other point at zero is this marginal; None: no
+    marginal."""
     takes_degree: bool = False
-    """Whether the transform of a partly coherent source is that of the coherent source times the
-    degree of coherence at the last point.
-    """
+    """Whether partial coherence multiplies the transform by the degree of coherence at the last
+    point."""
 
 
 TRANSFORMS = {
@@ -161,7 +161,7 @@ def compute(
 
 
 def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
-    """Return whether a marginal is real, and the name and points of the transform it belongs to."""
+    """Return whether a marginal is real, and the name and points of its full transform."""
     declared = TRANSFORMS[name]
     assert declared.full is not None
     # The lag marginal is real if the field is 1 on the source.
@@ -184,7 +184,7 @@ def _flat(
         return compute(name, source, points, *how, shear=shear, has_kernel=True)
     is_real = TRANSFORMS[name].is_real
     if isinstance(source, Differentiable):
-        # These kernels accept arrays as well. The kernels of arrays have no derivatives.
+        # The kernels for Arrays have no derivatives, but these kernels also accept an Array.
         kernels_of_all = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
         if name not in kernels_of_all:
             raise ArgumentError(
@@ -253,12 +253,13 @@ def explain(
         )
     if execution.has_drjit(arguments):
         raise ArgumentError(
-            "expected NumPy arrays, got Dr.Jit arrays, whose backend computes every call"
+            "expected NumPy arrays, got Dr.Jit arrays, which are always evaluated by their own "
+            "backend, so that there is no choice of engine to explain"
         )
     if function == "fourier" and isinstance(source, Array):
         raise ArgumentError(
-            "F of an Array is a sum of several calls and has no single plan; explain F of an "
-            "element"
+            "fourier of an Array consists of several calls and has no single plan; pass an element "
+            "of the Array"
         )
     name = function
     if function == "fourier" and isinstance(source, Aperture):
@@ -268,12 +269,12 @@ def explain(
     plan = execution.explained(lambda: compute(name, source, points, precision, engine))
     if plan is None:
         raise ArgumentError(
-            "F of a curved wave is always computed by NumPy, so there is no choice to explain"
+            "fourier of a curved wave is always computed by NumPy, so there is no choice to explain"
         )
     return plan
 
 
-# --- optical systems: points of phase space behind them, as points before them
+# --- optical systems: points behind a system are mapped to points in front of it
 
 
 def _before(
@@ -352,7 +353,7 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
     """
     if name == "fourier":
         raise IlluminationError(
-            f"expected a coherent source for {name}, got one that is coherent over "
+            f"expected a coherent source for {name}, got a coherence width of "
             f"{wave.coherence_width:g} m, whose spectrum has no phase; use "
             "polywigner.radiant_intensity, or wigner and ambiguity"
         )
@@ -404,7 +405,7 @@ def _checked_point(label: str, value: Any, dimension: int) -> Values:
 
 
 def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
-    """Return a transform of a curved wave from the flat source, as coherent as the wave."""
+    """Return a transform of a curved wave from the flat source with the same coherence."""
     if name == "fourier":
         return _curved_spectrum(wave, points["nu"], how)
     d, q = wave.dimension, wave.curvature

@@ -20,7 +20,8 @@ PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 Values = NDArray[Any] | Drjit
 
-# Frequencies at a time in sums of transforms, which use several arrays of this length, some 60 MiB.
+# Number of frequencies that are processed at a time in sums of transforms. Several arrays of this
+# length take some 60 MiB.
 _BLOCK = 1 << 19
 _LEAST_ROWS = 8
 
@@ -32,7 +33,8 @@ def in_plane(nu: Any) -> Values:
         return execution.joined(components[:2]) if len(components) == 3 else nu
     try:
         shape = np.shape(nu)
-    except ValueError:  # lists of unequal lengths; checked_points raises an ArgumentError
+    # A list of rows of unequal lengths: checked_points raises an ArgumentError for it.
+    except ValueError:
         return nu
     return np.asanyarray(nu)[..., :2] if shape and shape[-1] == 3 else nu
 
@@ -130,7 +132,7 @@ def in_blocks(evaluate: Callable[[Any], Values], nu: Any) -> Values:
     """
     if not isinstance(nu, np.ndarray) or nu.ndim < 2 or nu.size <= nu.shape[-1] * _BLOCK:
         return evaluate(nu)
-    # blocks of a grid have enough rows to be computed as grids
+    # Blocks of a grid have enough rows to be computed as grids.
     rows = max(_LEAST_ROWS, _BLOCK // math.prod(nu.shape[1:-1]))
     values: Any = None
     for start in range(0, len(nu), rows):
@@ -149,7 +151,7 @@ def checked_points(
     ``keep_single`` returns float32 unchanged; a copy in double precision may not fit into memory.
     """
     if type(value) is np.ndarray and value.dtype == np.float64 and value.shape[-1:] == (dimension,):
-        return value  # the usual case
+        return value  # This is the usual case.
     shape = f"(..., {dimension})"
     if np.ma.is_masked(value):
         raise ArgumentError(

@@ -46,13 +46,13 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
-# Largest number of intersections of polygons: some minutes and 2 GB.
+# Largest number of intersections of polygons; they take some minutes and 2 GB.
 _MOST = 1 << 20
-# Values of waves in a block: 64 MB.
+# Number of values of waves per block: 64 MB.
 _BLOCK = 1 << 22
-# Pairs of orders in a block.
+# Number of pairs of orders per block.
 _PAIRS = 1 << 15
-# Orders, and parts of an image relative to the largest, below which they are rounding errors.
+# Orders, and parts of an image, below this fraction of the largest one are rounding errors.
 _ROUNDING = 1e-15
 # Error of the integrals of aberrated pupils, relative to the power of the condenser.
 _PRECISE = 1e-9
@@ -126,7 +126,7 @@ def transmission_cross_coefficient(
     if len(pairs[0]) * system.size > _MOST:
         raise ArgumentError(
             f"too many pairs of lags: {len(pairs[0])}, at most {_MOST // system.size} for this "
-            "pupil and condenser"
+            "pupil and condenser; pass fewer pairs at once"
         )
     lags, number = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
     values = system.coefficients(lags, *number.reshape(2, -1))
@@ -276,7 +276,7 @@ class _System:
 
     @property
     def size(self) -> int:
-        """Intersections for each pair of lags."""
+        """Number of intersections for each pair of lags."""
         return len(self.condenser) * len(self.pupil) ** 2
 
     def coefficients(self, lags: Floats, first: Indices, second: Indices) -> Complex:
@@ -353,7 +353,8 @@ def _transforms(polygons: Any, frequencies: Any) -> Complex:
     """Return Fourier transforms (n,) of polygons (n,) at one frequency (n, 2) each, (F2)."""
     nu = np.asarray(frequencies, np.float64)
     begin, end, of, origin = edges_of(np.asarray(polygons, object))
-    # Triangles from a corner of each ring, which may be far smaller than its distance from x = 0.
+    # Triangles start at a corner of each ring, because the ring may be far smaller than its
+    # distance from x = 0.
     begin, end = begin - origin, end - origin
     phases = [np.einsum("ij,ij->i", nu[of], corner) for corner in (begin, end, origin)]
     cosine, sine = simplex_plane_wave(NumpyOperations(), *phases[:2])

@@ -279,6 +279,6 @@ def energy_of(source: PhaseSpaceSource) -> float:
 
     Rounding may make it negative if elements cancel each other everywhere.
     """
-    # One value on NumPy is faster than the compilation of a kernel.
+    # NumPy computes a single value in less time than a kernel takes to compile.
     lag = np.zeros(kernels.kernel_for("ambiguity", flat_source(source)).dimension)
     return float(np.real(lag_marginal(source, lag, engine="numpy")))

@@ -48,9 +48,10 @@ PhaseSpaceFunction = Literal["autocorrelation", "wigner", "ambiguity"]
 LARGEST_SAMPLES = 4096
 """Largest number of samples along each axis: a complex square tile then takes 256 MiB."""
 
-# Default axes: positions to a sixteenth of the width beyond the outline, lags up to 9/8 of the
-# width, and frequencies up to eight lobes.
+# Default range of lags in widths of the source. The default range of positions extends a sixteenth
+# of the width beyond the outline.
 _MARGIN = 9 / 8
+# Default range of frequencies in lobes.
 _LOBES = 8.0
 
 # Bound on the rounding error relative to the scale of a tile. The largest error for the shapes of

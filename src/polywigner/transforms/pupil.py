@@ -22,7 +22,6 @@ from polywigner.source import Array
 from polywigner.transforms.aberrated_pupils import (
     TOLERANCE,
     AberratedPupil,
-    autocorrelations,
     checked_aberration,
     checked_tolerance,
 )
@@ -39,8 +38,10 @@ from polywigner.transforms.pupil_gradients import (
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Smallest ratio of the energy to the sum of the energies of the elements. Rounding leaves 1e-15 if
-# their fields cancel, and values normalised by a hundred times this have hardly a digit.
+Floats = NDArray[np.float64]
+
+# Smallest ratio of the energy to the sum of the energies of the elements. If the fields cancel,
+# rounding leaves 1e-15. Values normalised by 1e-13 have hardly a correct digit.
 _DARK = 1e-13
 
 
@@ -57,12 +58,13 @@ def otf(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[Any]:
-    """Optical transfer function of a pupil of this shape, in or out of focus, 1 at xi = 0.
+    """Compute the optical transfer function of a pupil, in or out of focus, 1 at xi = 0.
 
     ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function of the pupil in focus:
     the aberration exp(2 pi i w |x|^2/a^2) is linear in x on both copies. Source: K.-H. Brenner,
-    A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983). With an ``aberration`` it is a
-    Gauss rule on the position slice, where the integrand is smooth (docs/imaging.md, (IM4)).
+    A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983). With an ``aberration``, Gauss
+    rules integrate over the position slice, in which the integrand is smooth (docs/imaging.md,
+    (IM4)).
 
     Parameters
     ----------
@@ -124,34 +126,46 @@ def otf(
     if execution.is_drjit(xi):
         raise ArgumentError("expected xi as a NumPy array, got a Dr.Jit array; use xi.numpy()")
     lags = checked_points("xi", xi, kernel.dimension)
-    if wavelength is not None:
-        plain = plain.at_wavelength(wavelength)
     error = checked_tolerance(tolerance)
-    if aberration is not None or numbers is not None:
-        length = (
-            1.0
-            if aberration is None
-            else checked_aberration(aberration, wavelength, has_gradients=True)
-        )
-        pupil = AberratedPupil.of(plain, aberration, length, waves / radius**2)
-        energy, flat = checked_energy(plain), lags.reshape(-1, 2)
-        if numbers is not None:
-            return numbers.result(otf_jets(pupil, flat, numbers, error), True)
-        values, _ = autocorrelations(pupil, flat, error)
-        return (values.reshape(lags.shape[:-1]) / energy)[()]
-    how: dict[str, Any] = {"precision": precision, "engine": engine}
-    slope = -2.0 * waves / radius**2
-    if slope == 0.0:  # in focus it is an area, without sines
-        return (lag_marginal(plain, lags, **how) + 0j) / checked_energy(plain)
-    return ambiguity(plain, slope * lags, lags, **how) / checked_energy(plain)
+    jets = _otf_jets(
+        plain, numbers, lags, waves / radius**2, aberration, wavelength, error,
+        precision=precision, engine=engine,
+    )  # fmt: skip
+    return numbers.result(jets, lags.shape[:-1], is_complex=True)
 
 
-def otf_jets(
-    pupil: AberratedPupil, lags: NDArray[np.float64], numbers: PupilNumbers, tolerance: float
+def _otf_jets(
+    source: Any, numbers: PupilNumbers, lags: Floats, bend: float, aberration: Aberration | None,
+    wavelength: float | None, tolerance: float, **how: Any,
+) -> Jets:  # fmt: skip
+    """Return the OTF of one wavelength at lags (..., d) with its derivatives, (n, 1 + m).
+
+    ``bend``: defocus in waves over the square of the pupil's radius.
+    """
+    if wavelength is not None:
+        source = source.at_wavelength(wavelength)
+    if aberration is None and not numbers.arrays:
+        if bend == 0.0:  # in focus it is an area, without sines
+            values = lag_marginal(source, lags, **how) + 0j
+        else:
+            values = ambiguity(source, -2.0 * bend * lags, lags, **how)
+        return np.reshape(values / checked_energy(source), (-1, 1))
+    length = 1.0
+    if aberration is not None:
+        length = checked_aberration(aberration, wavelength, has_gradients=True)
+    pupil = AberratedPupil.of(source, aberration, length, bend)
+    jets = autocorrelation_jets(pupil, lags.reshape(-1, 2), numbers, tolerance)
+    return quotient(jets, energy_jets(source, pupil, numbers, tolerance))
+
+
+def energy_jets(
+    source: Any, pupil: AberratedPupil | None, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
-    """Return the OTF at lags (n, 2) with its derivatives in the numbers of a pupil."""
-    jets = autocorrelation_jets(pupil, np.concatenate([lags, np.zeros((1, 2))]), numbers, tolerance)
-    return quotient(jets[:-1], jets[-1:])
+    """Return int |u|^2 with its derivatives, (1, 1 + m)."""
+    energy = checked_energy(source)
+    if pupil is None or not numbers.arrays:
+        return np.full((1, 1), energy, np.complex128)
+    return autocorrelation_jets(pupil, np.zeros((1, 2)), numbers, tolerance)
 
 
 @takes_xarray("frequency", units="1", long_name="modulation transfer function")
@@ -171,7 +185,7 @@ def mtf(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[Any]:
-    """Modulation transfer function of a lens with a pupil of this shape, |OTF| in the focal plane.
+    """Compute the modulation transfer function |OTF| of a lens in its focal plane.
 
     The lag in the pupil is wavelength times focal length times frequency. For several wavelengths
     the result is the modulus of the mean OTF, as a detector measures it.
@@ -222,10 +236,7 @@ def mtf(
     >>> round(float(pw.mtf(pupil, (50e3, 0.0), 0.5e-6, 0.1)), 3)
     0.75
     """
-    lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
-    for length in lengths.tolist():
-        checked_wavelength(length)
-    fractions = fractions_of(weights, lengths.size)
+    lengths, fractions = checked_band(wavelength, weights)
     plain, numbers = PupilNumbers.of(source, aberration)
     radius = checked_pupil_radius(plain, pupil_radius)
     distance = image_distance(focal_length, numerical_aperture, radius)
@@ -236,24 +247,18 @@ def mtf(
         raise ArgumentError(
             f"expected pixel as lengths of zero or more in m, got {value_text(pixel)}"
         )
-    how: dict[str, Any] = {"precision": precision, "engine": engine}
-    how |= {"aberration": aberration, "tolerance": tolerance}
+    error = checked_tolerance(tolerance)
     path = checked_waves(defocus) * float(fractions @ lengths)
     detector = np.sinc(np.asarray(cycles) * sides).prod(axis=-1)
     total: Any = 0.0
     for fraction, length in zip(fractions, lengths.tolist(), strict=True):
-        lags = np.asarray(cycles) * (length * distance)
-        if numbers is not None:
-            part = plain.at_wavelength(length)
-            pupil = AberratedPupil.of(part, aberration, length, path / length / radius**2)
-            error = checked_tolerance(tolerance)
-            values = otf_jets(pupil, lags.reshape(-1, 2), numbers, error)
-        else:
-            values = otf(plain, lags, path / length, radius, wavelength=length, **how)
-        total = total + fraction * values
-    if numbers is not None:
-        return numbers.result(modulus(total * detector.reshape(-1, 1)), False)
-    return np.abs(total * detector).astype(np.float64)[()]
+        jets = _otf_jets(
+            plain, numbers, np.asarray(cycles) * (length * distance), path / length / radius**2,
+            aberration, length, error, precision=precision, engine=engine,
+        )  # fmt: skip
+        total = total + fraction * jets
+    jets = modulus(total * detector.reshape(-1, 1))
+    return numbers.result(jets, detector.shape, is_complex=False)
 
 
 def _checked_pupil(source: Any) -> PhaseSpaceSource:
@@ -269,8 +274,12 @@ def _checked_pupil(source: Any) -> PhaseSpaceSource:
     return pupil
 
 
-def fractions_of(weights: Any, count: int) -> NDArray[np.float64]:
-    """Return weights (count,) as fractions of their sum."""
+def checked_band(wavelength: Any, weights: Any) -> tuple[Floats, Floats]:
+    """Return wavelengths (k,) in m and their weights as fractions of the sum."""
+    lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
+    for length in lengths.tolist():
+        checked_wavelength(length)
+    count = lengths.size
     given = (
         np.ones(count) if weights is None else checked_row(weights, f"expected weights ({count},)")
     )
@@ -280,7 +289,7 @@ def fractions_of(weights: Any, count: int) -> NDArray[np.float64]:
             f"expected weights ({count},), one for each wavelength, of zero or more and not all "
             f"zero, got {value_text(weights)}"
         )
-    return np.asarray(given / given.sum())
+    return lengths, np.asarray(given / given.sum())
 
 
 def checked_waves(defocus: float) -> float:
@@ -313,7 +322,7 @@ def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) ->
     return radius / sine
 
 
-def _vertices(source: PhaseSpaceSource) -> Iterator[NDArray[np.float64]]:
+def _vertices(source: PhaseSpaceSource) -> Iterator[Floats]:
     """Yield the vertices (n, 2) of each ring, or the ends (n, 1) of slits."""
     flat: Any = flat_source(source)
     for element in flat.elements_in_plane:

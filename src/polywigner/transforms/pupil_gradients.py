@@ -1,17 +1,19 @@
 """Derivatives of transfer and spread functions in vertices, weights and aberration coefficients.
 
-The rules on triangles give the values. An integral over a polygon changes by the integrand along
-its moving boundary, (G1), which is a Gauss rule on the parts of edges in the slice. A coefficient
-of the path length multiplies the integrand by 2 pi i/lambda times its term. Values and derivatives
-are the columns of one array (n, 1 + m), a jet, so that sums over wavelengths are sums of jets.
-Where edges of both copies coincide, the derivative is the mean of both one-sided derivatives.
+Rules on triangles and trapezoids give the values. The derivative of an integral in the vertices of
+a polygon is an integral of the integrand along the edges, (G1), by Gauss rules. The derivative in a
+coefficient of the path length is the integral of the integrand times 2 pi i/lambda times the term
+of the coefficient. Values and derivatives are the columns of one array (n, 1 + m), a jet, so that
+sums over wavelengths are sums of jets. If edges of both copies of a pupil coincide, the derivative
+is the mean of both one-sided derivatives.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import shapely
@@ -24,7 +26,8 @@ from polywigner.numerics.triangles import Floats, Indices, counts_for
 from polywigner.transforms.aberrated_pupils import (
     AberratedPupil,
     Slices,
-    autocorrelations,
+    by_lag,
+    converged,
     slice_integrals,
     slices_of,
 )
@@ -32,54 +35,76 @@ from polywigner.transforms.aberrations import Aberration
 
 Complex = NDArray[np.complex128]
 Jets = NDArray[np.complex128]
-"""Values in column 0, and derivatives in the numbers of a pupil."""
+"""Values in column 0, and derivatives in the variables of a pupil in the other columns."""
+Parts = tuple[Indices, Floats, Floats]
+"""Parts of edges: numbers (k,) of the edges, and t from (k,) to (k,) along them."""
 
 # Additional nodes of the rules for derivatives, and lags that are computed together.
-_EXTRA, _LAGS = 6, 64
-# Distance from an edge within which both copies share a boundary, over the pupil's size.
+_EXTRA, _LAGS = 6, 128
+# Edges of both copies coincide within this distance, relative to the pupil's size.
 _NEAR = 1e-9
+
+
+class Derivatives(Protocol):
+    """Derivatives of n integrals over a pupil."""
+
+    def vertices(self) -> Complex:
+        """Return the derivatives (n, vertices, 2)."""
+        ...
+
+    def weights(self) -> tuple[Complex, Complex]:
+        """Return the derivatives (n, elements) in the weights and in their conjugates."""
+        ...
+
+    def coefficients(self) -> Complex:
+        """Return the derivatives (n, terms)."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
 class PupilNumbers:
-    """The Dr.Jit numbers of a pupil and of its aberration; None for constants."""
+    """Dr.Jit variables of a pupil and of its aberration; None for constants."""
 
-    vertices: Any
+    vertices: Any = None
     """``Array2f``."""
-    weights: Any
+    weights: Any = None
     """``Complex2f``."""
-    coefficients: Any
+    coefficients: Any = None
     """``Float``."""
 
     @classmethod
-    def of(cls, source: Any, aberration: Any) -> tuple[Any, PupilNumbers | None]:
-        """Return the plain source, and the numbers, or None without Dr.Jit arrays."""
+    def of(cls, source: Any, aberration: Any) -> tuple[Any, PupilNumbers]:
+        """Return the source without Dr.Jit variables, and the variables."""
         coefficients = aberration.traced if isinstance(aberration, Aberration) else None
         if isinstance(source, Differentiable):
             return source.source, cls(source.vertices, source.weights, coefficients)
-        return source, None if coefficients is None else cls(None, None, coefficients)
+        return source, cls(coefficients=coefficients)
 
     @cached_property
     def arrays(self) -> list[Any]:
-        """The Dr.Jit floats in the order of the columns."""
+        """Dr.Jit floats in the order of the columns of a jet; empty without variables."""
         pairs = [pair for pair in (self.vertices, self.weights) if pair is not None]
         arrays = [pair[k] for pair in pairs for k in (0, 1)]
         return arrays if self.coefficients is None else [*arrays, self.coefficients]
 
-    def joined(self, values: Complex, pupil: AberratedPupil, parts: Parts) -> Jets:
-        """Return the jet of values (n,) with the derivatives that have numbers."""
+    def joined(self, values: Complex, derivatives: Derivatives) -> Jets:
+        """Return the jet of values (n,) and their derivatives in all variables."""
         columns = [values[:, None]]
         if self.vertices is not None:
-            columns += [parts.vertices(pupil)[..., k] for k in (0, 1)]
+            by_vertices = derivatives.vertices()
+            columns += [by_vertices[..., 0], by_vertices[..., 1]]
         if self.weights is not None:
-            by_weight, by_conjugate = parts.weights(pupil)
+            by_weight, by_conjugate = derivatives.weights()
             columns += [by_weight + by_conjugate, 1j * (by_weight - by_conjugate)]
         if self.coefficients is not None:
-            columns.append(parts.coefficients(pupil))
+            columns.append(derivatives.coefficients())
         return np.concatenate(columns, axis=1)
 
-    def result(self, jets: Jets, is_complex: bool) -> Any:
-        """Return a jet as a ``Complex2f`` or ``Float`` with derivatives."""
+    def result(self, jets: Jets, shape: tuple[int, ...], is_complex: bool) -> Any:
+        """Return an array of a shape, or a ``Complex2f`` or ``Float`` (n,) with derivatives."""
+        if not self.arrays:
+            values = jets[:, 0].reshape(shape)
+            return (values if is_complex else values.real.copy())[()]
         columns = [
             execution.with_jacobian(part[:, 0].copy(), part[:, 1:], self.arrays)
             for part in ([jets.real, jets.imag] if is_complex else [jets.real])
@@ -87,22 +112,6 @@ class PupilNumbers:
         if not is_complex:
             return columns[0]
         return execution.sibling(type(columns[0]), "Complex2f")(*columns)
-
-
-class Parts:
-    """Derivatives of an integral in the numbers of a pupil."""
-
-    def vertices(self, pupil: AberratedPupil) -> Complex:
-        """Return the derivatives (n, vertices, 2)."""
-        raise NotImplementedError
-
-    def weights(self, pupil: AberratedPupil) -> tuple[Complex, Complex]:
-        """Return the derivatives (n, elements) in the weights and in their conjugates."""
-        raise NotImplementedError
-
-    def coefficients(self, pupil: AberratedPupil) -> Complex:
-        """Return the derivatives (n, terms)."""
-        raise NotImplementedError
 
 
 def quotient(jets: Jets, divisor: Jets) -> Jets:
@@ -131,17 +140,49 @@ def squared_modulus(jets: Jets) -> Jets:
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """The edges of an element with the numbers of their vertices in the pupil."""
+    """The edges of an element."""
 
     begin: Floats
     vector: Floats
-    first: Indices
-    second: Indices
+    ends: Indices
+    """(n, 2): numbers of the first and the second vertex in the element."""
+    vertices: slice
+    """The vertices of the element among the vertices of the pupil."""
 
     @property
-    def normal(self) -> Floats:
+    def normals(self) -> Floats:
         """Outward normals (n, 2) times the lengths."""
         return np.stack([self.vector[:, 1], -self.vector[:, 0]], axis=-1)
+
+    def rule(
+        self,
+        parts: Parts,
+        slopes: Callable[[Floats], Floats],
+        half_band: Floats,
+        error: float,
+        extra: int,
+    ) -> tuple[Floats, Floats]:
+        """Return nodes (k, m, 2) on parts of edges, and weights (k, m, 2) times (1 - t, t).
+
+        ``slopes``, ``half_band``: see :func:`region_integrals`.
+        """
+        edge, low, high = parts
+        begin, vector, length = self.begin[edge], self.vector[edge], high - low
+        samples = begin + np.stack([low, 0.5 * (low + high), high])[..., None] * vector
+        cycles = np.abs((slopes(samples) * vector).sum(axis=-1)).max(axis=0)
+        cycles = (cycles + np.abs(vector) @ half_band) * length
+        nodes, weights = unit_rule(int(counts_for(cycles.max(), error)) + extra)
+        t = low[:, None] + length[:, None] * nodes
+        fractions = np.stack([1.0 - t, t], axis=-1)
+        x = begin[:, None] + t[..., None] * vector[:, None]
+        return x, fractions * np.outer(length, weights)[..., None]
+
+    def at_vertices(self, edge: Indices, terms: Complex) -> Complex:
+        """Return terms (..., k, 2) of both ends of edges (k,) times normals, (..., vertices, 2)."""
+        total = np.zeros((len(self.begin), 2, *terms.shape[:-2]), np.complex128)
+        moments = terms[..., None] * self.normals[edge][:, None]
+        np.add.at(total, self.ends[edge], np.moveaxis(moments, (-3, -2, -1), (0, 1, 2)))
+        return np.moveaxis(total, (0, 1), (-2, -1))
 
 
 def edges_of(pupil: AberratedPupil) -> list[Edges]:
@@ -150,19 +191,13 @@ def edges_of(pupil: AberratedPupil) -> list[Edges]:
     for element in pupil.elements:
         begin = np.concatenate(element.rings)
         end = np.concatenate([np.roll(ring, -1, axis=0) for ring in element.rings])
-        first = np.arange(start, start + len(begin))
+        first = np.arange(len(begin))
         sizes = np.cumsum([len(ring) for ring in element.rings])
         second = np.concatenate([np.roll(part, -1) for part in np.split(first, sizes[:-1])])
-        result.append(Edges(begin, end - begin, first, second))
+        vertices = slice(start, start + len(begin))
+        result.append(Edges(begin, end - begin, np.stack([first, second], axis=1), vertices))
         start += len(begin)
     return result
-
-
-def nodes_on(low: Floats, high: Floats, count: int) -> tuple[Floats, Floats]:
-    """Return nodes t (n, count) on intervals and weights (n, count)."""
-    nodes, weights = unit_rule(count)
-    length = (high - low)[:, None]
-    return low[:, None] + length * nodes, length * weights
 
 
 # ---- autocorrelations ----------------------------------------------------------------------------
@@ -172,98 +207,107 @@ def autocorrelation_jets(
     pupil: AberratedPupil, lags: Floats, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
     """Return jets (n, 1 + m) of int u(x + xi/2) u*(x - xi/2) dx at lags (n, 2)."""
-    values, _ = autocorrelations(pupil, lags, tolerance)
-    blocks = [slice(k, k + _LAGS) for k in range(0, len(lags), _LAGS)]
-    return np.concatenate(
-        [
-            numbers.joined(values[some], pupil, _OfSlices(slices_of(pupil, lags[some]), tolerance))
-            for some in blocks
-        ]
-    )
+    finite = np.isfinite(lags).all(axis=1, keepdims=True)
+    lags = np.where(finite, lags, 0.0)
+    jets = [
+        _autocorrelation_jets(pupil, lags[start : start + _LAGS], numbers, tolerance)
+        for start in range(0, max(len(lags), 1), _LAGS)
+    ]
+    return np.where(finite, np.concatenate(jets), np.nan)
+
+
+def _autocorrelation_jets(
+    pupil: AberratedPupil, lags: Floats, numbers: PupilNumbers, tolerance: float
+) -> Jets:
+    regions = slices_of(pupil, lags)
+
+    def evaluate(extra: int) -> Complex:
+        return by_lag(regions, slice_integrals(pupil, regions, extra, tolerance))[0]
+
+    values = converged(evaluate, tolerance * pupil.energy, "the OTF").values
+    return numbers.joined(values, _OfSlices(pupil, regions, tolerance))
 
 
 @dataclass(frozen=True, eq=False)
-class _OfSlices(Parts):
+class _OfSlices:
+    """Derivatives of autocorrelations."""
+
+    pupil: AberratedPupil
     regions: Slices
     error: float
 
-    def vertices(self, pupil: AberratedPupil) -> Complex:
-        edges, regions = edges_of(pupil), self.regions
-        count = sum(len(part.begin) for part in edges)
-        total = np.zeros((len(regions.lags), count, 2), np.complex128)
-        for row, i, j in zip(regions.row, regions.first, regions.second, strict=True):
-            lag = regions.lags[row]
-            weight = pupil.weights[i] * pupil.weights[j].conj()
-            size = float(np.abs(pupil.polygons[i].bounds).max())
-            # edges of the copy ahead, whose partners are behind by the lag, and the reverse
-            ahead = _along_edges(pupil, i, j, edges[i], edges[j], -lag, size, self.error)
-            behind = _along_edges(pupil, j, i, edges[j], edges[i], lag, size, self.error).conj()
-            for moving, terms in ((edges[i], ahead), (edges[j], behind)):
-                total[row, moving.first] += weight * terms[:, 0]
-                total[row, moving.second] += weight * terms[:, 1]
+    def vertices(self) -> Complex:
+        regions, edges = self.regions, edges_of(self.pupil)
+        total = np.zeros((len(regions.lags), edges[-1].vertices.stop, 2), np.complex128)
+        pairs = zip(regions.row, regions.first, regions.second, regions.weights, strict=True)
+        for row, i, j, weight in pairs:
+            # On edges of the copy ahead the other copy is behind by the lag, and the reverse.
+            ahead = self._along_edges(edges, i, j, -regions.lags[row])
+            behind = self._along_edges(edges, j, i, regions.lags[row]).conj()
+            total[row, edges[i].vertices] += weight * ahead
+            total[row, edges[j].vertices] += weight * behind
         return total
 
-    def weights(self, pupil: AberratedPupil) -> tuple[Complex, Complex]:
-        regions, shape = self.regions, (len(self.regions.lags), len(pupil.elements))
-        integrals = slice_integrals(pupil, regions, _EXTRA, self.error)
-        both = np.zeros((2, *shape), np.complex128)
+    def _along_edges(self, edges: list[Edges], one: int, other: int, shift: Floats) -> Complex:
+        """Return derivatives (n, 2) in the vertices of element ``one`` on one copy.
+
+        They are int N (1 - t, t) u_one(p) u_other*(p + shift) dt along the edges, over points p for
+        which p + shift lies in element ``other``.
+        """
+        pupil, moving = self.pupil, edges[one]
+        near = _NEAR * float(np.abs(pupil.polygons[one].bounds).max())
+        parts, inside = _pieces(moving, edges[other], shift, pupil.polygons[other], near)
+        if not len(inside):
+            return np.zeros(moving.begin.shape, np.complex128)
+        band = np.ptp(np.concatenate([e.frequencies for e in pupil.elements]), axis=0)
+        x, weights = moving.rule(
+            parts, lambda p: pupil.slopes(p) - pupil.slopes(p + shift), band, self.error, _EXTRA
+        )  # fmt: skip
+        values = inside[:, None] * pupil.field(one, x) * pupil.field(other, x + shift).conj()
+        return moving.at_vertices(parts[0], np.einsum("km,kme->ke", values, weights))
+
+    def weights(self) -> tuple[Complex, Complex]:
+        regions, weights = self.regions, self.pupil.weights
+        (integrals,) = slice_integrals(self.pupil, regions, _EXTRA, self.error)
+        both = np.zeros((2, len(regions.lags), len(weights)), np.complex128)
         first, second = regions.first, regions.second
-        np.add.at(both[0], (regions.row, first), integrals * pupil.weights[second].conj())
-        np.add.at(both[1], (regions.row, second), integrals * pupil.weights[first])
+        np.add.at(both[0], (regions.row, first), integrals * weights[second].conj())
+        np.add.at(both[1], (regions.row, second), integrals * weights[first])
         return both[0], both[1]
 
-    def coefficients(self, pupil: AberratedPupil) -> Complex:
-        regions, path = self.regions, pupil.aberration
+    def coefficients(self) -> Complex:
+        pupil, regions, path = self.pupil, self.regions, self.pupil.aberration
         assert path is not None
 
-        def by(ahead: Floats, behind: Floats) -> Floats:
+        def factors(ahead: Floats, behind: Floats) -> Floats:
             return path.modes(*ahead.T) - path.modes(*behind.T)
 
-        integrals = slice_integrals(pupil, regions, _EXTRA, self.error, by)
-        weights = pupil.weights[regions.first] * pupil.weights[regions.second].conj()
-        total = np.zeros((len(regions.lags), len(integrals)), np.complex128)
-        np.add.at(total, regions.row, (weights * integrals).T)
-        return total * (2j * np.pi / pupil.wavelength)
-
-
-def _along_edges(
-    pupil: AberratedPupil, one: int, other: int, edges: Edges, others: Edges, shift: Floats,
-    size: float, error: float,
-) -> Complex:  # fmt: skip
-    """Return int N (1 - t, t) u_one(p) u_other*(p + shift) dt along edges (n, 2, 2).
-
-    Only where p + shift lies in the other element. For the conjugate product the result is
-    conjugated.
-    """
-    edge, low, high, inside = _pieces(edges, others, shift, pupil.polygons[other], _NEAR * size)
-    if not len(edge):
-        return np.zeros((len(edges.begin), 2, 2), np.complex128)
-    vector = edges.vector[edge]
-    ends = edges.begin[edge] + np.stack([low, 0.5 * (low + high), high])[..., None] * vector
-    slope = pupil.slopes(ends) - pupil.slopes(ends + shift)
-    kappa = np.ptp(np.concatenate([e.frequencies for e in pupil.elements]), axis=0)
-    cycles = np.abs((slope * vector).sum(axis=-1)).max(axis=0) + np.abs(vector) @ kappa
-    count = int(counts_for((cycles * (high - low)).max(), error)) + _EXTRA
-    t, weights = nodes_on(low, high, count)
-    p = edges.begin[edge, None] + t[..., None] * vector[:, None]
-    phase = pupil.cycles(p) - pupil.cycles(p + shift)
-    flat = p.reshape(-1, 2)
-    waves = pupil.waves(one, flat) * pupil.waves(other, flat + shift).conj()
-    values = (inside[:, None] * weights) * np.exp(2j * np.pi * phase) * waves.reshape(t.shape)
-    both = np.stack([(values * (1 - t)).sum(axis=1), (values * t).sum(axis=1)], axis=1)
-    total = np.zeros((len(edges.begin), 2), np.complex128)
-    np.add.at(total, edge, both)
-    return total[..., None] * edges.normal[:, None, :]
+        integrals = slice_integrals(pupil, regions, _EXTRA, self.error, factors)
+        return by_lag(regions, integrals).T * (2j * np.pi / pupil.wavelength)
 
 
 def _pieces(
     edges: Edges, others: Edges, shift: Floats, polygon: Any, near: float
-) -> tuple[Indices, Floats, Floats, Floats]:
-    """Return parts of edges that lie in a polygon after a shift: edge, t from, t to, fraction.
+) -> tuple[Parts, Floats]:
+    """Return the parts of edges that lie in a polygon after a shift, and factors (k,).
 
-    The fraction is 1 inside, and 1/2 along a common boundary.
+    The factors are 1 inside the polygon and 1/2 along its boundary.
     """
     begin, vector = edges.begin + shift, edges.vector
+    edge, cut = _cuts(begin, vector, others, near)
+    is_part = (edge[1:] == edge[:-1]) & (cut[1:] > cut[:-1])
+    edge, low, high = edge[:-1][is_part], cut[:-1][is_part], cut[1:][is_part]
+    midpoint = begin[edge] + 0.5 * (low + high)[:, None] * vector[edge]
+    length = np.linalg.norm(vector[edge], axis=1)
+    step = near * edges.normals[edge] / length[:, None]
+    sides = [shapely.contains_xy(polygon, *(midpoint + k * step).T) for k in (-1, 1)]
+    inside = 0.5 * (sides[0] + 1.0 * sides[1])
+    used = inside > 0
+    return (edge[used], low[used], high[used]), inside[used]
+
+
+def _cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[Indices, Floats]:
+    """Return numbers (k,) of edges and t (k,), sorted, at the ends and where other edges meet."""
     away = others.begin - begin[:, None]
     cross = vector[:, None, 0] * others.vector[:, 1] - vector[:, None, 1] * others.vector[:, 0]
     along = away[..., 0] * others.vector[:, 1] - away[..., 1] * others.vector[:, 0]
@@ -272,20 +316,11 @@ def _pieces(
     with np.errstate(divide="ignore", invalid="ignore"):
         t, s = along / cross, across / cross
     meets = (t > 0) & (t < 1) & (s > -_NEAR) & (s < 1 + _NEAR)
-    # corners of the other polygon on the edge, where both run along each other
+    # Vertices of the other polygon on an edge divide the edge if two edges coincide.
     at = (away * vector[:, None]).sum(axis=-1) / length[:, None] ** 2
     touches = (at > 0) & (at < 1) & (np.abs(across) < near * length[:, None])
-    found = [np.nonzero(meets), np.nonzero(touches)]
     every = np.arange(len(vector))
-    edge = np.concatenate([every, every, found[0][0], found[1][0]])
-    cut = np.concatenate([0.0 * every, 0.0 * every + 1, t[found[0]], at[found[1]]])
+    edge = np.concatenate([every, every, np.nonzero(meets)[0], np.nonzero(touches)[0]])
+    cut = np.concatenate([np.zeros(len(every)), np.ones(len(every)), t[meets], at[touches]])
     order = np.lexsort((cut, edge))
-    edge, cut = edge[order], cut[order]
-    is_part = (edge[1:] == edge[:-1]) & (cut[1:] > cut[:-1])
-    edge, low, high = edge[:-1][is_part], cut[:-1][is_part], cut[1:][is_part]
-    middle = begin[edge] + 0.5 * (low + high)[:, None] * vector[edge]
-    step = near * edges.normal[edge] / length[edge, None]
-    sides = [shapely.contains_xy(polygon, *(middle + k * step).T) for k in (-1, 1)]
-    inside = 0.5 * (sides[0] + 1.0 * sides[1])
-    used = inside > 0
-    return edge[used], low[used], high[used], inside[used]
+    return edge[order], cut[order]

@@ -34,10 +34,10 @@ Indices = NDArray[np.intp]
 
 _OPS = NumpyOperations()
 
-# Values in a temporary array: some tens of megabytes with its intermediates.
+# Number of values of a temporary array, which takes some tens of megabytes with its intermediates.
 _BLOCK = 1 << 20
 
-# Shifts that differ by less than this fraction of the largest count as equal: sums of the same
+# Largest difference between equal shifts, as a fraction of the largest shift. Sums of the same
 # terms in another order differ by rounding.
 _EQUAL = 1e-12
 
@@ -142,7 +142,7 @@ def sections(field: PlaneField, x: Floats) -> Sections:
     row, edge = np.nonzero((edges.left[:, 0] <= x[:, None]) & (x[:, None] < edges.right[:, 0]))
     height = _height(edges.left[edge], edges.right[edge], x[row])
     order = np.lexsort((height, edges.element[edge], row))
-    # with increasing y, edges alternately enter and leave an outline
+    # With increasing y, edges alternately enter and leave an outline.
     below, above = order[0::2], order[1::2]
     element = edges.element[edge[below]]
     weight = field.weights[element]
@@ -178,7 +178,7 @@ def column_spectra(field: PlaneField, x: Floats, nu: Floats) -> Complex:
     """Return the transform (n, m) along y at abscissae x (n,) from the centre, (P9)."""
     intervals = sections(field, x)
     at = x[intervals.row]
-    # weights of the sections, summed over all waves with the same frequency along y
+    # The weights of the sections are summed over all waves with the same frequency along y.
     weights: dict[float, Complex] = {}
     for k, element in enumerate(field.elements):
         inside = np.flatnonzero(intervals.element == k)
@@ -219,7 +219,7 @@ class Overlaps:
     weight: NDArray[Any]
     first: Indices
     second: Indices
-    """Elements ``first`` and ``second`` whose common region it is."""
+    """Each region is the intersection of the elements ``first`` and ``second``."""
 
 
 Image = tuple[tuple[float, float], Floats]
@@ -339,7 +339,7 @@ def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[A
     left, right = edges.left, edges.right
     values = np.zeros((len(x), len(lag)), edges.step.dtype)
     for row, abscissa in enumerate(x):
-        # edge i of the field and edge j of the image overlap for abscissae from low to high
+        # Edge i of the field and edge j of the image overlap for abscissae from low to high.
         low = np.maximum(left[:, None, 0], 2 * abscissa - right[:, 0])
         high = np.minimum(right[:, None, 0], 2 * abscissa - left[:, 0])
         i, j = np.nonzero(low < high)
@@ -361,6 +361,6 @@ def _mean_distance(u: Floats, v: Floats) -> Floats:
     """Return the mean of |t| over t from u to v."""
     a, b = np.abs(u), np.abs(v)
     total = a + b
-    crosses_zero = u * v < 0  # implies total > 0
+    crosses_zero = u * v < 0  # A negative product implies total > 0.
     squares = (a * a + b * b) / np.where(crosses_zero, total, 1.0)
     return 0.5 * np.where(crosses_zero, squares, total)

@@ -109,7 +109,7 @@ def _on_components(
 
 
 def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
-    """Return F, with NaN or inf where terms overflow."""
+    """Return F; it is NaN or inf if terms of a sum overflow."""
     if isinstance(source, Array):
         by_elements = partial(in_blocks, partial(_coherent_sum, source, how=how))
         value = None
@@ -230,7 +230,7 @@ def array_factor(
     -1.0
     """
     sites = Sites(*checked_sites(positions, weights))
-    # phases of distant sites need float64, also for results in single precision
+    # The phases of distant sites need float64, also for results in single precision.
     execution.checked_precision(precision)
     rounded = precision == "single" and not execution.is_drjit(nu)
     inner = None if rounded else precision

@@ -36,7 +36,7 @@ def differentiable(
     vertices: DrJitArray | None = None,
     weights: DrJitArray | None = None,
 ) -> Differentiable:
-    """Return a source whose vertices or weights are Dr.Jit arrays, for derivatives in them.
+    """Return a source whose vertices or weights are Dr.Jit arrays, which enables derivatives.
 
     `fourier`, `wigner` and `ambiguity` accept the result as their source. They return Dr.Jit
     arrays, which ``dr.backward`` and ``dr.forward`` differentiate in closed form (docs/gradients).

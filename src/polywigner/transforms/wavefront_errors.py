@@ -8,9 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_row
-from polywigner.geometry.convex import triangles_of
-from polywigner.numerics.triangles import from_apex, rule_of_counts
 from polywigner.source import Array
 from polywigner.source.array import PathLengths
 from polywigner.source.normal_form import normal_form
@@ -23,16 +20,18 @@ from polywigner.transforms.aberrated_pupils import (
 )
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.pupil import (
+    checked_band,
     checked_energy,
     checked_pupil_radius,
     checked_waves,
-    fractions_of,
 )
 
 Floats = NDArray[np.float64]
 
 # Error of the rms, relative to the largest path.
 _PRECISE = 1e-12
+# Frequencies of integrals without waves.
+_NO_BAND = np.zeros(2), np.zeros(2)
 
 
 def strehl(
@@ -87,8 +86,7 @@ def strehl(
     >>> round(pw.strehl(pupil, 550e-9, coma), 2)
     0.82
     """
-    lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
-    fractions = fractions_of(weights, lengths.size)
+    lengths, fractions = checked_band(wavelength, weights)
     checked_energy(source)
     radius, error = checked_pupil_radius(source, pupil_radius), checked_tolerance(tolerance)
     bend = checked_waves(defocus) * float(fractions @ lengths) / radius**2
@@ -102,13 +100,12 @@ def strehl(
 
 
 def _strehl_ratio(pupil: AberratedPupil, tolerance: float) -> float:
-    band = np.zeros(2), np.zeros(2)
-
     def evaluate(extra: int) -> NDArray[np.complex128]:
         total = np.zeros(2, np.complex128)
         for k, weight in enumerate(pupil.weights):
-            for part in pupil.columns(k, band, extra, tolerance):
-                total += weight * part.field.sum(), abs(weight) * np.abs(part.field).sum()
+            for x, weights in pupil.rules(k, _NO_BAND, extra, tolerance):
+                field = weight * weights * pupil.field(k, x)
+                total += field.sum(), np.abs(field).sum()
         return total
 
     sums = converged(evaluate, 0.5 * tolerance * pupil.content, "the Strehl ratio").values
@@ -152,18 +149,14 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     checked_energy(source)
     pupil = AberratedPupil.of(source, aberration, 1.0, 0.0)
     paths = normal_form(source).paths
-    elements = [
-        from_apex(triangles_of(pupil.polygons[k : k + 1])[0])[0] for k in range(len(pupil.elements))
-    ]
 
     def moments(extra: int) -> tuple[Floats, Floats]:
         """Return path lengths and weights of all nodes."""
         lengths, weights = [], []
-        for k, corners in enumerate(elements):
-            counts = np.full((len(corners), 2), 2 + extra, np.intp)
-            x, area, _ = rule_of_counts(corners, counts)
-            weights.append(area * np.abs(pupil.weights[k] * pupil.waves(k, x)) ** 2)
-            lengths.append(pupil.cycles(x) + _path_of(paths, k, x))
+        for k, amplitude in enumerate(pupil.weights):
+            for x, areas in pupil.rules(k, _NO_BAND, 1 + extra, _PRECISE):
+                weights.append((areas * np.abs(amplitude * pupil.field(k, x)) ** 2).ravel())
+                lengths.append((pupil.cycles(x) + _path_of(paths, k, x)).ravel())
         return np.concatenate(lengths), np.concatenate(weights)
 
     def evaluate(extra: int) -> Any:
@@ -176,7 +169,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
 
 
 def _path_of(paths: PathLengths | None, number: int, x: Floats) -> Floats | float:
-    """Return the piston and tilt of a segment at x (n, 2) in m."""
+    """Return the piston and tilt of a segment at x (..., 2) in m."""
     if paths is None:
         return 0.0
     return paths.wavelength * np.asarray(paths.cycles[number] + x @ paths.slopes[number])

@@ -37,7 +37,7 @@ TILT_ERROR = {True: 1e-11, False: 1e-7}
 # coherent W by a term in 1/width^2; the next term is 1.3e-13 of W, or 8e-7 in single precision.
 _WIDEST = {True: 1e3, False: 20.0}
 
-# Floats in a block.
+# Number of floats per block.
 _BLOCK = 1 << 20
 
 
@@ -50,7 +50,7 @@ def checked_wavefront(wave: Wavefront) -> Wavefront:
     """Return the source. Raises IlluminationError if it is partly coherent."""
     if not wave.is_coherent:
         raise IlluminationError(
-            "expected a coherent source, got one that is coherent over "
+            "expected a coherent source, got a coherence width of "
             f"{wave.coherence_width:g} m, whose field has no phase; use polywigner.irradiance or "
             "radiant_intensity"
         )
@@ -80,7 +80,7 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
     """
     curvatures = np.broadcast_to(q, nu.shape)
     total = np.zeros(len(nu), np.complex128)
-    with np.errstate(invalid="ignore"):  # NaN frequencies
+    with np.errstate(invalid="ignore"):  # Frequencies may be NaN.
         for element in normal_form(source).in_plane.elements:
             waves = zip(element.amplitudes.tolist(), element.frequencies, strict=True)
             for amplitude, kappa in waves:
@@ -117,7 +117,8 @@ def _bent(
     rotation = axes[:, order]
     rings = tuple((ring - origin) @ rotation for ring in element.rings)
     values = chirp_over_rings(rings, q[:, order], nu[:, order])
-    return values * np.sign(np.linalg.det(rotation))  # exchanging the axes reverses the orientation
+    # Exchanging the axes reverses the orientation.
+    return values * np.sign(np.linalg.det(rotation))
 
 
 # --- partly coherent light

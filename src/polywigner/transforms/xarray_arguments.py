@@ -155,7 +155,7 @@ def _labelled(
         *prepared,
         input_core_dims=[[_dimension(name)] for name in points],
         output_core_dims=[list(components)] * len(names),
-        # keeps the attributes of coordinates; the attributes of results are replaced below
+        # The attributes of coordinates are kept; the attributes of results are replaced below.
         keep_attrs="override",
         **lazily,
     )
@@ -179,7 +179,7 @@ def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[A
     if not isinstance(value, kind):
         try:
             is_point = not is_drjit(value) and np.ndim(value) == 1
-        except ValueError:  # lists of unequal lengths
+        except ValueError:  # A list of rows of unequal lengths raises a ValueError.
             is_point = False
         if not is_point:
             raise ArgumentError(
@@ -205,6 +205,6 @@ def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values
     ]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the call with points warns
+        warnings.simplefilter("ignore")  # The call with points issues the warnings.
         results = call(*empty)
     return [part.dtype for part in (results if isinstance(results, tuple) else (results,))]

@@ -470,8 +470,14 @@ def edge_wave_and_rate(
     return Pair(*(part.value for part in parts)), Pair(*(part.slopes[0] for part in parts))
 
 
-def path_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -> tuple[Any, Any]:
-    """Return the detour of the shortest path over an edge, and the cosine of its deflection."""
+def path_over(
+    ops: Any, source: Point, point: Point, start: Point, end: Point
+) -> tuple[Any, Any, Any]:
+    """Return data of the shortest path from a source over a straight edge to a point.
+
+    The values are the detour of the path, the cosine of its deflection, and the position of the
+    bend as a fraction of the edge.
+    """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
     inverse = 1.0 / length
@@ -491,7 +497,7 @@ def path_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -
     # computes product - ahead without cancellation if the path is almost straight
     bent = dot(normal, normal) / ops.maximum(product + ahead, 1e-30)
     bent = ops.select(ahead > 0.0, bent, product - ahead)
-    return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30)
+    return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30), foot
 
 
 def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:

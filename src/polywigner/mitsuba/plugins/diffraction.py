@@ -13,6 +13,7 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -23,19 +24,26 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit, ops_for, without_collection
-from polywigner.geometry.silhouettes import Obstacle, Obstacles, Silhouette
+from polywigner.geometry.contours import Silhouette
+from polywigner.geometry.silhouettes import Obstacle, Obstacles
 from polywigner.kernels.boundary import edge_waves
 from polywigner.kernels.boundary.edge_waves import difference, dot
 from polywigner.mitsuba.plugins.exact_field import AWAY, ExactEstimator
 from polywigner.mitsuba.plugins.films import changed
 from polywigner.mitsuba.plugins.registration import set_mesh
 from polywigner.mitsuba.plugins.samplers import opaque, single
+from polywigner.mitsuba.plugins.shadow_tables import (
+    EdgeTables,
+    NodeTables,
+    edge_tables,
+    node_tables,
+)
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters, reach_of
 from polywigner.mitsuba.scenes import surfaces
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.jets import Jet, flattened, rebuilt
 from polywigner.propagation import equivalent_points, shadows
-from polywigner.propagation.shadows import NO_SURFACE
+from polywigner.propagation.source_nodes import SourceNodes, all_points, nodes_for
 
 Floats = NDArray[np.float64]
 Point = tuple[Drjit, Drjit, Drjit]
@@ -48,10 +56,11 @@ _ERROR = 3e-4
 _MOST_POINTS = 1024
 # Quadrature along edges. Measured relative errors for random edges: most 5e-7, at most 9e-6.
 _RULE = edge_waves.EdgeRule.of(2.0, 16, 2)
-# The edge of a half plane adds 1/(sqrt(8) pi sqrt(detour)) of the free field, the detour in
-# wavelengths. Edges that add less than this fraction are left out.
-_FAINT = 2e-3
-_LONGEST = 1.0 / (8.0 * math.pi**2 * _FAINT**2)
+# Edges whose wave adds less than this to |U|^2 over its free peak are left out. Fields below
+# _WEAK times the peak count as equal to it.
+_FAINT, _WEAK = 5e-5, 0.1
+# Waves behind a surface are left out if it transmits less than this fraction.
+_OPAQUE = 2e-3
 # Illuminated points are shifted by this fraction of their distance, so that none lies on the
 # boundary of a shadow after rounding to single precision.
 _ASIDE = 1e-6
@@ -60,89 +69,17 @@ _ENDS = 1e-5
 # Relative error of fields in scalar variants.
 _HOST_ERROR = 1e-4
 
-_NO_PLANE = (0.0, 0.0, 0.0, 1.0)
-
 _log = logging.getLogger("polywigner.mitsuba")
 
 
-class EdgeTables(NamedTuple):
-    """Edges of silhouettes in groups, with the surface that blocks the waves of each group."""
+class _Edge(NamedTuple):
+    """An edge and its shortest path from the centre of the source to a point."""
 
-    groups: Floats
-    """(g, 13), a row per group: midpoint of its edges (3), plane of the face behind them (4), and
-    first and end row of its edges, its blocker's triangles and its blocker's rim (6)."""
-    edges: Floats
-    """(k, 12), a row per edge: its ends (6), plane of the face behind it (4), and first and end
-    number of the radiating points whose waves it diffracts (2)."""
-    triangles: Floats
-    """(t, 10), a row per triangle of a blocker: normals of the planes through the group's midpoint
-    and each side (9), and the triple product of the corners (1)."""
-    rims: Floats
-    """(m, 6), ends of each edge of the blockers' rims."""
-
-
-def edge_tables(
-    obstacles: Obstacles,
-    points: Sequence[equivalent_points.RadiatingPoint],
-    silhouettes: Sequence[Silhouette],
-    margin: float,
-) -> EdgeTables:
-    """Return the edges of silhouettes from points of the source, in groups of one blocker.
-
-    Parameters
-    ----------
-    obstacles : Obstacles
-        Bodies in the source's frame, in wavelengths.
-    points : sequence of RadiatingPoint
-        Points of the source.
-    silhouettes : sequence of Silhouette
-        One for each point of the source, or a single one for all points.
-    margin : float
-        Points behind a face by less than this fraction of its distance count as points on it.
-    """
-    centre = np.mean([point.position for point in points], axis=0)
-    blocked = shadows.blocked_edges(obstacles, silhouettes, centre)
-    parts, groups = [], []
-    for k, (silhouette, group) in enumerate(zip(silhouettes, blocked.groups, strict=True)):
-        span = (0, len(points)) if len(silhouettes) < len(points) else (k, k + 1)
-        rows = np.column_stack([silhouette.edges.reshape(-1, 6), silhouette.planes])
-        parts.append(np.column_stack([rows, np.tile(span, (len(group), 1))]))
-        groups.append(np.maximum(group, NO_SURFACE))
-        on_body = rows[group == shadows.OWN_SURFACE]
-        count = len(on_body)
-        for number in range(*span) if count else ():
-            table = np.column_stack([np.tile(points[number].row, (count, 1)), on_body])
-            ranges = np.tile((number, number + 1), (count, 1))
-            parts.append(np.column_stack([shadows.shadow_lines(table)[:, 7:], ranges]))
-            groups.append(np.full(count, NO_SURFACE))
-    edges, group = np.concatenate(parts), np.concatenate(groups)
-    planes = edges[:, 6:10]
-    planes[group == NO_SURFACE] = _NO_PLANE
-    # rounding to single precision moves points of a surface behind it; they count as in front
-    planes[:, 3] += margin * np.linalg.norm(edges[:, 3:6], axis=1) * (group >= 0)
-    order = np.argsort(group, kind="stable")
-    edges, group = edges[order], group[order]
-    spans, triangles, rims = [], [np.empty((0, 10))], [np.empty((0, 6))]
-    sizes = [0, 0]
-    for number, blocker in enumerate([None, *blocked.blockers], NO_SURFACE):
-        first, end = np.searchsorted(group, [number, number + 1])
-        plane = edges[first, 6:10] if first < end else _NO_PLANE
-        before, origin = list(sizes), np.zeros(3)
-        if blocker is not None:
-            origin = blocker.origin
-            triangles.append(_pyramids(blocker.triangles - origin))
-            rims.append(blocker.rim.reshape(-1, 6))
-            sizes = [sizes[0] + len(triangles[-1]), sizes[1] + len(rims[-1])]
-        numbers = [first, end, before[0], sizes[0], before[1], sizes[1]]
-        spans.append([*origin, *plane, *numbers])
-    return EdgeTables(np.array(spans), edges, np.concatenate(triangles), np.concatenate(rims))
-
-
-def _pyramids(corners: Floats) -> Floats:
-    """Return side normals and volumes (t, 10) of pyramids from the origin over triangles."""
-    a, b, c = np.moveaxis(corners, 1, 0)
-    sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
-    return np.column_stack([*sides, np.einsum("tk,tk->t", a, sides[0])])
+    row: Drjit
+    """Row of ``EdgeTables.edges``."""
+    detour: Drjit
+    foot: Drjit
+    """Position of the bend as a fraction of the edge."""
 
 
 class Shadows:
@@ -167,16 +104,15 @@ class Shadows:
             )
             bodies = [surfaces.in_frame(body, pose, scale) for body in bodies]
             obstacles, positions = Obstacles(bodies), np.array([point.position for point in points])
-            silhouettes = obstacles.silhouettes(list(positions))
-            shared = silhouettes[-1] is silhouettes[0]
-            silhouettes = [
-                surfaces.before_plane(s) for s in (silhouettes[:1] if shared else silhouettes)
-            ]
-            tables = edge_tables(obstacles, points, silhouettes, _ENDS)
+            nodes, silhouettes = _nodes_and_silhouettes(obstacles, points)
+            tables = edge_tables(obstacles, nodes, silhouettes, _ENDS)
         except ArgumentError as error:
             raise SceneError(f"with diffraction: {error}") from None
         faces = sum(len(body.triangles) for body in bodies)
-        _log.info("shadows: %d faces, %d edges, %d points", faces, len(tables.edges), len(points))
+        numbers = faces, len(tables.edges), len(nodes.positions), len(points)
+        _log.info("shadows: %d faces, %d edges, %d nodes of %d points", *numbers)
+        if len(silhouettes) < len(nodes.positions):
+            bodies = [_spanned(body, nodes.centre) for body in bodies]
         self._obstacles = _scene_of(m, bodies)
         self._start = opaque(m, max(surfaces.BEHIND, surfaces.ROUNDING * reach * scale))
         self._centre = tuple(positions.mean(axis=0).tolist())
@@ -184,14 +120,13 @@ class Shadows:
         self._near = [opaque(m, value) for value in (near / scale).tolist()]
         self._is_oblique = any(point.field for point in points)
         self._is_blocked = len(tables.triangles) > 0
-        every = silhouettes * len(points) if shared else silhouettes
-        self._on_host = partial(shadows.diffracted, obstacles, points, every, tolerance=_HOST_ERROR)
         if self._jit:
-            rows = np.array([[*point.row, 0.0] for point in points])
-            self._tables = [self._ops.on_device(t.astype(np.float32)) for t in (rows, *tables)]
-            counts = len(rows), len(tables.groups)
-            self._counts = [m.UInt32(dr.opaque(m.UInt32, count)) for count in counts]
-            self._has_edges = len(tables.edges) > 0  # a body around the source has no rim
+            self._load(nodes, tables)
+        else:
+            seen = [surfaces.before_plane(s) for s in obstacles.silhouettes(list(positions))]
+            self._on_host = partial(
+                shadows.diffracted, obstacles, points, seen, tolerance=_HOST_ERROR
+            )
 
     def either(self, point: mi.Point3f, free: Callable[[mi.Point3f], Drjit]) -> Drjit:
         """Return |U|^2 at a point in front; close to the source ``free`` computes it unshadowed."""
@@ -216,46 +151,163 @@ class Shadows:
         real, imag = self._field((x, y, z))
         return real * real + imag * imag
 
+    def _load(self, nodes: SourceNodes, tables: EdgeTables) -> None:
+        m, ops = self._m, self._ops
+        every = *node_tables(nodes), *tables
+        names = (*NodeTables._fields, *EdgeTables._fields)
+        self._tables = {
+            name: ops.on_device(table.astype(np.float32))
+            for name, table in zip(names, every, strict=True)
+        }
+        counts = len(nodes.positions), len(tables.groups)
+        self._counts = [m.UInt32(dr.opaque(m.UInt32, count)) for count in counts]
+        self._inverse_peak = opaque(m, 1.0 / nodes.peak)
+        self._has_edges = len(tables.edges) > 0  # a body around the source has no rim
+
     def _field(self, at: Point) -> Field:
         m, ops = self._m, self._ops
-        points, groups, edges, *_ = self._tables
 
-        def add_point(number: Drjit, real: Drjit, imag: Drjit) -> Field:
-            row = ops.gather(points, number)
-            ahead, turns = self._path(row, at)
-            wave, hidden = self._wave(row, ahead, turns), self._hidden(row, ahead)
+        def add_node(number: Drjit, real: Drjit, imag: Drjit, *free: Drjit) -> tuple[Drjit, ...]:
+            row = ops.gather(self._tables["nodes"], number)
+            parts = self._node_wave(row, at)
+            hidden = self._hidden(row, self._path(row, at)[0])
             return (
-                real + dr.select(hidden, 0.0, wave.real),
-                imag + dr.select(hidden, 0.0, wave.imag),
+                real + dr.select(hidden, 0.0, parts[0]),
+                imag + dr.select(hidden, 0.0, parts[1]),
+                free[0] + parts[0],
+                free[1] + parts[1],
             )
 
+        zero = m.Float(0.0)
+        *field, real, imag = ops.fold(0, self._counts[0], (zero,) * 4, add_node)
+        if not self._has_edges:
+            return field
+        level = ops.sqrt((real * real + imag * imag) * dot(at, at)) * self._inverse_peak
+        # square of the least amplitude of an edge wave, relative to the largest free field
+        faint = (_FAINT / ops.maximum(level, _WEAK)) ** 2
+
         def add_group(number: Drjit, real: Drjit, imag: Drjit) -> Field:
-            group = ops.gather(groups, number)
+            group = ops.gather(self._tables["groups"], number)
             weight = self._transmission(group, at)
 
             def add_edge(number: Drjit, real: Drjit, imag: Drjit) -> Field:
-                row = ops.gather(edges, number)
+                row = ops.gather(self._tables["edges"], number)
+                centre = tuple(m.Float(c) for c in self._centre)
+                detour, _, foot = edge_waves.path_over(ops, centre, at, row[:3], row[3:6])
+                edge = _Edge(row, detour, foot)
 
-                def add_change(number: Drjit, real: Drjit, imag: Drjit) -> Field:
-                    change = self._change(ops.gather(points, number), row, at) * weight
+                def add_waves(real: Drjit, imag: Drjit) -> Field:
+                    change = self._edge_change(edge, at) * weight
                     return real + change.real, imag + change.imag
 
-                def add_changes(real: Drjit, imag: Drjit) -> Field:
-                    span = m.UInt32(row[10]), m.UInt32(row[11])
-                    return ops.fold(*span, (real, imag), add_change)
-
-                is_short = (
-                    edge_waves.path_over(ops, self._centre, at, row[:3], row[3:6])[0] < _LONGEST
-                )
-                return self._if(is_short, add_changes, (real, imag))
+                return self._if(row[18] > faint * detour, add_waves, (real, imag))
 
             first, end = m.UInt32(group[7]), m.UInt32(group[8])
-            end = dr.select(weight.norm() > _FAINT**2, end, first)
+            end = dr.select(weight.norm() > _OPAQUE**2, end, first)
             return ops.fold(first, end, (real, imag), add_edge)
 
+        return ops.fold(0, self._counts[1], field, add_group)
+
+    def _node_wave(self, node: Drjit, at: Point) -> tuple[Drjit, ...]:
+        """Return the wave of a node at a point, and its part from dipoles if there are any."""
+        m, ops = self._m, self._ops
+
+        def add_point(number: Drjit, *sums: Drjit) -> tuple[Drjit, ...]:
+            row = ops.gather(self._tables["points"], number)
+            ahead, turns = self._path(row, at)
+            wave = equivalent_points.wave_ahead(ops, ahead, row[3:5], row[5:7], turns)
+            parts = [wave.real, wave.imag]
+            if self._is_oblique:
+                dipole = equivalent_points.spherical_wave(ops, ahead, turns) * Pair(*row[3:5])
+                parts += [dipole.real, dipole.imag]
+            return tuple(a + b for a, b in zip(sums, parts, strict=True))
+
+        span = m.UInt32(node[2]), m.UInt32(node[3])
+        return ops.fold(*span, (m.Float(0.0),) * (4 if self._is_oblique else 2), add_point)
+
+    def _edge_change(self, edge: _Edge, at: Point) -> Pair:
+        """Return the change of the field by an edge.
+
+        Close to the boundary of the shadow the boundary waves of the nodes have the weights of the
+        nodes' waves at the point, farther away those at the edge.
+        """
+        m, ops, row = self._m, self._ops, edge.row
+        span = m.UInt32(row[10]), m.UInt32(row[11])
+
+        def near(real: Drjit, imag: Drjit) -> Field:
+            def add(number: Drjit, real: Drjit, imag: Drjit) -> Field:
+                change = self._change_at(number, edge, at)
+                return real + change.real, imag + change.imag
+
+            return ops.fold(*span, (real, imag), add)
+
+        def far(real: Drjit, imag: Drjit) -> Field:
+            by_centre = edge.detour > row[17]
+            last = m.UInt32(self._counts[0])
+            ends = dr.select(by_centre, last, span[0]), dr.select(by_centre, last + 1, span[1])
+
+            def add(number: Drjit, real: Drjit, imag: Drjit) -> Field:
+                change = self._change_from(number, edge, at)
+                return real + change.real, imag + change.imag
+
+            return ops.fold(*ends, (real, imag), add)
+
         zero = m.Float(0.0)
-        field = ops.fold(0, self._counts[0], (zero, zero), add_point)
-        return ops.fold(0, self._counts[1], field, add_group) if self._has_edges else field
+        is_near = edge.detour < row[16]
+        return Pair(*dr.if_stmt((zero, zero), is_near, near, far, mode="symbolic"))
+
+    def _change_at(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
+        """Return the change by an edge of the wave that a node has at the point."""
+        ops, node = self._ops, self._ops.gather(self._tables["nodes"], number)
+        source, start, end, blocked = self._boundary(node, number, edge, at)
+        parts = self._node_wave(node, at)
+        wave = Pair(*parts[:2])
+        if not self._is_oblique:
+            boundary = Pair(
+                *edge_waves.edge_wave(
+                    ops, _RULE, source, at, start, end, when=self._when, blocked=blocked
+                )
+            )
+            return wave * boundary.scaled(-0.5 / math.pi)
+        boundary, rate = edge_waves.edge_wave_and_rate(
+            ops, _RULE, source, at, start, end, when=self._when_jets, blocked=blocked
+        )
+        # (SB5): i/(2 pi) of the derivative, times -1/(2 pi) of the boundary wave
+        bend = (Pair(*parts[2:]) * rate).scaled(0.25 / math.pi**2)
+        return wave * boundary.scaled(-0.5 / math.pi) + Pair(bend.imag, -bend.real)
+
+    def _change_from(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
+        """Return the change by an edge of the wave that a node has at the edge."""
+        m, ops, row = self._m, self._ops, edge.row
+        node = ops.gather(self._tables["nodes"], number)
+        source, start, end, blocked = self._boundary(node, number, edge, at)
+        boundary = Pair(
+            *edge_waves.edge_wave(
+                ops, _RULE, source, at, start, end, when=self._when, blocked=blocked
+            )
+        )
+        along = edge.foot * row[15]
+        interval = m.UInt32(dr.minimum(along, row[15] - 1.0))
+        width = self._counts[0] + 1
+        sample = ops.gather(self._tables["samples"], m.UInt32(row[14]) + interval * width + number)
+        part = along - m.Float(interval)
+        real, imag = (a + part * (b - a) for a, b in zip(sample[:2], sample[2:], strict=True))
+        ahead, turns = self._path(node, at)
+        wave = equivalent_points.spherical_wave(ops, ahead, turns) * Pair(real, imag)
+        return wave * boundary.scaled(-0.5 / math.pi)
+
+    def _boundary(
+        self, node: Drjit, number: Drjit, edge: _Edge, at: Point
+    ) -> tuple[Point, Point, Point, Any]:
+        """Return a node, both ends of an edge, and whether a surface is behind the edge."""
+        m, ops, row = self._m, self._ops, edge.row
+        step = m.UInt32(row[13])
+        ends = ops.gather(self._tables["ends"], m.UInt32(row[12]) + number * step)
+        source, start, end = (node[0], node[1], 0.0 * node[0]), ends[:3], ends[3:6]
+        blocked = None
+        if self._is_blocked:
+            blocked = shadows.behind_face(ops, source, start, end, row[6:10], at, 0.0)
+        return source, start, end, blocked
 
     @staticmethod
     def _if(condition: Drjit, compute: Callable[..., Any], state: Any) -> Any:
@@ -268,7 +320,7 @@ class Shadows:
         free = m.Float(1.0), m.Float(0.0)
         if not self._is_blocked:
             return Pair(*free)
-        *_, triangles, rims = self._tables
+        triangles, rims = self._tables["triangles"], self._tables["rims"]
         ahead = difference(at, group[:3])
 
         def is_hit(number: Drjit, hits: Drjit) -> tuple[Drjit]:
@@ -307,12 +359,6 @@ class Shadows:
         sum_ = length + ops.sqrt(x * x + y * y + z * z)
         return ahead, (a * (a - 2.0 * x) + b * (b - 2.0 * y)) / sum_
 
-    def _wave(self, row: Drjit, ahead: Point, turns: Drjit) -> Pair:
-        """Return the wave of a point of the source, relative to the phase from the origin."""
-        return equivalent_points.wave_ahead(
-            self._ops, ahead, tuple(row[3:5]), tuple(row[5:7]), turns
-        )
-
     def _hidden(self, row: Drjit, ahead: Point) -> Drjit:
         """Return whether an obstacle is between a point of the source and the end of a vector."""
         m = self._m
@@ -324,38 +370,52 @@ class Shadows:
         ray.maxt = distance * (1.0 - part - _ENDS)
         return self._obstacles.ray_test(ray)
 
-    def _change(self, point: Drjit, row: Drjit, at: Point) -> Pair:
-        """Return the boundary wave of an edge for a point of the source."""
-        ops, source, ends = self._ops, (point[0], point[1], 0.0 * point[0]), (row[:3], row[3:6])
-        ahead, turns = self._path(point, at)
-        wave = self._wave(point, ahead, turns)
-        blocked = None
-        if self._is_blocked:
-            blocked = shadows.behind_face(ops, source, *ends, row[6:10], at, 0.0)
-        options: dict[str, Any] = {"when": self._when, "blocked": blocked}
-        path = source, at, *ends
-        if not self._is_oblique:
-            boundary = Pair(*edge_waves.edge_wave(ops, _RULE, *path, **options))
-            return wave * boundary.scaled(-0.5 / math.pi)
-        boundary, rate = edge_waves.edge_wave_and_rate(ops, _RULE, *path, **options)
-        bend = equivalent_points.oblique_change(ops, ahead, tuple(point[3:5]), rate, turns)
-        return wave * boundary.scaled(-0.5 / math.pi) + bend
-
-    def _when(
-        self, condition: Drjit, compute: Callable[..., Any], *arguments: Any
-    ) -> Field | tuple[Jet, Jet]:
+    def _when(self, condition: Drjit, compute: Callable[..., Any], *arguments: Any) -> Field:
         """Return ``compute(*arguments)`` where the condition holds, and zero elsewhere."""
+        zeros = (self._m.Float(0.0),) * 2
+        return dr.if_stmt(arguments, condition, compute, lambda *_: zeros, mode="symbolic")
+
+    def _when_jets(
+        self, condition: Drjit, compute: Callable[..., Any], *arguments: Any
+    ) -> tuple[Jet, Jet]:
+        """Return :meth:`_when` of jets, whose values and derivatives are passed separately."""
 
         def flat(*parts: Drjit) -> tuple[Drjit, ...]:
             return tuple(flattened(compute(*rebuilt(arguments, parts))))
 
-        # Dr.Jit's if_stmt takes arrays: values and derivatives of jets are passed separately
-        zeros = (self._m.Float(0.0),) * (4 if self._is_oblique else 2)
+        zeros = (self._m.Float(0.0),) * 4
         state = tuple(flattened(arguments))
         parts = dr.if_stmt(state, condition, flat, lambda *_: zeros, mode="symbolic")
-        if not self._is_oblique:
-            return parts
         return Jet(self._ops, parts[0], parts[1:2]), Jet(self._ops, parts[2], parts[3:])
+
+
+def _nodes_and_silhouettes(
+    obstacles: Obstacles, points: Sequence[equivalent_points.RadiatingPoint]
+) -> tuple[SourceNodes, list[Silhouette]]:
+    """Return the nodes of a source, and one silhouette for all nodes or for each of them."""
+    every = all_points(points)
+    shared = obstacles.shared_silhouette(every.positions)
+    if shared is not None:
+        shared = surfaces.before_plane(shared)
+        return nodes_for(points, shared.edges), [shared]
+    seen = [obstacles.silhouette(position) for position in every.positions]
+    return every, [surfaces.before_plane(silhouette) for silhouette in seen]
+
+
+def _spanned(body: Obstacle, source: Floats) -> Obstacle:
+    """Return a surface that hides what a convex body hides from near a source.
+
+    Its rim is the silhouette that all nodes of the source share, so that their shadows end at the
+    edges of this silhouette.
+    """
+    if not (body.is_solid and body.is_simple):
+        return body
+    ends = body.silhouette(source)
+    if not len(ends):
+        return body
+    centre = body.vertices[ends].mean(axis=(0, 1))
+    fan = np.column_stack([ends, np.full(len(ends), len(body.vertices))])
+    return replace(body, vertices=np.concatenate([body.vertices, [centre]]), triangles=fan)
 
 
 def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:

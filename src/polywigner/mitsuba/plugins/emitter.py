@@ -62,13 +62,13 @@ ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
     "exact": ExactEstimator,
 }
 
-# Finite stand-in for an infinite density; its square, and products with radiances, are finite in
-# float32.
+# Finite stand-in for an infinite probability density. Its square, and its products with radiances,
+# are finite in float32.
 _OVERWHELMING = 1e12
 
 
 class WignerEmitter(VariantPlugin):
-    """Emitter of a ``wigner`` shape, which creates it: the emitter is not a registered plugin."""
+    """Emitter of a ``wigner`` shape. The shape creates it, so it is not a registered plugin."""
 
     get_shape: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -83,7 +83,8 @@ class WignerEmitter(VariantPlugin):
         self.wavelength = self._adjustable(spec.wavelength)
         self.power = self._adjustable(spec.power)
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
-        # opaque: Dr.Jit cannot record loops over one sample that contain literals
+        # The value is opaque, because Dr.Jit cannot record loops over one sample that contain
+        # literals.
         self._dark = opaque(m, 0.0)
         self.polariser = Polariser(m, spec.polarisation)
         self._set_source(spec, spec.wavelength)
@@ -106,7 +107,7 @@ class WignerEmitter(VariantPlugin):
     # ---- parameters ----------------------------------------------------------------------
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
-        """Add ``wavelength`` (m), ``power`` (W), ``to_world`` (rigid), vertices and weights."""
+        """Register wavelength (m), power (W), rigid pose, vertices and weights as parameters."""
         differentiable, constant = mi.ParamFlags.Differentiable, mi.ParamFlags.NonDifferentiable
         callback.put(
             "wavelength", self.wavelength, constant if self._is_constant else differentiable
@@ -129,7 +130,7 @@ class WignerEmitter(VariantPlugin):
         source = traced.changed() if "vertices" in keys or "weights" in keys else None
         if source is not None:
             self._set_source(self.spec.with_source(source, wavelength), wavelength)
-            # keeps the arrays of the user, whose derivatives are enabled
+            # The user's arrays remain in use, because their derivatives are enabled.
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
             if shape is not None:  # the mesh covers the region that radiates
                 cover(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
@@ -153,7 +154,7 @@ class WignerEmitter(VariantPlugin):
         self.spec = replace(self.spec, norm=self.spec.norm_at(wavelength))
 
     def _update(self) -> None:
-        # opaque: each new literal would compile the render kernel again
+        # opaque, because a new literal would cause the render kernel to be recompiled
         if self.jit:
             dr.make_opaque(self.wavelength, self.power)
         self.frame = Frame(self.m, self.to_world, self.spec.centre)
@@ -162,7 +163,7 @@ class WignerEmitter(VariantPlugin):
         self._norm = self._traced_norm() if has_gradients else opaque(self.m, self.spec.norm)
 
     def stand_at(self, reach: float) -> None:
-        """Set the ``reach`` of the source in its scene; see module `surfaces`."""
+        """Set ``reach``, the largest coordinate of the source and of surfaces that touch it."""
         self._reach = opaque(self.m, reach)
 
     def has_gradients(self) -> bool:
@@ -170,7 +171,7 @@ class WignerEmitter(VariantPlugin):
         return self.jit and (self._traced.has_gradients() or dr.grad_enabled(self.wavelength))
 
     def _traced_norm(self) -> Drjit:
-        """Return the norm N with derivatives; the value itself is from NumPy."""
+        """Return the norm N with derivatives; NumPy computes its value."""
         wavelength = single(self.wavelength, "wavelength")
         source = self.spec.at_origin
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -199,7 +200,7 @@ class WignerEmitter(VariantPlugin):
         return number if self.jit else number[0]
 
     def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
-        """Return L at positions, in directions given as unit vectors, in the source's frame."""
+        """Return the radiance L at positions and unit vectors along directions, in this frame."""
         traced = self._traced.wigner if self._is_traced() else None
         scale = self._value(self.power) * (wave.inverse * wave.inverse / self._norm)
         return scale * self._radiance.at(x, direction, wave, traced)
@@ -236,7 +237,8 @@ class WignerEmitter(VariantPlugin):
         ds.d = -self.frame.to_scene(direction)
         ds.dist = distance
         ds.pdf = self._density(direction.z, distance)
-        if self.spec.diffraction:  # the field includes obstacles, so the shadow ray ends early
+        # The field includes the effect of obstacles, so the shadow ray ends before it can meet any.
+        if self.spec.diffraction:
             away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * self.m.math.RayEpsilon)
             ds.p = it.p + ds.d * away
         else:
@@ -297,7 +299,7 @@ def cover(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
 
 
 def check_place(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
-    """Raise SceneError if a user has moved the mesh but not the emitter."""
+    """Raise SceneError if a user has moved the mesh without the emitter."""
     params = mi.traverse(shape)
     local, actual = (
         np.asarray(dr.detach(params[name]), dtype=np.float64).reshape(-1, count)
@@ -343,7 +345,7 @@ def _build(variant: str, props: mi.Properties) -> mi.Mesh:
     name, sizes = props.id() or EMITTER, (len(points), len(triangles))
     mesh = m.Mesh(name, *sizes, props=inner, has_vertex_texcoords=True)
     cover(mesh, spec.pose, spec)
-    if not spec.visible:  # all corners coincide, so no ray meets the triangles
+    if not spec.visible:  # All corners coincide, so no ray meets the triangles.
         set_mesh(mesh, faces=np.zeros_like(triangles))
     return mesh
 

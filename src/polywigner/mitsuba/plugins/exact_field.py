@@ -46,10 +46,11 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# Largest number of points on the shorter side of a grid, and number of points that take as long as
-# a panel (benchmarks/render_exact.py). The points of the shorter side are code of the kernel, which
-# runs twice as fast as a loop; each takes 5 ms to compile.
-_MOST_POINTS, _POINTS_PER_PANEL = 64, 33
+# Largest number of points on the shorter side of a grid. These points are unrolled in the kernel,
+# which runs twice as fast as a loop, but takes 5 ms to compile for each point.
+_MOST_POINTS = 64
+# Number of points that take as long as a panel (benchmarks/render_exact.py).
+_POINTS_PER_PANEL = 33
 
 AWAY = 3.0
 """Distance from the source's bounds, in wavelengths, at which equivalent points may be used. For
@@ -93,7 +94,7 @@ class EquivalentSources:
             total = Pair(0.0, 0.0)
             for k, (offset, point_shift) in enumerate(points):
                 radius = ops.sqrt(offset * offset + foot2)
-                # one division for 1/radius and for 1/(radius + distance)
+                # One division serves 1/radius and 1/(radius + distance).
                 sum_ = radius + distance
                 quotient = 1.0 / (radius * sum_)
                 inverse = sum_ * quotient
@@ -106,7 +107,7 @@ class EquivalentSources:
         return real, imag
 
     def _sent(self, cosine: Drjit, inverse: Drjit, wave: Pair, weights: tuple[Drjit, ...]) -> Pair:
-        """Return the wave of a point, including the term 1/(k r) of its near field."""
+        """Return the wave from one point, with the near-field term 1/(k r)."""
         step = 1 if self.is_real else 2
         total = Pair(0.0, 0.0)
         for k in range(0, len(weights), step):
@@ -132,7 +133,7 @@ def equivalent_sources(
     grid = equivalent_grid(source, radiator, wavelength, condition, _ERROR, pays)
     if grid is None:
         return None
-    # lines along the shorter side, because the length of the code is proportional to that side
+    # Lines run along the shorter side, because the length of the code is proportional to that side.
     half, nodes, table = grid.half, grid.nodes, np.stack(grid.weights, axis=-1)
     is_swapped = len(nodes[0]) < len(nodes[1])
     across, along = (1, 0) if is_swapped else (0, 1)
@@ -172,7 +173,8 @@ class ExactEstimator:
     density: None = None
     """None, because each point is illuminated by the entire source."""
     scene_is_known: ClassVar[bool] = False
-    """Whether a render has passed its scene. Kernels also contain the sources of other scenes."""
+    """True while a render of a known scene runs. Kernels also contain the sources of other
+    scenes."""
 
     def __init__(self, m: Any, spec: SourceParameters, wavelength: float, _: object) -> None:
         self._m, self._unit = m, spec.scene_unit
@@ -243,7 +245,8 @@ class ExactEstimator:
             )
             if not dr.is_jit_v(self._m.Float):
                 raise SceneError(message)
-            # a warning, since Dr.Jit also traces the sources of scenes that are not rendered
+            # This is a warning, since Dr.Jit also traces the sources of scenes that are not
+            # rendered.
             warnings.warn(f"{message}. Its light is NaN", RuntimeWarning, stacklevel=2)
             return self._m.Float(math.nan)
         if self._shadows is not None:
@@ -259,8 +262,8 @@ class ExactField:
     def __init__(self, m: Any, source: SceneSource, wavelength: float, obliquity: str) -> None:
         source, condition = plane_waves_of(source), CONDITIONS[obliquity]
         self._m, self._jit = m, dr.is_jit_v(m.Float)
-        # scalar variants compute one sample at a time, so NumPy evaluates its panels and nodes at
-        # once
+        # Scalar variants compute one sample at a time, so NumPy evaluates its panels and nodes at
+        # once.
         self._ops = ops_for(m.Float) if self._jit else NumpyOperations()
         radiator = radiator_of(source)
         self._tables = boundary_tables(
@@ -297,9 +300,9 @@ class ExactField:
         return (points if away[0] else self._near)(x, y, z)
 
     def _near(self, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
-        """Return the integrals along the edges."""
-        # coordinates, and the distance from the centre, are sums of two floats
-        if self._jit:  # the distance is computed in float64 and split into two float32 numbers
+        """Return the boundary integrals along the edges."""
+        # Each coordinate, and the distance from the centre, is the sum of two floats.
+        if self._jit:  # The distance is computed in float64 and split into two float32 numbers.
             m = self._m
             wide = ops_for(m.Float64)
             point = tuple((m.Float64(value), 0.0) for value in (x, y, z))
@@ -317,13 +320,17 @@ class ExactField:
 
 # ---- curved waves as sums of plane waves ---------------------------------------------------------
 
-# Error of the sum of plane waves relative to the modulus of the curved wave. Largest sum of the
-# moduli of the plane waves: the rounding error is 6e-8 of this sum. Periods to try, relative to the
-# size of an element: shorter periods need more waves, longer periods result in larger amplitudes.
-_CURVED_ERROR, _LARGEST_SUM, _PERIODS = 1e-5, 30.0, (1.2, 1.5, 2.0, 3.0)
-# Fraction of the largest singular value below which the others are rounding errors. Largest number
-# of waves along an axis.
-_SINGULAR, _MOST_WAVES = 1e-9, 64
+# Error of the sum of plane waves relative to the modulus of the curved wave.
+_CURVED_ERROR = 1e-5
+# Largest sum of the moduli of the plane waves; the rounding error is 6e-8 of this sum.
+_LARGEST_SUM = 30.0
+# Periods to try, relative to the size of an element. Shorter periods need more waves, and longer
+# periods result in larger amplitudes.
+_PERIODS = (1.2, 1.5, 2.0, 3.0)
+# Singular values below this fraction of the largest one are rounding errors.
+_SINGULAR = 1e-9
+# Largest number of waves along an axis.
+_MOST_WAVES = 64
 
 
 @lru_cache(maxsize=16)
@@ -359,7 +366,7 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
         count = 8 * math.ceil(min(cycles, _MOST_WAVES) + 20)
         y = -np.cos(np.linspace(0.0, math.pi, count)) * size / 2
         chirp = np.exp(1j * math.pi * q * y * y)
-        # the frequencies of the chirp span 1/size times the number of cycles
+        # The frequencies of the chirp span 1/size times the number of cycles.
         fits = (
             _fit(y, chirp, np.linspace(-0.5, 0.5, n) * ((n - 1) / (period * size)))
             for n in range(3 + 2 * int(min(cycles, _MOST_WAVES) / 2), _MOST_WAVES + 1, 2)
@@ -368,7 +375,7 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
         waves = next((fit for fit in fits if fit is not None), None)
     if waves is None:
         raise SceneError(
-            'expected a wave of less curvature with the estimator "exact", got '
+            'expected a wave with less curvature for the estimator "exact", got '
             f"{cycles / 8:.3g} cycles of phase from the centre to the edge of an element; use the "
             'estimator "wigner"'
         )

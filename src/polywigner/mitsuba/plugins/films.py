@@ -20,14 +20,15 @@ from polywigner.execution import kernel_threads
 from polywigner.geometry.arguments import checked_count
 from polywigner.interruption import temporary_folder
 
-# Message about a colour film in a variant with one channel, a combination that is intended.
+# Start of a message of Mitsuba that is not shown: a colour film in a variant with one channel is
+# intended.
 _EXPECTED = ("Monochrome mode enabled",)
 _DATE = len("2000-01-01 00:00:00 ")
 
 
 @contextmanager
 def to_list() -> Iterator[list[str]]:
-    """Collect Mitsuba's messages of the block in a list."""
+    """Collect Mitsuba's messages in a list while the block runs."""
     messages: list[str] = []
     # Mitsuba's threads can write messages to a file, but must not call Python code. An appender to
     # a file also omits progress bars.
@@ -38,7 +39,7 @@ def to_list() -> Iterator[list[str]]:
             with silent(appender):
                 yield messages
         finally:
-            del appender  # closes the file
+            del appender  # Deleting the appender closes the file.
             lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
             texts = (line[_DATE:].strip() for line in lines)
             messages += [t for t in texts if t and not any(known in t for known in _EXPECTED)]
@@ -217,24 +218,24 @@ def tiling_of(camera: mi.Sensor, samples: int) -> Tiling:
     return Tiling(width, height, rows, samples, math.ceil(samples / longest))
 
 
-# Largest number of samples per pixel; noise falls only with its square root.
+# Largest number of samples per pixel; noise falls only with the square root of this number.
 _LARGEST_SPP = 2**30
 
 
 def check_spp(spp: int) -> int:
-    """Return the samples per pixel; raise ArgumentError unless a whole number from 1 to 2^30."""
+    """Return the samples per pixel; raise ArgumentError unless an integer from 1 to 2^30."""
     return checked_count(spp, "spp", 1, _LARGEST_SPP)
 
 
 def check_seed(seed: int) -> int:
-    """Return the seed; raise ArgumentError unless a whole number of zero or more."""
+    """Return the seed; raise ArgumentError unless an integer of zero or more."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ArgumentError(f"expected a seed as a whole number of zero or more, got {seed!r}")
     return int(seed)
 
 
 def seed_of(seed: int, *part: int) -> int:
-    """Return a seed of 32 bits for a part of a render, whose own seed may have any size."""
+    """Return a 32-bit seed for a part of a render; the seed of the render may have any size."""
     return int(np.random.SeedSequence(seed, spawn_key=part).generate_state(1)[0])
 
 
@@ -256,10 +257,12 @@ def rendering_errors(integrator: str) -> Iterator[None]:
         yield
     except (RuntimeError, AssertionError) as error:
         cause = error.__cause__ or error
-        raise SceneError(f"expected a scene that {integrator} can render: {cause}") from error
+        raise SceneError(
+            f"expected a scene that the integrator {integrator} can render: {cause}"
+        ) from error
 
 
-# Mitsuba's value of a ``max_depth`` of -1, which does not limit paths.
+# Number by which Mitsuba represents a ``max_depth`` of -1, which means paths of any length.
 _ENDLESS = 2**32 - 1
 
 

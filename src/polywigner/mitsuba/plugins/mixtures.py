@@ -57,10 +57,12 @@ def emissions(
     return terms
 
 
-# Relative error of the mean power, and largest lag in wavelengths. The power is an integral over
-# lags: the correlation times a function that oscillates and decays. The measured error is at most
-# 2e-5, for two slits and squares of 0.5 to 100 wavelengths and coherence widths of 0.3 to 30.
-_POWER_ERROR, _LONGEST_LAG = 1e-5, 4.0
+# Relative error of the mean power. The power is an integral over lags of the correlation times a
+# function that oscillates and decays. The measured error is at most 2e-5, for two slits and squares
+# of 0.5 to 100 wavelengths and coherence widths of 0.3 to 30.
+_POWER_ERROR = 1e-5
+# Largest lag of this integral in wavelengths.
+_LONGEST_LAG = 4.0
 
 
 @dataclass(frozen=True)
@@ -155,8 +157,8 @@ def mixture_of(
     return source.coherent, Mixture(source.coherence_width, bandwidth)
 
 
-# Cached: an entry needs the norm when it is made, when its scene is loaded and after each change of
-# a parameter.
+# Cached, because an entry needs the norm when it is made, when its scene is loaded and after each
+# change of a parameter.
 @lru_cache(maxsize=64)
 def norm_of(
     source: SceneSource,
@@ -180,11 +182,12 @@ def norm_of(
 
 
 def _energy(source: Aperture | Array) -> float:
-    """Return int |u|^2 dx in m^2 for |u|^2 = 1."""
+    """Return int |u|^2 dx of the unscaled field in m^2; raise SceneError if it is zero."""
     energy = energy_of(source)
     if not energy > 0:
         raise SceneError(
-            "expected a source with a field, got elements that cancel each other everywhere"
+            "expected a source with a field, got elements that cancel each other everywhere; "
+            "change their weights"
         )
     return energy
 
@@ -203,8 +206,8 @@ def support_of(source: Any, obliquity: str) -> Aperture:
         raise SceneError(str(error)) from None
 
 
-# Cached: an entry needs the support when it is made and when its scene is loaded.
+# Cached, because an entry needs the support when it is made and when its scene is loaded.
 @lru_cache(maxsize=16)
 def _support(source: Aperture | Array) -> Aperture:
-    _energy(source)  # raises if it is zero
+    _energy(source)  # raises SceneError for a source without a field
     return mutual_support(source)

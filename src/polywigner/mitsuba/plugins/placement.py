@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 
 # Relative rounding error of parameters in single precision.
 _ROUNDING = 1e-6
-# Factors of (x, y) in a mirror image.
+# Factors that turn the coordinates (x, y) of a source into those of its mirror image.
 _MIRROR = np.array([-1.0, 1.0])
 
 
@@ -45,7 +45,7 @@ class PlacedSource(SourceParameters):
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
-        """Scalar sources with Stokes vectors, which add up weighted by |U|^2."""
+        """Scalar sources and their Stokes vectors; the light is their sum weighted by |U|^2."""
         if self.polarisation is None:
             return [(self.source, (1.0, 0.0, 0.0, 0.0))]
         return stokes_fields(self.source, self.polarisation)
@@ -71,7 +71,7 @@ class PlacedSource(SourceParameters):
         return result
 
     def touching(self, scene: mi.Scene) -> PlacedSource:
-        """Return a copy with the ``reach`` of surfaces of a scene."""
+        """Return a copy whose ``reach`` includes surfaces of a scene that touch the source."""
         return replace(self, reach=self.reach_in(scene, self.pose) * self.scene_unit)
 
     @property
@@ -141,22 +141,22 @@ def check_match(
     frequencies = [SPEED_OF_LIGHT / end.wavelength for end in (emitter, receiver)]
     difference = abs(frequencies[0] - frequencies[1])
     if difference > max((bandwidth or 0.0) / 2, _ROUNDING * frequencies[1]):
-        band = "" if bandwidth is None else f", {bandwidth:.6g} Hz wide"
+        band = "" if bandwidth is None else f" within a band of {bandwidth:.6g} Hz"
         raise SceneError(
-            f"expected one wavelength {ends}{band}, got {emitter.wavelength:.6g} m, "
-            f"{difference:.6g} Hz off the receiver's; give both one frequency, or the receiver a "
-            "bandwidth of twice the difference"
+            f"expected equal wavelengths {ends}{band}, got {emitter.wavelength:.6g} m and "
+            f"{receiver.wavelength:.6g} m, {difference:.6g} Hz apart; set the same frequency for "
+            "both, or a bandwidth of the receiver of at least twice the difference"
         )
     check_unit(emitter, receiver)
 
 
 def check_unit(emitter: PlacedSource, receiver: PlacedSource) -> None:
-    """Raise SceneError for an emitter and a receiver with different units."""
+    """Raise SceneError if an emitter and a receiver have different lengths of the scene's unit."""
     if emitter.scene_unit != receiver.scene_unit:
         ends = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
         raise SceneError(
-            f"expected one scene_unit {ends}, got {emitter.scene_unit:g} m and "
-            f"{receiver.scene_unit:g} m; a scene has one unit"
+            f"expected the same scene_unit {ends}, got {emitter.scene_unit:g} m and "
+            f"{receiver.scene_unit:g} m; set the scene's unit for both"
         )
 
 
@@ -169,7 +169,7 @@ def _placed(plugin: Any, name: str) -> PlacedSource:
 
 
 def _single(value: Any, known: float) -> float:
-    """Return a number of a plugin: ``known`` in double precision unless a user has changed it."""
+    """Return a number of a plugin; in double precision, ``known``, unless a user has changed it."""
     number = float(np.asarray(value, dtype=np.float64).ravel()[0])
     return known if np.float32(number) == np.float32(known) else number
 
@@ -178,13 +178,13 @@ def check_obliquity(link: str, first: str, second: str) -> None:
     """Raise SceneError for a link whose ends do not share one boundary condition."""
     if first != second:
         raise SceneError(
-            f"{link}: expected one obliquity, got {first!r} and {second!r}; a link has one "
-            "boundary condition at both ends: give both the same"
+            f"{link}: expected the same obliquity at both ends, got {first!r} and {second!r}; "
+            "set one boundary condition for both"
         )
     if first not in CONDITIONS:
         raise SceneError(
-            f'{link}: expected a boundary condition as obliquity, got "paper", which has no '
-            f"links; use {DEFAULT!r}"
+            f'{link}: the obliquity "paper" is not available for links, which require a boundary '
+            f"condition; use {DEFAULT!r}"
         )
 
 
@@ -230,7 +230,7 @@ def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSo
 
 
 def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
-    """Return the part with ``normal`` . x > ``least``; the same object if nothing is cut off."""
+    """Return the part of an outline with ``normal`` . x > ``least``; the outline if uncut."""
     heights = np.concatenate(outline.rings) @ normal[:2] - least
     if (heights > 0).all():
         return outline

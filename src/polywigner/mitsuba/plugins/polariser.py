@@ -62,8 +62,8 @@ def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceP
     if spec.polarisation is not None:
         raise SceneError(
             f"expected a polarised variant of Mitsuba for the polarisation of a {plugin} plugin, "
-            f"got {variant}; set polywigner.mitsuba.choose_variant(polarised=True), such as "
-            f"llvm_ad_mono{_FULL}, or leave polarisation out"
+            f"got {variant}; set the variant of polywigner.mitsuba.choose_variant(polarised=True), "
+            f"such as llvm_ad_mono{_FULL}, or leave polarisation out"
         )
     return spec
 
@@ -102,7 +102,7 @@ def polarisation_summary(
     return "; ".join(f"{name}: {', '.join(names)}" for name, names in groups.items())
 
 
-# Four Stokes parameters of three colours: the last channels of an image.
+# Number of the last channels of an image, which are four Stokes parameters of three colours.
 _CHANNELS = 12
 
 
@@ -150,7 +150,7 @@ class Polariser:
     def sent(
         self, value: Drjit, direction: Drjit, frame: Frame, active: Drjit, along: Drjit = None
     ) -> Drjit:
-        """Return the Stokes column of radiance that leaves a source in a direction."""
+        """Return the Stokes vector (a column) of radiance that leaves a source in a direction."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = self._stokes(value, active)
@@ -170,7 +170,7 @@ class Polariser:
 
     def _stokes(self, value: Drjit, active: Drjit) -> list[Drjit]:
         value = dr.select(active, value, 0.0)
-        if self._stokes_vector is None:  # the value has four components
+        if self._stokes_vector is None:  # The value itself has four components.
             return [value[k] for k in range(4)]
         return [value * number for number in self._stokes_vector]
 

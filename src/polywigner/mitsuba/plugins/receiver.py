@@ -66,7 +66,7 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
         length, is_null = dr.select(is_hit, surface.t, far), False
         bsdf = surface.shape.bsdf() if dr.is_jit_v(m.Float) or is_hit else None
         if bsdf is not None:
-            kind = bsdf.flags() & int(mi.BSDFFlags.All)  # masks have additional flags
+            kind = bsdf.flags() & int(mi.BSDFFlags.All)  # Masks have additional flags.
             is_null = is_hit & (kind == int(mi.BSDFFlags.Null))
         step = length + _step(m, start + direction * length)
         length = dr.select(is_null, step, length)
@@ -109,13 +109,13 @@ def _root(value: Drjit) -> Drjit:
     return dr.sqrt(dr.select(value > 0.0, value, 0.0))
 
 
-# Cosine at the horizon, whose square is still a normal number of float32.
+# Cosine that represents the horizon; its square is still a normal number of float32.
 _GRAZING = 1e-9
 # Distance of the point that represents a direction, relative to the larger of R^2/wavelength and R,
 # with R the largest coordinate of the receiver.
 _FAR = 1e4
-# Largest number of surfaces that rays of a receiver with diffraction pass before they start. Half
-# of the rays pass each surface.
+# Largest number of surfaces that a ray of a receiver with diffraction passes before it starts. At
+# each surface, half of the rays pass.
 _MOST_PASSED = 4
 
 
@@ -133,8 +133,8 @@ class WignerReceiver(VariantPlugin):
         self.base.__init__(self, props)
         self.m_needs_sample_3 = True
         self.spec = spec
-        self.scene: Any = None  # set while the scene is rendered, see `scene_known`
-        self.fineness = 1  # film pixels along each side of a pixel of the map
+        self.scene: Any = None  # This is set while the scene is rendered; see `scene_known`.
+        self.fineness = 1  # Number of film pixels along each side of a pixel of the map.
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
         self._set_pose()
         source, wavelength = spec.at_origin, spec.wavelength
@@ -152,7 +152,7 @@ class WignerReceiver(VariantPlugin):
         self.stand_at(float(np.abs(self.spec.pose[:3]).max()))
 
     def stand_at(self, reach: float) -> None:
-        """Set the ``reach`` of the receiver in its scene; see module `surfaces`.
+        """Set ``reach``, the largest coordinate of the receiver and of flat surfaces that touch it.
 
         Rays start slightly in front of the receiver, which may lie on a surface.
         """
@@ -161,7 +161,7 @@ class WignerReceiver(VariantPlugin):
     # ---- parameters ----------------------------------------------------------------------
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
-        """Add film and sampler, as for all sensors, and ``to_world`` (rigid)."""
+        """Register film, sampler and the rigid pose as parameters."""
         self.base.traverse(self, callback)
         callback.put("to_world", self.to_world, mi.ParamFlags.NonDifferentiable)
 
@@ -247,7 +247,8 @@ class WignerReceiver(VariantPlugin):
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
             is_met = going & (distance < self._far)
-            if number:  # only rays that have passed no surface receive radiation of the sky
+            # Only rays that have passed no surface receive radiation of the sky.
+            if number:
                 weight = dr.select(going & (is_met ^ self.m.Bool(True)), 0.0, weight)
             if number == _MOST_PASSED:
                 break
@@ -273,7 +274,7 @@ class WignerReceiver(VariantPlugin):
     ) -> tuple[mi.Point3f, Drjit]:
         """Return the point at which a ray meets a surface, or a far point, and its distance."""
         distance = distance_to_surface(self.m, self._known_scene(), ray, self._far, active)
-        if self.spec.diffraction:  # rays may start behind surfaces
+        if self.spec.diffraction:  # Rays of a receiver with diffraction may start behind surfaces.
             end = self._frame.to_own(ray.o + ray.d * distance - self._frame.origin)
             point = self.m.Point3f(end)
             return point, dr.norm(point - self.m.Point3f(x.x, x.y, 0.0))
@@ -421,7 +422,7 @@ def _film(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, Any]:
     pixels = np.array((1, 1) if film is None else film)
     if pixels.shape != (2,) or pixels.dtype.kind not in "iu" or pixels.min() < 1:
         raise ArgumentError(
-            f"expected a film of (columns, rows), whole numbers from 1, got {film!r}; give a pair, "
-            "or None for one pixel"
+            "expected film as a pair (columns, rows) of whole numbers from 1, or None for one "
+            f"pixel, got {film!r}"
         )
     return film_of(*pixels.tolist())

@@ -105,7 +105,7 @@ one_at_a_time = exclusive()
 
 
 def add_plugin(kind: str, name: str, build: _Build) -> None:
-    """Add a plugin, made by ``build(variant, properties)``, to those of :func:`register`."""
+    """Add a plugin that ``build(variant, properties)`` makes to the plugins of :func:`register`."""
     _plugins[kind, name] = build
 
 
@@ -123,8 +123,8 @@ def original_error(error: BaseException) -> PolywignerError | None:
 
 
 def _on_variant_change(_old: str | None, new: str) -> None:
-    # In every variant, Mitsuba looks up the kind of a plugin under scalar_rgb. Without that entry,
-    # it would treat two equal shapes as one shared object, and fail to load them.
+    # In every variant, Mitsuba looks up the kind of a plugin under scalar_rgb. If that entry were
+    # missing, Mitsuba would treat two equal shapes as one shared object and fail to load them.
     for variant in ("scalar_rgb", new):
         for (kind, name), build in _plugins.items():
             register_one = getattr(getattr(mi, variant), f"register_{kind}")
@@ -155,8 +155,9 @@ def set_mesh(mesh: mi.Mesh, **values: Any) -> None:
     """Set parameters of a mesh, such as ``faces`` and ``vertex_positions``, from NumPy arrays."""
     params = mi.traverse(mesh)
     for name, value in values.items():
-        # Lists in all variants: Dr.Jit does not copy NumPy arrays. Their alignment would become
-        # part of kernels, and the process would end if a scene is freed during a recording.
+        # Values are passed as lists in all variants, because Dr.Jit does not copy NumPy arrays.
+        # Their alignment would become part of kernels, and the process would crash if a scene were
+        # freed during a recording.
         params[name] = value.ravel().tolist()
     params.update()
 
@@ -173,8 +174,12 @@ def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
         matrix = np.array(props["to_world"].matrix, np.float64).reshape(4, 4)
     vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
     if not (np.abs(vertices) <= np.finfo(np.float32).max).all() or not len(triangles):
-        raise SceneError(f"expected finite triangles of {path}, got none or others; export it anew")
-    if np.linalg.det(matrix[:3, :3]) < 0:  # normals of mirrored bodies point outwards
+        raise SceneError(
+            f"expected finite triangles in {path}, got no triangles, or NaN or inf; "
+            "export the file again"
+        )
+    # The triangles of mirrored bodies are reversed, so that normals point outwards.
+    if np.linalg.det(matrix[:3, :3]) < 0:
         triangles = triangles[:, ::-1]
     name, sizes = props.id() or STL, (len(vertices), len(triangles))
     mesh = getattr(mi, variant).Mesh(name, *sizes, props=nested_properties(STL, props))

@@ -28,14 +28,15 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-# For fields that are not uniform: largest number of strips across an element, and largest number of
-# pieces of all elements.
+# For elements whose field is not uniform: largest number of strips across an element, and largest
+# number of pieces of all elements.
 _STRIPS, _PIECES = 32, 1 << 16
-# Points of the table of directions per lobe; a lobe is wavelength/size wide in direction cosines.
+# Number of points of the table of directions per lobe. A lobe is wavelength/size wide in direction
+# cosines.
 _IN_LOBE = 4
 _FEWEST, _MOST = 32, 1024
-# Largest number of samples along each side of a cell of the table. Their mean contains beams that
-# are narrower than a cell.
+# Largest number of samples along each side of a cell of the table. The cell contains their mean,
+# which includes beams narrower than a cell.
 _MOST_WITHIN = 4
 # Fractions of the samples that are drawn from three densities: the far pattern, for distant
 # surfaces; its square root, for W and near surfaces; and a uniform density.
@@ -43,7 +44,7 @@ _FRACTIONS = (0.4, 0.4, 0.2)
 
 
 def opaque(m: Any, value: float) -> Drjit:
-    """Return a number of the variant ``m`` that is no literal: new values need no compilation."""
+    """Return a number of the variant ``m`` that is no literal, so new values compile nothing."""
     return dr.opaque(m.Float, value) if dr.is_jit_v(m.Float) else value
 
 
@@ -89,7 +90,7 @@ class Positions:
         m, u, index = self._m, sample.x, 0
         if self._count > 1:
             index, u = self._choice.sample_reuse(sample.x)
-            # in narrow cells, rounding can move the remaining sample outside of [0, 1]
+            # In narrow cells, rounding can move the remaining part of the sample outside of [0, 1].
             u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
         if dr.is_jit_v(m.Float):
             row = [dr.gather(m.Float, column, index) for column in self._columns]
@@ -147,7 +148,8 @@ def directions_of(
     low, high = np.reshape(bounds, (2, 2))
     lobes = _IN_LOBE * (high - low) / wavelength
     sides = np.array([2.0, math.pi])
-    # powers of two: each new size is a literal, for which the render kernel is compiled again
+    # powers of two, because each new size is a literal that causes the render kernel to be
+    # recompiled
     needed = 2.0 ** np.ceil(np.log2(lobes * sides))
     counts = np.clip(needed, _FEWEST, _MOST).astype(int)
     within = int(np.clip(np.ceil((needed / counts).max()), 1, _MOST_WITHIN))
@@ -193,7 +195,7 @@ class Frame:
         self._m = m
         self.axes = columns[:3]
         self.origin = m.Point3f(columns[0] * cx + columns[1] * cy + columns[3])
-        # opaque: each new literal would compile the render kernel again
+        # opaque, because a new literal would cause the render kernel to be recompiled
         if dr.is_jit_v(m.Float):
             dr.make_opaque(self.axes, self.origin)
 

@@ -272,7 +272,7 @@ _PARSERS: dict[str, Callable[[Any], float]] = {
 def _number(name: str, value: Any, element: str) -> float:
     """Return the number of a parameter in SI units; raise SceneError for other values."""
     if not isinstance(value, str | Real) or isinstance(value, bool):
-        raise SceneError(f"expected a number or a text as {name}, got {type(value).__name__}")
+        raise SceneError(f"expected a number or a string as {name}, got {type(value).__name__}")
     try:
         return float(_PARSERS[name](value))
     except ValueError as error:
@@ -442,7 +442,7 @@ def pose_of(plugin: Any) -> Floats:
     """Return the pose (4, 4) of a source or receiver in its scene; the translation is in metres."""
     spec = plugin.spec
     matrix = np.array(matrix_of(plugin.to_world))
-    # the pose in double precision, unless a user has changed the transform
+    # The pose is in double precision, unless a user has changed the transform.
     same = np.array_equal(matrix.astype(np.float32), spec.pose.astype(np.float32))
     pose = np.array(spec.pose if same else rigid_pose(matrix))
     pose[:3, 3] *= spec.scene_unit
@@ -450,5 +450,5 @@ def pose_of(plugin: Any) -> Floats:
 
 
 def reach_of(scene: mi.Scene, plugin: Any) -> float:
-    """Return the ``reach`` of a source or receiver in its scene; see module `surfaces`."""
+    """Return the ``reach`` of a source or receiver in its scene; see :meth:`reach_in`."""
     return float(plugin.spec.reach_in(scene, pose_of(plugin)))

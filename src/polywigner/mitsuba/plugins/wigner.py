@@ -42,7 +42,8 @@ from polywigner.transforms.wavefronts import flat_source
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.emitter import WignerEmitter
 
-# Odd constants for hashing, whose multiples differ in all bits; the first is 2^32/(golden ratio).
+# Odd constants for hashing, whose multiples differ in all bits. The first is 2^32 over the golden
+# ratio.
 _FACTORS = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)
 _WORD = 0xFFFFFFFF
 
@@ -98,7 +99,7 @@ def _uniform(word: Drjit) -> Drjit:
 
 
 class _Term(NamedTuple):
-    """Term h W of the radiance."""
+    """Term h W of the radiance: obliquity factor times Wigner function."""
 
     source: SceneSource
     forms: Forms
@@ -159,7 +160,8 @@ class WignerRadiance:
             return frequency
         (xx, xy), (_, yy) = self._wave.curvature.tolist()
         dx, dy = (a - c for a, c in zip(position, self._wave.centre.tolist(), strict=True))
-        if self._wave.wavelength is not None:  # the radius is the same at all wavelengths
+        # The radius of curvature is the same at all wavelengths.
+        if self._wave.wavelength is not None:
             ratio = inverse * self._wave.wavelength
             dx, dy = dx * ratio, dy * ratio
         return frequency[0] - (xx * dx + xy * dy), frequency[1] - (xy * dx + yy * dy)
@@ -285,7 +287,8 @@ class TracedSource:
             known = _pairs(source.weights).astype(np.float32)
             pairs = self._values("weights", self.weights, len(known))
             if not np.array_equal(pairs, known):
-                weights = self._m.TensorXf(pairs)  # keeps a lattice
+                # A tensor of weights keeps the lattice of the array.
+                weights = self._m.TensorXf(pairs)
                 source, has_changed = differentiable_source(source, weights=weights).source, True
         return source if has_changed else None
 

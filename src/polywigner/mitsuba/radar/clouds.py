@@ -23,9 +23,9 @@ from polywigner.source import Array
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# Number of scatterers of a step, for which the responses of all elements take tens of megabytes.
+# Number of scatterers per step; the responses of all elements to them take tens of megabytes.
 _CHUNK = 1 << 16
-# Relative tolerance of fields.
+# Relative tolerance of the fields at the scatterers.
 _TOLERANCE = 1e-6
 
 
@@ -171,8 +171,8 @@ def _checked(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
         return positions, intensity, {name: cloud.attrs[name] for name in names}
     except (AttributeError, KeyError, TypeError, IndexError, ValueError):
         raise ArgumentError(
-            f"expected a cloud of polywigner.mitsuba.scatterers, got {type(cloud).__name__} "
-            "without its variables and attributes"
+            f"expected a cloud made by polywigner.mitsuba.scatterers, got {type(cloud).__name__}, "
+            "which lacks the variables and attributes of a cloud"
         ) from None
 
 
@@ -235,7 +235,7 @@ def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
         write_netcdf(cloud, file)
         return
     if file.suffix.lower() != ".csv":
-        raise ArgumentError(f"expected a file of .csv or .nc for scatterers, got {str(file)!r}")
+        raise ArgumentError(f"expected a path with the suffix .csv or .nc, got {str(file)!r}")
     columns: dict[str, list[Any]] = {}
     for name, array in cloud.data_vars.items():
         if array.ndim == 2:

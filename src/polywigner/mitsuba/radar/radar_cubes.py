@@ -17,13 +17,13 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import SceneError, require
+from polywigner.errors import ArgumentError, SceneError, require
 from polywigner.execution.progress import with_progress
 from polywigner.geometry.arguments import checked_choice, checked_count, checked_flag
 from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.clouds import end_responses
-from polywigner.mitsuba.radar.scatterers import checked_velocity, scatterers
+from polywigner.mitsuba.radar.scatterers import checked_velocities, scatterers
 from polywigner.mitsuba.receive.channels import amplitudes_of, paths_between
 from polywigner.mitsuba.receive.power_results import ReceiveOptions, described, noise_power_of
 from polywigner.mitsuba.receive.received_power import matched
@@ -47,6 +47,8 @@ _OF_SUMS = 1e-7
 # Largest growth of a delay during the repetitions of a block, times the bandwidth. The phase that
 # the series of the motion expands is then at most 2 rad.
 _MOST_CYCLES = 1.25
+# Largest motion in range bins within a repetition; the relative error of sums is then 5e-5.
+_MOST_WITHIN = 4.0
 _MOST_POINTS = 1_000_000
 # Size in bytes of the largest signal that is not lazy.
 _MOST_BYTES = 1 << 30
@@ -180,7 +182,7 @@ def radar_cube(
     )
     with polarised_by_default(scene, options.polarisation):
         radar = _radar(scene, options, checked_flag(elements, "elements"), wave, is_in_turn)
-    speeds = {name: checked_velocity(name, value) for name, value in (velocities or {}).items()}
+    speeds = checked_velocities({} if velocities is None else velocities)
     coherent, notes = _coherent(scene, radar, options, speeds)
     clouds: list[_Cloud | None] = [None] * len(radar.receivers)
     if size:
@@ -307,7 +309,8 @@ def _coherent(
         paths, of_link = paths_between(
             scene, emitter, receiver, routes, options.polarisation, shortest
         )
-        if any(receiver is parts[0] for parts in radar.receivers):  # notes of the first element
+        # The notes of a receiver are those of its first element.
+        if any(receiver is parts[0] for parts in radar.receivers):
             notes.extend(of_link)
         h = amplitudes_of(paths, wave.frequencies, options.tolerance)
         rates = [_rate_of(path.route, emitter, receiver, speeds) for path in paths]
@@ -468,7 +471,14 @@ def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complexes, emitter: int) -
     still = _frame(radar, cloud, signals, emitter, ~is_moving, starts[:1])
     if not is_moving.any():
         return still
-    migration = np.abs(cloud.rates).max() * radar.waveform.bandwidth * np.ptp(starts)
+    wave, fastest = radar.waveform, np.abs(cloud.rates).max()
+    within = fastest * wave.bandwidth * wave.samples * wave.time_step
+    if within > _MOST_WITHIN:
+        raise ArgumentError(
+            f"expected scatterers that move by at most {_MOST_WITHIN:g} range bins within a "
+            f"repetition, got {within:.3g} bins; use slower objects or a shorter waveform"
+        )
+    migration = fastest * wave.bandwidth * np.ptp(starts)
     blocks = min(len(starts), math.ceil(migration / _MOST_CYCLES))
     moving = [
         _frame(radar, cloud, signals, emitter, is_moving, block)
@@ -485,7 +495,7 @@ def _frame(
     chosen: NDArray[np.bool_],
     starts: Floats,
 ) -> Complexes:
-    """Return the sum (RC1) over the ``chosen`` scatterers in successive repetitions.
+    """Return the sum (RC1) over the ``chosen`` scatterers for successive repetitions.
 
     The numbers m and n of repetition and sample are counted from the centre of the frame. The phase
     of a scatterer is a constant, plus terms that are linear in m and n, plus two small terms. A
@@ -533,7 +543,7 @@ def _summed_waves(slopes: list[Floats], terms: Complexes, shape: list[int]) -> C
 
 
 def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complexes, Floats]]:
-    """Yield pairs of arrays, whose products add up to exp(2 pi i amounts along): a power series."""
+    """Yield pairs of arrays whose products add up to exp(2 pi i amounts along)."""
     reach = float(np.abs(along).max()) or 1.0
     phases = 2j * np.pi * amounts * reach
     largest = float(np.abs(phases).max(initial=0.0))

@@ -35,7 +35,8 @@ _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
 
 TRANSIENT_INTEGRATORS = (_PATH, _VOLUME)
-"""Plugins that support receivers and cameras; ``transient_nlos_path`` needs a special sensor."""
+"""Integrators that support receivers and cameras; ``transient_nlos_path`` needs a special sensor.
+"""
 
 _PYTHON_CLASSES = ("TransientPath", "TransientPRBVolpathIntegrator")
 
@@ -49,7 +50,8 @@ _COUNTERPARTS = {
     "VolpathMisIntegratorImpl": _VOLUME,
     "PRBVolpathIntegrator": _VOLUME,
 }
-# Depth of Mitsuba's `direct`, which has no such parameter: paths by one surface.
+# Value of ``max_depth`` that corresponds to Mitsuba's `direct`, which has no such parameter: paths
+# by at most one surface.
 _DEPTH_OF_DIRECT = 2
 
 
@@ -63,7 +65,7 @@ def require_transients(variant: str | None = None) -> ModuleType:
         if films is not None and issubclass(films.TransientHDRFilm, mi.Film):
             return loaded
         for name in [name for name in sys.modules if name.split(".")[0] == _NAME]:
-            del sys.modules[name]  # imported for another variant
+            del sys.modules[name]  # The module was imported for another variant.
     # mitransient sets this variable on import, which would change the variant of child processes
     chosen = os.environ.get("MI_DEFAULT_VARIANT")
     try:
@@ -92,7 +94,8 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integra
     """Return an integrator that measures lengths of the same paths as another integrator."""
     require_transients()
     checked_scene(scene)
-    for emitter in scene.emitters():  # Mitsuba places infinite lights on a sphere
+    # Mitsuba places infinite lights on a sphere, so the lengths of their paths have no meaning.
+    for emitter in scene.emitters():
         if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite):
             raise SceneError(
                 "expected lights at finite distances for ranges, got a light at infinity "
@@ -121,8 +124,8 @@ def _counterpart(integrator: Any) -> mi.Integrator:
     if is_transient(integrator):
         if python_name not in _PYTHON_CLASSES:
             raise SceneError(
-                f"expected {' or '.join(TRANSIENT_INTEGRATORS)}, got {python_name} of mitransient; "
-                "it needs a special sensor"
+                f"expected {' or '.join(TRANSIENT_INTEGRATORS)}, got {python_name} of mitransient, "
+                "which needs a special sensor"
             )
         if integrator.camera_unwarp:
             raise SceneError(
@@ -130,7 +133,8 @@ def _counterpart(integrator: Any) -> mi.Integrator:
                 "from its length; leave it out"
             )
         return integrator
-    class_name = integrator.class_name()  # the same for all integrators written in Python
+    # The C++ class name is the same for all integrators written in Python.
+    class_name = integrator.class_name()
     name = class_name if class_name in _COUNTERPARTS else python_name
     if name not in _COUNTERPARTS:
         raise SceneError(
@@ -221,7 +225,7 @@ def check_sums(size: Sequence[int], edges: Floats) -> None:
 
 
 class RangeFilm(VariantPlugin):
-    """Film with sums in double precision: of each bin, of shorter paths and of longer paths."""
+    """Film that adds up the power of bins, and of shorter and longer paths, in double precision."""
 
     crop_size: Callable[[], Any]
     """Method of Mitsuba's base class."""

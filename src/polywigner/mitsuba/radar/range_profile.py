@@ -170,15 +170,15 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
         ) from None
     if edges.ndim != 1 or not 2 <= len(edges) <= _MOST_BINS + 1:
         raise ArgumentError(
-            f"expected ranges (n + 1,) as edges of n bins, got shape {edges.shape}; give at least "
-            f"two, and at most {_MOST_BINS + 1}"
+            f"expected ranges (n + 1,) as edges of n bins, got shape {edges.shape}; give two to "
+            f"{_MOST_BINS + 1} edges"
         )
     with np.errstate(over="ignore"):  # lengths of paths are in single precision
         single = edges.astype(np.float32)
     if not np.isfinite(single).all() or edges[0] < 0 or not np.all(np.diff(single) > 0):
         raise ArgumentError(
-            "expected ranges as finite edges in m that rise from zero or more, also in single "
-            f"precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps"
+            "expected ranges as finite, ascending edges in m, of zero or more and different in "
+            f"single precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps"
         )
     return edges
 
@@ -201,7 +201,7 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
     else:
         values = {n: (a, ("receiver", *dims), *rest) for n, (a, dims, *rest) in values.items()}
         coords["receiver"] = labelled_array(np.array(receivers), ("receiver",))
-    meaning = "light and mirrors in the order of light; none: line of sight"
+    meaning = "light, then mirrors in the order of reflection; no mirrors: line of sight"
     about = {
         "receiver": receivers[0] if is_single else "several",
         "wavelength": placed[0].wavelength,

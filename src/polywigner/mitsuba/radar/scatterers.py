@@ -165,7 +165,9 @@ def _thinning_error(power: Floats, probabilities: Floats) -> float:
 # Default number of rays per scatterer; the scatterers are selected from the events of all rays.
 _RAYS = 4
 _FEWEST_RAYS = 4096
-# Largest numbers of scatterers and of rays: one or two gigabytes of events.
+# Speed in m/s below which the Doppler shift is proportional to the speed to within 1e-3.
+_FASTEST = 1e5
+# Largest number of scatterers, and of rays. Their events take one or two gigabytes.
 _MOST = 1_000_000
 _MOST_RAYS = 10_000_000
 _NO_LIMIT = 2**20
@@ -249,7 +251,7 @@ def scatterers(
     if rays is not None:
         launched = checked_count(rays, "rays", 1, _MOST_RAYS)
     depth = max_depth
-    if depth is not None:  # -1: no limit
+    if depth is not None:  # -1 means no limit
         is_endless = isinstance(depth, int) and depth == -1
         depth = _NO_LIMIT if is_endless else checked_count(depth, "max_depth", 1, _NO_LIMIT)
     options = ReceiveOptions(seed=seed)
@@ -293,7 +295,7 @@ def scatterers(
 
 @dataclass(frozen=True)
 class _Names:
-    """Ids of shapes and lights by their numbers in events."""
+    """Ids of shapes and lights, by the numbers that events contain."""
 
     shapes: dict[int, str]
     lights: dict[int, str]
@@ -318,17 +320,13 @@ class _Names:
 
     def motion(self, velocities: Mapping[str, ArrayLike], unit: float) -> Motion:
         """Return velocities in scene units by number; raise ArgumentError for unknown ids."""
-        if not isinstance(velocities, Mapping):
-            raise ArgumentError(
-                f"expected velocities as a mapping of ids to (vx, vy, vz), got {velocities!r}"
-            )
-        speeds = {name: checked_velocity(name, value) / unit for name, value in velocities.items()}
+        speeds = {name: speed / unit for name, speed in checked_velocities(velocities).items()}
         names = {*self.shapes.values(), *self.lights.values(), self.receiver}
         for name in speeds:
             if name not in names:
                 raise ArgumentError(
-                    f"expected velocities of {', '.join(map(repr, sorted(names)))}, got one of "
-                    f"{name!r}; mi.load_dict merges meshes of equal BSDFs: load the scene with "
+                    f"expected velocities of ids among {', '.join(map(repr, sorted(names)))}, got "
+                    f"{name!r}; if mi.load_dict merged its mesh with others, load the scene with "
                     "polywigner.mitsuba.load_scene, which keeps ids"
                 )
         return Motion(
@@ -342,20 +340,30 @@ def _number(kind: str, thing: Any) -> int:
     return int(np.ravel(np.array(number_of(kind, thing)))[0])
 
 
-def checked_velocity(name: str, value: ArrayLike) -> Floats:
+def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]:
+    """Return velocities (3,) in m/s by ids, or raise ArgumentError."""
+    if not isinstance(velocities, Mapping):
+        raise ArgumentError(
+            f"expected velocities as a mapping of ids to (vx, vy, vz), got {velocities!r}"
+        )
+    return {name: _checked_velocity(name, value) for name, value in velocities.items()}
+
+
+def _checked_velocity(name: str, value: ArrayLike) -> Floats:
     try:
         velocity = real_numbers(value)
     except (TypeError, ValueError):
         velocity = np.empty(0)
-    if velocity.shape != (3,) or not np.isfinite(velocity).all():
+    if velocity.shape != (3,) or not np.linalg.norm(velocity) < _FASTEST:
         raise ArgumentError(
-            f"expected the velocity of {name!r} as three finite numbers in m/s, got {value!r}"
+            f"expected the velocity of {name!r} as three numbers in m/s, with a speed below "
+            f"{_FASTEST:.0e} m/s, got {value!r}"
         )
     return velocity
 
 
 def _longest_path(integrator: Any) -> int:
-    """Return the longest path of an integrator according to its parameters."""
+    """Return the largest depth of paths (``max_depth``) of an integrator."""
     if integrator is None:
         return _NO_LIMIT
     if integrator.class_name() == "DirectIntegrator":

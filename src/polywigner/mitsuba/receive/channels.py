@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 _MOST_FREQUENCIES = 1 << 16
-# A note reports default polarisations of two ends whose match in power is below this fraction.
+# Fraction of the power below which a note reports that two default polarisations do not match.
 _MATCHED = 0.99
 
 
@@ -189,12 +189,15 @@ class CoherentPath:
     transmission: float
     """Mean over rays of the square root of the transmitted fraction of the power."""
     links: tuple[tuple[complex, FacingParts], ...]
-    """For each pair of polarisations: e_r . E, and the emitter's image with the receiver."""
+    """For each pair of polarised parts: the factor e_r . E, and the facing parts of the emitter's
+    image and the receiver."""
     ends: Ends
     edges: Callable[[float], complex] | None = None
-    """Function of the wavelength in m: b/b_0 over the edges of obstacles; None: rays only."""
+    """Ratio b/b_0 of couplings with and without obstacles as a function of the wavelength in m;
+    None: rays only."""
     echo: Callable[[float], complex] | None = None
-    """Function of the wavelength in m: b of a body, which replaces the links; None: no body."""
+    """Coupling b of a body as a function of the wavelength in m, which replaces the links; None: no
+    body."""
 
     def transmission_at(self, wavelength: float) -> complex:
         """Return the amplitude transmission at a wavelength in m, with diffraction."""
@@ -259,7 +262,7 @@ def paths_between(
     check_obliquity(f"the link {link}", emitter.obliquity, receiver.obliquity)
     ends = _normalised(emitter, polarisation), _normalised(receiver, polarisation)
     meshes = obstacles_of(scene, emitter, receiver, shortest)
-    leg_to = cache(partial(_leg_to, scene, receiver))  # several paths share a leg
+    leg_to = cache(partial(_leg_to, scene, receiver))  # cached, because several paths share a leg
 
     def find(route: Route) -> tuple[CoherentPath, list[str]] | str:
         if isinstance(route, Echo):
@@ -473,7 +476,12 @@ def _dataset(
             "h": (amplitudes.sum(axis=-1), ("frequency", *dims[:2]), "1", f"channel, {wave}"),
             "amplitude": (amplitudes, ("frequency", *dims), "1", f"amplitude of a path, {wave}"),
             "delay": (delays.reshape(shape), dims, "s", "delay between the centres of both ends"),
-            "mirrors": (names, ("path",), "", "mirrors in the order of light; none: line of sight"),
+            "mirrors": (
+                names,
+                ("path",),
+                "",
+                "mirrors in the order of reflection; empty: line of sight",
+            ),
         },
         {
             "frequency": ("frequency", frequencies, {"units": "Hz"}),

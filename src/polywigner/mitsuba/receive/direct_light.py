@@ -148,7 +148,7 @@ def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> lis
     terms = []
     for (sent, stokes_sent), (taken, stokes_taken) in product(image.fields, receiver.fields):
         parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
-        assert parts is not None  # open_path has checked it
+        assert parts is not None  # open_path has checked that the ends face each other
         terms.append((free_space_coupling(parts, tolerance), stokes_sent, stokes_taken))
     return terms
 
@@ -165,7 +165,7 @@ def _received(
         for b_squared, sent, taken in terms
     )
     passed = total * float(transmission[0, 0])
-    # rounding errors of crossed ends may be negative
+    # The power between crossed polarisations is a rounding error, which may be negative.
     return total, max(received / passed, 0.0) if passed > 0 else 0.0
 
 
@@ -219,8 +219,8 @@ def delta_paths(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> list
     lights = delta_lights(scene)
     if lights and receiver.obliquity not in CONDITIONS:
         raise SceneError(
-            f"the receiver {receiver.name!r} has the obliquity {receiver.obliquity!r}, which does "
-            f"not support the light {lights[0].name!r}; use one of {', '.join(CONDITIONS)}"
+            f"receiver {receiver.name!r}: the obliquity {receiver.obliquity!r} is not available "
+            f"for the light {lights[0].name!r}; use one of {', '.join(CONDITIONS)}"
         )
     paths = (_delta_path(scene, receiver, *pair) for pair in product(lights, chains))
     return [path for path in paths if path is not None and path.power > 0.0]
@@ -271,7 +271,7 @@ def _starts(
     if not light.is_infinite:
         point = _row(sample.p) * unit
         return np.broadcast_to(point, end.shape), _image(point, chain)
-    # outside the scene and all its images
+    # Rays start outside of the scene and of all its mirror images.
     shapes = [np.abs(bounds_of(shape)).max() for shape in scene.shapes()]
     size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
     direction = _image(_row(sample.d), chain) - _image(np.zeros(3), chain)
@@ -335,7 +335,7 @@ def _colours() -> list[Drjit]:
 
 
 def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
-    """Return the effective area in m^2 for each field, which takes the place of |b|^2.
+    """Return the effective area in m^2 for each field, which replaces |b|^2.
 
     The area is the received power over 4 pi times the intensity, or over the irradiance.
     """

@@ -261,7 +261,7 @@ class ReceiveOptions:
         is_coherent = checked_flag(self.coherent, "coherent")
         for name in ("polarisation", "bodies"):
             if not is_coherent and getattr(self, name) is not None:
-                raise ArgumentError(f"expected {name} with coherent=True, got coherent=False")
+                raise ArgumentError(f"{name}= requires coherent=True, got coherent=False")
         checked: dict[str, Any] = {
             "spp": None if self.spp is None else check_spp(self.spp),
             "seed": check_seed(self.seed),

@@ -174,7 +174,7 @@ class RayTracer:
         return dr.select(it.is_valid(), 0.0, passed)
 
     def _all(self) -> Drjit:
-        """Return a transmission of 1; for polarised rays the Mueller matrix."""
+        """Return full transmission: 1, or for polarised rays the unit Mueller matrix."""
         return mi.Spectrum(1.0) if self._polarised else mi.Float(1.0)
 
     def _first_surface(
@@ -258,7 +258,8 @@ class RayTracer:
             if self._polarised:
                 weight = si.to_world_mueller(weight, -sample.wo, si.wi)
             return covered * _mean(weight, self._polarised)
-        # ratio of Mitsuba's reflectance and Fresnel's: textures and factors of the BSDF
+        # The ratio of Mitsuba's reflectance and Fresnel's is due to textures and factors of the
+        # BSDF.
         inverse, *roots = _on_host(partial(_both_sides, *plane.surfaces), dr.dot(arrived, si.n))
         scale = covered * _mean(weight, False) * inverse
         if self._coherent:
@@ -310,7 +311,8 @@ def _across(normal: Any, direction: Any) -> Drjit:
     )
 
 
-# |n x k| below which the incidence is normal, up to rounding errors of single precision.
+# Value of |n x k| below which the incidence counts as normal, due to rounding errors of single
+# precision.
 _ALONG = 1e-6
 
 
@@ -354,7 +356,7 @@ def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
         scale = dr.opaque(mi.Float, along) if is_jit else along
         interaction.p = ray.o + ray.d * (length * scale)
         depth = depth + medium.get_scattering_coefficients(interaction, is_foggy)[2]
-        dr.eval(depth)  # so that all steps share a small kernel
+        dr.eval(depth)  # evaluated in each step, so that all steps share a small kernel
     return dr.select(is_foggy, dr.mean(dr.exp(-depth * (length / _IN_FOG))), 1.0)
 
 

@@ -181,7 +181,7 @@ def received_powers(
 
 
 def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
-    """Return the index of the chosen receiver; raise ArgumentError if the choice is not clear."""
+    """Return the index of the chosen receiver; raise ArgumentError unless exactly one matches."""
     names = [sensor.id() for _, sensor in receivers]
     if receiver is None and len(receivers) == 1:
         return 0
@@ -232,7 +232,7 @@ def received(
         parties = matched(scene, numbers, options)
         ends = list(zip(parties.sensors, parties.receivers, strict=True))
         plans = [_scattering(scene, k, options, end.scene_unit, edges) for k, end in ends]
-        # direct light first, because its errors should be raised before the slow renders
+        # Direct light comes first, because its errors should be raised before the slow renders.
         direct = [_direct(scene, *end, parties.emitters, options) for end in ends]
         batches = np.asarray(sample(plans), np.float64)
         batches = batches.reshape(*batches.shape[:3], -1)
@@ -244,7 +244,7 @@ def received(
 
 
 def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
-    """Return the receivers with these indices, and the sources; SceneError if they differ."""
+    """Return the receivers with these indices, and the sources; check their bands and units."""
     if not scene.emitters():
         raise SceneError("expected a scene with light, got no emitters; add one")
     sensors = [receivers_of(scene)[number] for number in numbers]
@@ -374,8 +374,8 @@ def _result(
     )
 
 
-# Pixels along a side of the map, and samples per pixel, for compiled and for scalar variants. Both
-# renders take a few seconds.
+# Pixels along a side of the map, and samples per pixel: for compiled and for scalar variants.
+# Renders with either pair take a few seconds.
 _FINE, _COARSE = (64, 64), (24, 4)
 
 
@@ -396,7 +396,7 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
             how = {"integrator": integrator, "spp": spp, "seed": seed_of(seed)}
             image = np.array(mi.render(scene, sensor=sensor, **how), dtype=np.float64)
     finally:
-        sensor.scene = None  # so that the scene can be freed
+        sensor.scene = None  # No reference remains, so that the scene can be freed.
     return mean_of_colours(image)
 
 

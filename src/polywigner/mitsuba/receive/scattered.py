@@ -48,21 +48,23 @@ Complexes = NDArray[np.complex128]
 
 # ---- rays towards small shapes ------------------------------------------------------------------
 
-# Fraction S of the samples that are aimed. Errors outside of boxes increase by a factor of 1.07 if
-# they fall with the square root of the number of samples, and by 1/(1 - S), 1.14, if they fall with
-# the number itself, as for stratified samples.
+# Fraction S of the samples that are aimed at boxes. Errors outside of boxes increase, because fewer
+# samples remain there: by a factor of 1.07 if errors fall with the square root of the number of
+# samples, and by 1/(1 - S), 1.14, if they fall with the number itself, as for stratified samples.
 _AIMED = 1 / 8
 # Fraction of the aimed samples that all boxes share equally: range profiles need samples of each
 # box.
 _EQUAL = 0.5
-# Largest number of boxes of a receiver: each sample is tested against all boxes. Largest number of
-# separate pieces of a mesh, and of its faces, for which pieces are searched.
-_MOST_BOXES, _MOST_PIECES, _MOST_FACES = 64, 64, 1 << 17
+# Largest number of boxes of a receiver, since each sample is tested against all boxes.
+_MOST_BOXES = 64
+# Pieces of a mesh are searched only if it has at most this number of separate pieces, and of faces.
+_MOST_PIECES, _MOST_FACES = 64, 1 << 17
 # Largest fraction of unaimed samples in a box for which samples are aimed at the box.
 _COMMON = 1 / 16
-# Smallest width of a box in rad, because single precision resolves no smaller angles well. Margin
-# around a box relative to its width, because straight sides are curved lines in angles.
-_NARROWEST, _MARGIN = 1e-5, 0.02
+# Smallest width of a box in rad; single precision does not resolve smaller angles well.
+_NARROWEST = 1e-5
+# Margin around a box relative to its width, since straight sides become curved lines in angles.
+_MARGIN = 0.02
 # Number of points along each side of a box in space, and along each axis of a box of angles.
 _POINTS = 3
 _PROBES = 5
@@ -87,9 +89,9 @@ def _boxes(shape: Any) -> list[Floats]:
     shape_box = [bounds_of(shape)]
     if not shape.is_mesh() or not 1 < shape.face_count() <= _MOST_FACES:
         return shape_box
-    if "faces" not in mi.traverse(shape):  # a rectangle
+    if "faces" not in mi.traverse(shape):  # rectangles have no parameter ``faces``
         return shape_box
-    # meshes with normals repeat vertices
+    # Meshes with normals contain the same vertex several times.
     points, numbers = np.unique(vertices_of(shape), axis=0, return_inverse=True)
     faces = numbers.ravel()[faces_of(shape)]
     first, second, third = faces.T
@@ -109,7 +111,8 @@ def _vectors(sensor: Any, boxes: Floats) -> Floats:
     spec = sensor.spec
     local = (points - spec.pose[:3, 3]) @ spec.pose[:3, :3] - np.append(spec.centre, 0.0)
     corners = np.reshape(spec.at_origin.bounds, (2, 2)) / spec.scene_unit
-    starts = [[x, y, 0.0] for x in corners[:, 0] for y in corners[:, 1]]  # of rays
+    # Rays start at the corners of the receiver's bounding box.
+    starts = [[x, y, 0.0] for x in corners[:, 0] for y in corners[:, 1]]
     vectors = np.concatenate([local - start for start in starts], axis=1)
     return np.asarray(vectors[(vectors[..., 2] > 0.0).all(axis=1)])
 
@@ -163,7 +166,7 @@ class AimedDirections:
         density = fractions / (high - low).prod(axis=1)
         table = np.column_stack([low, high, starts, 1.0 / (ends - starts), ends, density])
         self._count: Any = len(table)
-        # a constant length: kernels do not depend on the number of shapes
+        # The table has a constant length, so that kernels do not depend on the number of shapes.
         table = np.pad(table, ((0, _MOST_BOXES - len(table)), (0, 0)))
         self._columns: Any = [column.tolist() for column in table.T]
         if self._jit:

@@ -17,8 +17,8 @@ from polywigner.mitsuba.scenes.surfaces import Reaches
 
 Floats = NDArray[np.float64]
 
-# Number of uniform numbers for a step: two for a light, three for a direction, one for the random
-# end of a path.
+# Number of uniform random numbers per step: two for a light, three for a direction, one for the
+# random end of a path.
 _SAMPLES = 6
 # Number of bounces after which paths continue with a probability equal to their throughput, but at
 # most _SURVIVORS, as in Mitsuba.
@@ -86,7 +86,7 @@ class Steps:
         return paths, values
 
     def _met(self, paths: Paths, si: Drjit) -> dict[str, Drjit]:
-        """Return values of the lights that rays meet: radiance at the receiver, and number."""
+        """Return the radiance at the receiver, and the number, of the lights that rays meet."""
         light = si.emitter(self._scene, paths.active)
         direction = mi.DirectionSample3f(self._scene, si, paths.last)
         can_sample = paths.active & (paths.is_smooth ^ True)
@@ -103,7 +103,7 @@ class Steps:
     def _sampled(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, sample: Drjit
     ) -> dict[str, Drjit]:
-        """Sample a light at the surface: radiance at the receiver, number, distance, direction."""
+        """Sample a light: its radiance at the receiver, number, distance and direction."""
         scatters = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         active = is_met & scatters & (paths.bounces < self._most)
         direction, weight = self._scene.sample_emitter_direction(si, sample, False, active)
@@ -177,12 +177,12 @@ class Motion:
 EVENT = np.dtype(
     [
         ("ray", np.int64),  # number of the ray that left the receiver
-        ("radiance", np.float64),  # along that ray
-        ("position", np.float64, 3),  # on the first surface
-        ("normal", np.float64, 3),  # of the first surface, on the receiver's side
+        ("radiance", np.float64),  # radiance along that ray
+        ("position", np.float64, 3),  # position on the first surface
+        ("normal", np.float64, 3),  # normal of the first surface, on the receiver's side
         ("first_shape", np.int64),  # number of the first surface's shape
-        ("distance", np.float64),  # to the first surface
-        ("length", np.float64),  # of the complete path
+        ("distance", np.float64),  # distance to the first surface
+        ("length", np.float64),  # length of the complete path
         ("rate", np.float64),  # growth of the path length, per second
         ("bounces", np.int64),
         ("light", np.int64),  # number of the light
@@ -228,7 +228,7 @@ def events_of(
             here.rate += _dot(velocity - speeds, step["d"])
         yield from _lights(here, step, velocity, motion)
         bounced = step["is_bounce"]
-        # null surfaces only add to the length
+        # null surfaces only add to the length of the path
         state.length = here.length
         here.bounces += 1
         state[bounced] = here[bounced]

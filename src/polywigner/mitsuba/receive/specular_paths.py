@@ -54,12 +54,12 @@ _IN_PLANE = 4 * ROUNDING
 
 
 def _ray_count() -> int:
-    """Return the number of rays by each path; scalar variants trace them one by one."""
+    """Return the number of rays per path; scalar variants trace them one by one."""
     return 4096 if dr.is_jit_v(mi.Float) else 1024
 
 
 class PassingRays(NamedTuple):
-    """Rays from a source by the planes of all mirrors to a receiver."""
+    """Rays from a source to a receiver, reflected by the planes of all mirrors of a path."""
 
     points: list[Floats]
     """Points (n, 3) in m on the receiver, on the mirrors in reverse order, and on the emitter."""
@@ -91,7 +91,7 @@ def passing_rays(
     chain: Sequence[Mirror] = (),
     coherent: bool = False,
 ) -> PassingRays:
-    """Trace rays from a source by flat mirrors to a receiver: 4096, in scalar variants 1024.
+    """Trace rays from a source by flat mirrors to a receiver: 4096 rays, in scalar variants 1024.
 
     ``emitter`` is the source itself, not its image. ``coherent``: without the effects of mirrors
     and thin panes on the field, which callers apply to field vectors.
@@ -247,8 +247,8 @@ def meeting_rays(
         return passing_rays(mi.load_dict({"type": "scene"}), emitter, plain, coherent=coherent)
     if mi.is_polarized and not coherent:
         raise SceneError(
-            f"expected no flat mirrors with diffraction in polarised light, got {chain[0].name!r}; "
-            "leave diffraction out, use an unpolarised variant, or set coherent=True"
+            f"flat mirrors ({chain[0].name!r}) and diffraction cannot be combined in polarised "
+            "light; leave diffraction out, use an unpolarised variant, or set coherent=True"
         )
     rays = _rays_between(emitter, receiver, chain)
     transmission = np.ones((len(rays[0]), 1, 1))
@@ -262,7 +262,10 @@ def meeting_rays(
 def _unfolded(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Mesh]:
-    """Return the meshes along each leg of a path, as images in all following mirrors."""
+    """Return the obstacles of each leg of a path, mirrored in all later mirrors of the path.
+
+    The obstacles of a leg are the parts of the meshes in front of the mirrors at its ends.
+    """
     points = points_by(emitter.centre[None], receiver.centre[None], chain)
     if not len(points[0]):
         points = _rays_between(emitter, receiver, chain)
@@ -272,7 +275,8 @@ def _unfolded(
         parts = meshes
         for k in (leg - 1, leg):
             if 0 <= k < len(chain):
-                # side of the mirror on which this leg starts or ends
+                # The obstacles of a leg are on the side of the mirror on which the leg starts or
+                # ends.
                 other = path[leg] if k == leg else path[leg + 1]
                 side = math.copysign(1.0, float(other @ chain[k].normal) - chain[k].offset)
                 plane = side * chain[k].normal, side * chain[k].offset
@@ -315,7 +319,7 @@ def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Flo
     Source: M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
     """
     root = 1.0
-    for _ in range(64):  # solves x^(dimensions + 1) = x + 1
+    for _ in range(64):  # This fixed-point iteration solves x^(dimensions + 1) = x + 1.
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
     steps = np.arange(count)[:, None] * root ** -np.arange(1.0, dimensions + 1)
     return np.asarray((shift + steps) % 1)
@@ -383,7 +387,8 @@ def traced(
         legs = [
             [np.array(column, np.float64).reshape(3, -1) for column in leg] for leg in result.panes
         ]
-        legs += [legs[0]] * (len(chain) + 1 - len(legs))  # if all rays miss a mirror
+        # Legs are missing if all rays miss a mirror.
+        legs += [legs[0]] * (len(chain) + 1 - len(legs))
         columns = [[np.broadcast_to(column, (3, count)) for column in leg] for leg in legs]
         panes.append(np.moveaxis(np.array(columns), -1, 0))
     transmission, matrices = np.concatenate(powers), np.concatenate(panes)
@@ -416,7 +421,7 @@ def _between_axes(
     ]
     first, last = result.first, result.last
     if is_direct and emitter is not None:
-        # axes for the line between the centres, as for amplitudes
+        # The axes are those for the line between the centres, as for amplitudes.
         across = emitter.centre - receiver.centre
         first = last = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
     leaves = None if emitter is None else (frames[1], -last)
@@ -453,7 +458,7 @@ def open_path(
     parts = facing_parts(emitter.image(chain), receiver)
     if parts is None:
         return "no line-of-sight path: one end lies in the plane of the other or behind it"
-    # rays start at the part of the emitter whose image faces the receiver
+    # Rays start at the part of the emitter whose image faces the receiver.
     facing = parts.emitter.image(chain[::-1])
     send = passing_rays if meshes is None else meeting_rays
     rays = send(scene, facing, parts.receiver, chain, coherent)
@@ -473,7 +478,7 @@ def open_path(
         f"{mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: diffraction at its "
         "edges, which is not included, changes its reflection"
         for mirror in chain
-        # the width is at most the side of a square with the same diagonal
+        # The width of a mirror is at most the side of a square with the same diagonal.
         if math.dist(*bounds_of(mirror.shape)) / math.sqrt(2) * receiver.scene_unit < zone
     ]
     return OpenPath(parts, facing, rays, notes)

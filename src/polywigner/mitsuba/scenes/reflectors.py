@@ -136,7 +136,7 @@ def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
 
 
 def _is_same(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
-    """Return whether a face lies in a plane, whichever way it faces."""
+    """Return whether a face lies in a plane; its normal may have either sign."""
     sign = np.sign(normal @ plane[0])
     difference = np.abs(normal - sign * plane[0]).max()
     return bool(difference <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)
@@ -165,7 +165,8 @@ def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
 MASK, THIN = "MaskBSDF", "ThinDielectric"
 _TWO_SIDED, _CONDUCTOR = "TwoSidedBRDF", "SmoothConductor"
 _SURFACES = (_CONDUCTOR, THIN, "SmoothDielectric", "SmoothPlastic")
-# |n x k| below which the incidence is normal and the plane of incidence is arbitrary.
+# Value of |n x k| below which the incidence counts as normal, and the plane of incidence is
+# arbitrary.
 _ALONG = 1e-9
 
 
@@ -200,16 +201,17 @@ class Surface:
         return across, along
 
     def reflectance_in_mitsuba(self, cosine: Any) -> Floats:
-        """Return the reflectance of the BSDF in Mitsuba, which has no polarisation in sheets."""
+        """Return the reflectance of Mitsuba's BSDF, which treats light in sheets as unpolarised."""
         faces = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
         mean = np.mean([np.square(np.abs(r)) for r in faces], axis=0)
         return _of_sheet(mean) if self.is_thin else mean
 
     def _of_one_face(self, cosine: Any) -> tuple[Complexes, Complexes]:
-        """Return Fresnel's reflection coefficients."""
+        """Return Fresnel's reflection coefficients of one interface."""
         assert self.index is not None
         square = self.index**2
-        behind = np.sqrt(square - 1 + np.square(cosine) + 0j)  # n cos behind; Im > 0 decays
+        # n cos behind the surface; Im > 0 means decay
+        behind = np.sqrt(square - 1 + np.square(cosine) + 0j)
         return (
             (cosine - behind) / (cosine + behind),
             (square * cosine - behind) / (square * cosine + behind),
@@ -236,7 +238,7 @@ def surface_of(mirror: Mirror, is_before: bool) -> Surface:
     params = mi.traverse(bsdf)
     if bsdf.class_name() == _CONDUCTOR:
         index = complex(*(_single(t.mean()) for t in list(params.hierarchy)[1:3]))
-        return Surface(None if index == 1j else index)  # Mitsuba's "none" is 0 + 1i
+        return Surface(None if index == 1j else index)  # Mitsuba represents "none" by 0 + 1i.
     ratio = _single(params["eta"])
     is_inside = not (is_before or _TWO_SIDED in kinds or bsdf.class_name() == THIN)
     return Surface(complex(1 / ratio if is_inside else ratio), bsdf.class_name() == THIN)
@@ -260,7 +262,7 @@ def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -
 
 # ---- conducting bodies --------------------------------------------------------------------------
 
-# Error of an echo relative to the sum in phase of all illuminated parts. The error of physical
+# Error of an echo relative to the echo of all illuminated parts in phase. The error of physical
 # optics itself is much larger.
 OF_ECHO = 1e-3
 # Largest number of paths by bodies; each takes some milliseconds.
@@ -366,7 +368,7 @@ def checked_bodies(bodies: Any) -> tuple[Body, ...]:
 
 def _body(name: str, value: Any) -> Body:
     if not name.strip():
-        raise ArgumentError("expected a name of each body, got an empty text; name the body")
+        raise ArgumentError("expected a name for each body, got an empty string; name the body")
     bounces = 1
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int | np.integer):
         value, bounces = value

@@ -54,7 +54,8 @@ class Exposure:
         rows = min(cut.rows, cut.height - top)
         image: Floats | float = 0.0
         for index in range(cut.passes):
-            # passes of almost equal size: a small last pass would be poorly stratified
+            # passes of almost equal size, because samples of a small last pass would be poorly
+            # stratified
             samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
             seed = films.seed_of(self.seed, strip * cut.passes + index)
             with films.cropped(self.camera, top, rows), _quietly():
@@ -316,9 +317,9 @@ def render(
     return with_delta_lights(exposure, exposure.full_image(lambda: progress(next(done), steps)))
 
 
-# Parts of the class names of integrators that render radiance, and maximum number of reflections of
-# delta lights.
+# Substrings of the class names of integrators that render radiance.
 _OF_RADIANCE = ("Path", "Direct", "PRB", "Volumetric", "Volpath")
+# Maximum number of mirror reflections of light from delta lights.
 _MOST_MIRRORS = 2
 
 
@@ -391,11 +392,12 @@ def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManage
     dark = [(source, "power", type(source.power)(0.0)) for source in others]
     for _, _, power in dark:
         if dr.is_jit_v(power):
-            dr.make_opaque(power)  # a literal would compile the kernel again
+            # opaque, because a new literal would cause the kernel to be recompiled
+            dr.make_opaque(power)
     return films.changed(dark)
 
 
 def _move(scene: mi.Scene, shapes: list[mi.Mesh], corners: list[Floats]) -> None:
     for shape, points in zip(shapes, corners, strict=True):
         set_mesh(shape, vertex_positions=points)
-    scene.parameters_changed([])  # updates the surfaces that rays meet
+    scene.parameters_changed([])  # This call updates the surfaces that rays meet.

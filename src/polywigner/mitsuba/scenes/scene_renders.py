@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import checked_count, checked_path
@@ -156,9 +156,15 @@ def render_file(
         As :func:`load_scene` and :func:`render`.
     """
     if scheduler is not None and store is None:
-        raise ArgumentError("expected a store with a scheduler, got none; name one for the parts")
+        raise ArgumentError(
+            "expected a store with scheduler=, got none; pass store= for the computed parts"
+        )
     if threads is not None:
         checked_count(threads, "threads", 1, MOST_THREADS)
+    if not isinstance(parameters, Mapping | None):
+        raise ArgumentError(
+            f"expected parameters as a mapping of names to values, got {value_text(parameters)}"
+        )
     chosen = choose_variant(mi.variant() if variant is None else variant)
     file = SceneFile(checked_path(path), chosen, dict(parameters or {}))
     options = {"integrator": integrator, "spp": spp, "seed": seed, "sensor": sensor}

@@ -260,7 +260,8 @@ def _translated(error: Exception, state: mi.parser.ParserState | None) -> Polywi
     if isinstance(error, PolywignerError):
         return error
     text = str(error)
-    if isinstance(error, UnicodeDecodeError):  # Mitsuba's message quotes a binary file
+    # Mitsuba's message quotes bytes of a file that are not valid text.
+    if isinstance(error, UnicodeDecodeError):
         text = error.object.decode(errors="replace")
     text = re.sub(r"^\[\w+\.cpp:\d+\] ", "", text)
     at = re.match(r"(?:At|While loading) (.*?(?:\(line \d+, col \d+\)|node \"[^\"]*\")):", text)
@@ -268,7 +269,7 @@ def _translated(error: Exception, state: mi.parser.ParserState | None) -> Polywi
     if cause is not None:
         return type(cause)(_printable(f"{at[1]}: {cause}" if at else str(cause)))
     head, _, traceback = text.partition("Traceback (most recent call last)")
-    last = traceback.strip().splitlines()[-1:]  # the error of a plugin in Python
+    last = traceback.strip().splitlines()[-1:]  # The last line is the error of a plugin in Python.
     line = _printable(" ".join(" ".join([head, *last]).split()))
     names = [] if state is None or at is None else _file_names_at(state, at[1])
     about = f" (file {_printable(names[0])})" if names and names[0] not in line else ""
@@ -381,7 +382,7 @@ def _parsed(
         state = mi.parser.parse_file(config, str(file), **texts)
         for name in sorted({node.props.plugin_name() for node in state.nodes}):
             _check_type(name)
-        # copies, because Mitsuba reports properties that plugins do not read
+        # Copies are read, because Mitsuba reports properties that plugins do not read.
         copies = [values_of(mi.Properties(node.props)) for node in state.nodes]
         texts_in = {value for props in copies for value in props.values() if isinstance(value, str)}
         for text in sorted(texts_in):
@@ -398,7 +399,8 @@ def _check_type(name: str) -> None:
         resolver = mi.FileResolver()
         resolver.clear()
         resolver.append(str(_MITSUBA))
-        with _resolver(resolver):  # the plugin manager may load the library of the plugin
+        # The plugin manager may load the plugin's library, so it searches only Mitsuba's folder.
+        with _resolver(resolver):
             kind = mi.PluginManager.instance().plugin_type(name)
         is_known = kind != mi.ObjectType.Unknown
     if name in _REFUSED or not is_known:
@@ -433,7 +435,9 @@ class _CheckedFiles:
     def add_xml(self, file: Path, level: int = 0) -> None:
         """Add a scene file, its includes, and the spectra that Mitsuba's parser reads."""
         if level > _DEEPEST_INCLUDE:
-            raise FileFormatError("expected scenes that do not include each other in a circle")
+            raise FileFormatError(
+                "expected scenes that do not include each other in a circle; remove one <include>"
+            )
         content = bytes_of(file, LARGEST_SCENE)
         self.paths.add(file.resolve())
         for element in _root_of(text_of(content)).iter():
@@ -453,7 +457,7 @@ class _CheckedFiles:
                     self.add_xml(path, level + 1)
 
     def _filled(self, text: str) -> str:
-        """Replace ``$parameters`` in a text by their values, as Mitsuba does."""
+        """Replace ``$parameters`` in a string by their values, as Mitsuba does."""
         for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
             text = text.replace(f"${name}", self.values[name])
             check_bytes(len(text), LARGEST_SCENE, "text, $parameters filled in")
@@ -462,7 +466,7 @@ class _CheckedFiles:
 
 def _resolved(name: str) -> Path | None:
     """Return the absolute path, without links, of an existing file or folder; otherwise None."""
-    with suppress(OSError, ValueError, RuntimeError):  # a text that cannot be a file name
+    with suppress(OSError, ValueError, RuntimeError):  # The text may not be a valid file name.
         path = Path(str(mi.file_resolver().resolve(name)))
         return path.resolve() if name and path.exists() else None
     return None

@@ -224,9 +224,10 @@ def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) ->
     """
     p = dr.detach(it.p)
     short = end + normal * (ROUNDING * (largest(p) + reach))
-    start = it.spawn_ray_to(short).o if dr.width(it.n) else p  # else not on a surface
+    # An interaction without a normal is not on a surface, so the ray starts at the point itself.
+    start = it.spawn_ray_to(short).o if dr.width(it.n) else p
     longer = 1.0 / (1.0 - float(mi.math.ShadowEpsilon))
-    # detached: only the end point has derivatives
+    # The correction is detached, so that only the end point has derivatives.
     return end + dr.detach(start + (short - start) * longer - end)
 
 
@@ -255,7 +256,7 @@ class Reaches:
         if self._table is None:
             return result
         number = _number(si.shape)
-        # larger numbers are instances
+        # numbers above the last shape belong to instances
         size = dr.gather(mi.Float, self._table, number, number <= self._last)
         return dr.select(size > result, size, result)
 
@@ -272,10 +273,12 @@ def _number(pointer: Drjit) -> Drjit:
 
 # ---- opaque bodies ------------------------------------------------------
 
-# Largest distance of a chord from a curved shape, and radius of the largest sphere for which it is
-# achieved, in wavelengths. Largest number of chords around a circle.
-_SAGITTA, _LARGEST_SPHERE, _MOST_CHORDS = 0.01, 170.0, 1024
-# Largest number of faces of all obstacles, which take a gigabyte.
+# Largest distance of a chord from a curved shape in wavelengths.
+_SAGITTA = 0.01
+# Radius in wavelengths of the largest sphere with chords of this distance, and largest number of
+# chords around a circle.
+_LARGEST_SPHERE, _MOST_CHORDS = 170.0, 1024
+# Largest number of faces of all obstacles; they take a gigabyte.
 _MOST_FACES = 1 << 21
 _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 
@@ -398,7 +401,7 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     is_solid = len(np.unique(forth)) == len(forth) and np.array_equal(np.sort(forth), np.sort(back))
     size = float(np.ptp(points, axis=0).max())
     units = normals / np.linalg.norm(normals, axis=1)[:, None]
-    # triangles in one plane are one face
+    # Triangles in one plane belong to one face.
     height = np.einsum("tk,tk->t", units, points[faces[:, 0]] - points[0]) / size
     planes = np.column_stack([units, height]).round(5) + 0.0
     _, first, owner = np.unique(planes, axis=0, return_index=True, return_inverse=True)
@@ -407,9 +410,10 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
         flat = np.abs((points - points[0]) @ units[0]).max() <= 1e-6 * size
         return Obstacle(points, faces, owner, normals[first], False, bool(flat))
     inner = points - points.mean(axis=0)
-    if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:  # normals to the inside
+    # A negative sum means that the normals point to the inside.
+    if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:
         return _body(points, faces[:, ::-1], -normals)
-    # convex if no face rises in front of the plane of a neighbouring face
+    # A body is convex if no face rises in front of the plane of a neighbouring face.
     order, other = np.argsort(forth), np.argsort(back)
     face = np.tile(np.arange(len(faces)), 3)
     opposite = np.concatenate([faces[:, (k + 2) % 3] for k in range(3)])

@@ -1,0 +1,188 @@
+"""Tables of the nodes of a source and of the edges of its shadows, for kernels of renders.
+
+Lengths are in wavelengths, in the source's frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.geometry.silhouettes import Obstacles, Silhouette
+from polywigner.propagation import shadows
+from polywigner.propagation.shadows import NO_SURFACE
+from polywigner.propagation.source_nodes import EDGE_AMPLITUDE, NEAR, SourceNodes
+
+Floats = NDArray[np.float64]
+
+# Phase in rad by which the wave of the source at an edge changes between two samples: the error of
+# linear interpolation is below phase^2/24 for uniform sources. Largest number of samples.
+_STEP, _MOST_SAMPLES = 0.25, 1024
+_NO_PLANE = (0.0, 0.0, 0.0, 1.0)
+# Detour that stands for infinity.
+_ALWAYS = 1e30
+
+
+class NodeTables(NamedTuple):
+    """Nodes of a source and the points that radiate their waves."""
+
+    nodes: Floats
+    """(k + 1, 4), a row per node, and the centre: x, y, first and end row of its points."""
+    points: Floats
+    """(r, 8), a row per radiating point: x, y, z, both weights (4), and 0."""
+
+
+class EdgeTables(NamedTuple):
+    """Edges of silhouettes in groups, with the surface that blocks the waves of each group."""
+
+    groups: Floats
+    """(g, 13), a row per group: midpoint of its edges (3), plane of the face behind them (4), and
+    first and end row of its edges, its blocker's triangles and its blocker's rim (6)."""
+    edges: Floats
+    """(m, 20), a row per edge: its ends from the centre (6), plane of the face behind it (4), first
+    and end node whose waves it diffracts (2), its row in ``ends`` and the step between nodes (2),
+    its row in ``samples`` and the number of intervals (2), detour up to which the nodes' waves at
+    the point are used and detour from which on the centre is the only node (2), square of the
+    amplitude of its wave over the largest free field, times the root of the detour (1), and 0."""
+    ends: Floats
+    """(e, 8), ends of an edge as a node sees it (6), and 0."""
+    samples: Floats
+    """(s, 4), a row per interval and node, the last one for the centre: wave at the edge, at both
+    ends of the interval (4)."""
+    triangles: Floats
+    """(t, 10), a row per triangle of a blocker: normals of the planes through the group's midpoint
+    and each side (9), and the triple product of the corners (1)."""
+    rims: Floats
+    """(m, 6), ends of each edge of the blockers' rims."""
+
+
+def node_tables(nodes: SourceNodes) -> NodeTables:
+    """Return the nodes of a source, with the points that have a fraction in their waves."""
+    points = np.array([[*point.row, 0.0] for point in nodes.points])
+    owner, which = np.nonzero(nodes.fractions)
+    rows = points[which]
+    rows[:, 3:] *= nodes.fractions[owner, which][:, None]
+    ends = np.cumsum(np.bincount(owner))
+    table = np.column_stack([nodes.positions[:, :2], np.append(0, ends[:-1]), ends])
+    return NodeTables(np.concatenate([table, [[*nodes.centre[:2], 0, 0]]]), rows)
+
+
+def edge_tables(
+    obstacles: Obstacles, nodes: SourceNodes, silhouettes: Sequence[Silhouette], margin: float
+) -> EdgeTables:
+    """Return the edges of silhouettes from nodes of the source, in groups of one blocker.
+
+    Parameters
+    ----------
+    obstacles : Obstacles
+        Bodies in the source's frame, in wavelengths.
+    nodes : SourceNodes
+        Nodes of the source.
+    silhouettes : sequence of Silhouette
+        One for each node, or a single one for all nodes.
+    margin : float
+        Points behind a face by less than this fraction of its distance count as points on it.
+    """
+    blocked = shadows.blocked_edges(obstacles, silhouettes, nodes.centre)
+    is_shared = len(silhouettes) < len(nodes.positions)
+    # ends from each node, and from the centre; and first and end node
+    parts: list[tuple[Floats, Floats, tuple[int, int]]] = []
+    groups = []
+    for k, (silhouette, group) in enumerate(zip(silhouettes, blocked.groups, strict=True)):
+        rows = np.column_stack([silhouette.edges.reshape(-1, 6), silhouette.planes])
+        span = (0, len(nodes.positions)) if is_shared else (k, k + 1)
+        parts.append((rows[:, None, :6], rows[:, 6:], span))
+        groups.append(np.maximum(group, NO_SURFACE))
+        lines = rows[group == shadows.OWN_SURFACE]
+        if len(lines):
+            seen_from = [*nodes.positions, nodes.centre] if is_shared else [nodes.positions[k]]
+            ends = np.stack([_shadow_lines(origin, lines) for origin in seen_from], axis=1)
+            parts.append((ends, np.tile(_NO_PLANE, (len(lines), 1)), span))
+            groups.append(np.full(len(lines), NO_SURFACE))
+    ends, edges, samples = _edge_rows(nodes, parts)
+    group = np.concatenate(groups)
+    planes = edges[:, 6:10]
+    planes[group == NO_SURFACE] = _NO_PLANE
+    # rounding to single precision moves points of a surface behind it; they count as in front
+    planes[:, 3] += margin * np.linalg.norm(edges[:, 3:6], axis=1) * (group >= 0)
+    order = np.argsort(group, kind="stable")
+    edges, group = edges[order], group[order]
+    spans, triangles, rims = [], [np.empty((0, 10))], [np.empty((0, 6))]
+    sizes = [0, 0]
+    for number, blocker in enumerate([None, *blocked.blockers], NO_SURFACE):
+        first, end = np.searchsorted(group, [number, number + 1])
+        plane = edges[first, 6:10] if first < end else _NO_PLANE
+        before, origin = list(sizes), np.zeros(3)
+        if blocker is not None:
+            origin = blocker.origin
+            triangles.append(_pyramids(blocker.triangles - origin))
+            rims.append(blocker.rim.reshape(-1, 6))
+            sizes = [sizes[0] + len(triangles[-1]), sizes[1] + len(rims[-1])]
+        numbers = [first, end, before[0], sizes[0], before[1], sizes[1]]
+        spans.append([*origin, *plane, *numbers])
+    return EdgeTables(
+        np.array(spans), edges, ends, samples, np.concatenate(triangles), np.concatenate(rims)
+    )
+
+
+def _shadow_lines(origin: Floats, rows: Floats) -> Floats:
+    """Return the shadow lines (m, 6) of edges (m, 10) with planes, as a point sees them."""
+    table = np.column_stack([np.tile([*origin, *np.zeros(4)], (len(rows), 1)), rows])
+    return shadows.shadow_lines(table)[:, 7:13]
+
+
+def _edge_rows(
+    nodes: SourceNodes, parts: Sequence[tuple[Floats, Floats, tuple[int, int]]]
+) -> tuple[Floats, Floats, Floats]:
+    """Return the tables ``ends``, ``edges`` and ``samples`` of :class:`EdgeTables`."""
+    places = [_places(nodes, edge) for ends, *_ in parts for edge in ends[:, -1]]
+    counts = np.array([len(some) for some in places])
+    firsts = np.cumsum(counts) - counts
+    waves, detours = nodes.waves_at(np.concatenate(places))
+    loudest = np.maximum.reduceat(np.abs(waves[:, -1]), firsts) * EDGE_AMPLITUDE / nodes.peak
+    limits = np.column_stack(
+        [
+            np.full(len(counts), NEAR if nodes.is_reduced else _ALWAYS),
+            np.maximum.reduceat(detours, firsts),
+            loudest**2,
+            np.zeros(len(counts)),
+        ]
+    )
+    width = waves.shape[1]
+    pairs = np.stack([waves[:-1], waves[1:]], axis=2)
+    pairs = np.delete(pairs, firsts[1:] - 1, axis=0)  # no interval between two edges
+    samples = pairs.reshape(-1, 2).view(np.float64)
+    intervals = counts - 1
+    numbers = np.column_stack([width * (np.cumsum(intervals) - intervals), intervals])
+    views = np.concatenate([np.full(len(ends), ends.shape[1]) for ends, *_ in parts])
+    numbers = np.column_stack([np.cumsum(views) - views, views > 1, numbers])
+    spans = np.concatenate([np.tile(span, (len(ends), 1)) for ends, _, span in parts])
+    seen = np.concatenate([ends[:, -1] for ends, *_ in parts])
+    planes = np.concatenate([planes for _, planes, _ in parts])
+    edges = np.column_stack([seen, planes, spans, numbers, limits])
+    rows = np.concatenate([ends.reshape(-1, 6) for ends, *_ in parts])
+    return np.column_stack([rows, np.zeros((len(rows), 2))]), edges, samples
+
+
+def _places(nodes: SourceNodes, edge: Floats) -> Floats:
+    """Return places (n, 3) along an edge (6,), between which the wave of the source is linear."""
+    start, end = edge[:3] - nodes.centre, edge[3:] - nodes.centre
+    along = end - start
+    foot = np.clip(-(start @ along) / (along @ along), 0.0, 1.0)
+    nearest = float(np.linalg.norm(start + foot * along))
+    reach = float(np.linalg.norm(np.ptp([p.position for p in nodes.points], axis=0))) / 2
+    phase = 2.0 * math.pi * reach * float(np.linalg.norm(along)) / nearest
+    most = _MOST_SAMPLES if nodes.is_reduced else 2
+    count = min(max(1, math.ceil(phase / _STEP)), most)
+    return edge[:3] + np.linspace(0.0, 1.0, count + 1)[:, None] * along
+
+
+def _pyramids(corners: Floats) -> Floats:
+    """Return side normals and volumes (t, 10) of pyramids from the origin over triangles."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
+    return np.column_stack([*sides, np.einsum("tk,tk->t", a, sides[0])])

@@ -1,0 +1,89 @@
+"""Nodes of a source: their waves in free space, their number, and shadows computed from them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import use
+from polywigner.geometry.silhouettes import obstacles_of
+from polywigner.propagation import source_nodes
+from polywigner.propagation.equivalent_points import RadiatingPoint, radiating_points
+from polywigner.propagation.source_nodes import all_points, nodes_for
+from test_shadows_in_scenes import BLACK, box, scene, transform
+
+RS1 = "rayleigh-sommerfeld-1"
+
+
+def edges_at(z: float) -> np.ndarray:
+    return np.array([[[-10.0, 3.0, z], [10.0, 3.0, z]]])
+
+
+def points_of(side: float) -> list[RadiatingPoint]:
+    return radiating_points(pw.shapes.rectangle(side, 0.6 * side), 1.0, RS1, 3e-4)
+
+
+def test_waves_of_nodes_are_the_wave_of_the_source() -> None:
+    points = points_of(3.0)
+    nodes = nodes_for(points, edges_at(80.0))
+    assert 1 < len(nodes.positions) < len(points)
+    assert nodes.fractions.sum(axis=0) == pytest.approx(np.ones(len(points)), abs=1e-12)
+    waves, _ = nodes.waves_at(np.array([[1.0, 2.0, 30.0]]))
+    place = np.array([[1.0, 2.0, 30.0]])
+    expected = sum(point.wave(place.T) for point in points)
+    distance = np.linalg.norm(place - nodes.centre)
+    assert np.abs(waves[:, -1]) / distance == pytest.approx(np.abs(expected), rel=1e-12)
+
+
+def test_nearer_edges_need_more_nodes() -> None:
+    counts = [
+        len(nodes_for(points_of(3.0), edges_at(z)).positions) for z in (1e4, 200.0, 30.0, 3.0)
+    ]
+    assert counts[0] == 1
+    assert counts == sorted(counts)
+    assert counts[-1] > counts[1]
+    point = [RadiatingPoint(np.zeros(3), 0j, 1 + 0j)]
+    assert len(nodes_for(point, edges_at(1.0)).positions) == 1
+
+
+def test_peak_is_that_of_the_far_field() -> None:
+    nodes = all_points(radiating_points(pw.shapes.square(3.0), 1.0, "rayleigh-sommerfeld-2", 3e-4))
+    assert nodes.peak == pytest.approx(9.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("is_above", [False, True])
+def test_points_share_a_silhouette_that_moves_with_none_of_them(is_above: bool) -> None:
+    def plate(side: float, x: float, z: float) -> Any:
+        pose = np.eye(4)
+        pose[:3, 3] = x, 0.0, z
+        return pw.shapes.square(side).placed(pose)
+
+    # the shadow of the first plate moves on the second one, or is inside it
+    bodies = obstacles_of(
+        [plate(2.0, 0.0, 40.0), plate(30.0, 16.0 if is_above else 0.0, 80.0)], 1.0
+    )
+    corners = np.array([[-1.5, -1.5, 0.0], [1.5, 1.5, 0.0]])
+    assert (bodies.shared_silhouette(corners) is None) == is_above
+
+
+@pytest.mark.drjit
+@pytest.mark.llvm
+def test_picture_from_few_nodes_is_the_picture_from_all_points(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import polywigner.mitsuba as pm
+
+    use("llvm_ad_mono")
+    plate = transform().translate([-0.08, 0.07, 0.15]).scale(0.01)
+    bodies = {
+        "box": box(),
+        "plate": {"type": "rectangle", "to_world": plate, "bsdf": BLACK},
+    }
+    few = pm.render(scene(24, bodies), "direct", spp=1, seed=3)
+    free = pm.render(scene(24, {}), "direct", spp=1, seed=3)
+    monkeypatch.setattr(source_nodes, "_LIMITS", {})
+    every = pm.render(scene(24, bodies), "direct", spp=1, seed=3)
+    assert 0.0 < np.abs(few - every).max() < 1e-3 * free.max()
