@@ -79,7 +79,7 @@ BAD = [
     (
         PATCH,
         {"window": "hamming"},
-        "window: expected an array of equal .* specify the option array as well",
+        "window: expected an array of equal .* specify array as well",
     ),
     (PATCH, {"array": "2 x 2, 1 cm", "window": "25 dB"}, "window: expected a window such as"),
     (

@@ -316,8 +316,8 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         return _times(source, called(converted(table, FieldTable), wavelength, dimension=2))
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
-            f"expected an array of equal elements with a flat wave, got {got}; specify the option "
-            "array as well, or define the array in the source file"
+            f"expected an array of equal elements with a flat wave, got {got}; specify array as "
+            "well, or define the array in the source file"
         )
     layout = None
     if "array" in texts:
