@@ -22,7 +22,7 @@ from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.execution.operations import Drjit, Numbers
 from polywigner.geometry.arguments import real_numbers
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_cycles
 
 Points = Mapping[str, Any]
 """Points by the names of the arguments."""
@@ -281,7 +281,7 @@ def unit_wave(cycles: Numbers) -> Numbers:
     """Return exp(2 pi i cycles), as NumPy's complex numbers or a ``Complex2f``."""
     if not is_drjit(cycles):
         return np.exp(2j * np.pi * (cycles - np.round(cycles)))
-    cosine, sine = cos_sin_turns(DrjitOperations(type(cycles)), cycles)
+    cosine, sine = cos_sin_cycles(DrjitOperations(type(cycles)), cycles)
     return sibling(type(cycles), "Complex2f")(cosine, sine)
 
 

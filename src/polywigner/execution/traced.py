@@ -17,7 +17,7 @@ from polywigner.execution.points import Drjit, Points, components_of, sibling
 from polywigner.kernels import Kernel
 from polywigner.kernels.gradients import gradient_kernel_of
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_cycles
 
 # Largest number of samples for which edges are data, because compiling edges as code would cost
 # more than it saves.
@@ -224,7 +224,7 @@ def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit
 
     def term(row: Drjit) -> tuple[Drjit, Drjit]:
         x, y, a, b = (dr.gather(ops.float_type, column, row) for column in columns)
-        cosine, sine = cos_sin_turns(ops, dr.fma(nu_x, x, nu_y * y))
+        cosine, sine = cos_sin_cycles(ops, dr.fma(nu_x, x, nu_y * y))
         return a * cosine + b * sine, b * cosine - a * sine
 
     return type(weights)(*ops.plain_sum(0, len(positions), term, 2))

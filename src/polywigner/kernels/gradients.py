@@ -33,7 +33,7 @@ from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.wave_pairs import WavePair
 from polywigner.numerics import Number
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_over_turns, cos_sin_turns, polynomial
+from polywigner.numerics.phases import cos_sin_cycles, cos_sin_over_cycles, polynomial
 
 _ZERO = Pair(0.0, 0.0)
 
@@ -90,7 +90,7 @@ class Axes:
         polygon, each over -dp, (G4).
         """
         ops = self.ops
-        cosine, sine = cos_sin_turns(ops, self.norm * p)
+        cosine, sine = cos_sin_cycles(ops, self.norm * p)
         m0, m1, m2 = _segment_moments(ops, 0.5 * self.norm * dp)
         wave = Pair(cosine, -sine)
         e0, e1, e2 = wave.scaled(m0), Pair(sine * m1, cosine * m1), wave.scaled(m2)
@@ -134,7 +134,7 @@ def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     x = 2 * math.pi * half
     small = abs(x) < _BELOW
     inverse = 1.0 / ops.select(small, 1.0, x)
-    cosine, sine, ratio = cos_sin_over_turns(ops, half)
+    cosine, sine, ratio = cos_sin_over_cycles(ops, half)
     j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
     square = ops.select(small, x * x, 0.0)  # clamped, so that the unused branch does not overflow
     series = square * _over_power(ops, 2, square, _DOUBLE if ops.double else _SINGLE)

@@ -95,7 +95,7 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
     return value
 
 
-def waves_of_turns(cycles: Any) -> Complex:
+def waves_of_cycles(cycles: Any) -> Complex:
     """Return exp(2 pi i cycles)."""
     angle = np.asarray(2 * math.pi * (cycles - np.rint(cycles)))
     wave = np.empty(angle.shape, np.complex128)
@@ -123,8 +123,8 @@ def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
     begin, side = -f * (root / c), (f > 0).astype(np.float64)
     first_step, first = fresnel_tail(begin, side)
     step, last = fresnel_tail(root * b + begin, side)
-    bend = waves_of_turns(-0.5 * f * (f / c))
-    value = first - last * waves_of_turns(0.5 * b * (c * b - 2 * f))
+    bend = waves_of_cycles(-0.5 * f * (f / c))
+    value = first - last * waves_of_cycles(0.5 * b * (c * b - 2 * f))
     value += bend * (first_step - step)
     return np.asarray(value * (np.exp(0.25j * math.pi) / np.sqrt(c)))
 
@@ -227,5 +227,5 @@ def _at_nodes(start: Floats, extent: Floats, at: Floats, q: Floats, nu: Floats) 
     x, y = (start[:, k, None] + (0.5 + 0.5 * at) * extent[:, k, None] for k in (0, 1))
     (q1, q2), (nu1, nu2) = (values.T[:, :, None] for values in (q, nu))
     value = chirp_integral(x, q1, nu1)
-    value *= waves_of_turns(y * (0.5 * q2 * y - nu2))
+    value *= waves_of_cycles(y * (0.5 * q2 * y - nu2))
     return value

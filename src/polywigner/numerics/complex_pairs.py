@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from polywigner.numerics import Number
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_cycles
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def select(ops: Any, condition: Any, a: Pair, b: Pair) -> Pair:
 
 def unit_wave(ops: Any, cycles: Any) -> Pair:
     """Return exp(2 pi i cycles) for real cycles."""
-    return Pair(*cos_sin_turns(ops, cycles))
+    return Pair(*cos_sin_cycles(ops, cycles))
 
 
 def decaying_sinh(ops: Any, a: Any, decay: Any) -> Number:

@@ -16,7 +16,7 @@ from itertools import combinations
 from typing import Any
 
 from polywigner.numerics.complex_pairs import Pair, select
-from polywigner.numerics.phases import cos_sin_turns, mean_plane_wave
+from polywigner.numerics.phases import cos_sin_cycles, mean_plane_wave
 
 # Distance of phases in cycles (0.63 rad) below which the Taylor series is summed. At larger
 # distances, the recursion divides by at least 0.63, so errors grow by at most 1/0.63 per order.
@@ -58,7 +58,7 @@ def _conjugate_difference(ops: Any, corners: Sequence[Any]) -> Pair:
 
 def _shifted(ops: Any, origin: Any, others: Sequence[Any]) -> Pair:
     """Return the conjugate divided difference at ``origin`` and the other phases."""
-    phase = Pair(*cos_sin_turns(ops, origin))
+    phase = Pair(*cos_sin_cycles(ops, origin))
     return phase * _conjugate_difference(ops, [other - origin for other in others])
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from polywigner.numerics import Mask, Number
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_cycles
 
 # Smallest divisor. Derivatives of roots and angles closer to 0 are not resolved.
 _LEAST = 1e-150
@@ -119,8 +119,8 @@ class JetOperations:
         root = self._ops.sqrt(a.value)
         return a.through(root, 0.5 / self._ops.maximum(root, _LEAST))
 
-    def cos_sin_turns(self, a: Jet) -> tuple[Jet, Jet]:
-        cosine, sine = cos_sin_turns(self._ops, a.value)
+    def cos_sin_cycles(self, a: Jet) -> tuple[Jet, Jet]:
+        cosine, sine = cos_sin_cycles(self._ops, a.value)
         rate = 2.0 * math.pi
         return a.through(cosine, -rate * sine), a.through(sine, rate * cosine)
 

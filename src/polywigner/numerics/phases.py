@@ -49,21 +49,21 @@ def _sine_of_reduced(ops: Any, r: Any) -> Number:
     return _sine_over_reduced(ops, r) * r
 
 
-def sin_turns(ops: Any, cycles: Any) -> Number:
+def sin_cycles(ops: Any, cycles: Any) -> Number:
     """Return sin(2 pi cycles)."""
     return _sine_of_reduced(ops, cycles - ops.round(cycles))
 
 
-def cos_sin_turns(ops: Any, cycles: Any) -> tuple[Any, Any]:
+def cos_sin_cycles(ops: Any, cycles: Any) -> tuple[Any, Any]:
     """Return cos(2 pi cycles) and sin(2 pi cycles)."""
-    if hasattr(ops, "cos_sin_turns"):  # for jets, each function is the derivative of the other
-        cosine, sine = ops.cos_sin_turns(cycles)
+    if hasattr(ops, "cos_sin_cycles"):  # for jets, each function is the derivative of the other
+        cosine, sine = ops.cos_sin_cycles(cycles)
         return cosine, sine
     r = cycles - ops.round(cycles)
     return _sine_of_reduced(ops, 0.25 - abs(r)), _sine_of_reduced(ops, r)
 
 
-def cos_sin_over_turns(ops: Any, cycles: Any) -> tuple[Any, Any, Any]:
+def cos_sin_over_cycles(ops: Any, cycles: Any) -> tuple[Any, Any, Any]:
     """Return cos(2 pi cycles), sin(2 pi cycles), and sin(2 pi cycles)/cycles.
 
     The quotient is valid for |cycles| < 1/2, including 0.
@@ -100,7 +100,7 @@ def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
     Returns the parts of the value ``cosine - i sine`` = exp(-pi i (start + end)) sinc(end - start).
     """
     scale = sinc(ops, end - start)
-    cosine, sine = cos_sin_turns(ops, 0.5 * (start + end))
+    cosine, sine = cos_sin_cycles(ops, 0.5 * (start + end))
     return scale * cosine, scale * sine
 
 
@@ -201,5 +201,5 @@ def less_carrier(ops: Any, frame: Any, cycles: Any, *xi: Any) -> Number:
 
 def rotated(ops: Any, cycles: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
     """Return (cosine - i sine) exp(-2 pi i cycles) as (real, imaginary)."""
-    c, s = cos_sin_turns(ops, cycles)
+    c, s = cos_sin_cycles(ops, cycles)
     return cosine * c - sine * s, -(cosine * s + sine * c)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.numerics.chirps import waves_of_turns
+from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.propagation.collins import FrequencyLattice
 from polywigner.transforms.aberrated_pupils import (
     AberratedPupil,
@@ -102,9 +102,9 @@ def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Co
     rows = max(1, _BLOCK // max(1, y.shape[1] * len(lattice.axes[1])))
     for start in range(0, len(x), rows):
         some = slice(start, start + rows)
-        along_y = waves_of_turns(-y[some, :, None] * lattice.axes[1])
+        along_y = waves_of_cycles(-y[some, :, None] * lattice.axes[1])
         sums = (field[some, None, :] @ along_y)[:, 0]
-        total = total + waves_of_turns(-np.outer(lattice.axes[0], x[some])) @ sums
+        total = total + waves_of_cycles(-np.outer(lattice.axes[0], x[some])) @ sums
     return np.asarray(total[lattice.index])
 
 
@@ -172,6 +172,6 @@ def aberrated_fresnel_field(
         values, error, _ = aberrated_spectrum(pupil, nu, tolerance)
         turns = math.fmod(z, wavelength) / wavelength
         turns = turns + 0.5 * np.square(points[some, :2]).sum(axis=1) / scale
-        field[some] = waves_of_turns(turns) * values / (1j * scale)
+        field[some] = waves_of_cycles(turns) * values / (1j * scale)
         errors[some] = error / scale
     return field, errors

@@ -18,7 +18,7 @@ from polywigner.execution import Engine
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront, triangulate
 from polywigner.geometry.arguments import checked_wavelength
-from polywigner.numerics.chirps import waves_of_turns
+from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.triangles import gauss_rule, node_count
 from polywigner.optics import FirstOrder
 from polywigner.propagation.boundary import FieldEstimate, Radiator, parabolic_field, radiator_of
@@ -114,7 +114,7 @@ def _waves_of(
     """Return M, q (n, 2), c (n,) of Collins' integral c int u exp(i pi/lambda x.(M x - 2 q)) dx."""
     inverse = np.linalg.inv(system.B)
     front = _front(system.B) / (wavelength * math.sqrt(abs(np.linalg.det(system.B))))
-    out = waves_of_turns(_cycles(system.D @ inverse, points, wavelength)) * front
+    out = waves_of_cycles(_cycles(system.D @ inverse, points, wavelength)) * front
     return inverse @ system.A, points @ inverse.T, out
 
 
@@ -167,7 +167,7 @@ def _by_fresnel(
     field, *bounds = parabolic_field(radiator, slopes / curvature, spread, tolerance, engine)
     centre = radiator.centre
     cycles = ((0.5 * curvature * centre - slopes) @ centre) / wavelength
-    return 1j * scale * waves_of_turns(cycles) * field, scale * bounds[0], scale * bounds[1]
+    return 1j * scale * waves_of_cycles(cycles) * field, scale * bounds[0], scale * bounds[1]
 
 
 def _image(
@@ -179,7 +179,7 @@ def _image(
     """
     inverse, scale = np.linalg.inv(system.A), 1 / math.sqrt(abs(np.linalg.det(system.A)))
     front = 1j * _front(system.A) if np.linalg.det(system.A) > 0 else -1j
-    waves = waves_of_turns(_cycles(system.C @ inverse, points, wavelength))
+    waves = waves_of_cycles(_cycles(system.C @ inverse, points, wavelength))
     return field(points @ inverse.T) * waves * (front * scale), scale
 
 
@@ -352,7 +352,7 @@ def _behind(
     for extra in _EXTRA:
         nodes, weights = _rule(stop, rate, extra, lattice)
         there, error, _ = inner(nodes)
-        waves = weights * there * waves_of_turns(_cycles(bend, nodes, wavelength))
+        waves = weights * there * waves_of_cycles(_cycles(bend, nodes, wavelength))
         sums.append(lattice.summed(nodes, waves))
     size, areas = np.abs(out), np.abs(weights)
     off: Floats = np.abs(sums[1] - sums[0]) + areas @ error + _CLOSED * np.abs(sums[1])
@@ -422,7 +422,7 @@ class FrequencyLattice:
             for start in starts:
                 block = slice(start, start + rows)
                 first, second = (
-                    waves_of_turns(-np.outer(axis, x))
+                    waves_of_cycles(-np.outer(axis, x))
                     for axis, x in zip(self.axes, nodes[block].T, strict=True)
                 )
                 if self.index is None:

@@ -21,7 +21,7 @@ from polywigner.geometry import Wavefront
 from polywigner.kernels.boundary.edge_waves import Point
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.nodes import gauss_legendre
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_cycles
 from polywigner.propagation.boundary import Radiator, radiator_of
 from polywigner.propagation.curved_fields import cells_of_wave, field_at_nodes
 from polywigner.propagation.screens import PointSource
@@ -215,7 +215,7 @@ def spherical_wave(ops: Any, ahead: Point, turns: Any = None) -> Pair:
     ``turns``: phase in cycles, if known more accurately than from the distance.
     """
     distance = ops.sqrt(sum(a * a for a in ahead))
-    c, s = cos_sin_turns(ops, distance if turns is None else turns)
+    c, s = cos_sin_cycles(ops, distance if turns is None else turns)
     return Pair(s, -c).scaled(1.0 / distance)
 
 

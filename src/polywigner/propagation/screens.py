@@ -15,7 +15,7 @@ from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_choice, finite_array
 from polywigner.kernels.boundary.edge_waves import EdgeRule, angle_about, edge_wave
-from polywigner.numerics.chirps import waves_of_turns
+from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.point_grids import warn_of_missed
 from polywigner.source import Illumination
@@ -45,7 +45,7 @@ _PAIRS = 1 << 15
 def incident_of_point(source: Position | Floats, points: Floats, wavelength: float) -> Complex:
     """Return exp(ikR)/R at points (n, 3), where R is the distance from the source (3,)."""
     distance = np.linalg.norm(points - source, axis=1)
-    return np.asarray(waves_of_turns(distance / wavelength) / distance)
+    return np.asarray(waves_of_cycles(distance / wavelength) / distance)
 
 
 def waves_through(
@@ -256,7 +256,7 @@ def field_of_screen(
         wave = Illumination([1.0], [np.array(light.direction[:2]) / wavelength])
         radiator = radiator_of(screen.outline.with_illumination(wave))
         cycles = (points / wavelength) @ np.array(light.direction)
-        incident = light.amplitude * waves_of_turns(cycles)
+        incident = light.amplitude * waves_of_cycles(cycles)
         field, *bounds = boundary_field(radiator, points, wavelength, method, tolerance, engine)
         through = light.amplitude * field
         errors, allowed = (abs(light.amplitude) * bound for bound in bounds)

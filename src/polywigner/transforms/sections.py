@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
 from polywigner.numerics.divided_differences import simplex_plane_wave
-from polywigner.numerics.phases import cos_sin_turns, cycles_to_centre, mean_plane_wave
+from polywigner.numerics.phases import cos_sin_cycles, cycles_to_centre, mean_plane_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import SourceElement, normal_form
 
@@ -201,7 +201,7 @@ def column_integrals(field: PlaneField, x: Floats) -> NDArray[Any]:
 
 def phase(centre: float, nu: Floats) -> Complex:
     """Return exp(-2 pi i nu centre), from error-free products."""
-    cosine, sine = cos_sin_turns(_OPS, cycles_to_centre(_OPS, (centre,), nu))
+    cosine, sine = cos_sin_cycles(_OPS, cycles_to_centre(_OPS, (centre,), nu))
     return np.asarray(cosine - 1j * sine)
 
 

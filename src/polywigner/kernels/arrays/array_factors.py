@@ -31,7 +31,7 @@ from polywigner.kernels.functions.fourier import LinearFrame
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.numerics import Number, phases
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_turns, sin_turns
+from polywigner.numerics.phases import cos_sin_cycles, sin_cycles
 from polywigner.source.lattices import Profile, Sites, separated
 
 Floats = NDArray[np.float64]
@@ -136,7 +136,7 @@ def _dirichlet(ops: Any, count: Any, cycles: Any) -> Number:
     nearest = ops.round(cycles)
     remainder = cycles - nearest
     remainder = ops.select(abs(remainder) < floor, floor, remainder)
-    quotient = sin_turns(ops, 0.5 * count * remainder) / sin_turns(ops, 0.5 * remainder)
+    quotient = sin_cycles(ops, 0.5 * count * remainder) / sin_cycles(ops, 0.5 * remainder)
     odd = _odd(ops, (count - 1.0) * nearest)
     return ops.select(count > 0.0, quotient * (1.0 - 2.0 * odd), 0.0 * cycles)
 
@@ -205,7 +205,7 @@ class _Basis:
     """
 
     def __init__(self, ops: Any, cycles: Any, half: Any) -> None:
-        cos_half, sin_half = cos_sin_turns(ops, 0.5 * cycles)
+        cos_half, sin_half = cos_sin_cycles(ops, 0.5 * cycles)
         cosine = cos_half * cos_half - sin_half * sin_half
         ahead = cosine >= 0.0
         self.sign = ops.select(ahead, 1.0, -1.0)

@@ -28,7 +28,7 @@ import numpy as np
 from polywigner.numerics import Number
 from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select, unit_wave
 from polywigner.numerics.jets import JetOperations
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_cycles
 
 Values = tuple[Any, ...]
 Point = tuple[Any, ...]
@@ -220,7 +220,7 @@ def wave_difference(
     ``lost``: 1 - factor.
     """
     close = abs(path) < _CLOSE
-    c, d = cos_sin_turns(ops, 0.5 * ops.select(close, path, 0.0))
+    c, d = cos_sin_cycles(ops, 0.5 * ops.select(close, path, 0.0))
     if factor is None:
         turned = Pair(2.0 * (d * d), 2.0 * (d * c))
     else:
@@ -408,7 +408,7 @@ def edge_wave(
             shrunk = 1.0 / grown
             v = 0.5 * scale * (grown - shrunk)
             q = v * v
-            c, s = cos_sin_turns(ops, detour + q)
+            c, s = cos_sin_cycles(ops, detour + q)
             factor = weight * (grown + shrunk) / ops.maximum(detour + q, tiny)
             value = density(q)
             real, imag = real + factor * (c * value - pole), imag + factor * s * value

@@ -35,7 +35,7 @@ from polywigner.numerics.nodes import (
     nodes_needed,
     rule_of,
 )
-from polywigner.numerics.phases import Doubled, cos_sin_turns
+from polywigner.numerics.phases import Doubled, cos_sin_cycles
 
 # Distance in wavelengths beyond which the sum of two floats does not resolve the phase, and
 # rounding errors of products overflow.
@@ -130,7 +130,7 @@ def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -
 def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
     """Return the field with the phase of the distance from the centre, and its error."""
     real, imag, error = sums
-    cosine, sine = cos_sin_turns(ops, inner[8])
+    cosine, sine = cos_sin_cycles(ops, inner[8])
     return real * cosine - imag * sine, real * sine + imag * cosine, error
 
 
@@ -368,7 +368,7 @@ def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -
     direction = tuple(zip(floats[::2], floats[1::2], strict=True))
     offsets = (*offset[: len(direction) - 1], (inner[6], inner[7]))
     turns = phases.reduced(ops, phases.dot(ops, direction, offsets)) + start
-    return cos_sin_turns(ops, turns)
+    return cos_sin_cycles(ops, turns)
 
 
 def edge_wave(

@@ -17,7 +17,7 @@ from copy import copy
 from typing import Any
 
 from polywigner.numerics import Number
-from polywigner.numerics.phases import sin_turns, sinc_less_one
+from polywigner.numerics.phases import sin_cycles, sinc_less_one
 
 
 def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
@@ -30,10 +30,10 @@ def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
     small = abs(half) < 0.125
     series = sinc_less_one(ops, ops.select(small, 2.0 * half, 0.0), 8 if ops.double else 5)
     divisor = 2 * math.pi * ops.select(small, 1.0, half)
-    less_one = ops.select(small, series, sin_turns(ops, half) / divisor - 1.0)
-    half_sine = sin_turns(ops, 0.5 * midpoint)
+    less_one = ops.select(small, series, sin_cycles(ops, half) / divisor - 1.0)
+    half_sine = sin_cycles(ops, 0.5 * midpoint)
     cosine_less_one = -2.0 * half_sine * half_sine
-    sine = sin_turns(ops, midpoint)
+    sine = sin_cycles(ops, midpoint)
     cosine = ops.fma(less_one, cosine_less_one, less_one + cosine_less_one)
     return ops.fma(less_one, sine, sine), cosine
 
@@ -147,8 +147,8 @@ class EvenTerms(EdgeTerms):
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
-        size = scaled(weight[0], sin_turns(self.ops, half))
-        phase = sin_turns(self.ops, midpoint)
+        size = scaled(weight[0], sin_cycles(self.ops, half))
+        phase = sin_cycles(self.ops, midpoint)
         return (size * phase if sums is None else self.ops.fma(size, phase, sums[0]),)
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:

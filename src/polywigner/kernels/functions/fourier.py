@@ -39,7 +39,7 @@ from polywigner.kernels.outline.frame import (
 from polywigner.numerics import Number, phases
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.grid_arithmetic import accurate_cross
-from polywigner.numerics.phases import cos_sin_turns, sinc, sinc_less_one
+from polywigner.numerics.phases import cos_sin_cycles, sinc, sinc_less_one
 
 Values = tuple[Any, ...]
 Array = npt.NDArray[Any]
@@ -334,8 +334,8 @@ class _FamilyTerm:
         self.ops = ops
         (nu_x, turns_x), (nu_y, turns_y) = x, y
         points = family.midpoints
-        cos_x, sin_x = cos_sin_turns(ops, nu_x[:, None] * points[:, 0] + turns_x[:, None])
-        cos_y, sin_y = cos_sin_turns(ops, nu_y[:, None] * points[:, 1] + turns_y[:, None])
+        cos_x, sin_x = cos_sin_cycles(ops, nu_x[:, None] * points[:, 0] + turns_x[:, None])
+        cos_y, sin_y = cos_sin_cycles(ops, nu_y[:, None] * points[:, 1] + turns_y[:, None])
         real, imag = family.weights.real, family.weights.imag
         cos_x, sin_x = cos_x * real + sin_x * imag, sin_x * real - cos_x * imag
         self.is_straight = family.is_straight
@@ -350,8 +350,8 @@ class _FamilyTerm:
         # the parts of nu.e and cross(nu, e) from both axes, and sin(pi nu.e) as a matrix product
         self.q = nu_x * family.ex, nu_y * family.ey
         self.c = nu_x * family.ey, nu_y * family.ex
-        cos_x, sin_x = cos_sin_turns(ops, 0.5 * nu_x * family.ex)
-        cos_y, sin_y = cos_sin_turns(ops, 0.5 * nu_y * family.ey)
+        cos_x, sin_x = cos_sin_cycles(ops, 0.5 * nu_x * family.ex)
+        cos_y, sin_y = cos_sin_cycles(ops, 0.5 * nu_y * family.ey)
         self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:

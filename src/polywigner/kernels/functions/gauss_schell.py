@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.numerics import Number
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_cycles
 
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
@@ -183,7 +183,7 @@ def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r) + square))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
     cycles = ops.fma(along, p, ops.fma(p, r * (1 / _TURN), across))
-    cosine, sine = cos_sin_turns(ops, 0.5 * cycles)
+    cosine, sine = cos_sin_cycles(ops, 0.5 * cycles)
     x, y = -(energy + exponent), _TURN * cycles
     x = ops.select(abs(x) < _TINY[ops.double], _TINY[ops.double], x)
     difference = ops.select(abs(x) < _SMALL, decay * _one_less_exp(ops, x), decay - size)
@@ -196,7 +196,7 @@ def _gaussian(ops: Any, p: Any, r: Any, rate: Any, nu: Any) -> Values:
     """Return g on a line through the origin."""
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r)))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
-    cosine, sine = cos_sin_turns(ops, ops.fma(nu, p, p * r * (1 / _TURN)))
+    cosine, sine = cos_sin_cycles(ops, ops.fma(nu, p, p * r * (1 / _TURN)))
     return size * cosine, -size * sine
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_cycles
 
 # Relative difference below which frequencies count as equal: sums of the same terms in a different
 # order differ by rounding.
@@ -142,7 +142,7 @@ def _summed(
             real, imag = real + amplitude.real, imag + amplitude.imag
             continue
         cycles = sum(f * p for f, p in zip(frequency, point, strict=True))
-        cosine, sine = cos_sin_turns(ops, cycles)
+        cosine, sine = cos_sin_cycles(ops, cycles)
         real = real + (cosine * amplitude.real - sine * amplitude.imag)
         if imaginary:
             imag = imag + (cosine * amplitude.imag + sine * amplitude.real)

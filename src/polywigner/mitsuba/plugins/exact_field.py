@@ -32,7 +32,7 @@ from polywigner.mitsuba.plugins.samplers import cells_with_field, opaque, times_
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_cycles
 from polywigner.propagation.boundary import Radiator, boundary_tables, panels_in, radiator_of
 from polywigner.propagation.equivalent_points import equivalent_grid
 from polywigner.source.normal_form import SourceElement, normal_form
@@ -98,7 +98,7 @@ class EquivalentSources:
                 sum_ = radius + distance
                 quotient = 1.0 / (radius * sum_)
                 inverse = sum_ * quotient
-                wave = Pair(*cos_sin_turns(ops, (shift + point_shift) * (radius * quotient)))
+                wave = Pair(*cos_sin_cycles(ops, (shift + point_shift) * (radius * quotient)))
                 values = weights[k * step : (k + 1) * step]
                 total = total + self._sent(z * inverse, inverse, wave.scaled(inverse), values)
             return total.real, total.imag
