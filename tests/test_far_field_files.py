@@ -375,7 +375,7 @@ def test_a_direction_with_two_fields_is_refused(tmp_path: Path) -> None:
     lines = path.read_text().splitlines()
     lines[-1] = "0 9 9 0"  # phi = 360 degrees
     path.write_text("\n".join(lines))
-    with pytest.raises(FileFormatError, match="one field in each direction"):
+    with pytest.raises(FileFormatError, match="same direction is given with different fields"):
         pw.read_pattern(path)
 
 

@@ -53,11 +53,11 @@ def kernel_threads(count: int | None = None) -> Iterator[None]:
     """Reserve Dr.Jit's pool of threads within the block, among the users of this function.
 
     ``count``: number of threads, the caller's included; None: unchanged. Without Dr.Jit the
-    function only serialises its users.
+    function only makes simultaneous callers wait for each other.
     """
     with _POOL:
-        # Scalar variants of Mitsuba use the pool without an LLVM library. Dr.Jit has been imported
-        # then.
+        # Scalar variants of Mitsuba use Dr.Jit's thread pool even without an LLVM library. In that
+        # case Dr.Jit has already been imported.
         if count is None or not (llvm.prepare().usable or "drjit" in sys.modules):
             yield
             return

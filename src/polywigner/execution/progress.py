@@ -80,7 +80,7 @@ def slow_bar(title: str, total: int) -> Iterator[Advance]:
 
 @contextmanager
 def with_progress(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]:
-    """Yield an iterator over the parts of the work, with the bar of :func:`slow_bar`.
+    """Yield an iterator over work items that displays the progress bar of :func:`slow_bar`.
 
     A context manager ends the bar at once after an exception; a generator would not.
     """

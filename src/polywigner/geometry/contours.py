@@ -34,9 +34,11 @@ _ULPS = 8.0 * float(np.finfo(float).eps)
 _COINCIDENT = 1e-10
 # Largest distance along the line of sight of surfaces that touch, in the same unit.
 _TOUCHING = 1e-6
-# Sides of triangles within this distance of the border of a figure are on the border, in the same
-# unit; such sides have this number in the place of an edge.
-_BORDER, _BORDER_SIDE = 1e-11, -2
+# A side of a triangle closer than this to the border of a figure counts as on the border, as a
+# fraction of half the width of the figure.
+_BORDER = 1e-11
+# Value stored instead of an edge index for such sides.
+_BORDER_SIDE = -2
 # Largest difference of two equal silhouettes, as a fraction of their extent.
 _EQUAL = 1e-6
 # Axes of the six pyramids, rotated out of the planes in which faces of bodies usually lie.

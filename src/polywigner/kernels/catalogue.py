@@ -60,9 +60,9 @@ MOST_WIDTHS = 1 << 15
 """Largest number of coherence widths in the area of a source, for a mean over tilts. The mean has
 four tilts for each coherence width.
 """
-# Largest number of elements of an array for which W in partly coherent light is computed in closed
-# form, with a slice for each pair of elements. The second limit applies if the alternative, a mean
-# over tilts, would need too many tilts.
+# Largest number of array elements for which W in partially coherent light is computed in closed
+# form, which takes one slice per pair of elements. The second, higher limit applies when averaging
+# over tilts instead would need too many tilts.
 _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 

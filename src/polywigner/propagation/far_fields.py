@@ -148,8 +148,8 @@ def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
     if isinstance(source, Wavefront) and OBLIQUITIES[name].needs_normal_derivative:
         raise ArgumentError(
             f"obliquity {name!r} is not available for curved waves and partially coherent light, "
-            f'since it varies with position and tilt; use {DEFAULT!r} or "paper", or compute the '
-            "near field of coherent light by amplitude"
+            f'since it varies with position and tilt; use {DEFAULT!r} or "paper", or, in coherent '
+            "light, compute the near field with polywigner.amplitude"
         )
 
 
@@ -184,8 +184,8 @@ _LEAST_STEPS = 16
 _BLOCK = 1 << 17
 # Largest number of directions of a search over the hemisphere, which takes a tenth of a second.
 _MOST = 1 << 20
-# The beam of a wider source is searched only near its waves, within this number of lobes of an
-# element.
+# The beam of a wider source is searched only near the directions of its plane waves, within this
+# number of lobe widths of its smallest element.
 _LOBES = 4.0
 # Relative difference between the frequencies of an element's pattern and of the array above which a
 # warning is issued.

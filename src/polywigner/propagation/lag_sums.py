@@ -312,7 +312,8 @@ def _sum_of_waves(
             strict=True,
         )
         value = sum(ahead * behind * weights for (ahead, behind), weights in terms)
-        # A sum is used, because the threads of BLAS take longer than such short products.
+        # An explicit sum is used, because the threads of BLAS take longer to synchronise than to
+        # compute such short products.
         total[block] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
     return total
 

@@ -265,12 +265,13 @@ _QUADRATURE = 1e-9
 _RESOLVED = 0.8
 # Largest number of points that share nodes, of values of a spectrum, and of values per batch.
 _SHARED, _SPECTRUM, _BATCH = 16, 1 << 20, 1 << 16
-# Times per point in ns of sums over tilts: for each node, and for each row of nodes and each tilt.
+# Time per point, in ns, of summing over the tilts: the cost per node, and the cost per row of nodes
+# and tilt.
 _NODE, _TILT = 60.0, 2.0
-# Times per point and tilt in ns of boundary integrals: for each wavelength along the outline, and
-# for each edge.
+# Time per point and tilt, in ns, of boundary integrals: the cost per wavelength along the outline,
+# and the cost per edge.
 _WAVELENGTH, _EDGE = 250.0, 1e4
-# Longest time per point in ns of sums over pairs.
+# Longest time per point, in ns, of summing over pairs.
 _LONGEST_TIME = 1e10
 
 

@@ -272,8 +272,8 @@ def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Float
         )
     if np.abs(grid[:, row, column] - fields).max() > _SAME_FIELD * np.abs(fields).max():
         raise FileFormatError(
-            "expected one field in each direction, got different fields in some; compare the rows "
-            "of phi = 0 and 360 degrees, and of theta and -theta"
+            "the same direction is given with different fields; compare the rows at phi = 0 and "
+            "360 degrees, and at theta and -theta"
         )
     return np.radians(polar), np.radians(azimuth), grid
 

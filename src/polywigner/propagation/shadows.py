@@ -210,7 +210,8 @@ def _summed(
             group[group == number] = NO_SURFACE
     lines = shadow_lines(table[group == OWN_SURFACE])
     edges.append((np.concatenate([table[group < 0], lines]), None))
-    # beyond all bodies the angles of the edges determine the illuminated points, otherwise rays do
+    # Illumination is decided from the angles of the edges for points beyond all bodies, and by
+    # tracing rays for other points.
     by_angles = np.zeros(count, bool)
     if not blocked.blockers and all(silhouette.is_closed for silhouette in seen):
         by_angles = np.all([bodies.beyond(position, positions) for position, *_ in sources], axis=0)
@@ -377,8 +378,8 @@ def behind_face(
 ) -> Number:
     """Weight of an edge's shadow behind a face: d^2/(d^2 + a^2), 0 in front of the face.
 
-    The point lies at the distance d behind the plane of the face, less a margin, and at the
-    distance a from the plane of the source and the edge.
+    d is the distance of the point behind the plane of the face, minus a margin. a is the distance
+    of the point from the plane through the source and the edge.
     """
     depth = ops.maximum(-(dot(plane, point) + plane[3]) - margin, 0.0)
     normal = cross(difference(start, source), difference(end, source))

@@ -374,7 +374,7 @@ def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Values
         return radiator, np.eye(4) if to_world is None else rigid_pose(to_world)
     if to_world is not None:
         raise ArgumentError(
-            "expected no to_world with a placed aperture, which has a pose; leave it out"
+            "expected no to_world: the placed aperture already has a pose; omit to_world"
         )
     return source.aperture, source.pose
 

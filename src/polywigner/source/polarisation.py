@@ -159,7 +159,8 @@ _ROUNDING = 1e-12
 def stokes_vector(polarisation: Complexes) -> Stokes:
     """Return (1, S1, S2, S3) of a unit Jones vector (2,), with S3 = 2 Im(p_x p_y*).
 
-    Mitsuba has the same sign of S3: -1 for "right", which is called left in optics.
+    Mitsuba uses the same sign convention for S3: S3 is -1 for "right", which is called left-handed
+    circular polarisation in optics.
 
     Examples
     --------

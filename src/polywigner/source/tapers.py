@@ -28,7 +28,7 @@ from polywigner.geometry.illumination import Illumination
 # Largest deviation of the length of a unit vector from 1: vectors may have single precision.
 _UNIT = 1e-6
 
-_ADVICE = "divide it by its length"
+_ADVICE = "divide the vector by its length"
 
 
 def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
@@ -78,8 +78,8 @@ def transverse(direction: Any) -> NDArray[np.float64]:
     length = math.hypot(*components)
     if length > 1 + _UNIT:
         raise ArgumentError(
-            "expected the components of a unit vector along the aperture, got components of "
-            f"length {length:.6g}, above 1; {_ADVICE}"
+            "expected the components of a unit vector along the aperture, got components with "
+            f"norm {length:.6g} > 1; {_ADVICE}"
         )
     return components
 

@@ -218,8 +218,8 @@ class Aberration:
     def slopes(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the slopes (..., 2) of W along x and y at x, y (...) in m, without unit.
 
-        A ray from (x, y) meets the focal plane at the slope times the focal length from the axis.
-        Slopes of functions are central differences.
+        A ray from (x, y) meets the focal plane at a distance from the axis of slope times focal
+        length. If W is given as a function, its slopes are computed by central differences.
         """
         points = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         gradients = np.concatenate([modes.gradients(*points) for modes in self._modes])

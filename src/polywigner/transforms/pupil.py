@@ -266,10 +266,10 @@ def _checked_pupil(source: Any) -> PhaseSpaceSource:
     pupil: PhaseSpaceSource = source
     if is_partly_coherent(source):
         raise IlluminationError(
-            "expected a pupil in coherent light, got one that is coherent over "
-            f"{source.coherence_width:g} m: there is no transfer function of images in partly "
-            "coherent light; use its .coherent, or polywigner.lag_marginal for the degree of "
-            "coherence"
+            "expected a fully coherent pupil, got one with coherence width "
+            f"{source.coherence_width:g} m: imaging in partially coherent light has no transfer "
+            "function; use the attribute .coherent of the pupil, or polywigner.lag_marginal for "
+            "the degree of coherence"
         )
     return pupil
 

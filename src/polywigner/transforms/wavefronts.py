@@ -131,7 +131,7 @@ def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
 
 
 def degree_of_coherence(source: Wavefront, xi: ArrayLike) -> Floats:
-    """Return exp(-xi^2/(2 width^2)) of lags (..., d), shape (...), (PC1)."""
+    """Return the degree of coherence exp(-xi^2/(2 width^2)) (...) at lags xi (..., d), (PC1)."""
     with np.errstate(over="ignore"):
         scaled = np.asarray(xi, dtype=np.float64) / source.coherence_width
         return np.exp(-0.5 * np.square(scaled).sum(axis=-1))

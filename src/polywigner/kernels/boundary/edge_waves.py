@@ -359,8 +359,8 @@ def edge_wave(
     It is the integral of the wave of a point source along a directed edge of a silhouette. With v
     the root of the detour beyond the least detour, it is an integral of exp(2 pi i v^2) times a
     smooth even function. The poles of that function at the boundary of the shadow are taken out in
-    closed form. Beyond ``rule.turns`` the path of integration turns into the complex plane, where
-    the wave decays. Source: (SB3).
+    closed form. Beyond ``rule.turns`` the path of integration is deformed into the complex plane,
+    where the wave decays. Source: (SB3).
 
     Parameters
     ----------

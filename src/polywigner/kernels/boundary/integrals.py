@@ -314,15 +314,15 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
 
 
 def rounded_turns(ops: Any, row: Values, inner: Values) -> Number:
-    """Return the number of cycles whose rounding contributes to the error of a panel."""
+    """Return the phase, in cycles, whose rounding error contributes to the error of a panel."""
     size = abs(row[0]) + abs(row[1]) + row[4]
     return _rounded_turns(ops, size, inner[6] + inner[7], abs(row[5]) + abs(row[7]))
 
 
 def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
-    """Return the number of cycles whose rounding contributes to the error.
+    """Return the phase, in cycles, whose rounding error contributes to the error of a panel.
 
-    The number is the size of the source plus the rounding error of the distance. All panels have
+    The phase is the size of the source plus the rounding error of the distance. All panels have
     the same rounding error of the distance. It therefore cancels in fields far outside the pattern
     of a shadow, except for the fraction ``slope`` along the plane.
     """
@@ -386,9 +386,9 @@ def seen_in_parabolic_waves(
     """Return four values of :func:`seen_from` for the parabolic waves of (B6).
 
     The values are the view of the panel, the free wave, the arguments of :func:`edge_wave`, and the
-    number of cycles whose rounding contributes to the error. The origin of the view is the position
-    at which the ray of the wave through the point crosses the plane. :func:`edge_wave` returns the
-    parabolic wave if z replaces the distances in the phase.
+    phase, in cycles, whose rounding error contributes to the error of the panel. The origin of the
+    view is the position at which the ray of the wave through the point crosses the plane.
+    :func:`edge_wave` returns the parabolic wave if z replaces the distances in the phase.
     """
     x, y, ex, ey, length, *cosines, start, _, _ = row
     z, offset = inner[4] + inner[5], _offset_of(inner, x, y)

@@ -124,7 +124,7 @@ def pair_of_row(is_real: bool, real: Any, imag: Any, *vectors: Any) -> WavePair:
 
 
 def _is_zero(number: Any) -> bool:
-    # the values of arrays of an engine are unknown while it traces
+    # Values of arrays are not available while an engine, such as JAX, traces the function.
     return isinstance(number, float) and number == 0.0
 
 

@@ -388,8 +388,8 @@ def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: i
     pairs = [pair for pair in product(single, single) if sum(map(len, pair)) <= reflections]
     if len(bodies) * len(pairs) > _MOST_PATHS:
         raise SceneError(
-            f"expected at most {_MOST_PATHS} paths by bodies and flat mirrors, got "
-            f"{len(bodies) * len(pairs)}; reduce the reflections, or make small mirrors rough"
+            f"expected at most {_MOST_PATHS} paths via bodies and flat mirrors, got "
+            f"{len(bodies) * len(pairs)}; allow fewer reflections, or make small mirrors rough"
         )
     return [Echo(before, body, after) for body in bodies for before, after in pairs]
 

@@ -382,7 +382,8 @@ def _parsed(
         state = mi.parser.parse_file(config, str(file), **texts)
         for name in sorted({node.props.plugin_name() for node in state.nodes}):
             _check_type(name)
-        # Copies are read, because Mitsuba reports properties that plugins do not read.
+        # Properties are read from copies, so that Mitsuba can still report those that a plugin
+        # itself does not read.
         copies = [values_of(mi.Properties(node.props)) for node in state.nodes]
         texts_in = {value for props in copies for value in props.values() if isinstance(value, str)}
         for text in sorted(texts_in):

@@ -278,7 +278,7 @@ _SAGITTA = 0.01
 # Radius in wavelengths of the largest sphere with chords of this distance, and largest number of
 # chords around a circle.
 _LARGEST_SPHERE, _MOST_CHORDS = 170.0, 1024
-# Largest number of faces of all obstacles; they take a gigabyte.
+# Largest total number of faces of all obstacles; this many need about a gigabyte of memory.
 _MOST_FACES = 1 << 21
 _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 
