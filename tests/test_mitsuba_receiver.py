@@ -172,7 +172,7 @@ GAUSS = FILM.replace('<rfilter type="box"/>', "")
 WRONG = {
     "no film": (SOURCE + FREQUENCY, "expected a film in the wigner_receiver sensor, got none"),
     "another filter": (SOURCE + FREQUENCY + GAUSS, "a box filter.*got GaussianFilter"),
-    "no source": (FREQUENCY + FILM, "the parameter 'aperture' of a wigner_receiver sensor"),
+    "no source": (FREQUENCY + FILM, "parameter 'aperture' of a wigner_receiver sensor is missing"),
     "a power": (
         SOURCE + FREQUENCY + FILM + '<string name="power" value="1 W"/>',
         "expected the parameters aperture.* of a wigner_receiver sensor, got 'power'",

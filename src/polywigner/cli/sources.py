@@ -107,7 +107,7 @@ class Reading:
         if Path(path).suffix.lower() not in _MESHES:
             if as_plates:
                 raise ArgumentError(
-                    "--open-mesh requires a mesh (STL, PLY, OBJ), got a drawing; leave it out"
+                    "--open-mesh requires a mesh (STL, PLY, OBJ), got a drawing; omit --open-mesh"
                 )
             return self.read_file(path)
         self.check_unused(("tolerance", "layer", "union"), "a mesh; it is for drawings")
@@ -256,7 +256,9 @@ class FieldSourceOptions(SourceOptions):
         if self.obstacle_unit is not None:
             parse_unit(self.obstacle_unit)
             if not self.obstacle:
-                raise ArgumentError("--obstacle-unit requires --obstacle, got none; leave it out")
+                raise ArgumentError(
+                    "--obstacle-unit requires --obstacle, got none; omit --obstacle-unit"
+                )
 
     def read_obstacles(self) -> list[Polyhedron | PlacedAperture]:
         """Return the bodies and placed plates."""

@@ -215,7 +215,7 @@ def field_behind(
     for name, value in others.items():
         if value is not None:
             raise ArgumentError(
-                f"expected no {name} with through=, got {value!r}; leave it out, since the field "
+                f"expected no {name} with through=, got {value!r}; omit {name}, since the field "
                 "behind a first-order system is Collins' integral"
             )
     check_no_drjit(source=source, points=points, wavelength=wavelength)

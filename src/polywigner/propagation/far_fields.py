@@ -312,7 +312,7 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
     if element is not None and not (obliquity is None and method is None):
         raise ArgumentError(
             f"expected no obliquity and no method with element=, got {obliquity!r} and {method!r}; "
-            "leave them out"
+            "omit both"
         )
     if polarisation is not None and obliquity is not None:
         raise ArgumentError(

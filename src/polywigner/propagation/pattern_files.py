@@ -487,7 +487,7 @@ def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
         pattern = pattern.assign_attrs(polarisation=jones.view(np.float64))
     elif polarisation is not None:
         raise ArgumentError(
-            f"expected no polarisation for a polarised pattern, got {polarisation!r}; leave it out"
+            f"expected no polarisation for a polarised pattern, got {polarisation!r}; omit it"
         )
     theta, phi, x, y, _ = linear_components(pattern, "pattern")
     levels, about = checked_pattern(pattern.sortby(["theta", "phi"]))[2:]

@@ -97,7 +97,7 @@ def checked_coordinates(points: Any, expected: str, *shape: int) -> NDArray[np.f
     if not np.isfinite(array).all():
         bad = ~np.isfinite(array).all(axis=-1)
         raise ArgumentError(
-            f"expected finite points, got {array[bad][0].tolist()}; leave such points out"
+            f"expected finite points, got {array[bad][0].tolist()}; remove such points"
         )
     return array
 

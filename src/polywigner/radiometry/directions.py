@@ -44,8 +44,8 @@ def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
     carrier = SPEED_OF_LIGHT / wavelength
     if not 0 < width < 2 * carrier:
         raise ArgumentError(
-            f"expected {_MEANING}, {2 * carrier:.4g} Hz, got {bandwidth!r}; leave it out for one "
-            "wavelength"
+            f"expected {_MEANING}, {2 * carrier:.4g} Hz, got {bandwidth!r}; omit bandwidth for "
+            "a single wavelength"
         )
     return width
 
@@ -126,7 +126,7 @@ def checked_positions(x: Any) -> Floats:
     check_no_drjit(x=x)
     array = checked_vectors(x, "expected finite positions x of shape (..., 2)", (2,))
     if not np.isfinite(array).all():
-        raise ArgumentError("expected finite positions x, got inf or nan; leave them out")
+        raise ArgumentError("expected finite positions x, got inf or nan; remove them")
     return array
 
 

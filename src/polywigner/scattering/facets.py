@@ -149,7 +149,7 @@ def _parts(body: Any) -> tuple[Polyhedron | Aperture | PlacedAperture, ...]:
     if isinstance(body, Array):
         if not (body.weights == 1).all():
             raise ArgumentError(
-                "expected an Array of bodies with all weights 1, got other weights; leave them out"
+                "expected an Array of bodies with all weights 1, got other weights; omit weights"
             )
         body = body.elements
     parts = tuple(body) if isinstance(body, Iterable) else (body,)

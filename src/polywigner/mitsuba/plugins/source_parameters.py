@@ -413,8 +413,8 @@ class _SceneValues:
         value = self.values.get(name, default)
         if value is None and name not in self.values:
             raise SceneError(
-                f"parameter {name!r} of a {self.element} is missing; set source to an aperture "
-                "file (such as GeoJSON or DXF) or a source file (TOML or JSON)"
+                f"parameter {name!r} of a {self.element} is missing; set aperture to an aperture "
+                "file (such as GeoJSON or DXF), or set source to a source file (TOML or JSON)"
             )
         if not isinstance(value, str):
             raise self._wrong_type(name, "a text", "string")

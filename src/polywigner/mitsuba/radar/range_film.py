@@ -130,7 +130,7 @@ def _counterpart(integrator: Any) -> mi.Integrator:
         if integrator.camera_unwarp:
             raise SceneError(
                 "expected an integrator without camera_unwarp, which omits the last leg of a path "
-                "from its length; leave it out"
+                "from its length; remove camera_unwarp"
             )
         return integrator
     # The C++ class name is the same for all integrators written in Python.

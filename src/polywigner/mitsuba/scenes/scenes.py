@@ -478,7 +478,7 @@ def _root_of(text: str) -> Element:
     try:
         return fromstring(text, forbid_dtd=True)
     except DefusedXmlException:
-        raise FileFormatError("expected a scene without DOCTYPE, got one; leave it out") from None
+        raise FileFormatError("expected a scene without DOCTYPE, got one; remove it") from None
     except ParseError as error:
         line, column = error.position
         raise FileFormatError(
