@@ -31,7 +31,7 @@ _Projection = Literal["maximum", "mean"]
 _WIDEST = math.radians(80.0)  # largest angle from the axis of an arc by default
 # largest angle of a hemisphere, equal to the largest of suggest_sampling
 _GRAZING = math.radians(89.5)
-_MOST_POINTS = 1 << 26  # largest number of points; they take half a gigabyte for each method
+_MOST_POINTS = 1 << 26  # largest number of points, which need half a gigabyte per method
 # Smallest default number of samples, for smooth figures.
 _FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
 # Largest default number of samples, for at most four times the run time.

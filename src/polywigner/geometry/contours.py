@@ -32,10 +32,11 @@ _NARROW = 0.5
 _ULPS = 8.0 * float(np.finfo(float).eps)
 # Largest distance of contours that coincide, as a fraction of the extent of the figure.
 _COINCIDENT = 1e-10
-# Largest distance along the line of sight of surfaces that touch, in the same unit.
+# Largest distance between touching surfaces along the line of sight, as a fraction of the extent of
+# the figure.
 _TOUCHING = 1e-6
-# A side of a triangle closer than this to the border of a figure counts as on the border, as a
-# fraction of half the width of the figure.
+# Largest distance of a triangle side from the border of a figure at which the side counts as on
+# the border, as a fraction of half the width of the figure.
 _BORDER = 1e-11
 # Value stored instead of an edge index for such sides.
 _BORDER_SIDE = -2

@@ -56,7 +56,7 @@ _NEAREST = 2.0
 _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
 # Number of triangles above which a rule with one additional node is tried first.
 _MANY_TRIANGLES = 500
-# Largest number of nodes of a rule; they take 64 MiB.
+# Largest number of nodes of a rule; this many need 64 MiB of memory.
 _MOST_NODES = 1 << 22
 # Points whose phase rates agree within this fraction of 1/wavelength share their rules.
 _RATE_STEP = 0.25

@@ -153,8 +153,8 @@ _STEEP = 0.8
 _SOFT = 1.8
 # Positions of the two cut-offs, in units of the width of the cut-off.
 _ENDS = (4.5, 6.5)
-# Distance from the cut-off to the end of the integral, in the same unit; 1e-14 of the power is left
-# beyond it.
+# Distance from the cut-off to the end of the integral, in units of the width of the cut-off; 1e-14
+# of the power is left beyond it.
 _BEYOND = 5.5
 # Largest number of directions of edges at which the angle of the lag is divided into panels.
 _MOST_KINKS = 48

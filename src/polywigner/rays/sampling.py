@@ -220,7 +220,7 @@ def _disc(numbers: Values) -> Values:
 
 Directions = Literal["beam", "uniform"]
 
-# Largest number of rays; they take 12 GB.
+# Largest number of rays; this many need 12 GB of memory.
 _MOST = 100_000_000
 # Largest power, whose square is still a floating-point number.
 _MOST_WATTS = 1e100

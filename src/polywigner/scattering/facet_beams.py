@@ -50,7 +50,7 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
-# Largest number of pairs of a beam and a triangle; they take some minutes.
+# Largest number of pairs of a beam and a triangle; this many take some minutes to compute.
 _MOST_COMPARED = 4e8
 # Number of pairs of a beam and a triangle per block, 100 MB.
 _BLOCK = 1 << 19

@@ -46,7 +46,7 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
-# Largest number of intersections of polygons; they take some minutes and 2 GB.
+# Largest number of intersections of polygons; this many take some minutes and 2 GB of memory.
 _MOST = 1 << 20
 # Number of values of waves per block: 64 MB.
 _BLOCK = 1 << 22

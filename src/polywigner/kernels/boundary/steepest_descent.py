@@ -3,8 +3,8 @@
 The phase R + p.Q of a wave at an edge is stationary where its diffracted ray (Keller's cone) meets
 the line of the edge. With c the phase there and x^2 the cycles beyond it, x negative before this
 position, integrals along an edge are divided at x^2 = X, a few cycles. Within, they are sums over
-Gauss-Legendre nodes. Beyond, the path of integration turns into the complex plane, where the wave
-decays. The number of nodes depends on the tolerance, but not on the wavelength. Source: (B10),
+Gauss-Legendre nodes. Beyond, the path of integration is deformed into the complex plane, where the
+wave decays. The number of nodes depends on the tolerance, but not on the wavelength. Source: (B10),
 (B11).
 """
 

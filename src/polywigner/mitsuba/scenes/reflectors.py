@@ -265,7 +265,7 @@ def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -
 # Error of an echo relative to the echo of all illuminated parts in phase. The error of physical
 # optics itself is much larger.
 OF_ECHO = 1e-3
-# Largest number of paths by bodies; each takes some milliseconds.
+# Largest number of paths via bodies; the computation of a path takes some milliseconds.
 _MOST_PATHS = 5000
 
 
@@ -397,7 +397,7 @@ def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: i
 def routes_in(
     scene: mi.Scene, unit: float, reflections: int, bodies: Sequence[Body] = ()
 ) -> tuple[list[Chain], list[Echo], list[str]]:
-    """Return paths by mirrors, paths by bodies, and notes on paths that are not included.
+    """Return paths via mirrors, paths via bodies, and notes on paths that are not included.
 
     Paths have up to ``reflections`` mirrors. Raises SceneError for too many paths.
     """
