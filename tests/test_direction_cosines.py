@@ -19,9 +19,9 @@ WAVES = pw.Illumination(
 
 def test_waves_that_graze_leave_nothing():
     grazing = pw.shapes.square(1e-3).with_illumination(pw.Illumination([1], [(1 / WAVELENGTH, 0)]))
-    with pytest.raises(IlluminationError, match="graze"):
+    with pytest.raises(IlluminationError, match="grazing waves"):
         times_direction_cosine(grazing, WAVELENGTH)
-    with pytest.raises(IlluminationError, match="graze"):
+    with pytest.raises(IlluminationError, match="grazing waves"):
         times_direction_cosine(pw.phased_array(grazing, [(0, 0), (1, 0)]), WAVELENGTH)
     both = pw.Array([grazing, pw.shapes.square(1e-3).moved((1, 0))])
     assert (times_direction_cosine(both, WAVELENGTH).weights == [0, 1]).all()

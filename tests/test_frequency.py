@@ -58,5 +58,5 @@ def test_both_and_what_is_no_frequency_are_refused(made):
 
 
 def test_a_wavelength_like_a_frequency_is_asked_about():
-    with pytest.warns(PolywignerWarning, match=r"a frequency\? Then write frequency=9.4e\+10"):
+    with pytest.warns(PolywignerWarning, match=r"a frequency in Hz; pass it as frequency=9.4e\+10"):
         pw.power(SQUARE, FREQUENCY)

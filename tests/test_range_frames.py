@@ -152,5 +152,5 @@ def test_a_profile_is_drawn_in_dbm_with_the_noise():
     for bad in (None, pw.shapes.square(1.0)):
         with pytest.raises(ArgumentError, match="range_profile"):
             draw_range_profile(bad)
-    with pytest.raises(ArgumentError, match="one receiver"):
+    with pytest.raises(ArgumentError, match="a single receiver"):
         draw_range_profile(profile(), 1)

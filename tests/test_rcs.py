@@ -310,7 +310,7 @@ def test_a_pattern_is_a_table_of_sections(body: Any, bounces: int) -> None:
         ((BOX, np.eye(3), [0.1, 0.2]), "that broadcast"),
         ((BOX, (0, 0, 1), 0.1, None, "vx"), "expected polarisation"),
         ((BOX, (0, 0, 1), 0.1, None, 3), "expected polarisation"),
-        ((BOX, (0, 0, 1), 0.1, None, ((1, 0, 0), (0, 0, 1))), "leans by 90 degrees"),
+        ((BOX, (0, 0, 1), 0.1, None, ((1, 0, 0), (0, 0, 1))), "90 degrees"),
         ((BOX, (0, 0, 1), 0.1, None, ((2, 0, 0), (1, 0, 0))), "of length 2"),
         ({"elevation": 2.0}, "elevation as angles"),
         ({"to_transmitter": np.eye(3)}, "one unit vector"),

@@ -219,7 +219,7 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
         point = _COORDINATES.search(reason)
         where = f" at ({point[1]}, {point[2]})" if point else ""
         raise GeometryError(
-            f"expected a simple outline, but {name} {what}{where}; "
+            f"expected a simple outline, got {name} that {what}{where}; "
             'split it with Aperture.from_ring(ring, winding="nonzero") or winding="evenodd"'
         )
     if not spans:
