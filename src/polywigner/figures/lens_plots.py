@@ -108,7 +108,8 @@ def draw_image(
     ----------
     image : xarray.DataArray
         Values (y, x), at least 0, with the coordinates x and y in m, such as
-        :func:`partially_coherent_image` and :func:`psf` return for points on a grid.
+        :func:`polywigner.partially_coherent_image` and :func:`polywigner.psf` return for points on
+        a grid.
     mask : Aperture or Array, optional
         Openings or lines in the plane of the image, drawn as outlines.
     floor_db : float, optional

@@ -146,7 +146,7 @@ def _warn_of_negative(weight: Values) -> None:
 
 
 def load(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Read rays from a source file of OpticStudio, of :func:`save` or of another program.
+    """Read rays from a file of OpticStudio, written by :func:`polywigner.rays.save` or others.
 
     Rays from the negative part of a split file have negative weights. Join both parts by
     ``xarray.concat([positive, negative], "ray", combine_attrs="override")``.
