@@ -38,6 +38,7 @@ def strehl_of_zernike(j, waves):
     return abs((weight * r) @ wave) ** 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("waves", [0.02, 0.5])
 def test_the_strehl_ratio_of_each_zernike_is_its_closed_form(waves):
     for j in range(1, 37):

@@ -130,7 +130,7 @@ BAD = {
         (lambda: arrays.window_weights(4, "kaiser"), 'window to be one of "uniform", "taylor"'),
         (lambda: pw.steering((0, 0.1, 1), WAVELENGTH), "length 1.00499"),
         (lambda: pw.steering((0, 0.6, -0.8), WAVELENGTH), "z of at least 0"),
-        (lambda: pw.steering((0.8, 0.7), WAVELENGTH), "length 1.06"),
+        (lambda: pw.steering((0.8, 0.7), WAVELENGTH), "norm 1.06"),
         (lambda: pw.steering((0, 0, 0, 1), WAVELENGTH), "unit vector"),
         (lambda: pw.steering((0, np.nan, 1), WAVELENGTH), "finite"),
         (lambda: pw.steering((0, 0, 1), 0), "wavelength"),

@@ -102,7 +102,7 @@ REFUSED = {
     GOOD + texts(colour="red"): "parameters aperture, unit | 'colour'",
     GOOD + element("float", "wavelength", 0.003): "both | give one",
     FILE: "neither | give one",
-    texts(frequency="94 GHz"): "'aperture' | none",
+    texts(frequency="94 GHz"): "'aperture' | is missing",
     GOOD.replace("94 GHz", "94 GHx"): "frequency | 94 GHx",
     GOOD.replace("patch.wkt", "none.wkt"): "none.wkt",
     GOOD.replace("94 GHz", "1e-20 Hz"): "radiates only | 2.99792e+28 | check the unit",
