@@ -387,9 +387,16 @@ def _cloud(
     responses, excess = _receiving(cloud, receivers)
     emitted, lengths = _sending(scene, cloud, radar.emitters)
     near = np.isfinite(lengths).all(axis=0)
+    rates, wave = cloud["path_rate"].values[near] / SPEED_OF_LIGHT, radar.waveform
+    within = np.abs(rates).max(initial=0.0) * wave.bandwidth * wave.samples * wave.time_step
+    if within > _MOST_WITHIN:
+        raise ArgumentError(
+            f"expected scatterers that move by at most {_MOST_WITHIN:g} range bins within a "
+            f"repetition, got {within:.3g} bins; use slower objects or a shorter waveform"
+        )
     return _Cloud(
-        responses[:, near], emitted[:, near], lengths[:, near] / SPEED_OF_LIGHT,
-        cloud["path_rate"].values[near] / SPEED_OF_LIGHT, excess[:, near] / SPEED_OF_LIGHT,
+        responses[:, near], emitted[:, near], lengths[:, near] / SPEED_OF_LIGHT, rates,
+        excess[:, near] / SPEED_OF_LIGHT,
     )  # fmt: skip
 
 
@@ -471,14 +478,7 @@ def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complexes, emitter: int) -
     still = _frame(radar, cloud, signals, emitter, ~is_moving, starts[:1])
     if not is_moving.any():
         return still
-    wave, fastest = radar.waveform, np.abs(cloud.rates).max()
-    within = fastest * wave.bandwidth * wave.samples * wave.time_step
-    if within > _MOST_WITHIN:
-        raise ArgumentError(
-            f"expected scatterers that move by at most {_MOST_WITHIN:g} range bins within a "
-            f"repetition, got {within:.3g} bins; use slower objects or a shorter waveform"
-        )
-    migration = fastest * wave.bandwidth * np.ptp(starts)
+    migration = np.abs(cloud.rates).max() * radar.waveform.bandwidth * np.ptp(starts)
     blocks = min(len(starts), math.ceil(migration / _MOST_CYCLES))
     moving = [
         _frame(radar, cloud, signals, emitter, is_moving, block)
@@ -522,24 +522,25 @@ def _frame(
     motion = np.asarray(step * n * (radar.period * m[:, None] + wait * n), np.float64)
     offsets = wave.frequencies - radar.frequency
     result = np.zeros((len(waves), *motion.shape), np.complex128)
+    plan = _plan_of_sums(slopes, shape, len(waves))
     for terms, factor in _series(cloud.excess[:, chosen], offsets, _OF_SUMS):
         tolerance = _OF_SUMS / np.abs(terms).max(initial=1e-300) / np.abs(factor).max()
         for growths, by_sample in _series(rates, motion, tolerance):
-            sums = _summed_waves(slopes, waves * terms * growths, shape)
+            sums = plan.execute(np.ascontiguousarray(waves * terms * growths))
             result += sums.reshape(result.shape) * (factor * by_sample)
     return result
 
 
-def _summed_waves(slopes: list[Floats], terms: Complexes, shape: list[int]) -> Complexes:
-    """Return the sums (element, ...) over points of terms times exp(2 pi i (slopes . numbers)).
+def _plan_of_sums(slopes: list[Floats], shape: list[int], count: int) -> Any:
+    """Return a plan of sums over points of terms times exp(2 pi i (slopes . numbers)).
 
-    Along each axis of ``shape``, the numbers start at ``-(size // 2)``.
+    The plan converts terms (count, points) to sums (count, ...). Along each axis of ``shape``, the
+    numbers start at ``-(size // 2)``.
     """
     finufft = require("finufft", "radar", "scattered fields are summed with")
-    transform = finufft.nufft1d1 if len(shape) == 1 else finufft.nufft2d1
-    angles = [2 * np.pi * (slope - np.round(slope)) for slope in slopes]
-    rows = np.ascontiguousarray(terms)
-    return np.asarray(transform(*angles, rows, tuple(shape), isign=1, nthreads=1, eps=_OF_SUMS))
+    plan = finufft.Plan(1, tuple(shape), count, _OF_SUMS, 1, nthreads=1)
+    plan.setpts(*(2 * np.pi * (slope - np.round(slope)) for slope in slopes))
+    return plan
 
 
 def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complexes, Floats]]:
