@@ -56,9 +56,14 @@ class SourceNodes:
         return len(self.positions) < len(self.points)
 
     @cached_property
+    def origins(self) -> Floats:
+        """(n, 3) positions of the radiating points."""
+        return np.array([point.position for point in self.points])
+
+    @cached_property
     def centre(self) -> Floats:
         """(3,) mean position of the radiating points."""
-        return np.mean([point.position for point in self.points], axis=0)
+        return np.mean(self.origins, axis=0)
 
     @cached_property
     def peak(self) -> float:
@@ -67,8 +72,7 @@ class SourceNodes:
         x, y = (part.ravel() for part in np.meshgrid(sines, sines))
         z = np.sqrt(np.maximum(1.0 - x * x - y * y, 0.0))
         rays = np.stack([x, y, z], axis=1)[x * x + y * y <= 1.0]
-        positions = np.array([point.position for point in self.points])
-        phases = np.exp(-2j * math.pi * rays @ positions.T)
+        phases = np.exp(-2j * math.pi * rays @ self.origins.T)
         field, slope = (np.array([p[k] for p in self.points]) for k in (1, 2))
         return float(np.abs(phases @ slope + rays[:, 2] * (phases @ field)).max())
 
@@ -78,17 +82,24 @@ class SourceNodes:
         The waves (q, k + 1) are relative to a unit wave from the node, and for the source from the
         centre. Also return detours (q,) from which on the second is accurate enough.
         """
-        blocks = np.array_split(places, 1 + len(places) * len(self.points) // _BLOCK)
-        parts, detours = zip(*(self._waves_at(block) for block in blocks), strict=True)
+        parts, detours = zip(*map(self._waves_at, self.blocks_of(places)), strict=True)
         return np.concatenate(parts), np.concatenate(detours)
 
+    def blocks_of(self, places: Floats) -> list[Floats]:
+        """Divide places (q, 3) into blocks, whose waves from all radiating points fit in memory."""
+        return np.array_split(places, 1 + len(places) * len(self.points) // _BLOCK)
+
+    def waves_of_points(self, places: Floats) -> Complex:
+        """Return the waves (q, n) of the radiating points at places (q, 3)."""
+        return np.stack([point.wave(places.T) for point in self.points], axis=1)
+
     def _waves_at(self, places: Floats) -> tuple[Complex, Floats]:
-        waves = np.stack([point.wave(places.T) for point in self.points], axis=1)
-        origins = np.concatenate([self.positions, self.centre[None]])
-        units = np.stack([_unit_wave(places - origin) for origin in origins], axis=1)
+        waves = self.waves_of_points(places)
+        starts = np.concatenate([self.positions, self.centre[None]])
+        units = np.stack([_unit_wave(places - start) for start in starts], axis=1)
         parts = np.column_stack([waves @ self.fractions.T, waves.sum(axis=1)]) / units
         moments = waves / units[:, -1:]
-        x, y = (np.array([p.position for p in self.points]) - self.centre)[:, :2].T
+        x, y = (self.origins - self.centre)[:, :2].T
         first = np.hypot(*np.abs(moments @ np.stack([x, y], axis=1)).T)
         second = np.abs(moments @ np.stack([x * x, y * y, x * y], axis=1)).max(axis=1)
         curvature = 1.0 / np.linalg.norm(places - self.centre, axis=1)
@@ -106,7 +117,7 @@ def _unit_wave(ahead: Floats) -> Complex:
 
 def all_points(points: Sequence[RadiatingPoint]) -> SourceNodes:
     """Return the radiating points of a source as its nodes."""
-    return SourceNodes(points, np.array([p.position for p in points]), np.eye(len(points)))
+    return SourceNodes(points, np.array([point.position for point in points]), np.eye(len(points)))
 
 
 def nodes_for(points: Sequence[RadiatingPoint], edges: Floats) -> SourceNodes:
@@ -117,26 +128,27 @@ def nodes_for(points: Sequence[RadiatingPoint], edges: Floats) -> SourceNodes:
     nearest = np.clip(((every.centre - start) * along).sum(axis=1) / squares, 0.0, 1.0)
     fractions = [0.0 * nearest, 0.5 * nearest, nearest, 0.5 + 0.5 * nearest, 0.0 * nearest + 1.0]
     places = np.concatenate([start + part[:, None] * along for part in fractions])
-    limits = {count: limit * every.peak for count, limit in _LIMITS.items()}
-    counts = [
-        next((n for n, most in limits.items() if _error(points, places, k, n) <= most), len(points))
-        for k in range(2)
+    rules = [
+        # points with one coordinate have one node along this axis
+        [_axis(at, count) for count in _LIMITS if count == 1 or np.ptp(at) > 0.0]
+        for at in every.origins[:, :2].T
     ]
-    return every if math.prod(counts) >= len(points) else _grid(points, counts)
-
-
-def _grid(points: Sequence[RadiatingPoint], counts: Sequence[int]) -> SourceNodes:
-    """Return Gauss nodes over the bounds of radiating points."""
-    (x, first), (y, second) = (_axis(points, k, count) for k, count in enumerate(counts))
-    height = points[0].position[2]
-    positions = np.array([[a, b, height] for a in x for b in y])
+    # Along each axis, the first rule whose error is small enough.
+    is_enough = _errors(every, places, rules) <= np.array([*_LIMITS.values()]) * every.peak
+    chosen = [rules[k][row.argmax()] for k, row in enumerate(is_enough) if row.any()]
+    if len(chosen) < 2 or math.prod(len(nodes) for nodes, _ in chosen) >= len(points):
+        return every
+    (x, first), (y, second) = chosen
+    positions = np.array([[a, b, every.origins[0, 2]] for a in x for b in y])
     fractions = first[:, None] * second[None, :]
     return SourceNodes(points, positions, fractions.reshape(len(positions), -1))
 
 
-def _axis(points: Sequence[RadiatingPoint], axis: int, count: int) -> tuple[Floats, Floats]:
-    """Return nodes (k,) along x or y, and their Lagrange polynomials (k, n) at the points."""
-    at = np.array([point.position[axis] for point in points])
+def _axis(at: Floats, count: int) -> tuple[Floats, Floats]:
+    """Return Gauss nodes (k,) over coordinates (n,), and their Lagrange polynomials (k, n) there.
+
+    Each node has one polynomial, which is 1 at the node and 0 at the other nodes.
+    """
     centre, half = 0.5 * (at.max() + at.min()), 0.5 * np.ptp(at)
     nodes = centre + half * gauss_legendre(count)[:, 0]
     others = [np.delete(nodes, k) for k in range(count)]
@@ -147,22 +159,26 @@ def _axis(points: Sequence[RadiatingPoint], axis: int, count: int) -> tuple[Floa
     return nodes, np.array(factors)
 
 
-def _error(points: Sequence[RadiatingPoint], places: Floats, axis: int, count: int) -> float:
-    """Estimate the error of the waves of edges by interpolation along x or y, times the distance.
+def _errors(
+    source: SourceNodes, places: Floats, rules: Sequence[Sequence[tuple[Floats, Floats]]]
+) -> Floats:
+    """Estimate the errors (axis, rule) of the waves of edges by interpolation, times the distance.
 
-    Over the source, the phase of the wave of an edge changes by 2 pi sqrt(2 detour/distance) times
-    the position, if the point is far behind the edge.
+    ``rules``: results of :func:`_axis` for x and y. Over the source, the phase of the wave of an
+    edge changes by 2 pi sqrt(2 detour/distance) times the position, if the point is far behind the
+    edge.
     """
-    nodes, fractions = _axis(points, axis, count)
-    at, centre = np.array([point.position for point in points]), all_points(points).centre
-    worst = 0.0
-    for block in np.array_split(places, 1 + len(places) * len(points) // _BLOCK):
-        waves = np.stack([point.wave(block.T) for point in points], axis=1)
-        distance = np.linalg.norm(block - centre, axis=1)
-        rate = np.sqrt(2.0 * NEAR / distance)[:, None]
-        exact, few = (
-            np.exp(2j * math.pi * rate * (some - centre[axis])) for some in (at[:, axis], nodes)
-        )
-        error = distance * np.abs((waves * (exact - few @ fractions)).sum(axis=1))
-        worst = max(worst, float(error.max(initial=0.0)))
-    return worst * EDGE_AMPLITUDE / math.sqrt(NEAR)
+    worst = np.array(
+        [[0.0 if k < len(row) else np.inf for k in range(len(_LIMITS))] for row in rules]
+    )
+    for block in source.blocks_of(places):
+        waves = source.waves_of_points(block)
+        distance = np.linalg.norm(block - source.centre, axis=1)
+        phase = 2j * math.pi * np.sqrt(2.0 * NEAR / distance)[:, None]
+        for k, of_axis in enumerate(rules):
+            exact = np.exp(phase * (source.origins[:, k] - source.centre[k]))
+            for j, (nodes, fractions) in enumerate(of_axis):
+                few = np.exp(phase * (nodes - source.centre[k])) @ fractions
+                error = distance * np.abs((waves * (exact - few)).sum(axis=1))
+                worst[k, j] = max(worst[k, j], error.max(initial=0.0))
+    return worst * (EDGE_AMPLITUDE / math.sqrt(NEAR))

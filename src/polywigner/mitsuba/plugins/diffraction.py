@@ -103,7 +103,7 @@ class Shadows:
                 spec.at_origin, wavelength, spec.obliquity, _ERROR, _MOST_POINTS
             )
             bodies = [surfaces.in_frame(body, pose, scale) for body in bodies]
-            obstacles, positions = Obstacles(bodies), np.array([point.position for point in points])
+            obstacles = Obstacles(bodies)
             nodes, silhouettes = _nodes_and_silhouettes(obstacles, points)
             tables = edge_tables(obstacles, nodes, silhouettes, _ENDS)
         except ArgumentError as error:
@@ -115,15 +115,15 @@ class Shadows:
             bodies = [_spanned(body, nodes.centre) for body in bodies]
         self._obstacles = _scene_of(m, bodies)
         self._start = opaque(m, max(surfaces.BEHIND, surfaces.ROUNDING * reach * scale))
-        self._centre = tuple(positions.mean(axis=0).tolist())
-        near = np.abs(positions).max(axis=0) + AWAY
+        self._centre = tuple(nodes.centre.tolist())
+        near = np.abs(nodes.origins).max(axis=0) + AWAY
         self._near = [opaque(m, value) for value in (near / scale).tolist()]
         self._is_oblique = any(point.field for point in points)
         self._is_blocked = len(tables.triangles) > 0
         if self._jit:
             self._load(nodes, tables)
         else:
-            seen = [surfaces.before_plane(s) for s in obstacles.silhouettes(list(positions))]
+            seen = [surfaces.before_plane(s) for s in obstacles.silhouettes(list(nodes.origins))]
             self._on_host = partial(
                 shadows.diffracted, obstacles, points, seen, tolerance=_HOST_ERROR
             )
@@ -231,30 +231,38 @@ class Shadows:
         Close to the boundary of the shadow the boundary waves of the nodes have the weights of the
         nodes' waves at the point, farther away those at the edge.
         """
-        m, ops, row = self._m, self._ops, edge.row
+        m, row = self._m, edge.row
         span = m.UInt32(row[10]), m.UInt32(row[11])
 
         def near(real: Drjit, imag: Drjit) -> Field:
-            def add(number: Drjit, real: Drjit, imag: Drjit) -> Field:
-                change = self._change_at(number, edge, at)
-                return real + change.real, imag + change.imag
-
-            return ops.fold(*span, (real, imag), add)
+            return self._summed(span, self._change_at, edge, at, (real, imag))
 
         def far(real: Drjit, imag: Drjit) -> Field:
             by_centre = edge.detour > row[17]
             last = m.UInt32(self._counts[0])
             ends = dr.select(by_centre, last, span[0]), dr.select(by_centre, last + 1, span[1])
-
-            def add(number: Drjit, real: Drjit, imag: Drjit) -> Field:
-                change = self._change_from(number, edge, at)
-                return real + change.real, imag + change.imag
-
-            return ops.fold(*ends, (real, imag), add)
+            return self._summed(ends, self._change_from, edge, at, (real, imag))
 
         zero = m.Float(0.0)
         is_near = edge.detour < row[16]
         return Pair(*dr.if_stmt((zero, zero), is_near, near, far, mode="symbolic"))
+
+    def _summed(
+        self,
+        span: tuple[Drjit, Drjit],
+        change_of: Callable[[Drjit, _Edge, Point], Pair],
+        edge: _Edge,
+        at: Point,
+        start: Field,
+    ) -> Field:
+        """Return ``start`` plus the changes by an edge of the waves of a range of nodes."""
+
+        def add(number: Drjit, real: Drjit, imag: Drjit) -> Field:
+            change = change_of(number, edge, at)
+            return real + change.real, imag + change.imag
+
+        total: Field = self._ops.fold(*span, start, add)
+        return total
 
     def _change_at(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
         """Return the change by an edge of the wave that a node has at the point."""

@@ -139,7 +139,8 @@ def _edge_rows(
     nodes: SourceNodes, parts: Sequence[tuple[Floats, Floats, tuple[int, int]]]
 ) -> tuple[Floats, Floats, Floats]:
     """Return the tables ``ends``, ``edges`` and ``samples`` of :class:`EdgeTables`."""
-    places = [_places(nodes, edge) for ends, *_ in parts for edge in ends[:, -1]]
+    reach = float(np.linalg.norm(np.ptp(nodes.origins, axis=0))) / 2
+    places = [_places(nodes, reach, edge) for ends, *_ in parts for edge in ends[:, -1]]
     counts = np.array([len(some) for some in places])
     firsts = np.cumsum(counts) - counts
     waves, detours = nodes.waves_at(np.concatenate(places))
@@ -168,13 +169,15 @@ def _edge_rows(
     return np.column_stack([rows, np.zeros((len(rows), 2))]), edges, samples
 
 
-def _places(nodes: SourceNodes, edge: Floats) -> Floats:
-    """Return places (n, 3) along an edge (6,), between which the wave of the source is linear."""
+def _places(nodes: SourceNodes, reach: float, edge: Floats) -> Floats:
+    """Return places (n, 3) along an edge (6,), between which the wave of the source is linear.
+
+    ``reach``: half of the size of the source.
+    """
     start, end = edge[:3] - nodes.centre, edge[3:] - nodes.centre
     along = end - start
     foot = np.clip(-(start @ along) / (along @ along), 0.0, 1.0)
     nearest = float(np.linalg.norm(start + foot * along))
-    reach = float(np.linalg.norm(np.ptp([p.position for p in nodes.points], axis=0))) / 2
     phase = 2.0 * math.pi * reach * float(np.linalg.norm(along)) / nearest
     most = _MOST_SAMPLES if nodes.is_reduced else 2
     count = min(max(1, math.ceil(phase / _STEP)), most)
