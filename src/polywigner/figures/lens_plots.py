@@ -11,7 +11,7 @@ from polywigner.errors import ArgumentError
 from polywigner.figures import style
 from polywigner.figures.levels import check_floor, checked_dataset, level_db
 from polywigner.quantities import LengthUnit, length_unit
-from polywigner.transforms.aberrations import polygons_of
+from polywigner.source.normal_form import normal_form, polygons_of
 
 if TYPE_CHECKING:
     import xarray
@@ -154,7 +154,7 @@ def draw_image(
     style.colour_bar(axes, shown, _scale_text(text, floor_db))
     if mask is not None:
         axes.autoscale(False)  # the mask may be larger than the image
-        for polygon in polygons_of(mask):
+        for polygon in polygons_of(normal_form(mask).in_plane.elements):
             style.draw_polygons(axes, polygon, unit, edgecolor="white", facecolor="none", lw=0.8)
     return figure
 

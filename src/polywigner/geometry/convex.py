@@ -43,13 +43,6 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
     return vertices, triangles
 
 
-def triangles_of(polygons: NDArray[Any]) -> tuple[NDArray[np.float64], Indices]:
-    """Return constrained Delaunay triangles (m, 3, 2) of polygons (n,), and their polygons (m,)."""
-    collections = shapely.constrained_delaunay_triangles(polygons)
-    triangles, owner = shapely.get_parts(collections, return_index=True)
-    return shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3], owner
-
-
 class _Merger:
     """Convex pieces (lists of vertex indices), merged across diagonals while they stay convex."""
 

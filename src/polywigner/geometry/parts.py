@@ -51,6 +51,13 @@ def polygons_in(geometry: BaseGeometry) -> list[shapely.Polygon]:
     return [p for part in getattr(geometry, "geoms", ()) for p in polygons_in(part)]
 
 
+def shifted(polygons: NDArray[Any], shifts: Ring) -> NDArray[Any]:
+    """Return polygons (n,) shifted by (n, 2)."""
+    points, number = shapely.get_coordinates(polygons, return_index=True)
+    moved: NDArray[Any] = shapely.set_coordinates(polygons.copy(), points + shifts[number])
+    return moved
+
+
 def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeometry:
     """Move vertices to the nearest `originals` (n, 2) within `reach`, if the result stays valid."""
     tree = shapely.STRtree(shapely.points(originals))

@@ -89,12 +89,15 @@ def counts_for(cycles: Floats, error: float) -> Indices:
     return np.searchsorted(reach, cycles) + 1
 
 
-def triangulated(polygons: Sequence[shapely.Polygon] | NDArray[np.object_]) -> Triangles:
-    """Return the constrained Delaunay triangles (n, 3, 2) of polygons."""
-    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(np.asarray(polygons)))
+def triangles_of(
+    polygons: Sequence[shapely.Polygon] | NDArray[np.object_],
+) -> tuple[Triangles, Indices]:
+    """Return constrained Delaunay triangles (m, 3, 2) of polygons (n,), and their polygons (m,)."""
+    collections = shapely.constrained_delaunay_triangles(np.asarray(polygons))
+    parts, owner = shapely.get_parts(collections, return_index=True)
     corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
     corners.setflags(write=False)
-    return corners
+    return corners, owner
 
 
 def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats, Floats]:

@@ -19,8 +19,9 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry import Wavefront
-from polywigner.geometry.parts import grid_size, polygons_in
+from polywigner.geometry.parts import grid_size, polygons_in, shifted
 from polywigner.numerics.nodes import chirp_node_counts, normal_product_rule, unit_rule
+from polywigner.numerics.triangles import rule_of_counts
 from polywigner.optics import FirstOrder
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import Obliquity, direction_cosines
@@ -264,7 +265,8 @@ def _pairs(
     first: SourceElement, second: SourceElement, lags: Floats, rates: Floats, extra: int
 ) -> tuple[Floats, Floats, Indices]:
     """Return midpoints (n, 2) of pairs of points, weights (n,), and indices (n,) of lags."""
-    common = shapely.intersection(_shifted(first, -lags / 2), _shifted(second, lags / 2))
+    ahead, behind = (np.full(len(lags), e.shape.polygons, object) for e in (first, second))
+    common = shapely.intersection(shifted(ahead, -lags / 2), shifted(behind, lags / 2))
     parts, lag_of_part = shapely.get_parts(common, return_index=True)
     has_area = shapely.area(parts) > 0
     if not has_area.any():
@@ -273,12 +275,6 @@ def _pairs(
     lag_of_cell = lag_of_part[has_area][part_of]
     nodes, weights, cell_of = rule_on(cells, rates[lag_of_cell], _ERROR, extra)
     return nodes, weights, lag_of_cell[cell_of]
-
-
-def _shifted(element: SourceElement, shifts: Floats) -> NDArray[np.object_]:
-    copies = np.full(len(shifts), element.shape.polygons, np.object_)
-    corners, owner = shapely.get_coordinates(copies, return_index=True)
-    return np.asarray(shapely.set_coordinates(copies, corners + shifts[owner]))
 
 
 def _sum_of_waves(
@@ -415,14 +411,9 @@ def rule_on(
     The rule has ``extra`` rows, and nodes on each row, more than :func:`node_counts` returns.
     """
     counts = node_counts(trapezoids, rates, error) + extra
-    nodes, weights, owners = [], [], []
-    for shared in np.unique(counts, axis=0):
-        members = np.flatnonzero((counts == shared).all(axis=1))
-        x, y, amounts = rows_of(trapezoids[members], shared)
-        nodes.append(np.stack([x, np.broadcast_to(y[..., None], x.shape)], axis=-1).reshape(-1, 2))
-        weights.append(amounts.ravel())
-        owners.append(np.repeat(members, amounts[0].size))
-    return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
+    y, left, right = trapezoids.transpose(1, 0, 2)
+    x = np.concatenate([left, right], axis=1)
+    return rule_of_counts(np.stack([x, np.concatenate([y, y], axis=1)], axis=-1), counts)
 
 
 def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:

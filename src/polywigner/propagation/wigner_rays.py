@@ -30,7 +30,7 @@ from polywigner.numerics.triangles import (
     node_count,
     quartered,
     spacings,
-    triangulated,
+    triangles_of,
 )
 from polywigner.propagation.boundary import radiator_of
 from polywigner.propagation.far_fields import check_slopes
@@ -128,7 +128,7 @@ def irradiance_by_rays(
     else:
         # Kinks cross these triangles, but the gradient of W is continuous across most kinks. The
         # errors of Gauss rules are proportional to the fourth power of the size of a triangle.
-        triangles = quartered(triangulated(list(mutual_support(flat).polygons.geoms)))
+        triangles = quartered(triangles_of(list(mutual_support(flat).polygons.geoms))[0])
     for step in np.unique(steps):
         rate, group = float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
         _check_nodes(triangles, rate, wavelength)
@@ -325,4 +325,4 @@ def smooth_triangles(source: Aperture | Array) -> Triangles:
     support = mutual_support(source).polygons
     shapely.prepare(support)
     inside = shapely.contains_properly(support, shapely.point_on_surface(cells))
-    return triangulated(cells[inside])
+    return triangles_of(cells[inside])[0]

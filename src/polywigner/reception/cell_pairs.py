@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.parts import polygons_in
-from polywigner.numerics.triangles import NODES_PER_CYCLE, areas, rule_by_triangles, triangulated
+from polywigner.numerics.triangles import NODES_PER_CYCLE, areas, rule_by_triangles, triangles_of
 from polywigner.radiometry.directions import steepest
 from polywigner.source.normal_form import normal_form
 
@@ -110,11 +110,9 @@ class Cells:
     def _triangles(self, cell: int) -> tuple[Floats, Indices]:
         """Return triangles (n, 3, 2) of a cell in metres, and the indices of their elements."""
         polygons, numbers = self._parts[cell]
-        parts = [triangulated([polygon]) for polygon in polygons]
-        owners = np.repeat(numbers, [len(triangles) for triangles in parts])
-        triangles = np.concatenate(parts)
+        triangles, owner = triangles_of(polygons)
         wide = areas(triangles) > 0
-        return triangles[wide], owners[wide]
+        return triangles[wide], numbers[owner[wide]]
 
     def _halves(self, cell: int) -> list[int]:
         if cell not in self._children:

@@ -332,6 +332,11 @@ class Source:
         return Wavefront(flat, self.curvature, self.centre, self.coherence_width, self.wavelength)
 
 
+def polygons_of(elements: Sequence[SourceElement]) -> NDArray[Any]:
+    """Return the polygons (n,) of elements, in the planes of their poses."""
+    return np.array([element.shape.polygons for element in elements], object)
+
+
 def coherent_form(
     content: Sequence[SourceElement] | RepeatedElement,
     dimension: int,

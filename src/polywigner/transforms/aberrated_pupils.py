@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
-from polywigner.geometry.convex import trapezoids, triangles_of
+from polywigner.geometry.convex import trapezoids
+from polywigner.geometry.parts import shifted
 from polywigner.numerics.triangles import (
     LARGEST,
     Cells,
@@ -30,8 +31,9 @@ from polywigner.numerics.triangles import (
     cells_of,
     counts_for,
     rule_of_counts,
+    triangles_of,
 )
-from polywigner.source.normal_form import SourceElement, normal_form
+from polywigner.source.normal_form import SourceElement, normal_form, polygons_of
 from polywigner.transforms.aberrations import Aberration
 
 Complex = NDArray[np.complex128]
@@ -119,8 +121,7 @@ class AberratedPupil:
     @cached_property
     def polygons(self) -> NDArray[Any]:
         """(k,) polygons of the elements."""
-        outlines: list[Any] = [element.outline for element in self.elements]
-        return np.array([outline.polygons for outline in outlines], object)
+        return polygons_of(self.elements)
 
     @cached_property
     def content(self) -> float:
@@ -249,17 +250,10 @@ def slices_of(pupil: AberratedPupil, lags: Floats) -> Slices:
     half = lags[:, None, None] / 2
     apart = ((high[:, None] - half) <= (low + half)) | ((high + half) <= (low[:, None] - half))
     row, first, second = np.nonzero(~apart.any(axis=-1))
-    ahead = _shifted(pupil.polygons[first], -lags[row] / 2)
-    behind = _shifted(pupil.polygons[second], lags[row] / 2)
+    ahead = shifted(pupil.polygons[first], -lags[row] / 2)
+    behind = shifted(pupil.polygons[second], lags[row] / 2)
     weights = pupil.weights[first] * pupil.weights[second].conj()
     return Slices(lags, row, first, second, weights, shapely.intersection(ahead, behind))
-
-
-def _shifted(polygons: NDArray[Any], shifts: Floats) -> NDArray[Any]:
-    """Return polygons (n,) shifted by (n, 2)."""
-    points, number = shapely.get_coordinates(polygons, return_index=True)
-    moved: NDArray[Any] = shapely.set_coordinates(polygons.copy(), points + shifts[number])
-    return moved
 
 
 def slice_integrals(

@@ -20,11 +20,10 @@ from polywigner.geometry.arguments import (
     checked_number,
     finite_array,
 )
-from polywigner.geometry.convex import triangles_of
 from polywigner.numerics import zernike as polynomials
-from polywigner.numerics.triangles import cells_of, rule_of_counts
+from polywigner.numerics.triangles import cells_of, rule_of_counts, triangles_of
 from polywigner.source import Array
-from polywigner.source.normal_form import normal_form
+from polywigner.source.normal_form import normal_form, polygons_of
 
 Floats = NDArray[np.float64]
 Path = Callable[[Floats, Floats], ArrayLike]
@@ -415,16 +414,10 @@ def _zernike_modes(
     return replace(modes, matrix=_gram_schmidt(modes, orthogonal_on)[rows] @ modes.matrix)
 
 
-def polygons_of(pupil: Aperture | Array) -> NDArray[Any]:
-    """Return the polygons (n,) of the elements of a pupil."""
-    elements: list[Any] = [element.outline for element in normal_form(pupil).in_plane.elements]
-    return np.array([outline.polygons for outline in elements], object)
-
-
 def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
     """Return sums (k, k) of modes, lower triangular, that are orthonormal on a pupil."""
     degree = max(n for n, _ in modes.orders)
-    triangles, _ = triangles_of(polygons_of(pupil))
+    triangles, _ = triangles_of(polygons_of(normal_form(pupil).in_plane.elements))
     # Products of polynomials have twice the degree, and the map to a triangle adds one.
     counts = np.full((len(triangles), 2), degree + 2, np.intp)
     nodes, weights, _ = rule_of_counts(cells_of(triangles), counts)
