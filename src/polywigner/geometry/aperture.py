@@ -91,7 +91,7 @@ class Aperture(TakesWaves):
     _segments: tuple[Part, ...] | None
     """Segments of a mirror, which may touch; None if the segments are the separate parts."""
     illumination: Illumination | None
-    """Illumination on the aperture, an Illumination; None for the field 1."""
+    """Field on the aperture; None for the field 1."""
 
     def __init__(self, vertices: Outline) -> None:
         self._set(merge_parts(parts_from(vertices)))
@@ -364,7 +364,7 @@ class Aperture(TakesWaves):
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
-        """Illumination and outline, independent of the order of parts and of the first vertices."""
+        """Field and outline, independent of the order of parts and of the first vertices."""
         return self.illumination, shapely.normalize(self.polygons).wkb
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -439,8 +439,7 @@ class PlacedAperture(Immutable):
 
     aperture: Aperture
     pose: NDArray[np.float64]
-    """Rigid transformation from the aperture's plane z = 0 to the world, shape (4, 4), read-
-    only."""
+    """Rigid transformation (4, 4) from the plane of the aperture to the world, read-only."""
 
     def __init__(self, aperture: Aperture, pose: NDArray[np.float64]) -> None:
         fixed = np.array(pose, dtype=np.float64)
@@ -580,8 +579,7 @@ def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shape
     Returns
     -------
     shapely.Polygon or shapely.MultiPolygon
-        The intersection of G - xi/2 and G + xi/2; an empty MultiPolygon if there is no such
-        position.
+        The intersection of G - xi/2 and G + xi/2; an empty MultiPolygon if there is no position.
 
     Raises
     ------

@@ -45,7 +45,7 @@ class Slits(TakesWaves):
     intervals: NDArray[np.float64]
     """Start and end of each slit in metres, shape (m, 2), ascending, read-only."""
     illumination: Illumination | None
-    """Illumination on the slits, an Illumination; None for the field 1."""
+    """Field on the slits; None for the field 1."""
 
     def __init__(self, intervals: ArrayLike) -> None:
         array = _ascending(intervals)
