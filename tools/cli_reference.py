@@ -26,6 +26,13 @@ seconds for fields near a source and for renders. In the first second, while lib
 Python may print a message of its own, or need a second Ctrl-C.
 """
 
+SOURCES = """## Options of sources
+
+The commands {names} take this argument and these options:
+"""
+
+TABLE = "| argument or option | meaning | default |", "|---|---|---|"
+
 
 def page() -> str:
     """The whole page."""
@@ -34,30 +41,51 @@ def page() -> str:
     from polywigner.cli import app
 
     group: Any = typer.main.get_command(app)
+    commands = dict(sorted(group.commands.items()))
+    of_sources = [command for command in commands.values() if _takes_source(command)]
+    shared = _shared_rows(of_sources)
     parts = [HEAD]
-    for name, command in sorted(group.commands.items()):
-        parts.append("\n".join(_section(name, command)))
+    for name, command in commands.items():
+        left_out = shared if command in of_sources else []
+        parts.append("\n".join(_section(name, command, left_out)))
+    names = ", ".join(f"`{name}`" for name in commands if commands[name] in of_sources)
+    parts.append(f"{SOURCES.format(names=names)}\n" + "\n".join([*TABLE, *shared, ""]))
     return "\n".join(parts)
 
 
-def _section(name: str, command: Any) -> Iterator[str]:
-    arguments = [p for p in command.params if p.param_type_name == "argument"]
-    options = [p for p in command.params if p.param_type_name == "option" and not p.hidden]
-    usage = " ".join(_shown(a) for a in arguments)
+def _takes_source(command: Any) -> bool:
+    return any(p.name == "source" and p.param_type_name == "argument" for p in command.params)
+
+
+def _shared_rows(commands: list[Any]) -> list[str]:
+    """Rows of the options that all of these commands have, except the folder of the results."""
+    first, *others = ([row for row in _rows(c) if "--out" not in row] for c in commands)
+    return [row for row in first if all(row in other for other in others)]
+
+
+def _section(name: str, command: Any, left_out: list[str]) -> Iterator[str]:
+    usage = " ".join(_shown(p) for p in command.params if p.param_type_name == "argument")
     yield f"## polywigner {name}\n"
     yield " ".join((command.help or "").split()) + "\n"
     yield f"```text\npolywigner {name} {usage} [OPTIONS]".replace("  ", " ") + "\n```\n"
-    rows = [(f"`{_shown(a)}`", a.help, a) for a in arguments]
-    rows += [
-        (", ".join(f"`{o}`" for o in (*p.opts, *p.secondary_opts)), p.help, p) for p in options
-    ]
+    if left_out:
+        yield "Takes the [options of sources](#options-of-sources), and:\n"
+    rows = [row for row in _rows(command) if row not in left_out]
     if rows:
-        yield "| argument or option | meaning | default |\n|---|---|---|"
-    for shown, meaning, parameter in rows:
-        text = " ".join((meaning or "").split()).replace("|", "\\|")
-        yield f"| {shown} | {text} | {_default(parameter)} |"
-    if rows:
-        yield ""
+        yield from (*TABLE, *rows, "")
+
+
+def _rows(command: Any) -> list[str]:
+    arguments = [p for p in command.params if p.param_type_name == "argument"]
+    options = [p for p in command.params if p.param_type_name == "option" and not p.hidden]
+    names = [f"`{_shown(a)}`" for a in arguments]
+    names += [", ".join(f"`{o}`" for o in (*p.opts, *p.secondary_opts)) for p in options]
+    return [_row(name, p) for name, p in zip(names, arguments + options, strict=True)]
+
+
+def _row(name: str, parameter: Any) -> str:
+    text = " ".join((parameter.help or "").split()).replace("|", "\\|")
+    return f"| {name} | {text} | {_default(parameter)} |"
 
 
 def _shown(argument: Any) -> str:
