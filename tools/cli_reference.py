@@ -22,14 +22,14 @@ command with one line and exit code 2. A command writes its files completely or 
 
 Long work shows a progress bar if stderr is a terminal. Ctrl-C ends a command with exit code 130 and
 one line, once the current part of the work has finished: about a second for transforms, some
-seconds for fields near a source and for renders. In the first second, while libraries are loaded,
-Python may print a message of its own, or need a second Ctrl-C.
+seconds for fields near a source and for renders.
 """
 
-SOURCES = """## Options of sources
-
-The commands {names} take this argument and these options:
-"""
+GROUPS = {
+    "Options of sources": ("mtf", "pattern", "propagate", "psf", "transform", "volume"),
+    "Options of fields": ("propagate", "volume"),
+}
+"""Sections for the options that several commands share, except the folder of the results."""
 
 TABLE = "| argument or option | meaning | default |", "|---|---|---|"
 
@@ -41,38 +41,44 @@ def page() -> str:
     from polywigner.cli import app
 
     group: Any = typer.main.get_command(app)
-    commands = dict(sorted(group.commands.items()))
-    of_sources = [command for command in commands.values() if _takes_source(command)]
-    shared = _shared_rows(of_sources)
+    rows = {name: _rows(command) for name, command in sorted(group.commands.items())}
+    shared: dict[str, list[str]] = {}
+    for title, names in GROUPS.items():
+        shared[title] = _shared([rows[name] for name in names])
+        for name in names:
+            rows[name] = [row for row in rows[name] if row not in shared[title]]
     parts = [HEAD]
-    for name, command in commands.items():
-        left_out = shared if command in of_sources else []
-        parts.append("\n".join(_section(name, command, left_out)))
-    names = ", ".join(f"`{name}`" for name in commands if commands[name] in of_sources)
-    parts.append(f"{SOURCES.format(names=names)}\n" + "\n".join([*TABLE, *shared, ""]))
+    parts += ["\n".join(_section(name, group.commands[name], rows[name])) for name in rows]
+    parts += ["\n".join(_group_section(title, shared[title])) for title in GROUPS]
     return "\n".join(parts)
 
 
-def _takes_source(command: Any) -> bool:
-    return any(p.name == "source" and p.param_type_name == "argument" for p in command.params)
+def _shared(tables: list[list[str]]) -> list[str]:
+    first, *others = tables
+    return [row for row in first if "--out" not in row and all(row in other for other in others)]
 
 
-def _shared_rows(commands: list[Any]) -> list[str]:
-    """Rows of the options that all of these commands have, except the folder of the results."""
-    first, *others = ([row for row in _rows(c) if "--out" not in row] for c in commands)
-    return [row for row in first if all(row in other for other in others)]
-
-
-def _section(name: str, command: Any, left_out: list[str]) -> Iterator[str]:
+def _section(name: str, command: Any, rows: list[str]) -> Iterator[str]:
     usage = " ".join(_shown(p) for p in command.params if p.param_type_name == "argument")
     yield f"## polywigner {name}\n"
     yield " ".join((command.help or "").split()) + "\n"
     yield f"```text\npolywigner {name} {usage} [OPTIONS]".replace("  ", " ") + "\n```\n"
-    if left_out:
-        yield "Takes the [options of sources](#options-of-sources), and:\n"
-    rows = [row for row in _rows(command) if row not in left_out]
-    if rows:
-        yield from (*TABLE, *rows, "")
+    titles = [title for title, names in GROUPS.items() if name in names]
+    if titles:
+        links = ", the ".join(f"[{title.lower()}]({_anchor(title)})" for title in titles)
+        yield f"Takes the {links}, and:\n"
+    yield from (*TABLE, *rows, "")
+
+
+def _group_section(title: str, rows: list[str]) -> Iterator[str]:
+    names = ", ".join(f"`{name}`" for name in GROUPS[title])
+    yield f"## {title}\n"
+    yield f"Arguments and options of {names}:\n"
+    yield from (*TABLE, *rows, "")
+
+
+def _anchor(title: str) -> str:
+    return "#" + title.lower().replace(" ", "-")
 
 
 def _rows(command: Any) -> list[str]:
