@@ -57,7 +57,7 @@ def otf(
     tolerance: float = TOLERANCE,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> NDArray[Any]:
+) -> NDArray[np.complexfloating[Any]]:
     """Compute the optical transfer function of a pupil, in or out of focus, 1 at xi = 0.
 
     ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function of the pupil in focus:
@@ -184,7 +184,7 @@ def mtf(
     tolerance: float = TOLERANCE,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> NDArray[Any]:
+) -> NDArray[np.float64]:
     """Compute the modulation transfer function |OTF| of a lens in its focal plane.
 
     The lag in the pupil is wavelength times focal length times frequency. For several wavelengths
