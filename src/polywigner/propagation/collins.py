@@ -19,7 +19,7 @@ from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront, triangulate
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.numerics.chirps import waves_of_cycles
-from polywigner.numerics.triangles import gauss_rule, node_count
+from polywigner.numerics.nodes import gauss_rule, node_count
 from polywigner.optics import FirstOrder
 from polywigner.propagation.boundary import FieldEstimate, Radiator, parabolic_field, radiator_of
 from polywigner.propagation.point_grids import (

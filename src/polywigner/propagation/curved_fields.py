@@ -18,7 +18,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
-from polywigner.numerics.triangles import quartered
+from polywigner.numerics.nodes import quartered
 from polywigner.propagation.boundary import radiator_of
 from polywigner.source.obliquities import CONDITIONS, direction_cosines
 from polywigner.transforms.wavefronts import chirp_transform, principal_axes

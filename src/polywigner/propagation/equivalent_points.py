@@ -19,9 +19,8 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Wavefront
 from polywigner.kernels.boundary.edge_waves import Point
-from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.nodes import gauss_legendre
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics.phases import Pair, cos_sin_cycles
 from polywigner.propagation.boundary import Radiator, radiator_of
 from polywigner.propagation.curved_fields import cells_of_wave, field_at_nodes
 from polywigner.propagation.screens import PointSource

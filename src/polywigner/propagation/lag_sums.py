@@ -20,8 +20,12 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Wavefront
 from polywigner.geometry.parts import grid_size, polygons_in, shifted
-from polywigner.numerics.nodes import chirp_node_counts, normal_product_rule, unit_rule
-from polywigner.numerics.triangles import rule_of_counts
+from polywigner.numerics.nodes import (
+    chirp_node_counts,
+    normal_product_rule,
+    rule_of_counts,
+    unit_rule,
+)
 from polywigner.optics import FirstOrder
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import Obliquity, direction_cosines

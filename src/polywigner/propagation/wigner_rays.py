@@ -24,7 +24,7 @@ from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.kernels import Kernel, kernel_for
 from polywigner.kernels.functions.slices import SliceSum
 from polywigner.kernels.kernel import Values
-from polywigner.numerics.triangles import (
+from polywigner.numerics.nodes import (
     Triangles,
     gauss_rule,
     node_count,

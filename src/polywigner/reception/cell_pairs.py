@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.parts import polygons_in
-from polywigner.numerics.triangles import NODES_PER_CYCLE, areas, rule_by_triangles, triangles_of
+from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, rule_by_triangles, triangles_of
 from polywigner.radiometry.directions import steepest
 from polywigner.source.normal_form import normal_form
 

@@ -31,8 +31,7 @@ from polywigner.geometry.hidden_parts import (
     mended,
 )
 from polywigner.geometry.parts import connected
-from polywigner.numerics.divided_differences import simplex_plane_wave
-from polywigner.numerics.phases import rotated
+from polywigner.numerics.phases import rotated, simplex_plane_wave
 from polywigner.source import Array
 
 Floats = NDArray[np.float64]

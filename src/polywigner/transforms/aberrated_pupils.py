@@ -22,7 +22,7 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
 from polywigner.geometry.convex import trapezoids
 from polywigner.geometry.parts import shifted
-from polywigner.numerics.triangles import (
+from polywigner.numerics.nodes import (
     LARGEST,
     Cells,
     Floats,

@@ -21,7 +21,7 @@ from polywigner.geometry.arguments import (
     finite_array,
 )
 from polywigner.numerics import zernike as polynomials
-from polywigner.numerics.triangles import cells_of, rule_of_counts, triangles_of
+from polywigner.numerics.nodes import cells_of, rule_of_counts, triangles_of
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form, polygons_of
 

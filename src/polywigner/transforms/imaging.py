@@ -28,7 +28,7 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     takes_frequency,
 )
-from polywigner.numerics.divided_differences import simplex_plane_wave
+from polywigner.numerics.phases import simplex_plane_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.aberrated_pupils import (

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.execution import Differentiable
-from polywigner.numerics.nodes import unit_rule
-from polywigner.numerics.triangles import Floats, Indices, counts_for
+from polywigner.numerics.nodes import Floats, Indices, counts_for, unit_rule
 from polywigner.transforms.aberrated_pupils import (
     AberratedPupil,
     Slices,

@@ -30,8 +30,7 @@ from polywigner.kernels.arrays.repeated import DeviceTable
 from polywigner.kernels.functions.fourier import LinearFrame
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.numerics import Number, phases
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_cycles, sin_cycles
+from polywigner.numerics.phases import Pair, cos_sin_cycles, sin_cycles
 from polywigner.source.lattices import Profile, Sites, separated
 
 Floats = NDArray[np.float64]

@@ -31,9 +31,9 @@ from polywigner.kernels.arrays.repeated import (
 from polywigner.kernels.cut.clipping import BEHIND, MIRRORED, View
 from polywigner.kernels.functions.plane import product_of_both
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
-from polywigner.kernels.outline.frame import Frame, vertices_for
+from polywigner.kernels.outline import Frame, vertices_for
 from polywigner.numerics import Mask, phases
-from polywigner.numerics.complex_pairs import Pair, unit_wave
+from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 

@@ -13,9 +13,9 @@ from polywigner.kernels.functions import plane, separable
 from polywigner.kernels.functions.plane import tables_of
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
 from polywigner.kernels.functions.slices import AMBIGUITY_SUM, WIGNER_SUM
-from polywigner.kernels.outline.tables import Tables
+from polywigner.kernels.outline import Tables
 from polywigner.numerics import Number
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.phases import Pair
 
 ElementTables = Tables | SeparableTables
 
