@@ -12,7 +12,7 @@ from polywigner import llvm
 from polywigner.errors import EngineError
 from polywigner.geometry.arguments import checked_choice
 from polywigner.kernels import Kernel
-from polywigner.kernels.arrays.repeated import RepeatedTables
+from polywigner.kernels.element_pairs import RepeatedTables
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline import Tables
 

@@ -19,7 +19,7 @@ from polywigner.figures.levels import (
     printed_unit,
     quantity_of,
 )
-from polywigner.figures.transforms import outline_of
+from polywigner.figures.transform_plots import outline_of
 from polywigner.geometry.arguments import checked_choice, checked_length, checked_row
 from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
 from polywigner.quantities import length_unit

@@ -6,7 +6,6 @@ module               content
 ``grid_arithmetic``  exact arithmetic on vertices rounded to a grid
 ``phases``           sine and cosine of cycles; phases from error-free products; complex pairs;
                      means of a wave over segments, triangles and tetrahedra
-``band_limited``     interpolation in a band of frequencies; peaks between samples
 ``nodes``            Gauss rules along edges, on triangles and trapezoids
 ``chirps``           integrals of quadratic phases, by Fresnel integrals
 ``jets``             numbers with their derivatives

@@ -48,7 +48,7 @@ from polywigner.propagation.pattern_files import read_pattern, write_pattern
 from polywigner.propagation.patterns import beam_cuts, radiation_pattern
 from polywigner.propagation.phase_space_tables import ambiguity_table, wigner_table
 from polywigner.propagation.point_grids import METHODS
-from polywigner.propagation.point_spread import psf
+from polywigner.propagation.pupil_fields import psf
 from polywigner.propagation.screens import PlaneWave, PointSource, Screen
 from polywigner.propagation.stores import write_netcdf
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling

@@ -20,7 +20,6 @@ from polywigner.kernels.boundary.integrals import distance_of, point_in_waveleng
 from polywigner.numerics.phases import reduced
 from polywigner.optics import FirstOrder
 from polywigner.propagation import shadows
-from polywigner.propagation.aberrated_fields import aberrated_fresnel_field, aberrated_spectrum
 from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.collins import field_behind
 from polywigner.propagation.curved_fields import curved_field
@@ -35,6 +34,7 @@ from polywigner.propagation.point_grids import (
     tolerance_from,
     warn_of_missed,
 )
+from polywigner.propagation.pupil_fields import aberrated_fresnel_field, aberrated_spectrum
 from polywigner.propagation.screens import (
     PointSource,
     Screen,

@@ -63,7 +63,7 @@ from polywigner.source.polarisation import (
     ludwig_axes,
 )
 from polywigner.transforms import fourier
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.xarray_arguments import takes_xarray
 

@@ -39,7 +39,7 @@ from polywigner.source import Array
 from polywigner.source.array import mutual_support
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import DEFAULT, Forms, ObliquityName, obliquity_of
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 
 Floats = NDArray[np.float64]

@@ -35,7 +35,7 @@ from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition, Obliquity
 from polywigner.source.polarisation import MODELS, CurrentModel, Currents, checked_pair
 from polywigner.transforms import fourier
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import flat_source
 

@@ -38,9 +38,9 @@ from polywigner.transforms.aberrated_pupils import (
 )
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.checked_calls import broadcast_shape, checked_points
+from polywigner.transforms.public_transforms import fourier
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
 from polywigner.transforms.sections import edges_of
-from polywigner.transforms.spectrum import fourier
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -18,9 +18,10 @@ from polywigner.geometry.arguments import checked_choice, checked_count, real_nu
 from polywigner.kernels import kernel_for
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import PhaseSpaceSource
-from polywigner.transforms.phase_space import (
+from polywigner.transforms.public_transforms import (
     ambiguity,
     autocorrelation,
+    fourier,
     lag_marginal,
     position_marginal,
     wigner,
@@ -36,7 +37,6 @@ from polywigner.transforms.sections import (
     overlaps,
     phase,
 )
-from polywigner.transforms.spectrum import fourier
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from polywigner.source.array import mutual_support
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import OBLIQUITIES, Forms, grazing_error
 from polywigner.transforms import fourier
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import flat_source, tilts_of
 
 Floats = npt.NDArray[np.float64]

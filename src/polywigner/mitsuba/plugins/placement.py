@@ -20,7 +20,7 @@ from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT
 from polywigner.source.polarisation import Stokes, stokes_fields
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 
 if TYPE_CHECKING:
     from polywigner.mitsuba.scenes.reflectors import Mirror

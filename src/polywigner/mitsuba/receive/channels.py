@@ -18,6 +18,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
@@ -56,7 +57,6 @@ from polywigner.mitsuba.scenes.reflectors import (
 )
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
 from polywigner.mitsuba.scenes.surfaces import receivers_of, wigner_emitters
-from polywigner.numerics.band_limited import in_band
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
 from polywigner.reception import coupling
 from polywigner.scattering.near_fields import echo
@@ -68,6 +68,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 _MOST_FREQUENCIES = 1 << 16
+# Numbers of Chebyshev nodes. The nodes of each rule include those of the previous rule.
+_RULES = (5, 9, 17, 33, 65)
 # Fraction of the power below which a note reports that two default polarisations do not match.
 _MATCHED = 0.99
 
@@ -401,8 +403,47 @@ def amplitudes_of(
         indices = [k for k, path in enumerate(paths) if (path.echo is not None) == is_echo]
         if indices:
             find = partial(_without_delays, [paths[k] for k in indices], delays[indices], allowed)
-            envelopes[:, indices] = in_band(find, frequencies, allowed)
+            envelopes[:, indices] = _in_band(find, frequencies, allowed)
     return np.asarray(envelopes * np.exp(2j * math.pi * frequencies[:, None] * delays))
+
+
+def _in_band(
+    compute: Callable[[float], Complexes], frequencies: Floats, tolerance: float
+) -> Complexes:
+    """Return smooth values (n, k) at frequencies (n,), from a polynomial if that saves calls.
+
+    The number of Chebyshev nodes is doubled until the polynomial predicts the values at the next
+    nodes to ``tolerance`` of the largest value. ``compute`` returns the values (k,) at a frequency.
+    """
+    low, high = float(frequencies.min()), float(frequencies.max())
+    steps = _RULES[-1] - 1
+    nodes_in_band = (low + high) / 2 - (high - low) / 2 * np.cos(
+        np.pi * np.arange(steps + 1) / steps
+    )
+    known: dict[int, Complexes] = {}
+    nodes, values = np.empty(0), np.empty((0, 0), np.complex128)
+    for count in _RULES:
+        if count >= len(frequencies):
+            break
+        numbers = range(0, steps + 1, steps // (count - 1))
+        known |= {k: compute(float(nodes_in_band[k])) for k in numbers if k not in known}
+        predicted = _interpolated(nodes, values, nodes_in_band[numbers]) if len(nodes) else None
+        nodes, values = nodes_in_band[numbers], np.array([known[k] for k in numbers])
+        if predicted is not None:
+            errors = np.abs(predicted - values).max(axis=0)
+            if (errors <= tolerance * np.abs(values).max(axis=0)).all():
+                return _interpolated(nodes, values, frequencies)
+    return np.array([compute(float(frequency)) for frequency in frequencies])
+
+
+def _interpolated(nodes: Floats, values: Complexes, frequencies: Floats) -> Complexes:
+    """Return values (n, k) at frequencies (n,) of the polynomial through all node values."""
+    low, high = nodes[[0, -1]]
+    if low == high:
+        return np.repeat(values[:1], len(frequencies), axis=0)
+    scaled = [(2 * x - low - high) / (high - low) for x in (nodes, frequencies)]
+    coefficients = chebyshev.chebfit(scaled[0], values, len(nodes) - 1)
+    return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)
 
 
 def _without_delays(

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.kernels.arrays.repeated import DeviceTable
+from polywigner.kernels.element_pairs import DeviceTable
 from polywigner.kernels.functions.fourier import LinearFrame
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.numerics import Number, phases

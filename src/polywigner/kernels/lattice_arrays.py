@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.arrays.array_factors import ProfileFactor, factor_of, profile_factor
-from polywigner.kernels.arrays.repeated import (
+from polywigner.kernels.array_factors import ProfileFactor, factor_of, profile_factor
+from polywigner.kernels.element_pairs import (
     ElementTables,
     RepeatedTables,
     element_ambiguity,
