@@ -19,9 +19,8 @@ from shapely.errors import GEOSException
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import ArgumentError
+from polywigner.numerics import Floats, Indices
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Shapes = NDArray[np.object_]
 
 # Lengths below this fraction of the size of the body count as zero: a hundred times the rounding

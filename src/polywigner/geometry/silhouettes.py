@@ -27,9 +27,7 @@ from polywigner.geometry.polyhedron import (
     point_distances,
     windings_about,
 )
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from polywigner.numerics import Floats, Indices
 
 # Distance of points on an edge or in a plane, as a fraction of a body's size.
 ON = 1e-9

@@ -26,7 +26,7 @@ from polywigner.kernels.functions.separable import SeparableTables, separable_ta
 from polywigner.kernels.functions.slices import AMBIGUITY_SUM, WIGNER_SUM
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
 from polywigner.kernels.outline import Frame, Tables, vertices_for
-from polywigner.numerics import Mask, Number, phases
+from polywigner.numerics import Floats, Mask, Number, phases
 from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
@@ -100,8 +100,6 @@ _LEAST_ELEMENTS = 6
 _MARGIN = 2.0**-21
 # Largest number of grid cells, and of cells per pair: more cells do not shorten the lists.
 _MOST_CELLS, _CELLS_PER_PAIR = 1 << 20, 64
-
-Floats = NDArray[np.float64]
 
 
 def is_scattered(array: Array) -> bool:

@@ -33,7 +33,7 @@ from polywigner.kernels.wave_pairs import (
     difference_pairs,
     waves_in_frame,
 )
-from polywigner.numerics import phases
+from polywigner.numerics import Floats, phases
 from polywigner.source.normal_form import Source
 
 # Outlines whose bounding box has a larger aspect ratio are rotated to their principal axes and
@@ -41,7 +41,6 @@ from polywigner.source.normal_form import Source
 # edges along the user's axes remain parallel to the axes of the frame.
 NEEDLE_ASPECT = 8.0
 
-Array = npt.NDArray[np.float64]
 Matrix = tuple[tuple[Any, ...], ...]
 
 
@@ -129,7 +128,7 @@ class Frame:
         scale = 1 / self.norm
         return ops.cross(xx, -xy, y, x) * scale, ops.cross(yx, -yy, y, x) * scale
 
-    def vertices(self, points: Array) -> Array:
+    def vertices(self, points: Floats) -> Floats:
         """Return points (n, 2) in the frame, correctly rounded."""
         return vertices_for(self.inverse_transpose, self.centre, points)
 
@@ -148,7 +147,7 @@ def matrix_times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
     return tuple(total + low for total, low in (phases.dot(ops, nu, row) for row in matrix))
 
 
-def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Array:
+def vertices_for(matrix: Matrix, centre: Sequence[float], points: Floats) -> Floats:
     """Return correctly rounded x' (n, d) with (matrix nu).x' = nu.(x - centre) for all nu."""
     if _diagonal(matrix):
         return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
@@ -185,7 +184,7 @@ def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
     )
 
 
-def reach_of(vertices: Array) -> tuple[float, ...]:
+def reach_of(vertices: Floats) -> tuple[float, ...]:
     """Return the largest |coordinate| of vertices (n, d) in their frame."""
     return tuple(np.abs(vertices).max(axis=0).tolist())
 
@@ -195,7 +194,7 @@ def _diagonal(matrix: Matrix) -> bool:
     return all(isinstance(value, float) and value == 0.0 for value in others)
 
 
-def frame_of(points: Array) -> Frame:
+def frame_of(points: Floats) -> Frame:
     """Return the frame of points (n, 2) that are not all on one line."""
     low, high = points.min(axis=0), points.max(axis=0)
     centre = low + (high - low) / 2
@@ -212,7 +211,7 @@ def frame_of(points: Array) -> Frame:
 
 
 def frame_along(
-    points: Array, centre: Array, direction: tuple[float, float], sizes: tuple[float, float]
+    points: Floats, centre: Floats, direction: tuple[float, float], sizes: tuple[float, float]
 ) -> Frame:
     """Return the frame with a given direction of its first axis and powers of two as units."""
     (c, s), (length, width) = direction, sizes
@@ -235,8 +234,6 @@ _EDGES_PER_WAVE = 24
 # Largest number of edges that are compiled as code. Edges as code are two to four times as fast as
 # edges as data, and compile in 1 ms for each pair of edges and wave (benchmarks/wigner_cost.py).
 _MOST_EDGES_AS_CODE = 16
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)  # comparison by identity is fast

@@ -1,4 +1,4 @@
-"""Numerical functions that contain no physics.
+"""Numerical functions that contain no physics, and the types of arrays.
 
 ===================  ===========================================================================
 module               content
@@ -16,6 +16,13 @@ module               content
 from __future__ import annotations
 
 from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Indices = NDArray[np.intp]
 
 
 class Mask(Protocol):

@@ -25,7 +25,7 @@ import numpy.typing as npt
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.numerics import Number
+from polywigner.numerics import Floats, Indices, Number
 
 Rules = tuple[npt.NDArray[np.float64], ...]
 """Tables (n, 4) of node, weight, and the weights that give the last two Legendre coefficients."""
@@ -259,8 +259,6 @@ def unit_rule(count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float
     return nodes + 0.5, weights
 
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Triangles = NDArray[np.float64]
 """Corners (n, 3, 2)."""
 Cells = NDArray[np.float64]

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from polywigner.numerics import Floats
+
 Order = tuple[int, int]
 """Radial order n and azimuthal frequency m; m < 0 are sine terms."""
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
@@ -17,6 +17,7 @@ from polywigner.geometry.aperture import PlacedAperture
 from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.geometry.silhouettes import obstacles_of
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.phases import reduced
 from polywigner.optics import FirstOrder
 from polywigner.propagation import shadows
@@ -49,9 +50,6 @@ from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 from polywigner.transforms.xarray_arguments import takes_xarray
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 Obstacle = Polyhedron | PlacedAperture
 

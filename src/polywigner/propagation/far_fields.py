@@ -22,6 +22,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.element_patterns import element_pattern_of
 from polywigner.propagation.point_grids import unit_vectors
 from polywigner.propagation.vector_fields import far_vectors, polarised_parts, vector_powers
@@ -54,8 +55,6 @@ if TYPE_CHECKING:
     import xarray
 
 Values = NDArray[Any]
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def far_field(

@@ -21,6 +21,7 @@ from polywigner.geometry.arguments import (
     shape_of,
     warn_caller,
 )
+from polywigner.numerics import Floats
 from polywigner.source.obliquities import BoundaryCondition
 from polywigner.transforms.xarray_arguments import labelled_array
 
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     import xarray
 
 Angles = NDArray[np.float64]
-Values = NDArray[np.float64]
 Index = tuple[int, ...]
 
 _AXES = ("x", "y", "z")
@@ -159,12 +159,12 @@ class StraightGrid:
 
     coords: dict[str, xarray.Variable]
     """Coordinates a_k (n_k,) in m by the name of the axis, in the order of the dimensions."""
-    origin: Values
+    origin: Floats
     """Origin (3,) in m."""
-    directions: Values
+    directions: Floats
     """Directions e_k (axes, 3)."""
 
-    def points(self, first: Index, shape: Index) -> Values:
+    def points(self, first: Index, shape: Index) -> Floats:
         """Return points (*shape, 3) in m, from the indices ``first`` on."""
         axes = zip(self.coords.values(), first, shape, strict=True)
         along = np.ix_(*(axis.values[start : start + count] for axis, start, count in axes))
@@ -178,12 +178,12 @@ class Hemisphere:
 
     coords: dict[str, xarray.Variable]
     """Angles "theta" and "phi" in rad."""
-    centre: Values
+    centre: Floats
     """Centre (3,) in m."""
     radius: float
     """Radius in m."""
 
-    def points(self, first: Index, shape: Index) -> Values:
+    def points(self, first: Index, shape: Index) -> Floats:
         """Return points (*shape, 3) in m, from the indices ``first`` on."""
         theta, phi = (
             axis.values[start : start + count]
@@ -265,7 +265,7 @@ def shape_of_grid(grid: Grid) -> Index:
 
 
 def _straight_grid(
-    spans: dict[str, tuple[float, float, int]], origin: Values, directions: Values
+    spans: dict[str, tuple[float, float, int]], origin: Floats, directions: Floats
 ) -> StraightGrid:
     axes = {
         name: labelled_array(_span(*span), (name,), {"units": "m"}) for name, span in spans.items()
@@ -277,16 +277,16 @@ def _straight_grid(
     return StraightGrid(axes, np.asarray(origin, np.float64), directions)
 
 
-def _span(low: float, high: float, count: int) -> Values:
+def _span(low: float, high: float, count: int) -> Floats:
     """Return evenly spaced values with both ends; the midpoint if ``count`` is 1."""
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 
-def _corners(name: str, corners: Any, which: str) -> Values:
+def _corners(name: str, corners: Any, which: str) -> Floats:
     return _checked(corners, f"expected a {name} as two points (2, 3), the {which}", 2, 3)
 
 
-def _checked(values: Any, expected: str, *shape: int) -> Values:
+def _checked(values: Any, expected: str, *shape: int) -> Floats:
     array = checked_coordinates(values, expected, *shape)
     if array.ndim > 2 or array.size > 9:
         raise ArgumentError(f"{expected}, in metres, got shape {array.shape}")

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import Differentiable, Engine, checked_engine
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import Points
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.optics import FirstOrder
 from polywigner.propagation.collins import FrequencyLattice, checked_points_behind, field_behind
@@ -40,9 +41,6 @@ from polywigner.transforms.pupil_gradients import (
     squared_modulus,
 )
 from polywigner.transforms.xarray_arguments import takes_xarray
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # Waves in a block (some tens of megabytes), and largest number of waves: 1e9 take about a minute.
 _BLOCK, _MOST = 1 << 20, 2e10

@@ -18,12 +18,11 @@ from polywigner.geometry.arguments import (
     rigid_pose,
     shape_of,
 )
+from polywigner.numerics import Floats
 
 if TYPE_CHECKING:
     import xarray
 
-
-Values = NDArray[np.float64]
 
 # Units and long names of the variables of a dataset of rays.
 _VARIABLES = {
@@ -36,9 +35,9 @@ _UNIT = 1e-4
 
 
 def bundle(
-    position: Values,
-    direction: Values,
-    weight: Values,
+    position: Floats,
+    direction: Floats,
+    weight: Floats,
     batch: NDArray[Any] | None,
     attrs: dict[str, Any],
 ) -> xarray.Dataset:
@@ -103,7 +102,7 @@ def traced(
     return bundle(*columns, batch, {**rays.attrs, "count": count_of(rays)})
 
 
-def checked_bundle(rays: Any) -> tuple[Values, Values, Values, NDArray[Any] | None]:
+def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | None]:
     """Return positions, directions, weights and batches of a dataset of rays.
 
     Values of lost rays are NaN. Raises ArgumentError for other objects, and for directions that are
@@ -134,7 +133,7 @@ def count_of(rays: xarray.Dataset) -> int:
     return max(int(count) if isinstance(count, (int, np.integer)) else 0, rays.sizes["ray"])
 
 
-def _columns(count: int, *values: Any) -> tuple[Values, Values, Values]:
+def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
     """Return checked positions, directions and weights of ``count`` rays."""
     columns = []
     for name, value, shape in zip(_VARIABLES, values, [(count, 3)] * 2 + [(count,)], strict=True):
@@ -275,7 +274,7 @@ def rebuild(
     return xarray.Dataset(images, coords, {**rays.attrs, **about})
 
 
-def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
+def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
     """Return the sums (pixel,) over all rays, and their standard errors.
 
     ``sums`` (batch, pixel) and ``squares`` (pixel,): sums of weights and of squared weights.
@@ -291,8 +290,8 @@ def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
 
 
 def _pixel_coordinates(
-    position: Values, direction: Values, pose: Values, edges: tuple[Values, Values], virtual: bool
-) -> Values:
+    position: Floats, direction: Floats, pose: Floats, edges: tuple[Floats, Floats], virtual: bool
+) -> Floats:
     """Return where rays meet a plane, (n, 2) in pixels along x and y; NaN if they do not."""
     low, high = np.transpose([(axis[0], axis[-1]) for axis in edges])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -306,7 +305,7 @@ def _pixel_coordinates(
     return np.where(meets[:, None], pixels, np.nan)
 
 
-def _pose(plane: Any) -> Values:
+def _pose(plane: Any) -> Floats:
     if shape_of(plane) == "()":
         pose = np.eye(4)
         pose[2, 3] = checked_number(plane, "plane", "its z in m, or a (4, 4) pose")
@@ -314,7 +313,7 @@ def _pose(plane: Any) -> Values:
     return rigid_pose(plane)
 
 
-def _edges(bounds: Any, shape: Any) -> tuple[Values, Values]:
+def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
     """Return the edges of the pixels along x and y."""
     expected = "expected bounds as (xmin, ymin, xmax, ymax) in m"
     row = checked_row(bounds, expected)

@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError, at_key
 from polywigner.geometry.arguments import checked_flag, checked_path, warn_caller
 from polywigner.geometry.io.limits import check_regular
 from polywigner.interruption import atomic_path
+from polywigner.numerics import Floats
 from polywigner.rays.bundles import bundle, checked_bundle, count_of
 
 if TYPE_CHECKING:
     import xarray
 
-Values = NDArray[np.float64]
 
 # Metres per unit of length (m, in, cm, ft, mm), by the header field DimensionUnits.
 _METRES = (1.0, 0.0254, 0.01, 0.3048, 0.001)
@@ -113,7 +112,7 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
 
 
 def _write_part(
-    rays: xarray.Dataset, columns: Values, path: Path, sign: int, suffix: str, description: str
+    rays: xarray.Dataset, columns: Floats, path: Path, sign: int, suffix: str, description: str
 ) -> Path:
     """Write rays (n, 7) and return the path; a suffix selects the rays of one sign."""
     if suffix:
@@ -132,7 +131,7 @@ def _write_part(
     return path
 
 
-def _warn_of_negative(weight: Values) -> None:
+def _warn_of_negative(weight: Floats) -> None:
     below = weight < 0
     if below.any():
         fraction = float(np.abs(weight[below]).sum() / np.nansum(np.abs(weight)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError, require
 from polywigner.execution import Engine
@@ -22,6 +22,7 @@ from polywigner.geometry.arguments import (
     rigid_pose,
     takes_frequency,
 )
+from polywigner.numerics import Floats
 from polywigner.propagation.far_fields import check_slopes, radiated_power
 from polywigner.propagation.stores import source_attrs
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
 
 RaySampling = Literal["uniform", "quasi-random"]
 
-Values = NDArray[np.float64]
 
 # Number of rays per block, some 200 MB.
 _BLOCK = 1 << 20
@@ -57,7 +57,7 @@ _LEAST_COSINE = 1e-8
 
 def _numbers(
     sampling: str, count: int, seed: Any, tilts: int
-) -> Iterator[tuple[Values, int | None]]:
+) -> Iterator[tuple[Floats, int | None]]:
     """Yield uniform numbers (m, 4 + tilts) in [0, 1), and the batch of quasi-random numbers.
 
     The first two columns are for the direction, the next two for the position, and the remaining
@@ -78,7 +78,7 @@ def _numbers(
             yield numbers[start : start + _BLOCK], batch
 
 
-def _normal_numbers(numbers: Values) -> Values:
+def _normal_numbers(numbers: Floats) -> Floats:
     """Map uniform numbers (n, 2) continuously to standard normal numbers (n, 2).
 
     The square of the radius is exponentially distributed (Box and Muller 1958).
@@ -91,7 +91,7 @@ def _normal_numbers(numbers: Values) -> Values:
     return np.asarray(plane * _root_of_ratio(normal_square, square, unset)[:, None])
 
 
-def _root_of_ratio(numerator: Values, divisor: Values, limit: Values) -> Values:
+def _root_of_ratio(numerator: Floats, divisor: Floats, limit: Floats) -> Floats:
     """Return sqrt(numerator/divisor), or sqrt(limit) if the divisor is zero."""
     return np.sqrt(np.divide(numerator, divisor, out=limit, where=divisor > 0))
 
@@ -103,14 +103,14 @@ class Cone:
     Their density refers to the solid angle projected on the axis of the cone.
     """
 
-    frame: Values
+    frame: Floats
     """Rotation (3, 3), whose last column is the axis."""
     radius: float
     """Sine of the half angle of the cone."""
     width: float
     """Sine of the half width of the beam; infinite for uniform directions."""
 
-    def directions(self, numbers: Values, slope: Values | None = None) -> tuple[Values, Values]:
+    def directions(self, numbers: Floats, slope: Floats | None = None) -> tuple[Floats, Floats]:
         """Return unit vectors (n, 3) for uniform numbers (n, 2), and the inverse of their density.
 
         The density is per solid angle projected on z. ``slope`` (n, 2) are the direction cosines of
@@ -127,7 +127,7 @@ class Cone:
         solid = math.pi * self.radius**2 * vectors[:, 2] / np.maximum(along, _LEAST_COSINE)
         return vectors, area * solid
 
-    def _beam_centres(self, slope: Values) -> Values:
+    def _beam_centres(self, slope: Floats) -> Floats:
         """Return the centres (n, 2) of beams, moved into the unit disc of directions."""
         cosines = self.frame[:2, 2] + slope
         # Centres outside of the unit disc are moved to its rim, so that none is behind the plane.
@@ -161,7 +161,7 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
     return Cone(_frame(vector), math.sin(angle), width)
 
 
-def _frame(axis: Values) -> Values:
+def _frame(axis: Floats) -> Floats:
     """Return a rotation whose last column is the axis; for z it is the identity."""
     x, y, z = axis
     # The axis has z >= 0, so the denominator is not zero (Duff and others 2017).
@@ -170,7 +170,7 @@ def _frame(axis: Values) -> Values:
     return np.array([[1 + x * x * a, b, x], [b, 1 + y * y * a, y], [-x, -y, z]])
 
 
-def _concentrated(plane: Values, core: float, centre: Values | None) -> tuple[Values, Values]:
+def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Floats, Floats]:
     """Concentrate points of the unit disc about centres; return points and area weights (n,).
 
     The density is proportional to 1/(core + t), where t is the squared distance from the centre. W
@@ -188,7 +188,7 @@ def _concentrated(plane: Values, core: float, centre: Values | None) -> tuple[Va
     return points if centre is None else centre + points, (core + new_square) * integral
 
 
-def _reach(plane: Values, centre: Values) -> Values:
+def _reach(plane: Floats, centre: Floats) -> Floats:
     """Return squared distances (n,) from centres (n, 2) to the rim of the unit disc.
 
     ``plane`` (n, 2): directions in which the distances are measured.
@@ -204,7 +204,7 @@ def _reach(plane: Values, centre: Values) -> Values:
     return np.asarray(reach**2)
 
 
-def _disc(numbers: Values) -> Values:
+def _disc(numbers: Floats) -> Floats:
     """Map the unit square to the unit disc, continuously and with constant density.
 
     Concentric squares become circles (Shirley and Chiu 1997).
@@ -367,7 +367,7 @@ def sample_rays(
     return bundle(position, direction, weight, batch, attrs)
 
 
-def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Values]:
+def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats]:
     """Return the source in the plane z = 0, and its pose (4, 4)."""
     if not isinstance(source, PlacedAperture):
         radiator = checked_radiator(source, partly=True)

@@ -20,12 +20,12 @@ from polywigner.geometry.arguments import (
     checked_number,
     finite_array,
 )
+from polywigner.numerics import Floats
 from polywigner.numerics import zernike as polynomials
 from polywigner.numerics.nodes import cells_of, rule_of_counts, triangles_of
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form, polygons_of
 
-Floats = NDArray[np.float64]
 Path = Callable[[Floats, Floats], ArrayLike]
 
 # Step of the finite differences for the slopes of a function, relative to the pupil's radius.

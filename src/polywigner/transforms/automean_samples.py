@@ -13,11 +13,10 @@ from polywigner.geometry import Aperture, Slits, automean
 from polywigner.geometry.arguments import checked_count, checked_generator, real_numbers
 from polywigner.geometry.convex import point_in_trapezoid, trapezoids
 from polywigner.kernels import kernel_for
+from polywigner.numerics import Floats
 from polywigner.source import Array
 from polywigner.transforms.checked_calls import PhaseSpaceSource
 from polywigner.transforms.wavefronts import flat_source
-
-Values = NDArray[np.float64]
 
 
 def sample_automean(
@@ -25,7 +24,7 @@ def sample_automean(
     samples: int | ArrayLike,
     *,
     seed: int | np.random.Generator | None = None,
-) -> tuple[Values, Values]:
+) -> tuple[Floats, Floats]:
     """Draw uniform positions from the automean, the support of W(., nu), with their density.
 
     The mean of ``W(x, nu)/density`` over the positions estimates ``int W dx = |F(nu)|^2`` without
@@ -84,7 +83,7 @@ def sample_automean(
 _MOST_SAMPLES = 1 << 28
 
 
-def _numbers(samples: Any, columns: int, seed: Any) -> Values:
+def _numbers(samples: Any, columns: int, seed: Any) -> Floats:
     """Return the specified or random numbers (n, columns) in [0, 1)."""
     if isinstance(samples, int | np.integer) and not isinstance(samples, bool):
         count = checked_count(samples, "samples", 1, _MOST_SAMPLES)
@@ -116,7 +115,7 @@ def _support(source: Any) -> Aperture | Slits:
     return Slits(np.column_stack([begins[np.append(0, gaps + 1)], ends[np.append(gaps, -1)]]))
 
 
-def _chosen(sizes: Values, numbers: Values) -> tuple[NDArray[np.intp], Values]:
+def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
     """Return the part that each number in [0, 1) selects by size, and the position in the part."""
     ends = np.cumsum(sizes)
     at = numbers * ends[-1]

@@ -18,6 +18,7 @@ from polywigner.geometry.arguments import (
     checked_row,
     checked_wavelength,
 )
+from polywigner.numerics import Floats
 from polywigner.source import Array
 from polywigner.source.array import PathLengths
 from polywigner.source.normal_form import normal_form
@@ -40,8 +41,6 @@ from polywigner.transforms.pupil_gradients import (
 )
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
-
-Floats = NDArray[np.float64]
 
 # Smallest ratio of the energy to the sum of the energies of the elements. If the fields cancel,
 # rounding leaves 1e-15. Values normalised by 1e-13 have hardly a correct digit.

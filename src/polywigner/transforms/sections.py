@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
+from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.phases import (
     cos_sin_cycles,
     cycles_to_centre,
@@ -31,10 +32,6 @@ from polywigner.numerics.phases import (
 )
 from polywigner.source import Array
 from polywigner.source.normal_form import SourceElement, normal_form
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
 
 _OPS = NumpyOperations()
 

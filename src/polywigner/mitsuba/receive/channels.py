@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.execution.progress import with_progress
@@ -57,6 +57,7 @@ from polywigner.mitsuba.scenes.reflectors import (
 )
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
 from polywigner.mitsuba.scenes.surfaces import receivers_of, wigner_emitters
+from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
 from polywigner.reception import coupling
 from polywigner.scattering.near_fields import echo
@@ -65,8 +66,6 @@ from polywigner.source.polarisation import checked_polarisation, components
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 _MOST_FREQUENCIES = 1 << 16
 # Numbers of Chebyshev nodes. The nodes of each rule include those of the previous rule.
 _RULES = (5, 9, 17, 33, 65)
@@ -211,7 +210,7 @@ class NormalisedSource:
     """A placed source with normalised power, and its parts by polarisation."""
 
     source: PlacedSource
-    parts: tuple[tuple[PlacedSource, Complexes], ...]
+    parts: tuple[tuple[PlacedSource, Complex], ...]
     """Parts of the source with one polarisation each, and their Jones vectors (2,)."""
     is_polarised: bool = True
     """False if neither the scene nor the caller specifies a polarisation."""
@@ -306,7 +305,7 @@ def _path(
 
 
 def _polarised(
-    emitted: Complexes, received: Complexes, ends: Ends, chain: Chain, legs: CentralPath
+    emitted: Complex, received: Complex, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
     """Return e_r . E from the Jones vectors of both ends, without a conjugate."""
     out, back = (end.source.pose[:3, :3] for end in ends)
@@ -391,9 +390,7 @@ def _echo(
 # ---- amplitudes at frequencies ------------------------------------------------------------------
 
 
-def amplitudes_of(
-    paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float
-) -> Complexes:
+def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float) -> Complex:
     """Return amplitudes (n, paths) at frequencies (n,) in Hz."""
     if not paths:
         return np.zeros((len(frequencies), 0), np.complex128)
@@ -407,9 +404,7 @@ def amplitudes_of(
     return np.asarray(envelopes * np.exp(2j * math.pi * frequencies[:, None] * delays))
 
 
-def _in_band(
-    compute: Callable[[float], Complexes], frequencies: Floats, tolerance: float
-) -> Complexes:
+def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
     """Return smooth values (n, k) at frequencies (n,), from a polynomial if that saves calls.
 
     The number of Chebyshev nodes is doubled until the polynomial predicts the values at the next
@@ -420,7 +415,7 @@ def _in_band(
     nodes_in_band = (low + high) / 2 - (high - low) / 2 * np.cos(
         np.pi * np.arange(steps + 1) / steps
     )
-    known: dict[int, Complexes] = {}
+    known: dict[int, Complex] = {}
     nodes, values = np.empty(0), np.empty((0, 0), np.complex128)
     for count in _RULES:
         if count >= len(frequencies):
@@ -436,7 +431,7 @@ def _in_band(
     return np.array([compute(float(frequency)) for frequency in frequencies])
 
 
-def _interpolated(nodes: Floats, values: Complexes, frequencies: Floats) -> Complexes:
+def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
     """Return values (n, k) at frequencies (n,) of the polynomial through all node values."""
     low, high = nodes[[0, -1]]
     if low == high:
@@ -448,7 +443,7 @@ def _interpolated(nodes: Floats, values: Complexes, frequencies: Floats) -> Comp
 
 def _without_delays(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
-) -> Complexes:
+) -> Complex:
     """Return amplitudes (paths,) at a frequency in Hz, without the phases of the delays."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
@@ -467,7 +462,7 @@ def _without_delays(
     return values * np.exp(-2j * math.pi * frequency * delays)
 
 
-def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complexes:
+def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complex:
     """Return b (links,), computed by one call for each pair of sources."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for k, parts in enumerate(links):
@@ -494,7 +489,7 @@ def _dataset(
     receivers: list[PlacedSource],
     emitters: list[PlacedSource],
     routes: Sequence[Route],
-    links: list[tuple[list[CoherentPath], Complexes]],
+    links: list[tuple[list[CoherentPath], Complex]],
     notes: list[str],
     polarisation: str,
 ) -> xarray.Dataset:
