@@ -300,8 +300,9 @@ def _field_bands(
         # Many points are needed, since directions change fast where the line passes close to the
         # source.
         grid = line_grid(region, _POINTS**2)
-        points, tangents = grid.points((0,), (_POINTS**2,)), [grid.directions]
-        ends = [("distance", "m", 0.0, float(grid.coords["distance"].values[-1]))]
+        points, length = grid.points((0,), grid.shape), float(grid.coords["distance"].values[-1])
+        tangents = [(points[-1] - points[0]) / length]
+        ends = [("distance", "m", 0.0, length)]
     else:
         metres = checked_length(region, "radius")
         theta, phi = np.linspace(0.0, _GRAZING, _THETA), 2 * math.pi * np.arange(_PHI) / _PHI
