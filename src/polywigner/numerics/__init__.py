@@ -9,7 +9,6 @@ module               content
 ``nodes``            Gauss rules along edges, on triangles and trapezoids
 ``chirps``           integrals of quadratic phases, by Fresnel integrals
 ``jets``             numbers with their derivatives
-``zernike``          Zernike polynomials and their derivatives
 ===================  ===========================================================================
 """
 

@@ -16,7 +16,6 @@ perimeter (docs/accuracy.md, "Limits").
 
 from polywigner.execution import Differentiable
 from polywigner.transforms.aberrations import Aberration, fit_zernike, zernike
-from polywigner.transforms.automean_samples import sample_automean
 from polywigner.transforms.calls import explain
 from polywigner.transforms.checked_calls import PhaseSpaceSource, Source
 from polywigner.transforms.imaging import (
@@ -55,7 +54,6 @@ __all__ = [
     "partially_coherent_image",
     "position_marginal",
     "projections",
-    "sample_automean",
     "strehl",
     "transmission_cross_coefficient",
     "wavefront_error",
