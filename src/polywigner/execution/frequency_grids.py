@@ -1,4 +1,4 @@
-"""F on grids of frequencies, computed by NumPy from the axes of the grids, (F4)."""
+"""Fourier transforms on grids of frequencies, computed by NumPy from the axes, (F4)."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ from polywigner.kernels import GridTables, Kernel, OutlineSum, fourier_on_grid
 
 Array = npt.NDArray[Any]
 
-# Smallest length of both sides of a grid for which tables along the axes save work.
+# Smallest number of frequencies along both axes of a grid for which tables along the axes save
+# work.
 _LEAST_SIDE = 8
-# Largest side of a tile of the grid, whose tables along the axes fit into memory.
+# Largest number of frequencies along an axis of a tile, so that the tables along the axes fit into
+# memory.
 _TILE = 512
-# Largest fraction of points that may be too close to the origin. Each of these points costs 20
-# times as much.
+# Largest fraction of frequencies that may be too close to the origin for formula (F4). Each of
+# these frequencies costs 20 times as much.
 _MOST_BELOW = 1 / 8
 
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
-"""(nu_x, nu_y) of some points -> real and imaginary part there."""
+"""Function (nu_x, nu_y) -> real and imaginary part at these frequencies."""
 
 
 @dataclass(frozen=True)
 class GridPlan:
-    """A Fourier transform at the points (x[i], y[j]), to be computed from these axes."""
+    """A Fourier transform at the frequencies (x[i], y[j]), to be computed from the two axes."""
 
     tables: GridTables
     x: Array
@@ -44,7 +46,7 @@ class GridPlan:
         return oblique + (oblique < len(self.tables.families))
 
     def keeps_digits(self) -> bool:
-        """Return whether most points are far enough from the origin for (F4) to be accurate."""
+        """Return whether (F4) is accurate at most frequencies, which are far from the origin."""
         below = 1.0
         for scale, nu in zip(self.tables.scales, (self.x, self.y), strict=True):
             below *= float(np.mean(np.abs(nu * scale) < self.tables.floor))
@@ -53,14 +55,14 @@ class GridPlan:
     def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
         """Write the real and the imaginary part of F to two arrays.
 
-        ``point_by_point`` computes the few points near the origin, where (F4) loses digits.
+        ``point_by_point`` computes the few values near the origin, where (F4) loses digits.
         """
         ops = NumpyOperations()
         targets = [result.T if self.transposed else result for result in results]
         for i in range(0, len(self.x), _TILE):
             for j in range(0, len(self.y), _TILE):
                 x, y = self.x[i : i + _TILE], self.y[j : j + _TILE]
-                # the results at points near the origin are replaced below
+                # Inaccurate results near the origin, and their warnings, are replaced below.
                 with np.errstate(invalid="ignore", divide="ignore"):
                     *parts, below = fourier_on_grid(ops, self.tables, x, y)
                 if below.any():
@@ -96,7 +98,8 @@ def plan_for_grid(
 
 def _is_grid(x: Array, y: Array) -> bool:
     """Return whether x is constant along the second axis and y along the first; False for NaN."""
-    if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:  # this fast test rejects most arrays
+    # This fast test rejects most arrays that are no grid.
+    if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:
         return False
     return bool((x == x[:, :1]).all() and (y == y[:1]).all())
 

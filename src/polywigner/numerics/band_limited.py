@@ -1,8 +1,9 @@
 """Band-limited functions: interpolation over frequencies, and peaks between samples.
 
-|F|^2 of a source of width D varies on scales of 1/D and more. At a distance d from a peak along an
-axis it is at least cos^2(pi d D) times the peak. The sample next to the largest peak is therefore
-at least this fraction of the peak, and windows around all samples of that size contain the peak.
+The spectrum |F|^2 of a source of width D varies on scales of 1/D and more. At a distance d from a
+peak, along an axis, it is at least cos^2(pi d D) times the peak. The sample next to the largest
+peak is therefore at least this fraction of the peak, and the peak lies in a window around one of
+the samples that reach this fraction.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Numbers of Chebyshev nodes. The nodes of each rule include those of the previous rule.
+# Numbers of Chebyshev nodes that are tried in turn. Each rule contains the nodes of the rule before
+# it.
 _RULES = (5, 9, 17, 33, 65)
 
 
 def in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
-    """Return smooth values at frequencies, from an interpolating polynomial if that saves calls.
+    """Return a smooth function at many frequencies, by interpolation if that saves calls.
 
     The number of Chebyshev nodes is doubled until the polynomial predicts the values at the next
     nodes to ``tolerance`` of the largest value.
@@ -63,7 +65,7 @@ def in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance:
 
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
-    """Return values (n, k) at frequencies (n,) of the polynomial through all node values."""
+    """Return the polynomial through values at Chebyshev nodes, at frequencies (n,)."""
     low, high = nodes[[0, -1]]
     if low == high:
         return np.repeat(values[:1], len(frequencies), axis=0)
@@ -72,17 +74,18 @@ def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Comple
     return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)
 
 
-# _WINDOW: number of samples of a window on either side of its centre. The window shrinks by this
-# factor in each of _ROUNDS rounds, so the final position is accurate to 4^-8 of a sample. A peak is
-# quadratic, so its relative height is accurate to the square of 4^-8, some 1e-9.
+# A peak is searched in a window of _WINDOW samples on either side of its estimated position. The
+# window shrinks by the factor _WINDOW in each of _ROUNDS rounds, so the position of the peak is
+# accurate to 4^-8 of a sample. Since a peak is quadratic, its relative height is accurate to the
+# square of this, about 1e-9.
 _WINDOW, _ROUNDS = 4, 8
 _EQUAL = 1e-9
-# Largest number of samples that are refined: samples near peaks, and their neighbours.
+# Largest number of samples around which the largest peak is searched.
 _MOST = 256
 
 
 def largest(points: Floats, values: Floats, step: Floats, width: Floats) -> tuple[Floats, Floats]:
-    """Return the samples that may be next to the largest peak, in descending order of their values.
+    """Return the samples that may lie next to the largest peak, in descending order.
 
     Parameters
     ----------
@@ -109,7 +112,7 @@ def largest(points: Floats, values: Floats, step: Floats, width: Floats) -> tupl
 def climbed(
     evaluate: Callable[[Floats], tuple[Floats, Any]], points: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the positions (n, 2) and values (n,) of the largest peak, or of several equal peaks.
+    """Return the positions (n, 2) and heights (n,) of the largest peak, or of several equal peaks.
 
     Parameters
     ----------

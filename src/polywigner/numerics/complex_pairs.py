@@ -59,8 +59,8 @@ def unit_wave(ops: Any, cycles: Any) -> Pair:
 def decaying_sinh(ops: Any, a: Any, decay: Any) -> Number:
     """Return sinh(a) exp(-a) for a >= 0, with ``decay`` = exp(-a).
 
-    For small a, where 1 - exp(-2a) cancels, the value comes from the series of sinh. Its first
-    omitted term is 0.5^14/15! = 5e-17 of sinh.
+    For small a, 1 - exp(-2a) would cancel, so the series of sinh is used. Its first omitted term is
+    0.5^14/15! = 5e-17 of sinh.
     """
     small = a < 0.5
     clamped = ops.select(small, a, 0.0)

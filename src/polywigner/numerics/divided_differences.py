@@ -1,11 +1,12 @@
 """Divided differences of a plane wave: means over segments, triangles and tetrahedra.
 
-Over a simplex with phases p_0, ..., p_n (in cycles) at its corners, the mean of exp(-2 pi i p) is
-n! times exp[z_0, ..., z_n] at z = -2 pi i p (Hermite and Genocchi). The first order is a sinc times
-a wave. A higher order is the quotient of two divided differences of the order below, at the two
-corners whose phases are farthest apart. If all phases are close together, it is the Taylor series
-with complete homogeneous symmetric polynomials h_k of the phases. No formula divides by a small
-number, so slivers and nu = 0 need no special treatment.
+The mean of exp(-2 pi i p) over a simplex with phases p_0, ..., p_n (in cycles) at its corners is n!
+times the divided difference exp[z_0, ..., z_n] at z = -2 pi i p (Hermite and Genocchi). The divided
+difference of first order is a sinc times a wave. A divided difference of higher order is the
+quotient of two differences of the order below, at the two corners whose phases are farthest apart.
+If all phases are close together, it is the Taylor series with complete homogeneous symmetric
+polynomials h_k of the phases. No formula divides by a small number, so slivers and nu = 0 need no
+special treatment.
 """
 
 from __future__ import annotations
@@ -18,20 +19,22 @@ from typing import Any
 from polywigner.numerics.complex_pairs import Pair, select
 from polywigner.numerics.phases import cos_sin_cycles, mean_plane_wave
 
-# Distance of phases in cycles (0.63 rad) below which the Taylor series is summed. At larger
-# distances, the recursion divides by at least 0.63, so errors grow by at most 1/0.63 per order.
+# Largest difference of phases, in cycles, for which the Taylor series of a divided difference is
+# summed. For larger differences (0.63 rad and more) the recursion divides by at least 0.63, so
+# errors grow by at most 1/0.63 per order.
 _SERIES_BELOW = 0.1
-# The series has 16 terms in double and 9 in single precision. The first omitted term for triangles
-# is (k+1) 0.63^k/(k+2)!: 2e-18 and 7e-9; for tetrahedra (k+1)(k+2)/2 0.63^k/(k+3)!: 1e-19 and 6e-9.
+# Number of terms of this Taylor series in double and in single precision. The first omitted term
+# for triangles is (k+1) 0.63^k/(k+2)!: 2e-18 and 7e-9; for tetrahedra (k+1)(k+2)/2 0.63^k/(k+3)!:
+# 1e-19 and 6e-9.
 _TERMS_DOUBLE, _TERMS_SINGLE = 16, 9
 
 
 def simplex_plane_wave(ops: Any, *corners: Any) -> tuple[Any, Any]:
     """Return exp[0, -2 pi i u, -2 pi i v, ...] for real phases u, v, ... in cycles.
 
-    Returns the (cosine, sine) parts of the value ``cosine - i sine``, which is 1/n! for n corners
-    at zero. With n = 2 it is half the mean of the wave over a triangle with phases 0, u, v at its
-    corners; with n = 3 a sixth of the mean over a tetrahedron.
+    The result consists of two real numbers, the parts of ``cosine - i sine``. For n phases of zero
+    the value is 1/n!. With n = 2 it is half of the mean of the wave over a triangle with phases 0,
+    u, v at its corners; with n = 3 a sixth of the mean over a tetrahedron.
     """
     value = _conjugate_difference(ops, corners)
     return value.real, value.imag
@@ -48,10 +51,9 @@ def _conjugate_difference(ops: Any, corners: Sequence[Any]) -> Pair:
         behind = Pair(*mean_plane_wave(ops, first, between[0]))
     else:
         ahead, behind = _shifted(ops, last, between), _shifted(ops, first, between)
-    # (ahead - behind)/(2 pi i distance)
     divisor = 2 * math.pi * ops.select(small, 1.0, last - first)
     quotient = Pair((ahead.imag - behind.imag) / divisor, (behind.real - ahead.real) / divisor)
-    # Arguments of the series are clamped to its range, so that an unused branch does not overflow.
+    # Arguments of the series are clamped to its range, so that the unused branch does not overflow.
     near = [ops.select(small, corner, 0.0) * (2 * math.pi) for corner in corners]
     return select(ops, small, _series(ops, near), quotient)
 
@@ -63,7 +65,7 @@ def _shifted(ops: Any, origin: Any, others: Sequence[Any]) -> Pair:
 
 
 def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]:
-    """Return the two nodes that are farthest apart, the others, and the distance of the two."""
+    """Return the two nodes that are farthest apart, the other nodes, and the distance."""
     (first, last, *between), origin = nodes, nodes[0]
     largest = abs(last)
 
@@ -81,9 +83,8 @@ def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]
 
 
 def _series(ops: Any, nodes: Sequence[Any]) -> Pair:
-    """Return sum_k i^k h_k/(k + n)! of n nodes in radians."""
+    """Return sum_k i^k h_k/(k + n)! for n nodes in radians."""
     count = len(nodes)
-    # these are h_k of the last node, then of the last two nodes, and so on
     powers: list[Any] = [nodes[-1]]
     for node in nodes[-2::-1]:
         powers.append(node + powers[-1])

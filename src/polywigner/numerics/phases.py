@@ -1,7 +1,7 @@
 """Phases nu.p in cycles from error-free products; sine and cosine of cycles by polynomials.
 
-Large phases keep all digits. A number, also a spatial frequency, may be ``Doubled``: the unrounded
-sum of two floats.
+Large phases keep all their digits. Numbers, including spatial frequencies, may be ``Doubled``: the
+unrounded sum of two floats.
 """
 
 from __future__ import annotations
@@ -56,7 +56,8 @@ def sin_cycles(ops: Any, cycles: Any) -> Number:
 
 def cos_sin_cycles(ops: Any, cycles: Any) -> tuple[Any, Any]:
     """Return cos(2 pi cycles) and sin(2 pi cycles)."""
-    if hasattr(ops, "cos_sin_cycles"):  # for jets, each function is the derivative of the other
+    # Jets provide this method, since each function is the derivative of the other.
+    if hasattr(ops, "cos_sin_cycles"):
         cosine, sine = ops.cos_sin_cycles(cycles)
         return cosine, sine
     r = cycles - ops.round(cycles)
@@ -78,7 +79,7 @@ def sinc(ops: Any, cycles: Any) -> Any:
     half = 0.5 * cycles
     reduced = half - ops.round(half)
     ratio = _sine_over_reduced(ops, reduced)
-    # There is no division by a small number, because the derivative of the quotient would have an
+    # This form has no division by a small number. The derivative of such a quotient would have an
     # error of an ulp divided by the cycles.
     near = abs(half) < 0.5
     quotient = ratio * reduced / ops.select(near, 1.0, half)
@@ -97,7 +98,8 @@ def sinc_less_one(ops: Any, cycles: Any, terms: int) -> Any:
 def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
     """Return the mean of exp(-2 pi i p) over p from ``start`` to ``end`` in cycles.
 
-    Returns the parts of the value ``cosine - i sine`` = exp(-pi i (start + end)) sinc(end - start).
+    The result consists of two real numbers, the parts of ``cosine - i sine`` = exp(-pi i (start +
+    end)) sinc(end - start).
     """
     scale = sinc(ops, end - start)
     cosine, sine = cos_sin_cycles(ops, 0.5 * (start + end))
@@ -112,17 +114,17 @@ _SPLIT = 2.0**29 + 1
 
 
 def doubled(value: Fraction | float, double: bool = True) -> tuple[float, float]:
-    """Return a number as the nearest float64, or float32, and the remainder."""
+    """Return the float64 (or float32) nearest to a number, and the remainder."""
     exact = Fraction(value)
     high = float(exact) if double else float(np.float32(float(exact)))
     return high, float(exact - Fraction(high))
 
 
 def dot(ops: Any, nu: tuple[Any, ...], point: tuple[Any, ...]) -> Doubled:
-    """Return nu.point as a sum and its low-order part.
+    """Return the scalar product nu.point as a sum and its low-order part.
 
     The components of both vectors are floats or ``Doubled``. The error is about the square of an
-    ulp of |nu| |point|, also if the products cancel.
+    ulp of |nu| |point|, even if the products cancel.
     """
     total: Any = None
     low: Any = 0.0
@@ -166,13 +168,13 @@ def difference(a: Any, b: Any) -> Doubled:
 
 
 def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Number:
-    """Return a d - b c with an error of about the squared ulp of the products."""
+    """Return a d - b c, with an error of about the square of an ulp of the products."""
     lost = (a[0] * d[1] + a[1] * d[0]) - (b[0] * c[1] + b[1] * c[0])
     return ops.cross(a[0], b[0], c[0], d[0]) + lost
 
 
 def halves(ops: Any, number: Doubled) -> Doubled:
-    """Return a sum of two floats whose first number float32 represents exactly (Veltkamp)."""
+    """Return a sum as two floats, the first of which float32 represents exactly (Veltkamp)."""
     total, low = number
     if not ops.double:
         return number
@@ -193,7 +195,7 @@ def cycles_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Number:
 
 
 def less_carrier(ops: Any, frame: Any, cycles: Any, *xi: Any) -> Number:
-    """Return ``cycles`` minus the phase of the frame's carrier along a lag, modulo 1."""
+    """Return ``cycles`` minus the phase of the frame's carrier at the lag ``xi``, modulo 1."""
     if not any(frame.carrier):
         return cycles
     return cycles - cycles_to_centre(ops, frame.carrier, *xi)

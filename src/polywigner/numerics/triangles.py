@@ -1,8 +1,8 @@
 """Gauss rules on triangles and trapezoids.
 
-Both are cells: images of the unit square under a bilinear map (u, v). The side u = 0 of a triangle
-is a single corner. A product of two rules on [0, 1] integrates polynomials over a cell exactly and
-converges spectrally for smooth integrands.
+Triangles and trapezoids are represented as cells: images of the unit square under a bilinear map of
+(u, v). The side u = 0 of a triangle is a single corner. A product of two rules on [0, 1] integrates
+polynomials over a cell exactly and converges spectrally for smooth integrands.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from polywigner.numerics.nodes import unit_rule
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Triangles = NDArray[np.float64]
-"""Corners (n, 3, 2)."""
+"""Corners of triangles, shape (n, 3, 2)."""
 Cells = NDArray[np.float64]
-"""Corners (n, 4, 2) at (u, v) = (0, 0), (1, 0), (0, 1) and (1, 1)."""
+"""Corners of cells, shape (n, 4, 2), at (u, v) = (0, 0), (1, 0), (0, 1) and (1, 1)."""
 
-# Nodes along a side per cycle of the phase of a field. W oscillates at twice its frequency, and
-# Gauss rules converge above pi/2 nodes per cycle of the integrand.
+# Number of quadrature nodes along a side per cycle of phase of the field. W oscillates at twice the
+# frequency of the field, and Gauss rules converge above pi/2 nodes per cycle of the integrand.
 NODES_PER_CYCLE = 3.5
-# Largest number of nodes along a side in the table of counts.
+# Largest number of quadrature nodes along a side that :func:`counts_for` returns.
 LARGEST = 4096
 
 
@@ -37,7 +37,7 @@ def areas(triangles: Triangles) -> Floats:
 
 
 def cells_of(triangles: Triangles) -> Cells:
-    """Return triangles as cells; the corner u = 0 is opposite to the shortest side."""
+    """Return triangles as cells, with the corner u = 0 opposite to the shortest side."""
     order = (_side_lengths(triangles).argmin(axis=1)[:, None] + np.array([0, 1, 0, 2])) % 3
     return np.take_along_axis(triangles, order[:, :, None], axis=1)
 
@@ -50,8 +50,8 @@ def _side_lengths(triangles: Triangles) -> Floats:
 def cell_rules(cells: Cells, counts: Indices) -> Iterator[tuple[Indices, Floats, Floats]]:
     """Yield the rules of all cells that have the same numbers of nodes.
 
-    ``counts`` (n, 2): nodes along u and along v. Yields the numbers (k,) of the cells, nodes
-    (k, along u, along v, 2) and weights (k, along u, along v).
+    ``counts`` (n, 2): numbers of nodes along u and along v. Yields the indices (k,) of the cells,
+    nodes (k, along u, along v, 2) and weights (k, along u, along v).
     """
     for shared in np.unique(counts, axis=0):
         members = np.flatnonzero((counts == shared).all(axis=1))
@@ -66,7 +66,7 @@ def cell_rules(cells: Cells, counts: Indices) -> Iterator[tuple[Indices, Floats,
 
 
 def rule_of_counts(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indices]:
-    """Return nodes (m, 2), weights (m,) and the number (m,) of the cell of each node.
+    """Return nodes (m, 2), weights (m,), and the index (m,) of the cell of each node.
 
     ``counts``: see :func:`cell_rules`.
     """
@@ -79,10 +79,10 @@ def rule_of_counts(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indic
 
 
 def counts_for(cycles: Floats, error: float) -> Indices:
-    """Return the numbers of nodes that integrate waves of ``cycles`` over an interval.
+    """Return numbers of nodes that integrate a wave with ``cycles`` of phase over an interval.
 
-    A number above ``LARGEST`` means that no rule suffices. The remainder of n nodes for q cycles is
-    at most (pi e q/(4 n))^(2n), relative to the integral of the modulus.
+    A number above ``LARGEST`` means that no rule is sufficient. The remainder of n nodes for q
+    cycles is at most (pi e q/(4 n))^(2n), relative to the integral of the modulus.
     """
     n = np.arange(1.0, LARGEST + 1)
     reach = 4 * n / (math.pi * math.e) * error ** (0.5 / n)
@@ -92,7 +92,7 @@ def counts_for(cycles: Floats, error: float) -> Indices:
 def triangles_of(
     polygons: Sequence[shapely.Polygon] | NDArray[np.object_],
 ) -> tuple[Triangles, Indices]:
-    """Return constrained Delaunay triangles (m, 3, 2) of polygons (n,), and their polygons (m,)."""
+    """Return constrained Delaunay triangles (m, 3, 2), and the index (m,) of their polygons."""
     collections = shapely.constrained_delaunay_triangles(np.asarray(polygons))
     parts, owner = shapely.get_parts(collections, return_index=True)
     corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
@@ -101,10 +101,10 @@ def triangles_of(
 
 
 def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats, Floats]:
-    """Return nodes (m, 2) and weights (m,) of a rule on triangles (n, 3, 2).
+    """Return nodes (m, 2) and weights (m,) of a Gauss rule on triangles (n, 3, 2).
 
     The integrand has up to ``rate`` cycles per metre. Along a side of length s the rule has ``extra
-    + 3.5 s rate`` nodes, at least 1. In each triangle the lines of nodes meet in the corner
+    + 3.5 s rate`` nodes, at least 1. In each triangle, the lines of nodes meet in the corner
     opposite to the shortest side.
     """
     nodes, weights, _ = rule_by_triangles(triangles, rate, extra)
@@ -125,13 +125,13 @@ def node_count(triangles: Triangles, rate: float, extra: float) -> float:
 
 
 def spacings(triangles: Triangles, rate: float, extra: float) -> Floats:
-    """Return the largest distance between neighbouring nodes of :func:`gauss_rule`, (n,)."""
+    """Return the largest distance between neighbouring nodes of :func:`gauss_rule`, shape (n,)."""
     extents = _extents(triangles)
     return np.asarray((extents / _counts(extents, rate, extra)).max(axis=1))
 
 
 def _extents(triangles: Triangles) -> Floats:
-    """Return the lengths (n, 2) of the longest and the shortest sides."""
+    """Return the lengths (n, 2) of the longest and the shortest side of each triangle."""
     sides = _side_lengths(triangles)
     return np.column_stack([sides.max(axis=1), sides.min(axis=1)])
 
@@ -141,7 +141,7 @@ def _counts(extents: Floats, rate: float, extra: float) -> Floats:
 
 
 def quartered(triangles: Triangles) -> Triangles:
-    """Divide each triangle at the midpoints of its sides into four, in order of the triangles."""
+    """Divide each triangle into four at the midpoints of its sides; the four stay together."""
     a, b, c = triangles.transpose(1, 0, 2)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
