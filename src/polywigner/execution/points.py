@@ -294,7 +294,8 @@ def times_complex(value: Numbers, factor: complex) -> Numbers:
 def numbers_of(name: str, value: Any, kind: str) -> Drjit:
     """Return vertices or weights of a source as an ``Array2f`` or a ``Complex2f`` (``kind``).
 
-    Vertices may also be given as a tensor (n, 2); weights as a ``Float``, or a tensor (n,) or (n, 2). Raises ArgumentError for anything else.
+    Vertices may also be given as a tensor (n, 2); weights as a ``Float``, or a tensor (n,) or
+    (n, 2). Raises ArgumentError for anything else.
     """
     is_complex, got = kind == "Complex2f", type(value).__name__
     # The caller already has a Dr.Jit array. An LLVM library has therefore been chosen, and Dr.Jit

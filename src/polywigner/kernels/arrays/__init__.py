@@ -1,4 +1,4 @@
-"""Arrays: sums over copies of one element, or over the pairs that contribute at a point.
+"""Array kernels: sums over copies of one element, or over pairs of copies.
 
 ==================  ==========================================================================
 module              content

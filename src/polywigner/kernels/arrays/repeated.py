@@ -1,4 +1,4 @@
-"""W, A and the field of the element that an array repeats, and tables of its copies."""
+"""W, A and the field of the element that an array repeats, and tables of the copies."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ class RepeatedTables(Generic[Element, Sites]):
     element: Element
     sites: Sites
     terms: int = 1
-    """Number of copies that are summed at each sample. The choice of the engine depends on this
-    number."""
+    """Number of copies that are summed at each sample, which determines the choice of the engine.
+    """
 
 
 @dataclass(frozen=True, eq=False)

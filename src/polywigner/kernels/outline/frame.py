@@ -26,9 +26,9 @@ import shapely
 from polywigner.geometry.rings import whole_numbers
 from polywigner.numerics import phases
 
-# Outlines whose bounding box has a larger aspect ratio are rotated to their principal axes and
-# stretched. At smaller ratios, rounding costs fewer ulps of the width than in the kernels, and
-# edges along the user's axes remain parallel to the axes of the frame.
+# Largest aspect ratio of a bounding box in the user's axes. Longer outlines are rotated to their
+# principal axes and stretched. At smaller ratios, rounding costs fewer ulps of the width than in
+# the kernels, and edges along the user's axes remain parallel to the axes of the frame.
 NEEDLE_ASPECT = 8.0
 
 Array = npt.NDArray[np.float64]
@@ -40,7 +40,7 @@ class Frame:
     """Coordinates x' = matrix (x - centre) / norm, and frequencies nu' = inverse_transpose nu.
 
     The second matrix is exactly the inverse transpose of the first. ``measure``: area of a unit
-    square of the frame. ``reach``: largest |x'| and |y'| of the source.
+    square of the frame, in the user's units. ``reach``: largest |x'| and |y'| of the source.
     """
 
     centre: tuple[float, float]
@@ -58,7 +58,7 @@ class Frame:
         if self.is_diagonal:
             return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
         # Products across a needle-shaped outline cancel almost completely, so the rounding errors
-        # of dx and dy matter.
+        # of the differences dx and dy matter.
         (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
         fine = self._cross_products(ops, lost_x, lost_y)
         coarse = self._cross_products(ops, dx, dy)
@@ -72,9 +72,9 @@ class Frame:
     def grid_step(self, double: bool) -> float:
         """Return the spacing of the grid of vertices and offsets, a power of two.
 
-        Offsets at which two copies meet are at most twice the reach. An offset less two vertices is
-        therefore below four times the reach, and exact in float64 (53 bits) or float32 (24 bits).
-        The margin is for offsets that miss by rounding.
+        Offsets at which two copies overlap are at most twice the reach. An offset minus two
+        vertices is therefore below four times the reach, and exact in float64 (53 bits) or float32
+        (24 bits). A margin covers offsets at which the copies miss each other by rounding.
         """
         return power_of_two(4.001 * max(self.reach)) * 2.0 ** (-53 if double else -24)
 
@@ -149,7 +149,7 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Arra
     power = exponent - row_exponent
     if power < 0:
         divisor <<= -power
-    # a quotient of integers is rounded only once
+    # A quotient of integers is rounded only once.
     return ((sums << max(power, 0)) / divisor).astype(np.float64)
 
 
@@ -165,7 +165,7 @@ def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
 
 
 def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
-    """Return the determinant by expansion along the first row; exact for exact numbers."""
+    """Return the determinant by expansion along the first row; it is exact for exact numbers."""
     if len(matrix) == 1:
         return matrix[0][0]
     minors = ([[*row[:k], *row[k + 1 :]] for row in matrix[1:]] for k in range(len(matrix)))
@@ -186,7 +186,7 @@ def _diagonal(matrix: Matrix) -> bool:
 
 
 def frame_of(points: Array) -> Frame:
-    """Return the frame of points (n, 2) that are not all on one line."""
+    """Return the frame of points (n, 2) that do not all lie on one line."""
     low, high = points.min(axis=0), points.max(axis=0)
     centre = low + (high - low) / 2
     corners = shapely.get_coordinates(shapely.oriented_envelope(shapely.MultiPoint(points)))
@@ -204,7 +204,7 @@ def frame_of(points: Array) -> Frame:
 def frame_along(
     points: Array, centre: Array, direction: tuple[float, float], sizes: tuple[float, float]
 ) -> Frame:
-    """Return the frame with a given direction of its first axis and powers of two as units."""
+    """Return the frame with a given direction of its first axis, and powers of two as units."""
     (c, s), (length, width) = direction, sizes
     norm = c * c + s * s
     matrix = ((c / length, s / length), (-s / width, c / width))

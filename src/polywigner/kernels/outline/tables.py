@@ -20,17 +20,18 @@ from polywigner.kernels.outline.wave_pairs import (
 )
 from polywigner.source.normal_form import Source
 
-# Cost of each wave after the first on an edge, relative to the cost of cutting the edge by another
-# edge.
+# Cost of each further wave on an edge, relative to the cost of cutting the edge by another edge.
 _EDGES_PER_WAVE = 24
 # Largest number of edges that are compiled as code. Edges as code are two to four times as fast as
-# edges as data, and compile in 1 ms for each pair of edges and wave (benchmarks/wigner_cost.py).
+# edges as data, but take 1 ms to compile for each pair of edges and each wave
+# (benchmarks/wigner_cost.py).
 _MOST_EDGES_AS_CODE = 16
 
 Floats = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)  # comparison by identity is fast
+# Comparison by identity is fast.
+@dataclass(frozen=True, eq=False)
 class Tables:
     """The elements of a coherent source as edges, weights and fields, in one frame."""
 
@@ -50,8 +51,7 @@ class Tables:
     """Distinct fields on the elements, without the weights of the elements."""
     double: bool
     coherence: Any = None
-    """Matrix that converts lags in the frame to lags in coherence widths; None for coherent
-    light."""
+    """Matrix that converts lags in the frame to coherence widths; None for coherent light."""
     pairs: dict[Any, Any] = field(default_factory=dict, repr=False)
     """Lists of pairs of edges that can cross, by view, groups, precision and number of cells."""
     lists: dict[Any, Any] = field(default_factory=dict, repr=False)
