@@ -1,4 +1,4 @@
-"""Curves of drawings, and their chords within a requested distance of the curves.
+"""Curves of drawings, and chords within a requested distance of the curves.
 
 A curve is a polyline ((n, d) vertices), an :class:`Arc` of an ellipse, a :class:`Bezier` or a
 :class:`Spline`. An outline is a closed sequence of curves; each curve starts at the end of the
@@ -20,13 +20,14 @@ from polywigner.geometry.io.limits import MOST_VERTICES, check_coordinates
 from polywigner.geometry.rings import Ring
 
 DEFAULT_TOLERANCE = 1 / 2000
-"""Largest distance between a curve and its chords, in diagonals of the outline's bounds.
+"""Largest distance between a curve and its chords, as a fraction of the diagonal of the outline.
 
-A circle becomes 52 vertices. A rounded corner, a quarter circle of a tenth of the outline's size,
-becomes 8 chords. For an outline of ten wavelengths the distance is 1/200 of a wavelength.
+A circle becomes a polygon with 52 vertices. A rounded corner, which is a quarter circle with a
+tenth of the outline's size, becomes 8 chords. For an outline of ten wavelengths the distance is
+1/200 of a wavelength.
 """
 
-# Smallest number of chords of a full circle: a small circle has at least eight sides.
+# Largest angle of a chord in radians, so that even a small circle has at least eight chords.
 _LARGEST_STEP = math.pi / 4
 
 Points = NDArray[np.floating[Any]]
@@ -65,9 +66,10 @@ class Arc:
     def chords(self, reach: float) -> Points:
         """Return vertices (n, d) on the arc; for a full ellipse, a polygon of the same area.
 
-        The polygon of an ellipse has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and
-        x = 2 pi/n. Its corners lie outside by (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch for
-        n >= 48 (1.04 for n = 8); its sides lie inside by half of this distance.
+        The polygon of an ellipse has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x
+        = 2 pi/n. Its corners lie outside the ellipse by (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch
+        for n >= 48 (1.04 for n = 8). The midpoints of its sides lie inside the ellipse by half of
+        this distance.
         """
         if not self.is_closed:
             steps = max(math.sqrt(self.stretch / (8 * reach)), 1 / _LARGEST_STEP)
@@ -107,7 +109,7 @@ class Bezier:
 
 @dataclass(frozen=True, eq=False)
 class Spline:
-    """A curve in pieces, such as a B-spline over its range of knots."""
+    """A curve that consists of pieces, such as a B-spline over its range of knots."""
 
     points: Points
     """Control points, shape (n, d), whose bounds approximate the bounds of the curve."""
@@ -133,8 +135,8 @@ class Spline:
         t = np.arange(pieces + 1) / pieces
         while True:
             points, midpoints = self.at(t), (t[1:] + t[:-1]) / 2
-            # the distance from the curve to the midpoint of a chord bounds the distance to the
-            # chord
+            # The distance from the curve to the midpoint of a chord is an upper bound on the
+            # distance to the chord.
             off = np.linalg.norm(self.at(midpoints) - (points[1:] + points[:-1]) / 2, axis=1)
             if (off <= reach).all():
                 return points
@@ -174,8 +176,8 @@ def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
     check_coordinates(points)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
-    # This is at least the rounding of coordinates. Outlines as small as a point raise an error
-    # later.
+    # The distance is at least the rounding error of coordinates. Outlines as small as a point raise
+    # an error later.
     return max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
 
 
@@ -196,7 +198,7 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
 def _counted(steps: float) -> int:
     if not steps <= MOST_VERTICES:
         raise FileFormatError(
-            f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines or pass a "
-            "larger tolerance for curves"
+            f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines, or "
+            "pass a larger tolerance for curves"
         )
     return max(1, math.ceil(steps))

@@ -1,4 +1,4 @@
-"""Outlines of drawings: the caller's options, and polygons with holes by fill rule or nesting."""
+"""Outlines of drawings: options of the caller; polygons with holes, by fill rule or nesting."""
 
 from __future__ import annotations
 
@@ -34,22 +34,23 @@ from polywigner.geometry.rings import (
 OVERLAP_REMEDY = (
     "join them in the drawing, read fewer layers (--layer), or give union=True (--union)"
 )
-"""Advice of the error for outlines that overlap."""
+"""Remedy in the error message for outlines that overlap."""
 
 Polygon = list[Ring]
-"""Rings with the exterior first."""
+"""Rings of a polygon, with the exterior first."""
 
 
 @dataclass(frozen=True, eq=False)
 class File:
-    """A file to read, with the options of the caller."""
+    """A file to be read, with the options of the caller."""
 
     path: Path
     content: bytes
     unit_metres: float
     """Length of the file's unit in metres; ignored if the file itself states its unit."""
     tolerance: float | None
-    """Largest distance in metres between a curve and its chords; None: see `flattened`."""
+    """Largest distance in metres between a curve and its chords; for None see
+    :func:`~polywigner.geometry.io.curves.flattened`."""
     layers: tuple[str, ...]
     """Names of the layers to read, even if they are hidden; if empty, all visible layers are
     read."""
@@ -73,19 +74,15 @@ def check_known(requested: Iterable[str], known: Iterable[str]) -> None:
     if missing:
         listed = ", ".join(name[:60] for name in names[:12]) + ", ..." * (len(names) > 12)
         raise ArgumentError(
-            f"expected a layer of the drawing, got {missing[0][:60]!r}; "
-            + (
-                f"the drawing has the layers {listed}"
-                if names
-                else "the drawing has no named layers, so omit layer"
-            )
+            f"the drawing has no layer {missing[0][:60]!r}; "
+            + (f"its layers are {listed}" if names else "it has no named layers, so omit layer")
         )
 
 
 def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     """Return the region that a path of rings fills by the rule "nonzero" or "evenodd".
 
-    Rings without an area are ignored. Rings that meet no other ring stay unchanged.
+    Rings without an area are ignored. Rings that do not meet another ring stay unchanged.
     """
     rings = [
         ring
@@ -95,24 +92,26 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     if not rings:
         return []
     if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):
-        return [rings]  # the outlines are cleaned later, together with the aperture
+        # The outlines are cleaned later, together with the aperture.
+        return [rings]
     clean = [clean_ring(ring, "a ring") for ring in rings]
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
 
 
 def depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
-    """Return the number of other rings around each of the rings (n, 2)."""
+    """Return the number of other rings around each ring (n, 2)."""
     return np.bincount(_containing(rings)[1], minlength=len(rings))
 
 
 def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
-    """Return polygons whose holes are the rings inside them; rings in holes are polygons again.
+    """Return polygons whose holes are the rings inside them; rings inside holes are polygons.
 
     With `union`, rings that overlap or touch are joined first. Otherwise, overlaps raise a
     GeometryError.
     """
     is_simple = shapely.is_valid([shapely.Polygon(ring) for ring in rings])
-    clean = [  # simple rings are cleaned later, together with the aperture
+    # Simple rings are cleaned later, together with the aperture.
+    clean = [
         ring if simple else part_of_ring(ring, f"outline {k}")[0]
         for k, (ring, simple) in enumerate(zip(rings, is_simple.tolist(), strict=True))
     ]
@@ -126,7 +125,7 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
 
 
 def _joined(rings: Sequence[Ring]) -> list[Ring]:
-    """Return the outlines of groups of rings that overlap or touch; rings inside others remain."""
+    """Return the outlines of groups of rings that overlap or touch, and of rings inside others."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     tree = shapely.STRtree(polygons)
     pairs = [tree.query(polygons, predicate=relation) for relation in ("overlaps", "touches")]

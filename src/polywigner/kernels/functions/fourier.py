@@ -222,8 +222,8 @@ class Family:
     midpoints: npt.NDArray[np.float64]
     """Midpoints of the edges, shape (n, 2)."""
     weights: npt.NDArray[np.complex128]
-    """Field on the element of each edge, shape (n,), with the opposite sign for edges along -(ex,
-    ey)."""
+    """Field on the element of each edge, shape (n,), with the opposite sign for edges along
+    -(ex, ey)."""
 
     @property
     def is_straight(self) -> bool:

@@ -66,8 +66,8 @@ class SliceSum:
     """Views in which edges are cut: one view for W, two for A."""
     scale: float
     """Factor of the offset T between the two copies of the outline: T is ``scale`` times the
-    position or lag, that is 2x or xi. A point p of an edge corresponds to the point ``scale (p +
-    side T)`` of the slice."""
+    position or lag, that is 2x or xi. A point p of an edge corresponds to the point ``scale
+    (p + side T)`` of the slice."""
     position: slice
     """Indices of the position or lag among the arguments in the frame."""
     frequency: slice
