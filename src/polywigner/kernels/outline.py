@@ -36,9 +36,9 @@ from polywigner.kernels.wave_pairs import (
 from polywigner.numerics import Floats, phases
 from polywigner.source.normal_form import Source
 
-# Outlines whose bounding box has a larger aspect ratio are rotated to their principal axes and
-# stretched. At smaller ratios, rounding costs fewer ulps of the width than in the kernels, and
-# edges along the user's axes remain parallel to the axes of the frame.
+# Largest aspect ratio of a bounding box in the user's axes. Longer outlines are rotated to their
+# principal axes and stretched. At smaller ratios, rounding costs fewer ulps of the width than in
+# the kernels, and edges along the user's axes remain parallel to the axes of the frame.
 NEEDLE_ASPECT = 8.0
 
 Matrix = tuple[tuple[Any, ...], ...]
@@ -49,7 +49,7 @@ class Frame:
     """Coordinates x' = matrix (x - centre) / norm, and frequencies nu' = inverse_transpose nu.
 
     The second matrix is exactly the inverse transpose of the first. ``measure``: area of a unit
-    square of the frame. ``reach``: largest |x'| and |y'| of the source.
+    square of the frame, in the user's units. ``reach``: largest |x'| and |y'| of the source.
     """
 
     centre: tuple[float, float]
@@ -67,7 +67,7 @@ class Frame:
         if self.is_diagonal:
             return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
         # Products across a needle-shaped outline cancel almost completely, so the rounding errors
-        # of dx and dy matter.
+        # of the differences dx and dy matter.
         (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
         fine = self._cross_products(ops, lost_x, lost_y)
         coarse = self._cross_products(ops, dx, dy)
@@ -81,9 +81,9 @@ class Frame:
     def grid_step(self, double: bool) -> float:
         """Return the spacing of the grid of vertices and offsets, a power of two.
 
-        Offsets at which two copies meet are at most twice the reach. An offset less two vertices is
-        therefore below four times the reach, and exact in float64 (53 bits) or float32 (24 bits).
-        The margin is for offsets that miss by rounding.
+        Offsets at which two copies overlap are at most twice the reach. An offset minus two
+        vertices is therefore below four times the reach, and exact in float64 (53 bits) or float32
+        (24 bits). A margin covers offsets at which the copies miss each other by rounding.
         """
         return power_of_two(4.001 * max(self.reach)) * 2.0 ** (-53 if double else -24)
 
@@ -158,7 +158,7 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Floats) -> Flo
     power = exponent - row_exponent
     if power < 0:
         divisor <<= -power
-    # a quotient of integers is rounded only once
+    # A quotient of integers is rounded only once.
     return ((sums << max(power, 0)) / divisor).astype(np.float64)
 
 
@@ -174,7 +174,7 @@ def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
 
 
 def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
-    """Return the determinant by expansion along the first row; exact for exact numbers."""
+    """Return the determinant by expansion along the first row; it is exact for exact numbers."""
     if len(matrix) == 1:
         return matrix[0][0]
     minors = ([[*row[:k], *row[k + 1 :]] for row in matrix[1:]] for k in range(len(matrix)))
@@ -195,7 +195,7 @@ def _diagonal(matrix: Matrix) -> bool:
 
 
 def frame_of(points: Floats) -> Frame:
-    """Return the frame of points (n, 2) that are not all on one line."""
+    """Return the frame of points (n, 2) that do not all lie on one line."""
     low, high = points.min(axis=0), points.max(axis=0)
     centre = low + (high - low) / 2
     corners = shapely.get_coordinates(shapely.oriented_envelope(shapely.MultiPoint(points)))
@@ -213,7 +213,7 @@ def frame_of(points: Floats) -> Frame:
 def frame_along(
     points: Floats, centre: Floats, direction: tuple[float, float], sizes: tuple[float, float]
 ) -> Frame:
-    """Return the frame with a given direction of its first axis and powers of two as units."""
+    """Return the frame with a given direction of its first axis, and powers of two as units."""
     (c, s), (length, width) = direction, sizes
     norm = c * c + s * s
     matrix = ((c / length, s / length), (-s / width, c / width))
@@ -228,11 +228,11 @@ def power_of_two(size: float) -> float:
     return math.ldexp(1.0, math.frexp(size)[1])
 
 
-# Cost of each wave after the first on an edge, relative to the cost of cutting the edge by another
-# edge.
+# Cost of each further wave on an edge, relative to the cost of cutting the edge by another edge.
 _EDGES_PER_WAVE = 24
 # Largest number of edges that are compiled as code. Edges as code are two to four times as fast as
-# edges as data, and compile in 1 ms for each pair of edges and wave (benchmarks/wigner_cost.py).
+# edges as data, but take 1 ms to compile for each pair of edges and each wave
+# (benchmarks/wigner_cost.py).
 _MOST_EDGES_AS_CODE = 16
 
 
@@ -256,8 +256,7 @@ class Tables:
     """Distinct fields on the elements, without the weights of the elements."""
     double: bool
     coherence: Any = None
-    """Matrix that converts lags in the frame to lags in coherence widths; None for coherent
-    light."""
+    """Matrix that converts lags in the frame to coherence widths; None for coherent light."""
     pairs: dict[Any, Any] = field(default_factory=dict, repr=False)
     """Lists of pairs of edges that can cross, by view, groups, precision and number of cells."""
     lists: dict[Any, Any] = field(default_factory=dict, repr=False)

@@ -286,24 +286,25 @@ class FarField:
         return cosines, self.intensity(directions).reshape(cosines.shape[:-1])
 
 
-# |F|^2 of a source of width D varies on scales of 1/D and more. At a distance d from a peak along
-# an axis it is at least cos^2(pi d D) times the peak. The sample next to the largest peak is
-# therefore at least this fraction of the peak, and windows around all samples of that size contain
-# the peak.
+# The spectrum |F|^2 of a source of width D varies on scales of 1/D and more. At a distance d from a
+# peak, along an axis, it is at least cos^2(pi d D) times the peak. The sample next to the largest
+# peak is therefore at least this fraction of the peak, and the peak lies in a window around one of
+# the samples that reach this fraction.
 #
-# _WINDOW: number of samples of a window on either side of its centre. The window shrinks by this
-# factor in each of _ROUNDS rounds, so the final position is accurate to 4^-8 of a sample. A peak is
-# quadratic, so its relative height is accurate to the square of 4^-8, some 1e-9.
+# A peak is searched in a window of _WINDOW samples on either side of its estimated position. The
+# window shrinks by the factor _WINDOW in each of _ROUNDS rounds, so the position of the peak is
+# accurate to 4^-8 of a sample. Since a peak is quadratic, its relative height is accurate to the
+# square of this, about 1e-9.
 _WINDOW, _ROUNDS = 4, 8
 _EQUAL = 1e-9
-# Largest number of samples that are refined: samples near peaks, and their neighbours.
+# Largest number of samples around which the largest peak is searched.
 _MOST_REFINED = 256
 
 
 def _near_largest(
     points: Floats, values: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the samples that may be next to the largest peak, in descending order of their values.
+    """Return the samples that may lie next to the largest peak, in descending order.
 
     ``points`` (n, 2) and ``values`` (n,): samples, of which up to 256 are returned. ``step`` (2,):
     distance between samples along each axis. ``width`` (2,): width D of the source along each axis;
@@ -318,7 +319,7 @@ def _near_largest(
 def _climbed(
     evaluate: Callable[[Floats], tuple[Floats, Any]], points: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the positions (n, 2) and values (n,) of the largest peak, or of several equal peaks.
+    """Return the positions (n, 2) and heights (n,) of the largest peak, or of several equal peaks.
 
     ``evaluate``: (points (n, m, 2)) -> the points moved into the domain of the function, and values
     (n, m). ``points`` (n, 2): samples, as :func:`_near_largest` returns them.

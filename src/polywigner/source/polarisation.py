@@ -1,7 +1,8 @@
 """Polarisations of sources: Jones vectors along the x and y axes of an aperture.
 
-The time factor is exp(-i omega t), with exp(+i k R) in free space. "right" and "left" follow IEEE:
-with the thumb along the wave, the fingers of that hand follow the rotation of the field.
+The time factor is exp(-i omega t), with exp(+i k R) in free space. The names "right" and "left"
+follow IEEE: with the thumb along the wave, the fingers of that hand follow the rotation of the
+field.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ CurrentModel = Literal["huygens", "magnetic", "electric"]
 
 
 class Currents(NamedTuple):
-    """Fractions of the magnetic and the electric current equivalent to a field u p: (VP1)."""
+    """Fractions of magnetic and electric currents that are equivalent to a field u p, (VP1)."""
 
     magnetic: float
     electric: float
@@ -42,13 +43,13 @@ _NAMED = {
 }
 _SLANT = re.compile(r"([+-]?\d+(?:\.\d*)?)\s*(?:deg|°)")
 _EXPECTED = (
-    'expected polarisation as "x", "y", "right", "left", a slant such as "45 deg", or a Jones '
-    "vector of two complex numbers"
+    'expected polarisation as "x", "y", "right", "left", a slant such as "45 deg", or a '
+    "Jones vector of two complex numbers"
 )
 
 
 def checked_polarisation(polarisation: Any, source: Any = None) -> Complex:
-    """Return the unit Jones vector (2,) along x and y, or one for each element of an array, (n, 2).
+    """Return the unit Jones vector (2,) along x and y, or one per element of an array, (n, 2).
 
     Parameters
     ----------
@@ -126,15 +127,17 @@ def _of_text(text: str) -> Complex:
 
 
 def _error(value: Any, count: int) -> ArgumentError:
-    for_elements = f", or one for each of the {count} elements" if count else ""
+    for_elements = (
+        f", or a list with one of these for each of the {count} elements" if count else ""
+    )
     return ArgumentError(f"{_EXPECTED}{for_elements}, got {value_text(value)}")
 
 
 def components(source: Any, polarisation: Complex) -> list[tuple[Any, Complex]]:
-    """Return scalar sources u and vectors (2,), whose products add up to the polarised field.
+    """Return scalar sources u and vectors (2,); the sum of their products is the polarised field.
 
-    There is one source if all elements have one polarisation; otherwise there are parts along x
-    and along y.
+    There is one source if all elements have the same polarisation; otherwise there is one for the x
+    components and one for the y components.
     """
     if polarisation.ndim == 1:
         return [(source, polarisation)]
@@ -148,9 +151,10 @@ def components(source: Any, polarisation: Complex) -> list[tuple[Any, Complex]]:
 
 
 Stokes = tuple[float, float, float, float]
-"""S0 to S3 for a wave towards the observer, with respect to x and y; S3 > 0 is left (IEEE)."""
+"""Stokes parameters S0 to S3 of a wave towards the observer, with respect to x and y; S3 > 0 is
+left-handed (IEEE)."""
 
-# Weights and differences of Jones vectors below this relative size count as rounding errors.
+# Largest relative size of weights and differences of Jones vectors that count as rounding errors.
 _ROUNDING = 1e-12
 
 
@@ -173,7 +177,7 @@ def stokes_vector(polarisation: Complex) -> Stokes:
 
 
 def stokes_fields(source: Any, polarisation: Complex) -> list[tuple[Any, Stokes]]:
-    """Return scalar sources and Stokes vectors: sum of irradiances times vectors is the total.
+    """Return scalar sources and Stokes vectors; irradiance times vector adds up to the total.
 
     For one polarisation (2,) the only field is the source. For one polarisation per element (n, 2),
     the fields are u_x, u_y, u_x + u_y and u_x + i u_y, without those that are zero. Their real
@@ -201,8 +205,8 @@ def ludwig_axes(x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any
     """Return the unit vectors of fields along x and along y in the direction (x, y, z), z >= 0.
 
     The arguments are floats or arrays of any engine. The vectors are q - (q.s)(z + s)/(1 + z.s) for
-    q = x and q = y: the axes rotate with z into s by the smallest angle. With Kirchhoff's condition
-    the product with a scalar far field is a Huygens source.
+    q = x and q = y: the axes rotate with z into the direction s by the smallest angle. With
+    Kirchhoff's condition, the product with a scalar far field is the field of a Huygens source.
 
     References
     ----------
@@ -264,7 +268,7 @@ def polarisation_of_text(text: str, source: Any) -> Complex:
 
 
 def _numbers(text: str) -> str | list[complex]:
-    """Return complex numbers that are separated by commas; return other texts unchanged."""
+    """Return complex numbers that are separated by commas; other strings are unchanged."""
     if "," not in text:
         return text
     try:

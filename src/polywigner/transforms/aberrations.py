@@ -30,16 +30,16 @@ Path = Callable[[Floats, Floats], ArrayLike]
 
 # ---- Zernike polynomials of the unit disc --------------------------------------------------------
 
-# With z = x + iy, V_n^m(z) = R_n^m(r) exp(i m theta) obeys, for m >= 0,
+# With z = x + iy, the polynomials V_n^m(z) = R_n^m(r) exp(i m theta) obey, for m >= 0,
 #
 #     V_n^m = z V_(n-1)^(m-1) + conj(z) V_(n-1)^(m+1) - V_(n-2)^m,    V_n^(-m) = conj(V_n^m),
 #
-# without cancellation, so high orders are accurate. The real part of V_n^m is the cosine
-# polynomial, the imaginary part the sine polynomial. Source: T. B. Andersen, Opt. Express 26, 18878
-# (2018), in complex form.
+# The recurrence has no cancellation, so high orders are accurate. The real part of V_n^m is the
+# cosine polynomial, and the imaginary part the sine polynomial. Source: T. B. Andersen, Opt.
+# Express 26, 18878 (2018), in complex form.
 
 Order = tuple[int, int]
-"""Radial order n and azimuthal frequency m; m < 0 are sine terms."""
+"""Radial order n and azimuthal frequency m. Negative m denote sine terms."""
 
 
 def noll(j: int) -> Order:
@@ -68,9 +68,9 @@ class Indexing(NamedTuple):
     """A numbering of the polynomials by a single index."""
 
     order: Callable[[int], Order]
-    """Order of an index."""
+    """Function that converts an index to an order (n, m)."""
     first: int
-    """First index."""
+    """First index of the numbering, 0 or 1."""
     is_normalised: bool
     """True if the polynomials have unit rms on the disc; False if they are 1 at the rim."""
 
@@ -89,7 +89,7 @@ def zernike_norm(order: Order) -> float:
 
 
 def zernike_values(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
-    """Return polynomials (k, ...) at x, y (...), with the largest value 1 on the rim."""
+    """Return polynomials (k, ...) at x, y (...), normalised to a largest value of 1 on the rim."""
     table = _complex_values(max((n for n, _ in orders), default=0), x, y)
     return np.array([_part(table, order) for order in orders])
 
@@ -97,8 +97,8 @@ def zernike_values(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
 def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
     """Return derivatives (k, 2, ...) in x and y of :func:`zernike_values`.
 
-    d/dz V_n^m - d/dz V_(n-2)^m = n V_(n-1)^(m-1), and n V_(n-1)^(m+1) for the derivative in
-    conj(z).
+    The recurrences are d/dz V_n^m - d/dz V_(n-2)^m = n V_(n-1)^(m-1), and with n V_(n-1)^(m+1) on
+    the right for the derivative in conj(z).
     """
     table = _complex_values(max((n for n, _ in orders), default=0), x, y)
     return np.array([_gradient(table, order) for order in orders])

@@ -39,13 +39,14 @@ from polywigner.geometry.rings import (
 )
 
 DEFAULT_TOLERANCE = 1 / 2000
-"""Largest distance between a curve and its chords, in diagonals of the outline's bounds.
+"""Largest distance between a curve and its chords, as a fraction of the diagonal of the outline.
 
-A circle becomes 52 vertices. A rounded corner, a quarter circle of a tenth of the outline's size,
-becomes 8 chords. For an outline of ten wavelengths the distance is 1/200 of a wavelength.
+A circle becomes a polygon with 52 vertices. A rounded corner, which is a quarter circle with a
+tenth of the outline's size, becomes 8 chords. For an outline of ten wavelengths the distance is
+1/200 of a wavelength.
 """
 
-# Smallest number of chords of a full circle: a small circle has at least eight sides.
+# Largest angle of a chord in radians, so that even a small circle has at least eight chords.
 _LARGEST_STEP = math.pi / 4
 
 Points = NDArray[np.floating[Any]]
@@ -84,9 +85,10 @@ class Arc:
     def chords(self, reach: float) -> Points:
         """Return vertices (n, d) on the arc; for a full ellipse, a polygon of the same area.
 
-        The polygon of an ellipse has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and
-        x = 2 pi/n. Its corners lie outside by (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch for
-        n >= 48 (1.04 for n = 8); its sides lie inside by half of this distance.
+        The polygon of an ellipse has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x
+        = 2 pi/n. Its corners lie outside the ellipse by (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch
+        for n >= 48 (1.04 for n = 8). The midpoints of its sides lie inside the ellipse by half of
+        this distance.
         """
         if not self.is_closed:
             steps = max(math.sqrt(self.stretch / (8 * reach)), 1 / _LARGEST_STEP)
@@ -126,7 +128,7 @@ class Bezier:
 
 @dataclass(frozen=True, eq=False)
 class Spline:
-    """A curve in pieces, such as a B-spline over its range of knots."""
+    """A curve that consists of pieces, such as a B-spline over its range of knots."""
 
     points: Points
     """Control points, shape (n, d), whose bounds approximate the bounds of the curve."""
@@ -152,8 +154,8 @@ class Spline:
         t = np.arange(pieces + 1) / pieces
         while True:
             points, midpoints = self.at(t), (t[1:] + t[:-1]) / 2
-            # the distance from the curve to the midpoint of a chord bounds the distance to the
-            # chord
+            # The distance from the curve to the midpoint of a chord is an upper bound on the
+            # distance to the chord.
             off = np.linalg.norm(self.at(midpoints) - (points[1:] + points[:-1]) / 2, axis=1)
             if (off <= reach).all():
                 return points
@@ -193,8 +195,8 @@ def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
     check_coordinates(points)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
-    # This is at least the rounding of coordinates. Outlines as small as a point raise an error
-    # later.
+    # The distance is at least the rounding error of coordinates. Outlines as small as a point raise
+    # an error later.
     return max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
 
 
@@ -215,8 +217,8 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
 def _counted(steps: float) -> int:
     if not steps <= MOST_VERTICES:
         raise FileFormatError(
-            f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines or pass a "
-            "larger tolerance for curves"
+            f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines, or "
+            "pass a larger tolerance for curves"
         )
     return max(1, math.ceil(steps))
 
@@ -224,22 +226,23 @@ def _counted(steps: float) -> int:
 OVERLAP_REMEDY = (
     "join them in the drawing, read fewer layers (--layer), or give union=True (--union)"
 )
-"""Advice of the error for outlines that overlap."""
+"""Remedy in the error message for outlines that overlap."""
 
 Polygon = list[Ring]
-"""Rings with the exterior first."""
+"""Rings of a polygon, with the exterior first."""
 
 
 @dataclass(frozen=True, eq=False)
 class File:
-    """A file to read, with the options of the caller."""
+    """A file to be read, with the options of the caller."""
 
     path: Path
     content: bytes
     unit_metres: float
     """Length of the file's unit in metres; ignored if the file itself states its unit."""
     tolerance: float | None
-    """Largest distance in metres between a curve and its chords; None: see `flattened`."""
+    """Largest distance in metres between a curve and its chords; for None see
+    :func:`~polywigner.geometry.io.curves.flattened`."""
     layers: tuple[str, ...]
     """Names of the layers to read, even if they are hidden; if empty, all visible layers are
     read."""
@@ -263,19 +266,15 @@ def check_known(requested: Iterable[str], known: Iterable[str]) -> None:
     if missing:
         listed = ", ".join(name[:60] for name in names[:12]) + ", ..." * (len(names) > 12)
         raise ArgumentError(
-            f"expected a layer of the drawing, got {missing[0][:60]!r}; "
-            + (
-                f"the drawing has the layers {listed}"
-                if names
-                else "the drawing has no named layers, so omit layer"
-            )
+            f"the drawing has no layer {missing[0][:60]!r}; "
+            + (f"its layers are {listed}" if names else "it has no named layers, so omit layer")
         )
 
 
 def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     """Return the region that a path of rings fills by the rule "nonzero" or "evenodd".
 
-    Rings without an area are ignored. Rings that meet no other ring stay unchanged.
+    Rings without an area are ignored. Rings that do not meet another ring stay unchanged.
     """
     rings = [
         ring
@@ -285,24 +284,26 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     if not rings:
         return []
     if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):
-        return [rings]  # the outlines are cleaned later, together with the aperture
+        # The outlines are cleaned later, together with the aperture.
+        return [rings]
     clean = [clean_ring(ring, "a ring") for ring in rings]
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
 
 
 def depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
-    """Return the number of other rings around each of the rings (n, 2)."""
+    """Return the number of other rings around each ring (n, 2)."""
     return np.bincount(_containing(rings)[1], minlength=len(rings))
 
 
 def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
-    """Return polygons whose holes are the rings inside them; rings in holes are polygons again.
+    """Return polygons whose holes are the rings inside them; rings inside holes are polygons.
 
     With `union`, rings that overlap or touch are joined first. Otherwise, overlaps raise a
     GeometryError.
     """
     is_simple = shapely.is_valid([shapely.Polygon(ring) for ring in rings])
-    clean = [  # simple rings are cleaned later, together with the aperture
+    # Simple rings are cleaned later, together with the aperture.
+    clean = [
         ring if simple else part_of_ring(ring, f"outline {k}")[0]
         for k, (ring, simple) in enumerate(zip(rings, is_simple.tolist(), strict=True))
     ]
@@ -316,7 +317,7 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
 
 
 def _joined(rings: Sequence[Ring]) -> list[Ring]:
-    """Return the outlines of groups of rings that overlap or touch; rings inside others remain."""
+    """Return the outlines of groups of rings that overlap or touch, and of rings inside others."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     tree = shapely.STRtree(polygons)
     pairs = [tree.query(polygons, predicate=relation) for relation in ("overlaps", "touches")]

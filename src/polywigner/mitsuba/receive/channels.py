@@ -67,7 +67,8 @@ if TYPE_CHECKING:
     import xarray
 
 _MOST_FREQUENCIES = 1 << 16
-# Numbers of Chebyshev nodes. The nodes of each rule include those of the previous rule.
+# Numbers of Chebyshev nodes that are tried in turn. Each rule contains the nodes of the rule before
+# it.
 _RULES = (5, 9, 17, 33, 65)
 # Fraction of the power below which a note reports that two default polarisations do not match.
 _MATCHED = 0.99
@@ -405,7 +406,7 @@ def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance:
 
 
 def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
-    """Return smooth values (n, k) at frequencies (n,), from a polynomial if that saves calls.
+    """Return a smooth function (n, k) at frequencies (n,), by interpolation if that saves calls.
 
     The number of Chebyshev nodes is doubled until the polynomial predicts the values at the next
     nodes to ``tolerance`` of the largest value. ``compute`` returns the values (k,) at a frequency.
@@ -432,7 +433,7 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
 
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
-    """Return values (n, k) at frequencies (n,) of the polynomial through all node values."""
+    """Return the polynomial through values at Chebyshev nodes, at frequencies (n,)."""
     low, high = nodes[[0, -1]]
     if low == high:
         return np.repeat(values[:1], len(frequencies), axis=0)
