@@ -17,17 +17,15 @@ from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, require, value_text
 from polywigner.geometry.arguments import checked_choice, checked_count, checked_length
+from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT, parse_duration, parse_frequency
 
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # Largest number of samples in a repetition, and largest number of repetitions.
 _MOST = 1 << 20
@@ -130,11 +128,11 @@ class FMCW:
         """Noise power of the spectrum over the noise power of a sample."""
         return 1.0
 
-    def from_spectrum(self, spectrum: Complexes) -> Complexes:
+    def from_spectrum(self, spectrum: Complex) -> Complex:
         """Return the samples of amplitudes (..., samples) at the frequencies."""
         return spectrum
 
-    def to_spectrum(self, signal: Complexes) -> Complexes:
+    def to_spectrum(self, signal: Complex) -> Complex:
         """Return the amplitudes at the frequencies of samples (..., samples)."""
         return signal
 
@@ -176,11 +174,11 @@ class Pulse(FMCW):
         """Noise power of the spectrum over the noise power of a sample."""
         return float(self.samples)
 
-    def from_spectrum(self, spectrum: Complexes) -> Complexes:
+    def from_spectrum(self, spectrum: Complex) -> Complex:
         """Return samples in time; the largest sample of a single path is its amplitude."""
         return np.fft.fft(spectrum) / self.samples
 
-    def to_spectrum(self, signal: Complexes) -> Complexes:
+    def to_spectrum(self, signal: Complex) -> Complex:
         """Return the spectrum of samples in time."""
         return np.fft.ifft(signal) * self.samples
 
@@ -443,7 +441,7 @@ def window_of(name: str, count: int) -> Floats:
         ) from None
 
 
-def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complexes, Floats, float]:
+def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
     """Return spectra over rates (draw, receiver, emitter, rate, frequency), rates, noise gain.
 
     The motion within each repetition is removed for the rate of each bin.
@@ -461,9 +459,7 @@ def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complexes, Floats, float
     return spectra, rates, float((weights**2).sum() / weights.sum() ** 2)
 
 
-def _by_range(
-    cube: Any, spectra: Complexes, window: str, pad: int
-) -> tuple[Complexes, Floats, float]:
+def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Complex, Floats, float]:
     """Return amplitudes over range in place of frequency, ranges in m, and the noise gain."""
     waveform = waveform_of(cube)
     bins = waveform.samples * checked_count(pad, "pad", 1, 64)
