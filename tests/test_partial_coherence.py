@@ -49,11 +49,18 @@ def sampled(name: str, count: int) -> tuple[Any, Any, Any]:
     return curved, x, w * field * np.exp(1j * np.pi * ((x - [1.0, 0.0]) ** 2).sum(axis=1) / 30)
 
 
-SOURCES = ["plain", "array", "waves", "curved"]
+SOURCES = ["plain", "waves", "curved", "array"]
 
 
-@pytest.mark.parametrize("name", SOURCES)
-@pytest.mark.parametrize("width", [5.0, 1.5, 0.4])
+def cases(first: float, other: float, last: float) -> list[Any]:
+    """All sources at the first width, two at the other one; the others in the slow tests."""
+    quick = [(name, first) for name in SOURCES] + [("plain", other), ("array", other)]
+    slow = [(name, width) for name in SOURCES for width in (other, last)]
+    marked = [pytest.param(*case, marks=pytest.mark.slow) for case in slow if case not in quick]
+    return [*quick, *marked]
+
+
+@pytest.mark.parametrize(("name", "width"), cases(5.0, 0.4, 1.5))
 def test_fresnel_irradiance_is_the_double_integral_of_the_mutual_intensity(
     name: str, width: float
 ) -> None:
@@ -69,8 +76,7 @@ def test_fresnel_irradiance_is_the_double_integral_of_the_mutual_intensity(
     assert behind == pytest.approx(result, abs=PARABOLIC * expected.max())
 
 
-@pytest.mark.parametrize("name", SOURCES)
-@pytest.mark.parametrize("width", [5.0, 1.5, 0.7])
+@pytest.mark.parametrize(("name", "width"), cases(1.5, 0.7, 5.0))
 def test_exact_irradiance_is_the_double_integral_of_the_mutual_intensity(
     name: str, width: float
 ) -> None:
@@ -86,7 +92,9 @@ HOLED = shapely.Polygon(
 )
 
 
-@pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "kirchhoff"])
+@pytest.mark.parametrize(
+    "method", ["kirchhoff", pytest.param("rayleigh-sommerfeld-1", marks=pytest.mark.slow)]
+)
 def test_tilts_share_samples_of_the_source_at_a_fresnel_number_of_100(method: Any) -> None:
     """On the axis, at an edge and in the shadow, against boundary integrals tilt by tilt."""
     width, source = 20.0, pw.Aperture(HOLED)
@@ -111,7 +119,7 @@ CONDITIONS = [("kirchhoff", (0.5, 0.5)), ("rayleigh-sommerfeld-2", (0.0, 1.0))]
 
 
 @pytest.mark.parametrize(("method", "shares"), CONDITIONS)
-@pytest.mark.parametrize("width", [5.0, 1.2])
+@pytest.mark.parametrize("width", [1.2, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_normal_derivatives_of_tilted_light_are_taken_tilt_by_tilt(
     method: Any, shares: Any, width: float
 ) -> None:
@@ -126,7 +134,7 @@ def test_sums_over_pairs_of_points_have_the_normal_derivatives_of_waves() -> Non
     source = pw.shapes.square(10.0).with_illumination(pw.Illumination([1.0, 0.4], [TILT, -TILT]))
     at = points(120.0) * [5.0, 5.0, 1.0]
     width = 1.3
-    x, w = triangle_nodes(5 * HALVES, 30)
+    x, w = triangle_nodes(5 * HALVES, 24)
     waves = [
         (a * w * np.exp(2j * np.pi * s * (x @ TILT)), s * TILT) for s, a in ((1, 1.0), (-1, 0.4))
     ]
@@ -140,7 +148,7 @@ def test_sums_over_pairs_of_points_have_the_normal_derivatives_of_waves() -> Non
     assert summed_over_pairs(partly, at, WAVELENGTH, condition, 1e-6, 0.0) is None  # no time
 
 
-@pytest.mark.parametrize("name", ["waves", "curved"])
+@pytest.mark.parametrize("name", ["curved", pytest.param("waves", marks=pytest.mark.slow)])
 def test_sums_over_pairs_of_points_are_the_double_integral_of_the_mutual_intensity(
     name: str,
 ) -> None:
@@ -161,7 +169,7 @@ def of_one_axis(side: float, x: Any, spread: float, width: float) -> Any:
     return np.einsum("mi,ij,mj->m", waves, degree, waves.conj(), optimize=True).real / spread
 
 
-@pytest.mark.parametrize("share", [2 / 3, 1 / 30, 1 / 100])
+@pytest.mark.parametrize("share", [2 / 3, 1 / 30, pytest.param(1 / 100, marks=pytest.mark.slow)])
 def test_a_square_has_the_product_of_its_axes_behind_any_first_order_system(share: float) -> None:
     length, side, (z1, z2) = 0.5e-6, 1e-3, (0.5, 0.2)
     width = share * side

@@ -90,7 +90,13 @@ def test_irradiance_and_fields_take_the_phases_of_their_wavelength() -> None:
     assert one == pytest.approx(other, rel=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["segments", "curved", "array of curved elements"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "segments",
+        *(pytest.param(k, marks=pytest.mark.slow) for k in ("curved", "array of curved elements")),
+    ],
+)
 def test_a_band_is_the_mean_over_wavelengths_with_their_own_phases(kind: str) -> None:
     def made(length: float) -> Any:
         if kind == "segments":
@@ -101,7 +107,7 @@ def test_a_band_is_the_mean_over_wavelengths_with_their_own_phases(kind: str) ->
         return pw.phased_array(element, [(0.0, 0.0), (4e-4, 1e-4), (-6e-4, 0.0)], [1, 0.5j, -1])
 
     carrier, width, place = SPEED_OF_LIGHT / DESIGN, 4e13, (1e-4, 2e-4)
-    node, weight = np.polynomial.legendre.leggauss(40)
+    node, weight = np.polynomial.legendre.leggauss(24)
     frequencies = carrier + width * node / 2
     system = pw.FirstOrder.fourier(0.02)
     each = [

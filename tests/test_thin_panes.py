@@ -81,7 +81,9 @@ TINTED = {"specular_transmittance": 0.5, "specular_reflectance": 0.25}
 @pytest.mark.parametrize(
     ("index", "angle", "tint", "opacity"),
     [
-        *((index, angle, {}, None) for index, angle in ((1.5, 1.3), (4.0, BREWSTER), (0.6, 0.9))),
+        (1.5, 1.3, {}, None),
+        pytest.param(4.0, BREWSTER, {}, None, marks=pytest.mark.slow),
+        pytest.param(0.6, 0.9, {}, None, marks=pytest.mark.slow),
         pytest.param(4.0, 0.7, {}, 0.3, marks=pytest.mark.slow),
         pytest.param(1.5, 1.0, TINTED, None, marks=pytest.mark.slow),
     ],
@@ -110,7 +112,7 @@ def test_a_pane_reflects_and_transmits_each_polarisation_by_itself(
     assert of_power(through, ()) == pytest.approx(np.mean(passed), abs=RAYS)
 
 
-@pytest.mark.parametrize("polarisation", ["y", "right"])
+@pytest.mark.parametrize("polarisation", ["y", pytest.param("right", marks=pytest.mark.slow)])
 def test_polarised_power_by_a_pane_is_that_of_its_channel(polarisation: str) -> None:
     mi.set_variant("llvm_ad_mono_polarized")
     for is_across, mirrors in ((False, "pane"), (True, "")):
