@@ -53,6 +53,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: (item.path.name not in _LONG, -count[item.path], item.path.name))
 
 
+def pytest_collection_finish() -> None:
+    """Leave modules and tests out of later garbage collections, which visit all objects."""
+    gc.collect()
+    gc.freeze()
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     for name in _MARKERS:
         if item.get_closest_marker(name):
