@@ -207,8 +207,9 @@ def hard_points(name: str) -> Points:
     """
     rng = np.random.default_rng(crc32(name.encode()))
     elements = elements_of(name)
-    # sums over many pairs in rational arithmetic take long
-    count = 12 if len(elements) < 5 else 6 if len(elements) < 50 else 4
+    # sums over many pairs of elements and waves in rational arithmetic take long
+    terms = sum(len(waves) for _, waves in elements)
+    count = 12 if terms < 4 else 6 if len(elements) < 50 else 4
     d, corners = dimension_of(name), [corners_of(outline) for outline, _ in elements]
     one, other = (
         np.array(

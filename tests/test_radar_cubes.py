@@ -155,16 +155,6 @@ def test_twelve_virtual_elements_resolve_the_angle():
     assert np.ptp(lit) == pytest.approx(0.886 * 2 / 12, rel=0.02)
 
 
-@pytest.mark.slow
-def test_the_mean_of_draws_is_the_received_power():
-    scene = scene_of(board=plate(3.0, 0.4))
-    cube = pm.radar_cube(scene, SHORT, points=4000, draws=400, noise=False)
-    power = (np.abs(cube["signal"].values) ** 2).mean(axis=(1, 2, 3, 4))
-    error = power.std(ddof=1) / np.sqrt(len(power))
-    received = pm.received_power(scene, spp=1 << 16)
-    assert abs(power.mean() - float(received)) < 3 * np.hypot(error, received.standard_error)
-
-
 def test_mean_range_bins_are_the_range_profile():
     """Without a window, a bin collects the profile times the squared Dirichlet kernel."""
     pytest.importorskip("mitransient")

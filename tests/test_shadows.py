@@ -13,6 +13,7 @@ import pytest
 
 import polywigner as pw
 from oracles.meshes import at, ball, box
+from oracles.references import numpy_and_few
 from polywigner.errors import ArgumentError, PolywignerWarning, StoreError
 
 REFERENCE = json.loads((Path(__file__).parent / "data" / "shadows.json").read_text("utf-8"))
@@ -48,8 +49,7 @@ BODIES = {
 }
 
 
-@pytest.mark.parametrize("engine", ["numpy", pytest.param("llvm", marks=pytest.mark.llvm)])
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize(("name", "engine"), numpy_and_few(BODIES, ["box"], slow=["plate"]))
 def test_field_of_an_aperture_behind_a_body_is_the_sum_over_points_of_it(
     name: str, engine: Any
 ) -> None:
