@@ -77,7 +77,6 @@ SOURCES: dict[str, Callable[[], Any]] = {
     "steered far": lambda: ELL.with_illumination(
         pw.cosine_taper(4, 4) * pw.Illumination([1.0], [[50.0, 20.0]])
     ),
-    "holed with waves": lambda: FRAME.with_illumination(WAVES),
     "small parts with waves": lambda: pw.Aperture(_small_rings(1e-2)).with_illumination(WAVES),
     "product": lambda: _product(0.0, (0.0, 0.0)),
     "product, turned and moved": lambda: _product(-1.1, (3.0, 2.0)),
@@ -111,9 +110,6 @@ SOURCES: dict[str, Callable[[], Any]] = {
     "long row of any weights": lambda: pw.phased_array(SQUARE, _grid(300, 1, 1.3), _weights(300)),
     "scattered far away": lambda: pw.phased_array(
         ELL, np.random.default_rng(2).uniform(0, 6, (7, 2)) + np.array([50.0, -20.0]), _weights(7)
-    ),
-    "scattered waves": lambda: pw.phased_array(
-        SQUARE.with_illumination(WAVES), np.random.default_rng(3).uniform(0, 4, (8, 2)), _weights(8)
     ),
     "narrow slits": lambda: pw.Slits([[-0.5, -0.499999], [0.1, 0.100002], [0.4, 0.400001]]),
     "slits of any weights": lambda: pw.Array(
