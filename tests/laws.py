@@ -205,7 +205,7 @@ def hard_points(name: str) -> Points:
     elements = elements_of(name)
     # sums over many pairs of elements and waves in rational arithmetic take long
     terms = sum(len(waves) for _, waves in elements)
-    count = 12 if terms < 4 else 6 if len(elements) < 50 else 4
+    count = 12 if terms < 10 else 6 if len(elements) < 50 else 4
     d, corners = dimension_of(name), [corners_of(outline) for outline, _ in elements]
     one, other = (
         np.array(

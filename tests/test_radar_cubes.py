@@ -95,11 +95,11 @@ def gain(direction):
 
 @pytest.fixture(scope="module")
 def corner():
-    """A receding corner reflector at 12.34 m, 10 degrees aside, seen by four elements."""
+    """A receding corner reflector at 12.34 m, 10 degrees aside, seen by two elements."""
     mi.set_variant(pm.choose_variant())
     position = 12.34 * np.array([np.sin(np.radians(10)), 0.0, np.cos(np.radians(10))])
     cube = pm.radar_cube(
-        scene_of(row(4)), CHIRPS, bodies={"corner": (trihedral(position), 3)}, elements=True,
+        scene_of(row(2)), CHIRPS, bodies={"corner": (trihedral(position), 3)}, elements=True,
         velocities={"corner": 3.1 * position / 12.34}, points=0, noise=False,
     )  # fmt: skip
     return position, cube
@@ -131,15 +131,15 @@ def test_phases_across_elements_follow_the_direction(corner):
     assert np.abs(steps + 360 * sine * WAVELENGTH / 2 / CHIRPS.wavelength).max() < 0.5
 
 
-def test_twelve_virtual_elements_resolve_the_angle():
+def test_eight_virtual_elements_resolve_the_angle():
     """The half-power width of a uniform array of n elements at a pitch d is 0.886 lambda/(n d)."""
-    emitters = [(2e-2 + 4 * k * WAVELENGTH / 2, 0.0, 0.0) for k in range(3)]
+    emitters = [(2e-2 + 4 * k * WAVELENGTH / 2, 0.0, 0.0) for k in range(2)]
     sine, cosine = np.sin(np.radians(10)), np.cos(np.radians(10))
     position = 50.0 * np.array([sine, 0.0, cosine])
     facing = np.eye(4)
     facing[:3] = np.c_[[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine], position]
     waveform = replace(CHIRPS, chirps=8)
-    rate = waveform.rate_step / 3  # in the centre of a bin, for three emitters
+    rate = waveform.rate_step / 2  # in the centre of a bin, for two emitters
     cube = pm.radar_cube(
         scene_of(row(4), emitters, (0.0, 0.0, 0.0)), waveform, elements=True, points=0, noise=False,
         bodies={"plate": pw.shapes.square(LEG).placed(facing)},
@@ -152,7 +152,7 @@ def test_twelve_virtual_elements_resolve_the_angle():
     seen = np.degrees(np.arctan2(position[0] - centre, position[2]))
     assert abs(angles[int(cut.values.argmax())] - seen) < 0.1
     lit = np.sin(np.radians(angles[cut.values > cut.values.max() / 2]))
-    assert np.ptp(lit) == pytest.approx(0.886 * 2 / 12, rel=0.02)
+    assert np.ptp(lit) == pytest.approx(0.886 * 2 / 8, rel=0.02)
 
 
 def test_mean_range_bins_are_the_range_profile():

@@ -210,7 +210,7 @@ def test_exchange_of_source_and_point_behind_a_plate_leaves_the_field() -> None:
 def test_power_that_a_shadow_takes_is_what_the_body_blocks() -> None:
     plate = pw.shapes.rectangle(0.05, 0.04)
     lamp, z = pw.PointSource((0.0, 0.0, -3.0)), 0.1
-    g = (np.arange(200) + 0.5) / 200 * 0.8 - 0.4
+    g = (np.arange(400) + 0.5) / 400 * 0.8 - 0.4
     points = np.stack(np.meshgrid(g, g, [z], indexing="ij"), axis=-1).reshape(-1, 3)
     free = np.exp(2j * np.pi / WAVELENGTH) / np.linalg.norm(points - lamp.position, axis=1)
     result = pw.amplitude(lamp, points, WAVELENGTH, "kirchhoff", obstacles=plate.placed(at()))
