@@ -13,7 +13,7 @@ import shapely
 import polywigner as pw
 from outlines import difference
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError
-from polywigner.geometry.io.curves import DEFAULT_TOLERANCE
+from polywigner.geometry.io.outlines import DEFAULT_TOLERANCE
 
 MILLIMETRES = 'width="20mm" height="10mm" viewBox="0 0 20 10"'
 

@@ -18,17 +18,15 @@ from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, require, value_text
 from polywigner.geometry.arguments import checked_choice, checked_count, checked_length
+from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT, parse_duration, parse_frequency
 
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # Largest number of samples in a repetition, and largest number of repetitions.
 _MOST = 1 << 20
@@ -131,12 +129,12 @@ class FMCW:
         """Ratio of the noise power in the spectrum to the noise power of a sample."""
         return 1.0
 
-    def from_spectrum(self, spectrum: Complexes) -> Complexes:
-        """Return the samples (..., samples) for amplitudes at the frequencies."""
+    def from_spectrum(self, spectrum: Complex) -> Complex:
+        """Return the samples of amplitudes (..., samples) at the frequencies."""
         return spectrum
 
-    def to_spectrum(self, signal: Complexes) -> Complexes:
-        """Return the amplitudes at the frequencies for samples (..., samples)."""
+    def to_spectrum(self, signal: Complex) -> Complex:
+        """Return the amplitudes at the frequencies of samples (..., samples)."""
         return signal
 
 
@@ -177,11 +175,11 @@ class Pulse(FMCW):
         """Ratio of the noise power in the spectrum to the noise power of a sample."""
         return float(self.samples)
 
-    def from_spectrum(self, spectrum: Complexes) -> Complexes:
-        """Return samples in time; the largest sample of a single path equals its amplitude."""
+    def from_spectrum(self, spectrum: Complex) -> Complex:
+        """Return samples in time; the largest sample of a single path is its amplitude."""
         return np.fft.fft(spectrum) / self.samples
 
-    def to_spectrum(self, signal: Complexes) -> Complexes:
+    def to_spectrum(self, signal: Complex) -> Complex:
         """Return the spectrum of samples in time."""
         return np.fft.ifft(signal) * self.samples
 
@@ -445,8 +443,8 @@ def window_of(name: str, count: int) -> Floats:
         ) from None
 
 
-def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complexes, Floats, float]:
-    """Return spectra (draw, receiver, emitter, rate, frequency), range rates, and noise gain.
+def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
+    """Return spectra over rates (draw, receiver, emitter, rate, frequency), rates, noise gain.
 
     The motion within each repetition is removed for the rate of each bin.
     """
@@ -463,10 +461,8 @@ def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complexes, Floats, float
     return spectra, rates, float((weights**2).sum() / weights.sum() ** 2)
 
 
-def _by_range(
-    cube: Any, spectra: Complexes, window: str, pad: int
-) -> tuple[Complexes, Floats, float]:
-    """Return amplitudes by range instead of frequency, ranges in m, and the noise gain."""
+def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Complex, Floats, float]:
+    """Return amplitudes over range in place of frequency, ranges in m, and the noise gain."""
     waveform = waveform_of(cube)
     bins = waveform.samples * checked_count(pad, "pad", 1, 64)
     weights = window_of(window, waveform.samples)

@@ -7,19 +7,18 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner import transforms
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import checked_count
+from polywigner.numerics import Floats
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
 __all__ = ["check"]
 
-Floats = NDArray[np.float64]
-# Name of a law, its left side, its right side, the allowed difference, and the arguments by name.
+# name of the law, left side, right side, allowed difference, and arguments by name
 Law = tuple[str, Any, Any, float, dict[str, Floats]]
 
 # Allowed difference, relative to the bound of each transform, for a source at the origin. The

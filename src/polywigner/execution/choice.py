@@ -12,9 +12,9 @@ from polywigner import llvm
 from polywigner.errors import EngineError
 from polywigner.geometry.arguments import checked_choice
 from polywigner.kernels import Kernel
-from polywigner.kernels.arrays.repeated import RepeatedTables
+from polywigner.kernels.element_pairs import RepeatedTables
 from polywigner.kernels.functions.fourier import OutlineTables
-from polywigner.kernels.outline.tables import Tables
+from polywigner.kernels.outline import Tables
 
 Engine = Literal["auto", "numpy", "llvm", "cuda"]
 Precision = Literal["double", "single"] | None

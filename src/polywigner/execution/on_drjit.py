@@ -28,8 +28,7 @@ from polywigner.kernels.cut.pair_grid import cells_at
 from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE
-from polywigner.kernels.outline.frame import Frame
-from polywigner.kernels.outline.tables import Tables, is_plain
+from polywigner.kernels.outline import Frame, Tables, is_plain
 from polywigner.numerics import phases
 
 # Largest number of recorded functions in the cache, and of recordings of each function. Arguments

@@ -16,8 +16,7 @@ from polywigner.execution.on_drjit import is_code, with_frame_as_data
 from polywigner.execution.points import Drjit, Points, components_of, sibling
 from polywigner.kernels import Kernel
 from polywigner.kernels.gradients import gradient_kernel_of
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics.phases import Pair, cos_sin_cycles
 
 # Largest number of samples for which edges are data. For fewer samples, compiling edges as code
 # would cost more time than it saves.

@@ -22,9 +22,7 @@ from polywigner.geometry.hidden_parts import (
     in_perspective,
     less_shadows,
 )
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from polywigner.numerics import Floats, Indices
 
 # Cosine of the largest half-angle of a cone of triangles that is projected onto one plane.
 _NARROW = 0.5

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
 from polywigner.geometry.rings import Part, Ring, orientations, polygon_of_part, shoelace, turn
-
-Indices = NDArray[np.intp]
+from polywigner.numerics import Indices
 
 
 def triangulate_part(part: Part) -> tuple[Ring, Indices]:

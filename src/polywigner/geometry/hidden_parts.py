@@ -19,9 +19,8 @@ from shapely.errors import GEOSException
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import ArgumentError
+from polywigner.numerics import Floats, Indices
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Shapes = NDArray[np.object_]
 
 # Largest length that counts as zero, as a fraction of the size of the body. It is a hundred times

@@ -17,6 +17,7 @@ from polywigner.geometry.arguments import Immutable, finite_array, warn_caller
 from polywigner.geometry.convex import triangulate_part
 from polywigner.geometry.parts import connected, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
+from polywigner.numerics import Indices
 
 # Largest distance of a vertex from the plane of its face, as a fraction of the body's diameter.
 # Coordinates with ten digits satisfy this limit. Deviations up to the limit change the volume by
@@ -49,7 +50,6 @@ _PAIRS = 1 << 18
 _TINY = 1e-300
 
 Vertices = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
 @final

@@ -27,9 +27,7 @@ from polywigner.geometry.polyhedron import (
     point_distances,
     windings_about,
 )
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from polywigner.numerics import Floats, Indices
 
 # Largest distance at which points count as lying on an edge or in a plane, as a fraction of the
 # size of a body.

@@ -10,9 +10,9 @@ import numpy as np
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
-from polywigner.kernels.arrays import element_pairs, lattice_arrays
-from polywigner.kernels.arrays.array_factors import array_factor_kernel
-from polywigner.kernels.arrays.element_pairs import is_scattered
+from polywigner.kernels import element_pairs, lattice_arrays
+from polywigner.kernels.array_factors import array_factor_kernel
+from polywigner.kernels.element_pairs import is_scattered
 from polywigner.kernels.functions import fourier, partly_coherent, plane, separable
 from polywigner.kernels.functions import intervals as line
 from polywigner.kernels.functions.separable import is_separable

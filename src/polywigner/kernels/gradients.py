@@ -29,11 +29,10 @@ from polywigner.kernels.functions.slices import (
     mean_pairings,
 )
 from polywigner.kernels.kernel import Kernel
-from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.outline.wave_pairs import WavePair
+from polywigner.kernels.outline import Tables
+from polywigner.kernels.wave_pairs import WavePair
 from polywigner.numerics import Number
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_cycles, cos_sin_over_cycles, polynomial
+from polywigner.numerics.phases import Pair, cos_sin_cycles, cos_sin_over_cycles, polynomial
 
 _ZERO = Pair(0.0, 0.0)
 

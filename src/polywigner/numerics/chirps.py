@@ -25,10 +25,8 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.nodes import gauss_rules
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _TERMS = 12
 _A = math.sqrt((_TERMS + 0.5) * math.pi)

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.numerics import Floats
+
 # Splitting constant of Veltkamp's algorithm, 2^ceil(p/2) + 1 for p = 53 bits.
 _SPLIT = 134217729.0
-
-Floats = npt.NDArray[np.float64]
 
 
 def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]]:

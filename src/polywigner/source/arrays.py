@@ -25,6 +25,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.io.limits import bytes_of, text_of
 from polywigner.geometry.io.readers import table_rows
+from polywigner.numerics import Floats
 from polywigner.quantities import parse_unit
 from polywigner.source.array import Array, repeated_element, warn_of_overlaps
 from polywigner.source.lattices import checked_positions, checked_weights
@@ -45,10 +46,8 @@ __all__ = [
 MOST_ELEMENTS = 2**20
 """Largest number of elements of a layout, with 16 MiB of positions."""
 
-Positions = NDArray[np.float64]
 
-
-def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = None) -> Positions:
+def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = None) -> Floats:
     """Return the positions of a rectangular lattice, (nx ny, 2), with y running fastest.
 
     The element `grid_positions(nx, ny, ...).reshape(nx, ny, 2)[i, j]` is at ((i - (nx - 1)/2)
@@ -77,9 +76,7 @@ def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = Non
     return _rows(nx, ny, pitch_x, pitch_y, 1.0, False)
 
 
-def triangular_positions(
-    nx: int, ny: int, pitch_x: float, pitch_y: float | None = None
-) -> Positions:
+def triangular_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = None) -> Floats:
     """Return a triangular lattice: ny rows of nx elements, alternately shifted by half a pitch.
 
     Compared with :func:`grid_positions`, even rows are shifted by a quarter of pitch_x to the left,
@@ -109,7 +106,7 @@ def triangular_positions(
 
 def _rows(
     nx: int, ny: int, pitch_x: float, pitch_y: float | None, stretch: float, is_staggered: bool
-) -> Positions:
+) -> Floats:
     """Return the rows of a lattice; `stretch`: default of pitch_y as a multiple of pitch_x."""
     columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
     _check_number(columns * rows)
@@ -121,7 +118,7 @@ def _rows(
     return np.stack([along_x, along_y], axis=-1).reshape(-1, 2)
 
 
-def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
+def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Floats:
     """Return concentric rings: counts[k] elements at equal angles on a circle of radius radii[k].
 
     Parameters
@@ -158,9 +155,7 @@ def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
     return np.concatenate(rings) + 0.0
 
 
-def thinned(
-    positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | None = None
-) -> Positions:
+def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | None = None) -> Floats:
     """Return positions drawn at random from a full layout (statistical thinning).
 
     Each element is drawn independently with a probability p_k proportional to the taper. The mean
@@ -244,7 +239,7 @@ def virtual_array(
     receive: ArrayLike,
     transmit_weights: ArrayLike | None = None,
     receive_weights: ArrayLike | None = None,
-) -> tuple[Positions, NDArray[np.complex128]]:
+) -> tuple[Floats, NDArray[np.complex128]]:
     """Return positions and weights of the virtual array of a transmitter and a receiver.
 
     Far from a radar, the path from transmitting element j to receiving element k is equivalent to

@@ -21,11 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
 from polywigner.geometry.illumination import Illumination, shift_phases
+from polywigner.numerics import Complex, Floats
 from polywigner.source.array import Array, PathLengths, aperture_in_plane, repeated_element
 from polywigner.source.lattices import Lattice, joint_bounds, lattice_of
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 PublicSource = Aperture | PlacedAperture | Slits | Array | Wavefront
 
 # Largest deviation of amplitudes that count as proportional, as a fraction of the largest
@@ -47,7 +46,7 @@ class SourceElement:
     outline: Aperture | Slits
     """Outline without a field, in the plane of its pose."""
     weight: complex
-    amplitudes: Complexes
+    amplitudes: Complex
     """Amplitudes of the plane waves without the weight, shape (m,); 1 for a uniform field."""
     frequencies: Floats
     """Frequencies of the plane waves in 1/m, shape (m, d); 0 for a uniform field."""
@@ -94,7 +93,7 @@ class SourceElement:
             self, outline=self.outline.moved(shift), amplitudes=self.moved_amplitudes(shift)
         )
 
-    def moved_amplitudes(self, shift: Floats) -> Complexes:
+    def moved_amplitudes(self, shift: Floats) -> Complex:
         """Return the amplitudes (m,) of the waves shifted by (d,)."""
         return self.amplitudes * shift_phases(self.frequencies, shift)
 
@@ -108,7 +107,7 @@ class RepeatedElement:
     """The element at the origin, of weight 1."""
     positions: Floats
     """Shifts of the copies in m, shape (n, d)."""
-    weights: Complexes
+    weights: Complex
     """Weights of the copies, shape (n,)."""
 
     @cached_property
@@ -122,13 +121,13 @@ class RepeatedElement:
 class WaveGroup:
     """Elements with proportional waves."""
 
-    amplitudes: Complexes
+    amplitudes: Complex
     """Amplitudes of the waves of the first element, shape (m,)."""
     frequencies: Floats
     """Frequencies of the waves in 1/m, shape (m, d)."""
     members: NDArray[np.intp]
     """Indices of the elements, shape (k,)."""
-    factors: Complexes
+    factors: Complex
     """Amplitudes of each element as a multiple of ``amplitudes``, shape (k,)."""
 
 
@@ -178,7 +177,7 @@ class Source:
         return self.elements if self.repeated is None else (self.repeated.element,)
 
     @cached_property
-    def weights(self) -> Complexes:
+    def weights(self) -> Complex:
         """Weights of the elements, shape (n,)."""
         if self.repeated is not None:
             return self.repeated.weights
@@ -424,7 +423,7 @@ def _copies(elements: Sequence[SourceElement]) -> RepeatedElement | None:
 def _common_factor(
     element: SourceElement,
     frequencies: Floats,
-    amplitudes: Complexes,
+    amplitudes: Complex,
     tolerance: float = _PROPORTIONAL,
 ) -> complex | None:
     """Return the factor between two sets of waves; None if the waves are not proportional."""

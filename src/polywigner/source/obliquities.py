@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from polywigner.errors import IlluminationError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_choice, checked_length
+from polywigner.numerics import Floats
 from polywigner.source.array import Array
 from polywigner.source.normal_form import (
     PublicSource,
@@ -35,8 +36,6 @@ from polywigner.source.normal_form import (
     coherent_form,
     normal_form,
 )
-
-Floats = NDArray[np.float64]
 
 
 def direction_cosines(frequencies: Floats, wavelength: float) -> NDArray[np.complex128]:

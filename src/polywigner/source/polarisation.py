@@ -12,12 +12,10 @@ import re
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, value_text
+from polywigner.numerics import Complex
 from polywigner.source.normal_form import normal_form
-
-Complexes = NDArray[np.complex128]
 
 CurrentModel = Literal["huygens", "magnetic", "electric"]
 
@@ -50,7 +48,7 @@ _EXPECTED = (
 )
 
 
-def checked_polarisation(polarisation: Any, source: Any = None) -> Complexes:
+def checked_polarisation(polarisation: Any, source: Any = None) -> Complex:
     """Return the unit Jones vector (2,) along x and y, or one per element of an array, (n, 2).
 
     Parameters
@@ -106,7 +104,7 @@ def is_pair(polarisation: Any) -> bool:
     return len(polarisation) == 2 and all(isinstance(item, kinds) for item in polarisation)
 
 
-def checked_pair(polarisation: Any, first: Any, second: Any) -> tuple[Complexes, Complexes]:
+def checked_pair(polarisation: Any, first: Any, second: Any) -> tuple[Complex, Complex]:
     """Return the Jones vectors of two sources, from a pair or from one polarisation for both."""
     pair = polarisation if is_pair(polarisation) else (polarisation, polarisation)
     return checked_polarisation(pair[0], first), checked_polarisation(pair[1], second)
@@ -117,7 +115,7 @@ def _count(source: Any) -> int:
     return len(getattr(getattr(source, "source", source), "weights", ()))
 
 
-def _of_text(text: str) -> Complexes:
+def _of_text(text: str) -> Complex:
     name = text.strip().lower()
     if name in _NAMED:
         return np.array(_NAMED[name], np.complex128)
@@ -135,7 +133,7 @@ def _error(value: Any, count: int) -> ArgumentError:
     return ArgumentError(f"{_EXPECTED}{for_elements}, got {value_text(value)}")
 
 
-def components(source: Any, polarisation: Complexes) -> list[tuple[Any, Complexes]]:
+def components(source: Any, polarisation: Complex) -> list[tuple[Any, Complex]]:
     """Return scalar sources u and vectors (2,); the sum of their products is the polarised field.
 
     There is one source if all elements have the same polarisation; otherwise there is one for the x
@@ -160,7 +158,7 @@ left-handed (IEEE)."""
 _ROUNDING = 1e-12
 
 
-def stokes_vector(polarisation: Complexes) -> Stokes:
+def stokes_vector(polarisation: Complex) -> Stokes:
     """Return (1, S1, S2, S3) of a unit Jones vector (2,), with S3 = 2 Im(p_x p_y*).
 
     Mitsuba uses the same sign convention for S3: S3 is -1 for "right", which is called left-handed
@@ -178,7 +176,7 @@ def stokes_vector(polarisation: Complexes) -> Stokes:
     return (1.0, s1, s2, s3)
 
 
-def stokes_fields(source: Any, polarisation: Complexes) -> list[tuple[Any, Stokes]]:
+def stokes_fields(source: Any, polarisation: Complex) -> list[tuple[Any, Stokes]]:
     """Return scalar sources and Stokes vectors; irradiance times vector adds up to the total.
 
     For one polarisation (2,) the only field is the source. For one polarisation per element (n, 2),
@@ -189,7 +187,7 @@ def stokes_fields(source: Any, polarisation: Complexes) -> list[tuple[Any, Stoke
         return [(source, stokes_vector(polarisation))]
     form = normal_form(source)
     x, y = form.weights * polarisation.T
-    fields: list[tuple[Complexes, Stokes]] = [
+    fields: list[tuple[Complex, Stokes]] = [
         (x, (1.0, 1.0, -1.0, -1.0)),
         (y, (1.0, -1.0, -1.0, -1.0)),
         (x + y, (0.0, 0.0, 1.0, 0.0)),
@@ -225,13 +223,13 @@ def ludwig_axes(x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any
     return (1.0 - x * x * scale, mixed, -x), (mixed, 1.0 - y * y * scale, -y)
 
 
-def polarisation_text(polarisation: Complexes) -> str:
+def polarisation_text(polarisation: Complex) -> str:
     """Format Jones vectors (2,) or (n, 2) for a scene: "1, 0.5j; ..."."""
     rows = np.atleast_2d(polarisation).tolist()
     return "; ".join(", ".join(str(value) for value in row) for row in rows)
 
 
-def polarisation_name(polarisation: Complexes) -> str:
+def polarisation_name(polarisation: Complex) -> str:
     """Format Jones vectors (2,) or (n, 2) for messages: "y", "45 deg", "right".
 
     Examples
@@ -250,7 +248,7 @@ def polarisation_name(polarisation: Complexes) -> str:
     return f"({x:.4g}, {y:.4g})"
 
 
-def polarisation_of_text(text: str, source: Any) -> Complexes:
+def polarisation_of_text(text: str, source: Any) -> Complex:
     """Parse Jones vectors in a scene: names, slants or "1, 0.5j", separated by ";".
 
     Examples

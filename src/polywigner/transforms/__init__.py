@@ -16,25 +16,24 @@ perimeter (docs/accuracy.md, "Limits").
 
 from polywigner.execution import Differentiable
 from polywigner.transforms.aberrations import Aberration, fit_zernike, zernike
-from polywigner.transforms.automean_samples import sample_automean
 from polywigner.transforms.calls import explain
 from polywigner.transforms.checked_calls import PhaseSpaceSource, Source
 from polywigner.transforms.imaging import (
     partially_coherent_image,
     transmission_cross_coefficient,
 )
-from polywigner.transforms.phase_space import (
+from polywigner.transforms.projection import PhaseSpaceFunction, projections
+from polywigner.transforms.public_transforms import (
     ambiguity,
+    array_factor,
     autocorrelation,
+    fourier,
     lag_marginal,
     position_marginal,
     wigner,
 )
-from polywigner.transforms.projection import PhaseSpaceFunction, projections
-from polywigner.transforms.pupil import mtf, otf
-from polywigner.transforms.spectrum import array_factor, fourier
+from polywigner.transforms.pupil import mtf, otf, strehl, wavefront_error
 from polywigner.transforms.traced_sources import differentiable
-from polywigner.transforms.wavefront_errors import strehl, wavefront_error
 
 __all__ = [
     "Aberration",
@@ -55,7 +54,6 @@ __all__ = [
     "partially_coherent_image",
     "position_marginal",
     "projections",
-    "sample_automean",
     "strehl",
     "transmission_cross_coefficient",
     "wavefront_error",

@@ -22,7 +22,8 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
 from polywigner.geometry.convex import trapezoids
 from polywigner.geometry.parts import shifted
-from polywigner.numerics.triangles import (
+from polywigner.numerics import Complex
+from polywigner.numerics.nodes import (
     LARGEST,
     Cells,
     Floats,
@@ -35,8 +36,6 @@ from polywigner.numerics.triangles import (
 )
 from polywigner.source.normal_form import SourceElement, normal_form, polygons_of
 from polywigner.transforms.aberrations import Aberration
-
-Complex = NDArray[np.complex128]
 
 TOLERANCE = 1e-10
 """Default tolerance of aberrated pupils, as a fraction of the largest value."""

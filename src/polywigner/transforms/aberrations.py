@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol, final
 
@@ -20,15 +21,127 @@ from polywigner.geometry.arguments import (
     checked_number,
     finite_array,
 )
-from polywigner.numerics import zernike as polynomials
-from polywigner.numerics.triangles import cells_of, rule_of_counts, triangles_of
+from polywigner.numerics import Complex, Floats
+from polywigner.numerics.nodes import cells_of, rule_of_counts, triangles_of
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form, polygons_of
 
-Floats = NDArray[np.float64]
 Path = Callable[[Floats, Floats], ArrayLike]
 
-# Step of the finite differences for the slopes of a path function, relative to the pupil's radius.
+# ---- Zernike polynomials of the unit disc --------------------------------------------------------
+
+# With z = x + iy, the polynomials V_n^m(z) = R_n^m(r) exp(i m theta) obey, for m >= 0,
+#
+#     V_n^m = z V_(n-1)^(m-1) + conj(z) V_(n-1)^(m+1) - V_(n-2)^m,    V_n^(-m) = conj(V_n^m),
+#
+# The recurrence has no cancellation, so high orders are accurate. The real part of V_n^m is the
+# cosine polynomial, and the imaginary part the sine polynomial. Source: T. B. Andersen, Opt.
+# Express 26, 18878 (2018), in complex form.
+
+Order = tuple[int, int]
+"""Radial order n and azimuthal frequency m. Negative m denote sine terms."""
+
+
+def noll(j: int) -> Order:
+    """Return the order of a Noll index 1, 2, ... (R. J. Noll, J. Opt. Soc. Am. 66, 207 (1976))."""
+    n = (math.isqrt(8 * j - 7) - 1) // 2
+    rank = j - n * (n + 1) // 2 - 1
+    m = (rank + 1) // 2 * 2 if n % 2 == 0 else rank // 2 * 2 + 1
+    return n, m if j % 2 == 0 else -m
+
+
+def osa(j: int) -> Order:
+    """Return the order of an OSA/ANSI index 0, 1, ... (ANSI Z80.28)."""
+    n = (math.isqrt(8 * j + 1) - 1) // 2
+    return n, 2 * j - n * (n + 2)
+
+
+def fringe(j: int) -> Order:
+    """Return the order of a fringe (University of Arizona) index 1, 2, ..."""
+    d = math.isqrt(j - 1)  # (n + |m|)/2
+    rank = j - 1 - d * d
+    m = d - rank // 2
+    return 2 * d - m, m if rank % 2 == 0 else -m
+
+
+class Indexing(NamedTuple):
+    """A numbering of the polynomials by a single index."""
+
+    order: Callable[[int], Order]
+    """Function that converts an index to an order (n, m)."""
+    first: int
+    """First index of the numbering, 0 or 1."""
+    is_normalised: bool
+    """True if the polynomials have unit rms on the disc; False if they are 1 at the rim."""
+
+
+INDEXINGS = {
+    "noll": Indexing(noll, 1, True),
+    "fringe": Indexing(fringe, 1, False),
+    "osa": Indexing(osa, 0, True),
+}
+
+
+def zernike_norm(order: Order) -> float:
+    """Return the factor that gives a polynomial unit rms on the disc."""
+    n, m = order
+    return math.sqrt((n + 1) * (2 if m else 1))
+
+
+def zernike_values(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
+    """Return polynomials (k, ...) at x, y (...), normalised to a largest value of 1 on the rim."""
+    table = _complex_values(max((n for n, _ in orders), default=0), x, y)
+    return np.array([_part(table, order) for order in orders])
+
+
+def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
+    """Return derivatives (k, 2, ...) in x and y of :func:`zernike_values`.
+
+    The recurrences are d/dz V_n^m - d/dz V_(n-2)^m = n V_(n-1)^(m-1), and with n V_(n-1)^(m+1) on
+    the right for the derivative in conj(z).
+    """
+    table = _complex_values(max((n for n, _ in orders), default=0), x, y)
+    return np.array([_gradient(table, order) for order in orders])
+
+
+def _complex_values(highest: int, x: Floats, y: Floats) -> dict[Order, Complex]:
+    """Return V_n^m (...) for 0 <= m <= n <= highest with n - m even."""
+    z = np.asarray(x) + 1j * np.asarray(y)
+    table: dict[Order, Complex] = {(0, 0): np.ones_like(z)}
+    for n in range(1, highest + 1):
+        for m in range(n % 2, n + 1, 2):
+            value = z * _at(table, n - 1, m - 1)
+            if m < n:
+                value = value + z.conj() * table[n - 1, m + 1] - table[n - 2, m]
+            table[n, m] = value
+    return table
+
+
+def _at(table: dict[Order, Complex], n: int, m: int) -> Complex:
+    """Return V_n^m for any m, zero for |m| > n."""
+    if abs(m) > n:
+        return np.zeros_like(table[0, 0])
+    return table[n, m] if m >= 0 else table[n, -m].conj()
+
+
+def _part(table: dict[Order, Complex], order: Order) -> Floats:
+    n, m = order
+    return table[n, m].real if m >= 0 else table[n, -m].imag
+
+
+def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
+    n, m = order
+    by_z = by_conjugate = np.zeros_like(table[0, 0])
+    for k in range(n, 0, -2):
+        by_z = by_z + k * _at(table, k - 1, abs(m) - 1)
+        by_conjugate = by_conjugate + k * _at(table, k - 1, abs(m) + 1)
+    both = np.array([by_z + by_conjugate, 1j * (by_z - by_conjugate)])
+    return both.real if m >= 0 else both.imag
+
+
+# ---- aberrations ---------------------------------------------------------------------------------
+
+# Step of the finite differences for the slopes of a function, relative to the pupil's radius.
 _STEP = 1e-6
 # Largest radial order of Zernike polynomials.
 _HIGHEST = 200
@@ -53,17 +166,17 @@ class Modes(Protocol):
 class ZernikeModes:
     """Sums of Zernike polynomials."""
 
-    orders: tuple[polynomials.Order, ...]
+    orders: tuple[Order, ...]
     radius: float
     matrix: Floats
     """Coefficients of the Zernike polynomials in each of k sums, shape (k, orders)."""
 
     def values(self, x: Floats, y: Floats) -> Floats:
-        table = polynomials.values(self.orders, x / self.radius, y / self.radius)
+        table = zernike_values(self.orders, x / self.radius, y / self.radius)
         return np.asarray(np.einsum("kj,j...->k...", self.matrix, table))
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
-        table = polynomials.gradients(self.orders, x / self.radius, y / self.radius)
+        table = zernike_gradients(self.orders, x / self.radius, y / self.radius)
         return np.asarray(np.einsum("kj,j...->k...", self.matrix / self.radius, table))
 
 
@@ -384,8 +497,8 @@ def fit_zernike(
     return FittedAberration(Aberration._of(values, modes), by_index, residual)
 
 
-def _indexing_of(name: Any) -> polynomials.Indexing:
-    return polynomials.INDEXINGS[checked_choice(name, "indexing", polynomials.INDEXINGS)]
+def _indexing_of(name: Any) -> Indexing:
+    return INDEXINGS[checked_choice(name, "indexing", INDEXINGS)]
 
 
 def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
@@ -411,7 +524,7 @@ def _zernike_modes(
     order, first, is_normalised = _indexing_of(indexing)
     is_plain = orthogonal_on is None
     orders = tuple(map(order, indices if is_plain else range(first, max(indices) + 1)))
-    norms = [1.0 if is_plain and not is_normalised else polynomials.norm(n_m) for n_m in orders]
+    norms = [1.0 if is_plain and not is_normalised else zernike_norm(n_m) for n_m in orders]
     modes = ZernikeModes(orders, checked_length(radius, "radius"), np.diag(norms))
     if orthogonal_on is None:
         return modes

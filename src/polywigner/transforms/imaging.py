@@ -28,7 +28,8 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     takes_frequency,
 )
-from polywigner.numerics.divided_differences import simplex_plane_wave
+from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics.phases import simplex_plane_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.aberrated_pupils import (
@@ -38,13 +39,9 @@ from polywigner.transforms.aberrated_pupils import (
 )
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.checked_calls import broadcast_shape, checked_points
+from polywigner.transforms.public_transforms import fourier
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
 from polywigner.transforms.sections import edges_of
-from polywigner.transforms.spectrum import fourier
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
 
 # Largest number of intersections of polygons, which take some minutes and 2 GB of memory.
 _MOST = 1 << 20

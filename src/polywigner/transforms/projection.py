@@ -16,11 +16,13 @@ from polywigner.execution import Engine, checked_engine
 from polywigner.geometry import Slits, Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_count, real_numbers
 from polywigner.kernels import kernel_for
+from polywigner.numerics import Floats
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import PhaseSpaceSource
-from polywigner.transforms.phase_space import (
+from polywigner.transforms.public_transforms import (
     ambiguity,
     autocorrelation,
+    fourier,
     lag_marginal,
     position_marginal,
     wigner,
@@ -36,7 +38,6 @@ from polywigner.transforms.sections import (
     overlaps,
     phase,
 )
-from polywigner.transforms.spectrum import fourier
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:
@@ -58,7 +59,6 @@ _LOBES = 8.0
 # the tests was 2e-13, for |nu| times diameter up to 1e3.
 _ROUNDING = 1e-12
 
-Values = NDArray[np.float64]
 Array = NDArray[Any]
 
 
@@ -201,7 +201,7 @@ def _axes(
     tiles: Mapping[str, Tile],
     samples: int,
     coordinates: Mapping[str, ArrayLike] | None,
-) -> dict[str, Values]:
+) -> dict[str, Floats]:
     """Return the values along every coordinate of the tiles."""
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
     count = checked_count(samples, "samples", 2, LARGEST_SAMPLES)
@@ -228,7 +228,7 @@ def _axes(
     return axes
 
 
-def _numbers(name: str, values: ArrayLike) -> Values:
+def _numbers(name: str, values: ArrayLike) -> Floats:
     try:
         array = real_numbers(values)
     except ValueError:
@@ -263,7 +263,7 @@ def _largest_amplitude(source: PhaseSpaceSource) -> float:
 # Power of a length in each unit of tiles.
 _POWERS = {"1": 0, "m": 1, "m2": 2, "m4": 4}
 
-Compute = Callable[[PhaseSpaceSource, Values, Values, Engine], Array]
+Compute = Callable[[PhaseSpaceSource, Floats, Floats, Engine], Array]
 
 
 class Tile(NamedTuple):
@@ -282,7 +282,7 @@ class Tile(NamedTuple):
 def _on_grid(function: Callable[..., Array]) -> Compute:
     """Return a function that evaluates ``function`` (source, points, engine) on a tile's grid."""
 
-    def values(source: PhaseSpaceSource, first: Values, second: Values, engine: Engine) -> Array:
+    def values(source: PhaseSpaceSource, first: Floats, second: Floats, engine: Engine) -> Array:
         grid = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
         return np.asarray(function(source, grid, engine=engine))
 
@@ -292,7 +292,7 @@ def _on_grid(function: Callable[..., Array]) -> Compute:
 def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
     """Return a function of (field, first, second), optionally with x and y exchanged."""
 
-    def values(source: Any, first: Values, second: Values, engine: Engine) -> Array:
+    def values(source: Any, first: Floats, second: Floats, engine: Engine) -> Array:
         field = field_of(source)
         return function(field.transposed() if is_transposed else field, first, second)
 
@@ -302,7 +302,7 @@ def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
 def _of_slits(function: Callable[..., Array]) -> Compute:
     """Return a function that evaluates a function of slits on the grid of its two coordinates."""
 
-    def values(source: PhaseSpaceSource, first: Values, second: Values, engine: Engine) -> Array:
+    def values(source: PhaseSpaceSource, first: Floats, second: Floats, engine: Engine) -> Array:
         result = function(source, first[:, None, None], second[None, :, None], engine=engine)
         is_uniform = isinstance(source, Slits) and source.illumination is None
         return np.asarray(result.real if is_uniform and function is autocorrelation else result)
@@ -310,18 +310,21 @@ def _of_slits(function: Callable[..., Array]) -> Compute:
     return values
 
 
-def _along_x(values: Values, y: float = 0.0) -> Values:
+def _along_x(values: Floats, y: float = 0.0) -> Floats:
     """Return points (n, 2) at one y."""
     return np.stack([values, np.full_like(values, y)], axis=-1)
 
 
-def _shadow_product(field: PlaneField, x: Values, xi_x: Values) -> Array:
+# --- autocorrelation
+
+
+def _shadow_product(field: PlaneField, x: Floats, xi_x: Floats) -> Array:
     at = (x - field.centre[0])[:, None]
     ahead, behind = (column_integrals(field, (at + half).ravel()) for half in (xi_x / 2, -xi_x / 2))
     return (ahead * np.conj(behind)).reshape(len(x), len(xi_x))
 
 
-def _mirrored_overlap(field: PlaneField, x: Values, xi_y: Values) -> Array:
+def _mirrored_overlap(field: PlaneField, x: Floats, xi_y: Floats) -> Array:
     x = x - field.centre[0]
     if field.is_uniform:
         return mirrored_correlation(field, x, xi_y)
@@ -336,21 +339,24 @@ def _mirrored_overlap(field: PlaneField, x: Values, xi_y: Values) -> Array:
     return values
 
 
-def _of_columns(first: Values, second: Values) -> tuple[Values, Values]:
-    """Return shifts and rates for the columns at a and 2x - a, one of which is moved up, (P5)."""
+def _of_columns(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+    """Return shifts and rates for the columns at a and 2x - a, one of them moved up, (P5)."""
     shift = np.column_stack([first[:, 0] + second[:, 0], first[:, 1] - second[:, 1]])
     return shift, np.column_stack([-2 * second[:, 0], second[:, 1]])
 
 
-def _intensity(source: PhaseSpaceSource, grid: Values, *, engine: Engine) -> Array:
+# --- Wigner function
+
+
+def _intensity(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
     return np.asarray(autocorrelation(source, grid, np.zeros(2), engine=engine).real)
 
 
-def _power_spectrum(source: PhaseSpaceSource, grid: Values, *, engine: Engine) -> Array:
+def _power_spectrum(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
     return _squared(fourier(source, grid, engine=engine))
 
 
-def _wigner_of_rows(field: PlaneField, x: Values, nu_x: Values) -> Array:
+def _wigner_of_rows(field: PlaneField, x: Floats, nu_x: Floats) -> Array:
     x = x - field.centre[0]
     # The overlap is symmetric and its field Hermitian, so the transform of the field is real.
     ahead: Image = (2.0, 1.0), _along_x(-2 * x)
@@ -359,13 +365,13 @@ def _wigner_of_rows(field: PlaneField, x: Values, nu_x: Values) -> Array:
     return mutual_spectra(field, regions, nu_x, x[:, None], _of_one_row).real
 
 
-def _of_one_row(first: Values, second: Values) -> tuple[Values, Values]:
-    """Return shifts and rates for two points of one row, with their midpoint at x, (P8)."""
+def _of_one_row(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+    """Return shifts and rates for two points of one row with their midpoint at x, (P8)."""
     shift = np.column_stack([(first[:, 0] + second[:, 0]) / 2, first[:, 1] - second[:, 1]])
     return shift, first[:, :1] - second[:, :1]
 
 
-def _column_powers(field: PlaneField, x: Values, nu_y: Values) -> Array:
+def _column_powers(field: PlaneField, x: Floats, nu_y: Floats) -> Array:
     return _squared(column_spectra(field, x - field.centre[0], nu_y))
 
 
@@ -373,16 +379,19 @@ def _squared(values: Array) -> Array:
     return np.asarray(values.real**2 + values.imag**2)
 
 
-def _at_opposite_points(source: PhaseSpaceSource, grid: Values, *, engine: Engine) -> Array:
+# --- ambiguity function
+
+
+def _at_opposite_points(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
     return np.asarray(autocorrelation(source, np.zeros(2), grid, engine=engine))
 
 
-def _spectrum_product(source: PhaseSpaceSource, grid: Values, *, engine: Engine) -> Array:
+def _spectrum_product(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
     ahead = fourier(source, grid / 2, engine=engine)
     return np.asarray(ahead * np.conj(fourier(source, -grid / 2, engine=engine)))
 
 
-def _ambiguity_of_rows(field: PlaneField, upsilon_x: Values, xi_x: Values) -> Array:
+def _ambiguity_of_rows(field: PlaneField, upsilon_x: Floats, xi_x: Floats) -> Array:
     x, y = field.centre.tolist()
     ahead: Image = (1.0, 1.0), _along_x(-xi_x / 2, y)
     behind: Image = (1.0, -1.0), _along_x(xi_x / 2, -y)
@@ -392,13 +401,13 @@ def _ambiguity_of_rows(field: PlaneField, upsilon_x: Values, xi_x: Values) -> Ar
     return 2 * (spectra * phase(x, upsilon_x)).T
 
 
-def _of_opposite_rows(first: Values, second: Values) -> tuple[Values, Values]:
+def _of_opposite_rows(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Return shifts and rates for points of the rows at eta and -eta, (P12)."""
     shift = np.column_stack([first[:, 0] - second[:, 0], first[:, 1] + second[:, 1]])
     return shift, np.column_stack([(first[:, 0] + second[:, 0]) / 2, second[:, 1] - first[:, 1]])
 
 
-def _opposite_columns(field: PlaneField, upsilon_y: Values, xi_x: Values) -> Array:
+def _opposite_columns(field: PlaneField, upsilon_y: Floats, xi_x: Floats) -> Array:
     x, y = field.centre.tolist()
     ahead, behind = (
         column_spectra(field, sign * xi_x / 2 - x, sign * upsilon_y / 2) for sign in (1.0, -1.0)

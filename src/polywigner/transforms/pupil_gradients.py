@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.execution import Differentiable
-from polywigner.numerics.nodes import unit_rule
-from polywigner.numerics.triangles import Floats, Indices, counts_for
+from polywigner.numerics import Complex
+from polywigner.numerics.nodes import Floats, Indices, counts_for, unit_rule
 from polywigner.transforms.aberrated_pupils import (
     AberratedPupil,
     Slices,
@@ -33,7 +33,6 @@ from polywigner.transforms.aberrated_pupils import (
 )
 from polywigner.transforms.aberrations import Aberration
 
-Complex = NDArray[np.complex128]
 Jets = NDArray[np.complex128]
 """Values in column 0, and their derivatives by the variables of a pupil in the other columns."""
 Parts = tuple[Indices, Floats, Floats]

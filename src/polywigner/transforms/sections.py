@@ -23,14 +23,15 @@ from numpy.typing import NDArray
 
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
-from polywigner.numerics.divided_differences import simplex_plane_wave
-from polywigner.numerics.phases import cos_sin_cycles, cycles_to_centre, mean_plane_wave
+from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics.phases import (
+    cos_sin_cycles,
+    cycles_to_centre,
+    mean_plane_wave,
+    simplex_plane_wave,
+)
 from polywigner.source import Array
 from polywigner.source.normal_form import SourceElement, normal_form
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
 
 _OPS = NumpyOperations()
 

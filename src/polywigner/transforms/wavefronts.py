@@ -16,18 +16,16 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner import kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry import Aperture, Slits, Wavefront
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import Values, broadcast_shape
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 TILT_ERROR = {True: 1e-11, False: 1e-7}
 """Error of means over tilts in double and in single precision, relative to the largest value of A.

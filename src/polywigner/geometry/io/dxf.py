@@ -16,18 +16,23 @@ import numpy as np
 import shapely
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import (
+from polywigner.geometry.io.limits import check_coordinates
+from polywigner.geometry.io.outlines import (
     Arc,
     Curve,
+    Drawing,
+    File,
     Points,
     Spline,
+    check_known,
     chords,
+    depths,
+    filled,
+    nested,
     reach_of,
     sampled,
     transformed,
 )
-from polywigner.geometry.io.limits import check_coordinates
-from polywigner.geometry.io.outlines import Drawing, File, check_known, depths, filled, nested
 from polywigner.geometry.parts import polygons_in, union_on_grid
 from polywigner.geometry.rings import Ring, rings_of_polygon
 

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from polywigner.errors import ArgumentError, FileFormatError
-from polywigner.geometry.io.curves import DEFAULT_TOLERANCE
 from polywigner.geometry.io.limits import check_coordinates
-from polywigner.geometry.io.outlines import Drawing, File, filled
+from polywigner.geometry.io.outlines import DEFAULT_TOLERANCE, Drawing, File, filled
 from polywigner.geometry.rings import Ring
 
 if TYPE_CHECKING:

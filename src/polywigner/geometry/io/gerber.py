@@ -20,9 +20,18 @@ from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry.illumination import turned_points
-from polywigner.geometry.io.curves import Arc, Curve, Points, chords, flattened, reach_of
 from polywigner.geometry.io.limits import check_coordinates, text_of
-from polywigner.geometry.io.outlines import Drawing, File, filled
+from polywigner.geometry.io.outlines import (
+    Arc,
+    Curve,
+    Drawing,
+    File,
+    Points,
+    chords,
+    filled,
+    flattened,
+    reach_of,
+)
 from polywigner.geometry.parts import combined_on_grid, polygons_in, union_on_grid
 from polywigner.geometry.rings import rings_of_polygon
 

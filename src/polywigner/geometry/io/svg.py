@@ -19,16 +19,20 @@ import numpy as np
 import shapely
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import (
+from polywigner.geometry.io.outlines import (
     Arc,
     Bezier,
     Curve,
+    Drawing,
+    File,
     Points,
+    Polygon,
+    check_known,
+    filled,
     flattened,
     sampled,
     transformed,
 )
-from polywigner.geometry.io.outlines import Drawing, File, Polygon, check_known, filled
 from polywigner.geometry.parts import combined_on_grid, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 

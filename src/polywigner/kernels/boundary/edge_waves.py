@@ -26,9 +26,8 @@ from typing import Any
 import numpy as np
 
 from polywigner.numerics import Number
-from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select, unit_wave
 from polywigner.numerics.jets import JetOperations
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics.phases import Pair, cos_sin_cycles, decaying_sinh, select, unit_wave
 
 Values = tuple[Any, ...]
 Point = tuple[Any, ...]

@@ -25,7 +25,6 @@ from polywigner.kernels.boundary.edge_waves import (
 )
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.numerics import Number, phases
-from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.nodes import (
     SUMS,
     Rules,
@@ -35,7 +34,7 @@ from polywigner.numerics.nodes import (
     nodes_needed,
     rule_of,
 )
-from polywigner.numerics.phases import Doubled, cos_sin_cycles
+from polywigner.numerics.phases import Doubled, Pair, cos_sin_cycles, unit_wave
 
 # Distance in wavelengths beyond which a sum of two floats does not resolve the phase, and the
 # rounding errors of products overflow.

@@ -35,8 +35,8 @@ from polywigner.kernels.boundary.integrals import (
 )
 from polywigner.kernels.kernel import Values
 from polywigner.numerics import Number
-from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
+from polywigner.numerics.phases import Pair
 
 # Numbers of nodes of the quadrature rules for tails: integrals from an end of an edge to infinity.
 _SIZES = (2, 3, 4, 5, 6, 8, 10)

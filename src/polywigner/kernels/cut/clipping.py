@@ -30,10 +30,9 @@ from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from polywigner.kernels.outline.tables import Tables
-from polywigner.numerics import Number
+from polywigner.kernels.outline import Tables
+from polywigner.numerics import Floats, Number
 from polywigner.numerics.grid_arithmetic import (
     accurate_cross,
     rounded,
@@ -45,7 +44,6 @@ from polywigner.numerics.grid_arithmetic import (
 # moves their intersection by 1/0.03 ulps.
 _NEARLY_PARALLEL = 0.03
 
-Floats = npt.NDArray[np.float64]
 T = TypeVar("T")
 
 

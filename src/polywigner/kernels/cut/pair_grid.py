@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.kernels.outline.tables import Tables
+from polywigner.kernels.outline import Tables
 from polywigner.numerics import Number
 from polywigner.numerics.grid_arithmetic import accurate_cross
 

@@ -16,7 +16,7 @@ from typing import Any
 from polywigner.kernels.cut.cell_lists import cells_across, pair_grid
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Edge, View
 from polywigner.kernels.cut.pair_grid import LEAD, START, WHOLE, PairGrid, crossing, outline_of
-from polywigner.kernels.outline.tables import Tables
+from polywigner.kernels.outline import Tables
 from polywigner.numerics import Number
 
 Pass = tuple[View, int, int]

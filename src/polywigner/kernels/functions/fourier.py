@@ -26,7 +26,7 @@ import numpy.typing as npt
 from polywigner.geometry import Polyhedron
 from polywigner.geometry.rings import whole_numbers
 from polywigner.kernels.kernel import Kernel, leave_wave
-from polywigner.kernels.outline.frame import (
+from polywigner.kernels.outline import (
     NEEDLE_ASPECT,
     Frame,
     Matrix,
@@ -37,9 +37,8 @@ from polywigner.kernels.outline.frame import (
     vertices_for,
 )
 from polywigner.numerics import Number, phases
-from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.grid_arithmetic import accurate_cross
-from polywigner.numerics.phases import cos_sin_cycles, sinc, sinc_less_one
+from polywigner.numerics.phases import cos_sin_cycles, simplex_plane_wave, sinc, sinc_less_one
 
 Values = tuple[Any, ...]
 Array = npt.NDArray[Any]

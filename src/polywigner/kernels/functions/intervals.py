@@ -27,8 +27,8 @@ from polywigner.kernels.kernel import (
     leave_real,
     leave_wave,
 )
-from polywigner.kernels.outline.frame import power_of_two
-from polywigner.kernels.outline.wave_pairs import (
+from polywigner.kernels.outline import power_of_two
+from polywigner.kernels.wave_pairs import (
     Wave,
     WavePair,
     Waves,
@@ -39,8 +39,7 @@ from polywigner.kernels.outline.wave_pairs import (
     waves_in_frame,
 )
 from polywigner.numerics import Number, phases
-from polywigner.numerics.complex_pairs import Pair, unit_wave
-from polywigner.numerics.phases import Doubled, doubled, sinc
+from polywigner.numerics.phases import Doubled, Pair, doubled, sinc, unit_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 

@@ -21,9 +21,8 @@ from polywigner.kernels.functions.intervals import PairTables
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
 from polywigner.kernels.functions.slices import WIGNER_SUM
 from polywigner.kernels.kernel import Values
-from polywigner.kernels.outline.frame import Frame, Matrix, determinant
-from polywigner.kernels.outline.tables import Tables
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.kernels.outline import Frame, Matrix, Tables, determinant
+from polywigner.numerics.phases import Pair
 
 
 def coherence_of(frame: Frame, width: float) -> Matrix:

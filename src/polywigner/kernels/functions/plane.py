@@ -27,11 +27,10 @@ from polywigner.kernels.kernel import (
     leave_real,
     leave_wave,
 )
-from polywigner.kernels.outline.frame import enter_position_and_frequency, frame_of
-from polywigner.kernels.outline.tables import Tables, build_tables
-from polywigner.kernels.outline.wave_pairs import field_of
+from polywigner.kernels.outline import Tables, build_tables, enter_position_and_frequency, frame_of
+from polywigner.kernels.wave_pairs import field_of
 from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.phases import Pair
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 

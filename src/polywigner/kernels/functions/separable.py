@@ -22,10 +22,10 @@ from polywigner.geometry.rings import signed_area
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.intervals import LineField
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
-from polywigner.kernels.outline.frame import Frame, frame_along, power_of_two
-from polywigner.kernels.outline.wave_pairs import Wave, Waves, carrier_of, waves_in_frame
-from polywigner.numerics import Number, phases
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.kernels.outline import Frame, frame_along, power_of_two
+from polywigner.kernels.wave_pairs import Wave, Waves, carrier_of, waves_in_frame
+from polywigner.numerics import Floats, Number, phases
+from polywigner.numerics.phases import Pair
 from polywigner.source.lattices import column_and_row
 
 # An outline counts as a rectangle if its corners deviate from a true rectangle by less than
@@ -36,8 +36,6 @@ from polywigner.source.lattices import column_and_row
 _ROUNDING, _ROUNDINGS, _SHAPELESS = 1e-14, 8, 1e-6
 
 _UNIT = np.finfo(np.float64).eps / 2
-
-Floats = npt.NDArray[np.float64]
 
 
 def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:

@@ -28,15 +28,15 @@ from polywigner.kernels.functions.edge_terms import (
     scaled,
     wigner_terms,
 )
-from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.outline.wave_pairs import (
+from polywigner.kernels.outline import Tables
+from polywigner.kernels.wave_pairs import (
     WavePair,
     difference_pairs,
     mean_pairs,
     pair_of_row,
     rows_of,
 )
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.phases import Pair
 
 Values = tuple[Any, ...]
 Array = NDArray[Any]

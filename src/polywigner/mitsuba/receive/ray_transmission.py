@@ -25,8 +25,7 @@ from polywigner.execution import Drjit
 from polywigner.mitsuba.plugins.polariser import mueller_matrix
 from polywigner.mitsuba.scenes.reflectors import MASK, THIN, Surface, bsdfs_in
 from polywigner.mitsuba.scenes.surfaces import Reaches, children_of
-
-Floats = NDArray[np.float64]
+from polywigner.numerics import Floats
 
 # Largest number of null surfaces on a path; a path through more surfaces counts as blocked.
 _MOST_PASSED = 64

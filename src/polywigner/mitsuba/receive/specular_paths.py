@@ -40,12 +40,11 @@ from polywigner.mitsuba.scenes.surfaces import (
     in_frame,
     meshes_in,
 )
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.equivalent_points import RadiatingPoint, radiating_points
 from polywigner.propagation.shadows import diffracted
 from polywigner.source.polarisation import ludwig_axes
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Mesh = tuple[Floats, NDArray[np.intp]]
 """Corners (n, 3) and triangles (t, 3)."""
 

@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics.phases import Pair, cos_sin_cycles
 
 # Largest relative difference of frequencies that count as equal. Sums of the same terms in a
 # different order differ by rounding.

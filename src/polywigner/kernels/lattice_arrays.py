@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.arrays.array_factors import ProfileFactor, factor_of, profile_factor
-from polywigner.kernels.arrays.repeated import (
+from polywigner.kernels.array_factors import ProfileFactor, factor_of, profile_factor
+from polywigner.kernels.element_pairs import (
     ElementTables,
     RepeatedTables,
     element_ambiguity,
@@ -26,9 +26,9 @@ from polywigner.kernels.arrays.repeated import (
     element_wigner,
 )
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
-from polywigner.kernels.outline.frame import Frame
+from polywigner.kernels.outline import Frame
 from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import unit_wave
+from polywigner.numerics.phases import unit_wave
 from polywigner.source import Array
 from polywigner.source.lattices import Lattice, Profile, separated
 from polywigner.source.normal_form import normal_form

@@ -26,16 +26,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.kernels.arrays.repeated import DeviceTable
+from polywigner.kernels.element_pairs import DeviceTable
 from polywigner.kernels.functions.fourier import LinearFrame
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
-from polywigner.numerics import Number, phases
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_cycles, sin_cycles
+from polywigner.numerics import Complex, Number, phases
+from polywigner.numerics.phases import Pair, cos_sin_cycles, sin_cycles
 from polywigner.source.lattices import Profile, Sites, separated
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 Pair2 = tuple[Any, Any]
 Row = tuple[float, ...]
 
@@ -73,7 +70,7 @@ class ProfileFactor:
         return len(self.profile.amplitudes)
 
     @cached_property
-    def _amplitudes(self) -> Complexes:
+    def _amplitudes(self) -> Complex:
         return np.array(self.profile.amplitudes, np.complex128)
 
     @cached_property
@@ -94,9 +91,9 @@ class ProfileFactor:
     def _mutual(self, by_mean: bool) -> _Series:
         a, last = self._amplitudes, self.count - 1
 
-        def product(number: NDArray[np.intp], k: NDArray[np.intp]) -> Complexes:
+        def product(number: NDArray[np.intp], k: NDArray[np.intp]) -> Complex:
             site = np.maximum(0, number - last) + k
-            products: Complexes = a[site] * a[partner(site, number, self.count, by_mean)].conj()
+            products: Complex = a[site] * a[partner(site, number, self.count, by_mean)].conj()
             return products
 
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
@@ -220,7 +217,7 @@ class _Basis:
 
 
 def _series(
-    lengths: NDArray[np.intp], product: Callable[[NDArray[np.intp], NDArray[np.intp]], Complexes]
+    lengths: NDArray[np.intp], product: Callable[[NDArray[np.intp], NDArray[np.intp]], Complex]
 ) -> _Series:
     """Return the rows c_k = ``product(row, k)``, 0 <= k < length, as sums about their centres."""
     count, terms = len(lengths), (int(lengths.max()) + 1) // 2
@@ -243,7 +240,7 @@ def _series(
     return _Series(packets, tuple(tables))
 
 
-def _unless_zero(values: Complexes, part: str, packet: int) -> DeviceTable | None:
+def _unless_zero(values: Complex, part: str, packet: int) -> DeviceTable | None:
     parts: NDArray[np.float64] = getattr(values, part)
     if not (np.abs(parts) > 1e-17 * np.abs(values).max(initial=0.0)).any():
         return None

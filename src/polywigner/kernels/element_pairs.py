@@ -10,32 +10,87 @@ elements. Midpoints and differences are stored as sums of two floats.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.arrays.repeated import (
-    DeviceTable,
-    ElementTables,
-    RepeatedTables,
-    element_ambiguity,
-    element_field,
-    element_tables,
-    element_wigner,
-)
 from polywigner.kernels.cut.clipping import BEHIND, MIRRORED, View
-from polywigner.kernels.functions.plane import product_of_both
+from polywigner.kernels.functions import plane, separable
+from polywigner.kernels.functions.plane import product_of_both, tables_of
+from polywigner.kernels.functions.separable import SeparableTables, separable_tables
+from polywigner.kernels.functions.slices import AMBIGUITY_SUM, WIGNER_SUM
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
-from polywigner.kernels.outline.frame import Frame, vertices_for
-from polywigner.numerics import Mask, phases
-from polywigner.numerics.complex_pairs import Pair, unit_wave
+from polywigner.kernels.outline import Frame, Tables, vertices_for
+from polywigner.numerics import Floats, Mask, Number, phases
+from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
+
+ElementTables = Tables | SeparableTables
+
+
+def element_tables(aperture: Aperture, double: bool) -> ElementTables:
+    """Return the tables of an element for kernels in float64 (``double``) or float32."""
+    return separable_tables(aperture, double) or tables_of(aperture, double)
+
+
+def element_wigner(ops: Any, tables: ElementTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
+    """Return W(x, nu) in the element's frame."""
+    if isinstance(tables, SeparableTables):
+        return separable.wigner(ops, tables, x, y, nu_x, nu_y)
+    return WIGNER_SUM(ops, tables, x, y, nu_x, nu_y)[0]
+
+
+def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> Pair:
+    """Return A(upsilon, xi) in the element's frame."""
+    if isinstance(tables, SeparableTables):
+        cosine, sine = separable.ambiguity(ops, tables, *arguments)
+    else:
+        cosine, sine = AMBIGUITY_SUM(ops, tables, 0.0, *arguments)
+    return Pair(cosine, -sine)
+
+
+def element_field(ops: Any, tables: ElementTables, x: Any, y: Any) -> tuple[Any, Any]:
+    """Return the (real, imaginary) field u of the element in its frame, without the carrier."""
+    if isinstance(tables, SeparableTables):
+        return separable.field(ops, tables, x, y)
+    return plane.field(ops, tables, x, y)
+
+
+Element = TypeVar("Element")
+Sites = TypeVar("Sites")
+
+
+@dataclass(frozen=True)
+class RepeatedTables(Generic[Element, Sites]):
+    """Tables of an element, and the positions and weights of its copies."""
+
+    frame: Any
+    element: Element
+    sites: Sites
+    terms: int = 1
+    """Number of copies that are summed at each sample, which determines the choice of the engine.
+    """
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceTable:
+    """A table (rows, columns) that is copied once into the memory of each engine."""
+
+    values: NDArray[Any]
+    copies: dict[Hashable, Any] = field(default_factory=dict)
+
+    def in_memory(self, ops: Any) -> Any:
+        """Return the copy of the table in the memory of an engine."""
+        if ops.key not in self.copies:
+            self.copies[ops.key] = ops.on_device(self.values)
+        return self.copies[ops.key]
+
 
 # Smallest number of elements for which W and A are sums over pairs of elements. Arrays of fewer
 # elements are computed as one source, which is faster (benchmarks/array_cost.py).
@@ -46,8 +101,6 @@ _MARGIN = 2.0**-21
 # Largest number of grid cells, and of grid cells per pair of elements. More cells do not make the
 # lists of pairs shorter.
 _MOST_CELLS, _CELLS_PER_PAIR = 1 << 20, 64
-
-Floats = NDArray[np.float64]
 
 
 def is_scattered(array: Array) -> bool:
