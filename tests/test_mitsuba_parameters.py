@@ -108,7 +108,7 @@ REFUSED = {
     GOOD.replace("94 GHz", "1e-20 Hz"): "radiates only | 2.99792e+28 | check the unit",
     GOOD + element("boolean", "power", "true"): "number or a string as power | bool",
     GOOD + texts(obliquity="rs1"): "obliquity | 'rs1' | kirchhoff",
-    turned('<scale value="2"/>'): "rotations and translations only | scales by 2, 2, 2",
+    turned('<scale value="2"/>'): "rotation and translation only | scales by 2, 2, 2",
     texts(aperture="memory:0123", frequency="94 GHz"): "key of a source | mitsuba.aperture",
     GOOD + texts(taper="gauss"): "taper: expected a taper such as | \"te10\" | 'gauss'",
     GOOD + texts(array="9999 x 9999, 2 mm"): "array: expected at most 1048576 elements",
