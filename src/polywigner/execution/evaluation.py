@@ -339,16 +339,18 @@ def shared_rows(
         if not all(a or b for a, b in zip(in_head, in_tail, strict=True)):
             continue
         head, tail = math.prod(shape[:k]), math.prod(shape[k:])
+        transposed = not (tail >= _LEAST_COLUMNS and all(in_head[positions]))
+        if transposed and not (head >= _LEAST_COLUMNS and all(in_tail[positions])):
+            continue
         flat = [
             np.broadcast_to(c.reshape(c.shape[:k]), shape[:k]).reshape(-1, 1)
             if is_row
             else np.broadcast_to(c.reshape(c.shape[k:]), shape[k:]).reshape(1, -1)
             for c, is_row in zip(padded, in_head, strict=True)
         ]
-        if tail >= _LEAST_COLUMNS and all(in_head[positions]):
-            return SharedRows(tuple(flat), head, tail)
-        if head >= _LEAST_COLUMNS and all(in_tail[positions]):
+        if transposed:
             return SharedRows(tuple(f.T for f in flat), tail, head, transposed=True)
+        return SharedRows(tuple(flat), head, tail)
     return None
 
 
