@@ -44,7 +44,8 @@ def _replace_folder(scratch: Path, path: Path) -> None:
     path.rename(old)
     try:
         scratch.rename(path)
-    except BaseException:  # the clause also handles KeyboardInterrupt
+    # BaseException includes KeyboardInterrupt.
+    except BaseException:
         if not path.exists():
             old.rename(path)
         raise

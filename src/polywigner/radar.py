@@ -130,11 +130,11 @@ class FMCW:
         return 1.0
 
     def from_spectrum(self, spectrum: Complex) -> Complex:
-        """Return the samples of amplitudes (..., samples) at the frequencies."""
+        """Return the samples (..., samples) for amplitudes at the frequencies."""
         return spectrum
 
     def to_spectrum(self, signal: Complex) -> Complex:
-        """Return the amplitudes at the frequencies of samples (..., samples)."""
+        """Return the amplitudes at the frequencies for samples (..., samples)."""
         return signal
 
 
@@ -176,7 +176,7 @@ class Pulse(FMCW):
         return float(self.samples)
 
     def from_spectrum(self, spectrum: Complex) -> Complex:
-        """Return samples in time; the largest sample of a single path is its amplitude."""
+        """Return samples in time; the largest sample of a single path equals its amplitude."""
         return np.fft.fft(spectrum) / self.samples
 
     def to_spectrum(self, signal: Complex) -> Complex:
@@ -444,7 +444,7 @@ def window_of(name: str, count: int) -> Floats:
 
 
 def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
-    """Return spectra over rates (draw, receiver, emitter, rate, frequency), rates, noise gain.
+    """Return spectra (draw, receiver, emitter, rate, frequency), range rates, and noise gain.
 
     The motion within each repetition is removed for the rate of each bin.
     """
@@ -462,7 +462,7 @@ def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
 
 
 def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Complex, Floats, float]:
-    """Return amplitudes over range in place of frequency, ranges in m, and the noise gain."""
+    """Return amplitudes by range instead of frequency, ranges in m, and the noise gain."""
     waveform = waveform_of(cube)
     bins = waveform.samples * checked_count(pad, "pad", 1, 64)
     weights = window_of(window, waveform.samples)

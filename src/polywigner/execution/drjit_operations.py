@@ -152,7 +152,6 @@ class DrjitOperations(RowByRow):
         kind = type(flat)
         if width % 4:
             return tuple(self._dr.gather(kind, flat, width * row + k) for k in range(width))
-        # Each load instruction reads a packet of four entries.
         four, packets = getattr(sys.modules[kind.__module__], _PACKETS[kind.__name__]), width // 4
         loaded = (self._dr.gather(four, flat, packets * row + k) for k in range(packets))
         return tuple(entry for packet in loaded for entry in packet)

@@ -108,11 +108,11 @@ class _Accumulator:
         kind = self.ops.float_type
         is_constant = isinstance(number, int | float)
         index = dr.uint32_array_t(kind)(int(number)) if is_constant else self.ops.truncated(number)
-        # Arrays from inside a loop cannot be used outside the loop.
+        # Arrays that were created inside a Dr.Jit loop cannot be used outside the loop.
         if not is_constant or dr.flag(dr.JitFlag.SymbolicScope):
             return tuple(dr.gather(kind, values, index) for values in pair)
-        # Each vertex is gathered only once for all edges. Otherwise each edge would add its
-        # gradient in memory.
+        # Each vertex is gathered only once for all edges that end in it. Otherwise reverse mode
+        # would scatter the gradient of each edge to memory.
         key = id(pair), int(number)
         if key not in self.known:
             self.known[key] = tuple(dr.gather(kind, values, index) for values in pair)
@@ -144,7 +144,7 @@ def kernel_with_derivatives(
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
     values = kernel.edge_sum(ops, tables, *fixed)
-    # The closed forms give derivatives with respect to the last arguments only.
+    # The derivatives in closed form are those of the last arguments of the kernel.
     summed = map(real, fixed[-closed.arguments :])
     derivatives = closed.gradients(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]

@@ -328,7 +328,7 @@ def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: floa
 
 def _diameter(source: Any) -> float | None:
     """Return the diagonal of the bounds of a source in m; None for other objects."""
-    # A Differentiable contains its source.
+    # The attribute ``source`` of a Differentiable is its source.
     outline = getattr(source, "source", source)
     try:
         bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
@@ -511,6 +511,6 @@ def write_lines(file: Path, lines: Iterable[str]) -> None:
     try:
         with atomic_path(file) as scratch:
             scratch.write_text(text, encoding="utf-8", newline="\n")
-    # A null character in the path raises a ValueError.
+    # A path with a null character raises a ValueError.
     except (OSError, ValueError) as error:
         raise ArgumentError(f"{file} cannot be written: {error}") from None

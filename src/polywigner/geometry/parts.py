@@ -276,7 +276,7 @@ def _check_overlaps(
     Parts are tested in blocks to limit the memory: a thousand parts on top of each other form a
     million pairs.
     """
-    # Parts at a distance of a rounding error count as touching.
+    # Parts of an aperture at a distance of a rounding error count as touching.
     shift = max(rounding_tolerance(part[0]) for part in parts)
     array = np.array(polygons, dtype=object)
     tree = shapely.STRtree(array)
@@ -323,7 +323,7 @@ def check_pairs(
 def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
     """Return the union of touching parts; None if GEOS changes its area or adds vertices."""
     if any(len(ring) < 3 for part in parts for ring in part):
-        # Welding has removed the area of a sliver.
+        # The vertices of a sliver may coincide after welding.
         return None
     try:
         merged = shapely.union_all([polygon_of_part(part) for part in parts])

@@ -144,7 +144,6 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
     count = different_vertices(ring)
     if count < 3:
         raise GeometryError(f"expected at least 3 different vertices in {name}, got {count}")
-    # Vertices equal to their predecessor are dropped, including a closing vertex.
     return without_straight_vertices(ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)])
 
 

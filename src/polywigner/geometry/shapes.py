@@ -293,7 +293,7 @@ def vee(width: float, height: float, thickness: float) -> Aperture:
     x, y = _length(width, "width") / 2, _length(height, "height") / 2
     t = _length(thickness, "thickness")
     length = math.hypot(x, 2 * y)
-    # Extent of an arm along x and along y.
+    # ``across``, ``along``: extent of a slanted arm of the letter V along x and along y.
     across, along = t * length / (2 * y), t * length / x
     _require(across < x, "thickness to leave a gap", thickness=thickness, width=width)
     return Aperture(
@@ -486,11 +486,12 @@ def hexagonal_segments(
     has_centre = checked_flag(centre, "centre")
     cells = _hexagon_centres(_count(rings, "rings", 0 if has_centre else 1), has_centre)
     corners = np.array([(2, 0), (1, 1), (-1, 1), (-2, 0), (-1, -1), (1, -1)], dtype=np.float64)
-    # The corners lie at multiples of half a side along x, and of half the height along y.
+    # The corners of the hexagons lie at multiples of half a side along x, and of half the height
+    # along y.
     unit = np.array([flat / math.sqrt(12.0), flat / 2])
     extra = np.array([space / math.sqrt(12.0), space / 2])
     centres = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)
-    # An overflow leads to an error of Aperture.
+    # The class Aperture raises an error for coordinates that overflow.
     with np.errstate(over="ignore"):
         return Aperture._of_segments([(corners + at) * unit + at * extra for at in centres])
 

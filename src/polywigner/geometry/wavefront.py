@@ -148,8 +148,8 @@ class TakesWaves(Immutable):
         least, most = sorted((_checked_width(width, "width"), wave.coherence_width))
         if least == np.inf:
             return wave
-        # This is the combined width 1/sqrt(1/least^2 + 1/most^2), computed without squares that
-        # could overflow.
+        # The combined coherence width is 1/sqrt(1/least^2 + 1/most^2), here computed without
+        # squares that could overflow.
         return wave._with(coherence_width=least / math.hypot(1.0, least / most))
 
 
@@ -226,7 +226,7 @@ class Wavefront(TakesWaves):
         c = np.zeros(d) if centre is None else checked_shift(centre, d, "a centre")
         if not np.array_equal(q, q.T):
             raise IlluminationError(f"{expected}, got {value_text(curvature)}")
-        # A flat wave does not depend on the centre.
+        # The centre of a flat wave has no effect and is set to the origin.
         c = c.copy() if q.any() else np.zeros(d)
         width = _checked_width(coherence_width, "coherence_width")
         length = None if wavelength is None else checked_wavelength(wavelength)

@@ -157,8 +157,8 @@ class _Series:
         ``pairs``: number of pairs of sites, which is the number of terms of the row.
         """
         exists = (row >= 0.0) & (row <= last)
-        # Row indices are integers, because float32 rounds integers above 2^24, which profiles of
-        # more than 8,200 sites need.
+        # Row indices of the table are integers, because float32 rounds integers above 2^24, which
+        # profiles of more than 8,200 sites need.
         known = ops.select(exists, row, 0.0)
         start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * cycles
         # If the number of terms is even, the centre of the row lies between two terms.
@@ -270,7 +270,7 @@ def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
     known: dict[float, Any] = {}
 
     def of(step: Any, argument: Any) -> Any:
-        # A step that is an array of the engine cannot be a key.
+        # A step that is an array of an engine cannot be a key of the cache.
         if not isinstance(step, float):
             return compute(argument)
         if step not in known:

@@ -74,8 +74,9 @@ def _widths_in(source: Wavefront) -> float:
 def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
     """Return the kernel of W in partly coherent light; None if W is a mean over tilts.
 
-    W of an array of equal elements is a mean over tilts, unless the array has few elements or the
-    mean needs too many tilts. The kernel ignores curvature; callers shift the frequencies instead.
+    For an array of equal elements W is a mean over tilts, unless the array has few elements or the
+    mean needs too many tilts. The kernel ignores curvature, for which callers shift the
+    frequencies.
     """
     flat = source.source
     kernel = _PARTLY_COHERENT.get(kernel_for("wigner", flat))

@@ -336,7 +336,7 @@ def _tapered(
     if width is None and (height is None or dimension == 1):
         raise ArgumentError("expected a width for the taper, got None")
     sizes = {"width": width, "height": height}.items()
-    # An Illumination raises an error for infinite frequencies.
+    # The class Illumination raises an error for infinite frequencies.
     with np.errstate(over="ignore"):
         along = [
             _CONSTANT if size is None else taper(checked_length(size, name)) for name, size in sizes
@@ -356,9 +356,9 @@ def _product(along_x: _Waves, along_y: _Waves) -> Illumination:
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
     """Return sin or cos of (number pi (x/size + 1/2)) as waves with exact amplitudes."""
     if number == 0:
-        # This is cos(0); te_mode raises an error for sin(0).
+        # The cosine of a mode with index 0 is constant; te_mode raises an error for a sine with
+        # index 0.
         return _CONSTANT
-    # This is exp(i number pi/2).
     phase = complex((1, 1j, -1, -1j)[number % 4])
     forward, backward = phase / 2, phase.conjugate() / 2
     amplitudes = [-1j * forward, 1j * backward] if sine else [forward, backward]
@@ -367,7 +367,7 @@ def _half_periods(number: int, size: float, sine: bool) -> _Waves:
 
 def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
     """Return F_1 ... F_(nbar - 1) of `taylor_taper`."""
-    # This is arccosh(10^(sll/20)), without cancellation for small sll.
+    # ``a`` is arccosh(10^(sll/20))/pi, computed without cancellation for small sll.
     excess = math.expm1(decibels / 20 * math.log(10))
     a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi
     stretch = nbar**2 / (a**2 + (nbar - 0.5) ** 2)

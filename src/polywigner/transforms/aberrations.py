@@ -58,7 +58,7 @@ def osa(j: int) -> Order:
 
 def fringe(j: int) -> Order:
     """Return the order of a fringe (University of Arizona) index 1, 2, ..."""
-    d = math.isqrt(j - 1)  # (n + |m|)/2
+    d = math.isqrt(j - 1)
     rank = j - 1 - d * d
     m = d - rank // 2
     return 2 * d - m, m if rank % 2 == 0 else -m
@@ -141,7 +141,7 @@ def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
 
 # ---- aberrations ---------------------------------------------------------------------------------
 
-# Step of the finite differences for the slopes of a function, relative to the pupil's radius.
+# Step of the finite differences for the slopes of a path function, relative to the pupil's radius.
 _STEP = 1e-6
 # Largest radial order of Zernike polynomials.
 _HIGHEST = 200
@@ -411,8 +411,8 @@ def zernike(
     """
     if not isinstance(coefficients, Mapping) or not coefficients:
         raise ArgumentError(
-            "expected coefficients as a mapping from indices to metres, such as {4: "
-            f"25e-9}}, got {coefficients!r:.80}"
+            "expected coefficients as a mapping from indices to values in metres, got "
+            f"{coefficients!r:.80}; pass for example {{4: 25e-9}}"
         )
     indices = _checked_indices(coefficients, indexing)
     values = [

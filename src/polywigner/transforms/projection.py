@@ -340,7 +340,7 @@ def _mirrored_overlap(field: PlaneField, x: Floats, xi_y: Floats) -> Array:
 
 
 def _of_columns(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Return shifts and rates for the columns at a and 2x - a, one of them moved up, (P5)."""
+    """Return shifts and rates for the columns at a and 2x - a, one of which is moved up, (P5)."""
     shift = np.column_stack([first[:, 0] + second[:, 0], first[:, 1] - second[:, 1]])
     return shift, np.column_stack([-2 * second[:, 0], second[:, 1]])
 
@@ -366,7 +366,7 @@ def _wigner_of_rows(field: PlaneField, x: Floats, nu_x: Floats) -> Array:
 
 
 def _of_one_row(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Return shifts and rates for two points of one row with their midpoint at x, (P8)."""
+    """Return shifts and rates for two points of one row, with their midpoint at x, (P8)."""
     shift = np.column_stack([(first[:, 0] + second[:, 0]) / 2, first[:, 1] - second[:, 1]])
     return shift, first[:, :1] - second[:, :1]
 

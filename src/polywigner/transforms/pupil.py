@@ -42,8 +42,9 @@ from polywigner.transforms.pupil_gradients import (
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Smallest ratio of the energy to the sum of the energies of the elements. If the fields cancel,
-# rounding leaves 1e-15. Values normalised by 1e-13 have hardly a correct digit.
+# Smallest ratio of the energy of a pupil to the sum of the energies of its elements. If the fields
+# cancel, rounding errors leave a ratio of 1e-15. Values that are normalised by a ratio of 1e-13
+# have hardly a correct digit.
 _DARK = 1e-13
 
 
@@ -148,7 +149,7 @@ def _otf_jets(
     if wavelength is not None:
         source = source.at_wavelength(wavelength)
     if aberration is None and not numbers.arrays:
-        # In focus the OTF is an area, without sines.
+        # In focus the OTF is an area, which needs no sines.
         if bend == 0.0:
             values = lag_marginal(source, lags, **how) + 0j
         else:
@@ -347,7 +348,9 @@ def checked_energy(source: PhaseSpaceSource) -> float:
         incoherent = float(abs(source.weights) ** 2 @ contents)
     if energy > _DARK * incoherent and energy > 0.0:
         return energy
-    raise IlluminationError("expected a pupil with light in it, got fields that cancel everywhere")
+    raise IlluminationError(
+        "expected a pupil that transmits light, got fields that cancel everywhere"
+    )
 
 
 # Error of the rms, relative to the largest path.

@@ -44,7 +44,8 @@ def check_bytes(size: int, largest: int, kind: str = "") -> None:
 
 def check_coordinates(points: NDArray[Any]) -> None:
     """Raise FileFormatError for coordinates that are not finite or too large."""
-    if not (np.abs(points) <= LARGEST_NUMBER).all():  # the condition is also true for NaN
+    # This condition is also true for NaN.
+    if not (np.abs(points) <= LARGEST_NUMBER).all():
         raise FileFormatError(
             f"expected finite coordinates below {LARGEST_NUMBER:g}, got a larger number or NaN; "
             "correct the file"

@@ -151,7 +151,7 @@ class _Evanescent:
 
         The integral is a difference of logarithms along two vertical lines.
         """
-        # The sign multiplies s, so that the factor 1 + |along| is never 0.
+        # The sign is applied to s, so that the factor 1 + |along| of the logarithm is never 0.
         sign = ops.select(view.along < 0.0, -1.0, 1.0)
         begin = _total(ops, view, view.first, view.radius_first)
         end = _total(ops, view, view.last, view.radius_last)

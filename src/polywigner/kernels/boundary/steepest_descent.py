@@ -119,7 +119,7 @@ class _Line:
         upright = view.across * view.across + view.pz * view.pz
         least = ops.sqrt(upright * (view.b * view.b + view.z * view.z))
         direct = view.pz * view.z - view.b * view.across
-        # This form has no cancellation close to the shadow boundary.
+        # This form of ``ahead`` has no cancellation close to the shadow boundary.
         turned = lean * lean / (least + abs(direct))
         ahead = ops.select(direct > 0.0, turned, least - direct)
         beta = view.pz * view.b - view.z * view.across
@@ -129,7 +129,7 @@ class _Line:
     def parabolic(cls, view: PanelView) -> _Line:
         """Return the line of an edge for paraxial waves, relative to the ray through the point.
 
-        All formulas then have R = z and c = z, except for the square of the phase.
+        All formulas then contain z instead of R and of c, except for the square of the phase.
         """
         ahead = view.b * view.b / (2.0 * view.z)
         return cls(view, 1.0, view.z, ahead, view.b, 0.0, 0.0, 0.0, 0.0)
@@ -229,7 +229,7 @@ class _Line:
         rates = low.slope / low.radius, high.slope / high.radius
         outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
         nearest = ops.sqrt(outside * outside + foot2)
-        # The integrand for parabolic waves has no singularity.
+        # The integrand for parabolic waves has no singularity, so its distance is infinite.
         if not self.curved:
             nearest = nearest + _NO_SINGULARITY * half
         if self.rest:

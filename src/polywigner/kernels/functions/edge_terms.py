@@ -50,7 +50,7 @@ def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
-    # This condition is false for NaN.
+    # The comparison is false for NaN, which therefore remains.
     tiny = (abs(x) < floor) & (abs(y) < floor)
     return ops.select(tiny, floor, x), ops.select(tiny, 0.0, y)
 
