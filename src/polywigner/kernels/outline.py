@@ -236,7 +236,8 @@ _EDGES_PER_WAVE = 24
 _MOST_EDGES_AS_CODE = 16
 
 
-@dataclass(frozen=True, eq=False)  # comparison by identity is fast
+# Tables are compared by identity, which is fast.
+@dataclass(frozen=True, eq=False)
 class Tables:
     """The elements of a coherent source as edges, weights and fields, in one frame."""
 

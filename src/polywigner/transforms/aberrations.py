@@ -28,9 +28,7 @@ from polywigner.source.normal_form import normal_form, polygons_of
 
 Path = Callable[[Floats, Floats], ArrayLike]
 
-# ---- Zernike polynomials of the unit disc --------------------------------------------------------
-
-# With z = x + iy, the polynomials V_n^m(z) = R_n^m(r) exp(i m theta) obey, for m >= 0,
+# With z = x + iy, the Zernike polynomials V_n^m(z) = R_n^m(r) exp(i m theta) obey, for m >= 0,
 #
 #     V_n^m = z V_(n-1)^(m-1) + conj(z) V_(n-1)^(m+1) - V_(n-2)^m,    V_n^(-m) = conj(V_n^m),
 #
@@ -138,8 +136,6 @@ def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
     both = np.array([by_z + by_conjugate, 1j * (by_z - by_conjugate)])
     return both.real if m >= 0 else both.imag
 
-
-# ---- aberrations ---------------------------------------------------------------------------------
 
 # Step of the finite differences for the slopes of a path function, relative to the pupil's radius.
 _STEP = 1e-6

@@ -353,9 +353,9 @@ def checked_energy(source: PhaseSpaceSource) -> float:
     )
 
 
-# Error of the rms, relative to the largest path.
+# Allowed error of the rms wavefront error, relative to the largest path length.
 _PRECISE = 1e-12
-# Frequencies of integrals without waves.
+# Band of frequencies of an integral that contains no further waves.
 _NO_BAND = np.zeros(2), np.zeros(2)
 
 
@@ -371,8 +371,8 @@ def strehl(
 ) -> float:
     """Compute the Strehl ratio of a pupil, |int u exp(2 pi i W/lambda)|^2/(int |u|)^2.
 
-    This is the irradiance of :func:`psf` on the axis, relative to a pupil of the same |u| in phase.
-    Pistons and tilts of segments count as aberrations.
+    The Strehl ratio is the irradiance of :func:`psf` on the axis, relative to the irradiance of a
+    pupil with the same |u| and no phase. Pistons and tilts of segments count as aberrations.
 
     Parameters
     ----------
@@ -476,7 +476,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     paths = normal_form(source).paths
 
     def moments(extra: int) -> tuple[Floats, Floats]:
-        """Return path lengths and weights of all nodes."""
+        """Return the path lengths and the weights of all quadrature nodes."""
         lengths, weights = [], []
         for k, amplitude in enumerate(pupil.weights):
             for x, areas in pupil.rules(k, _NO_BAND, 1 + extra, _PRECISE):
@@ -494,7 +494,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
 
 
 def _path_of(paths: PathLengths | None, number: int, x: Floats) -> Floats | float:
-    """Return the piston and tilt of a segment at x (..., 2) in m."""
+    """Return the path length of a segment's piston and tilt at x (..., 2) in m."""
     if paths is None:
         return 0.0
     return paths.wavelength * np.asarray(paths.cycles[number] + x @ paths.slopes[number])
