@@ -81,12 +81,12 @@ class FMCW:
 
     def __post_init__(self) -> None:
         for name in ("start", "bandwidth", "sample_rate"):
-            checked_length(getattr(self, name), name, meaning="a frequency above zero in Hz")
+            checked_length(getattr(self, name), name, meaning="a frequency in Hz above zero")
         for name in ("samples", "chirps"):
             checked_count(getattr(self, name), name, 1, _MOST)
         shortest = self.samples / self.sample_rate
         interval = self.interval or shortest
-        checked_length(interval, "interval", meaning="a time above zero in s")
+        checked_length(interval, "interval", meaning="a time in s above zero")
         if interval < shortest * (1 - _ROUNDING):
             raise ArgumentError(
                 f"interval must be at least samples/sample_rate, {shortest:.4g} s, got "
@@ -413,8 +413,8 @@ def detections(
     far = [n + checked_count(m, "training", 1, _MOST) for n, m in zip(near, training, strict=True)]
     if any(2 * n >= size for n, size in zip(far, image.shape[-2:], strict=True)):
         raise ArgumentError(
-            f"expected fewer guard and training bins than the map has, {image.shape[-2:]}, "
-            f"got {guard!r} and {training!r} on each side"
+            "expected fewer guard and training bins than the map has bins, "
+            f"{image.shape[-2:]}, got {guard!r} and {training!r} on each side"
         )
     if not 0 < false_alarm < 1:
         raise ArgumentError(f"false_alarm must be between 0 and 1, got {value_text(false_alarm)}")

@@ -142,7 +142,8 @@ def on_components(
     if len(widths - {1}) > 1:
         raise ArgumentError(
             "expected the same number of points in each argument, or a single point, got "
-            f"{' and '.join(map(str, sorted(widths)))} points; pass arrays of equal width"
+            f"{' and '.join(map(str, sorted(widths)))} points; pass arrays with equal numbers "
+            "of points"
         )
     size = 0 if 0 in widths else max(widths)
     # Dr.Jit cannot add an empty array and a number.

@@ -438,8 +438,8 @@ def _checked(frequency: Any) -> float:
     number = checked_length(frequency, "frequency", meaning="a number in Hz above zero")
     if number < _LOWEST_FREQUENCY:
         raise ArgumentError(
-            f"expected frequency in Hz, got {number:g}, which corresponds to a wavelength of "
-            f"{SPEED_OF_LIGHT / number:.3g} m; write 94e9 for 94 GHz"
+            f"expected frequency in Hz, got {number:g} Hz, which corresponds to a wavelength "
+            f"of {SPEED_OF_LIGHT / number:.3g} m; write 94e9 for 94 GHz"
         )
     return number
 

@@ -263,9 +263,7 @@ def part_of_rings(
     welded = weld([part])[0]
     if all(len(ring) >= 3 for ring in welded) and shapely.is_valid(polygon_of_part(welded)):
         return welded
-    raise GeometryError(
-        f"expected holes inside {name} and apart from each other, got {reason}; {remedy}"
-    )
+    raise GeometryError(f"expected holes inside {name} that do not overlap, got {reason}; {remedy}")
 
 
 def _check_overlaps(

@@ -219,7 +219,7 @@ class Wavefront(TakesWaves):
                 "a Wavefront, call its methods curved and partially_coherent"
             )
         d = len(source.bounds) // 2
-        expected = f"expected a curvature as a symmetric matrix {(d, d)} in 1/m^2"
+        expected = f"expected a curvature as a symmetric matrix of shape {(d, d)} in 1/m^2"
         q = np.zeros((d, d))
         if curvature is not None:
             q = finite_array(curvature, expected, (d, d), error=IlluminationError)
@@ -352,7 +352,7 @@ def _curvature_of(
 ) -> NDArray[np.float64]:
     """Return the curvature matrix Q (d, d) in 1/m^2 for one radius, or for one radius per axis."""
     length = checked_wavelength(wavelength)
-    axes = "a number" if dimension == 1 else "a number or two (radius_x, radius_y)"
+    axes = "a number" if dimension == 1 else "a number or a pair (radius_x, radius_y)"
     expected = (
         f"expected radius as {axes} in m, positive for diverging waves and inf for flat waves"
     )

@@ -130,6 +130,6 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     elif isinstance(source, Polyhedron):
         hint = "only polywigner.fourier accepts a Polyhedron"
     raise ArgumentError(
-        f"expected a source for {transform} (one of {accepted}, Array), got "
+        f"expected a source for {transform} ({accepted} or Array), got "
         f"{type(source).__name__}; {hint}"
     )

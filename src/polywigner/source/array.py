@@ -531,8 +531,8 @@ def segmented_pupil(
         raise ArgumentError("expected pupil as an Aperture, or as a list of apertures")
     count = len(segments)
     expected = (
-        f"expected piston as finite numbers ({count},) and tilt as ({count}, 2), or one value for "
-        "all segments"
+        f"expected piston as finite numbers of shape ({count},) and tilt of shape ({count}, "
+        "2), or one value for all segments"
     )
     steps = np.broadcast_to(finite_array(piston, expected, (), (count,)), (count,))
     slopes = (

@@ -47,7 +47,7 @@ def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
 
 def unit_vector(direction: Any) -> NDArray[np.float64]:
     """Return a unit vector (3,) with z >= 0; ArgumentError for other vectors."""
-    expected = "expected a direction as a unit vector (3,)"
+    expected = "expected a direction as a unit vector of shape (3,)"
     vector = checked_unit_vectors("direction", finite_array(direction, expected, (3,)))
     if vector[2] < 0:
         raise ArgumentError(
@@ -70,8 +70,8 @@ def transverse(direction: Any) -> NDArray[np.float64]:
     angle.
     """
     expected = (
-        "expected a direction as a unit vector (3,), its components (2,) along the aperture, "
-        "or the sine of an angle for slits"
+        "expected a direction as a unit vector of shape (3,), its components (2,) along the "
+        "aperture, or the sine of an angle for slits"
     )
     components = np.atleast_1d(finite_array(direction, expected, (), (1,), (2,), (3,)))
     if components.shape == (3,):
@@ -486,7 +486,7 @@ def fit_illumination(
 
 
 def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    expected = "expected points (n, 2), or (n, 1) for slits"
+    expected = "expected points of shape (n, 2), or (n, 1) for slits"
     positions = finite_array(points, expected, (None,), (None, 1), (None, 2)).reshape(
         len(points), -1
     )

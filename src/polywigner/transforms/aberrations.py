@@ -317,7 +317,9 @@ class Aberration:
             pair = execution.numbers_of("coefficients", given, "Complex2f")
             traced, given = pair[0], execution.columns_of(pair)[:, 0]
         shape = (len(self.coefficients),)
-        values = finite_array(given, f"expected coefficients as finite numbers {shape}", shape)
+        values = finite_array(
+            given, f"expected coefficients as finite numbers of shape {shape}", shape
+        )
         return self._of(values, *self._modes, traced=traced)
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> Floats:

@@ -293,7 +293,7 @@ def checked_band(wavelength: Any, weights: Any) -> tuple[Floats, Floats]:
     finite = given.shape == (count,) and np.isfinite(given).all() and (given >= 0).all()
     if not finite or not given.any():
         raise ArgumentError(
-            f"expected {count} weights, one for each wavelength, of zero or more and not all "
+            f"expected {count} weights of zero or more, one for each wavelength and not all "
             f"zero, got {value_text(weights)}"
         )
     return lengths, np.asarray(given / given.sum())
