@@ -136,7 +136,7 @@ class DrjitOperations(RowByRow):
         return self._dr.fma(ax, by, -product) + error
 
     def lost(self, a: Any, b: Any, product: Any) -> Drjit:
-        """Return the exact rounding error of ``product``, which is a b rounded."""
+        """Return the exact difference of a b and its rounded value ``product``."""
         return self.fma(a, b, -product)
 
     def _typed(self, value: Any) -> Drjit:

@@ -193,8 +193,8 @@ def evaluate(
     into : sequence of ndarray, optional
         Arrays of the broadcast shape for the results, such as both parts of a complex array.
     shear : callable, optional
-        Maps the components to those that the kernel takes. With listed slices it is applied block
-        by block.
+        Function that maps the components to the components that the kernel takes. With listed
+        slices it is applied block by block.
     """
     shape = np.broadcast_shapes(*[c.shape for c in components])
     dtype = np.float64 if double else np.float32
@@ -455,7 +455,7 @@ def evaluate_rows(
     Parameters
     ----------
     term : callable
-        Returns ``outputs`` numbers.
+        Function that returns ``outputs`` numbers.
     table : ndarray, shape (m, a)
         Rows to sum over.
     samples : ndarray, shape (n, b)

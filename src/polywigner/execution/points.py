@@ -113,13 +113,13 @@ def on_components(
     Parameters
     ----------
     function : callable
-        Takes component arrays by name.
+        Function of component arrays, which are passed by name.
     points : mapping
         Points by the names of the arguments.
     parameters : mapping
         The Dr.Jit arrays of the source, by name.
     precision, engine : str
-        Options of the call, which the arrays must agree with.
+        Options of the call, with which the types of the arrays must agree.
 
     Raises
     ------

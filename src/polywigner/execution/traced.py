@@ -44,7 +44,7 @@ class Traced:
 class Differentiable:
     """A source with the current values of its vertices and weights, and their Dr.Jit arrays.
 
-    :func:`polywigner.differentiable` returns it.
+    The function :func:`polywigner.differentiable` returns such a source.
     """
 
     source: Any
@@ -75,7 +75,7 @@ class Differentiable:
 
 
 class _Accumulator:
-    """Sums of derivatives by vertices and weights, times the changes of vertices and weights."""
+    """Total change of a value V due to changes of vertices and weights."""
 
     def __init__(self, ops: DrjitOperations, traced: Traced) -> None:
         import drjit as dr
@@ -122,7 +122,7 @@ class _Accumulator:
 def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
     """Return zeros that carry the derivatives of the given arrays.
 
-    The zeros are in memory, because loops drop constants.
+    The zeros are stored in memory, because the loops of Dr.Jit drop constants.
     """
     import drjit as dr
 
@@ -233,7 +233,7 @@ def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit
 def with_jacobian(
     values: NDArray[np.float64], jacobian: NDArray[np.float64], numbers: Sequence[Drjit]
 ) -> Drjit:
-    """Return values (n,) as a ``Float`` with a Jacobian (n, m) as its derivatives in numbers.
+    """Return values (n,) as a ``Float`` whose derivatives by ``numbers`` are a Jacobian (n, m).
 
     ``numbers``: Dr.Jit floats with m entries in total, in the order of the columns.
     """

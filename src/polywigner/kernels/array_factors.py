@@ -99,10 +99,10 @@ class ProfileFactor:
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
     def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
-        """Return the array factor of all pairs of sites with one :func:`partner` number.
+        """Return the array factor of all pairs of sites that have the same ``number``.
 
-        The factor is evaluated at t = ``cycles``. The pair (i, j) has the weight a_i a_j*. With
-        ``by_mean``, the factor is real.
+        :func:`partner` defines the number of a pair. The factor is evaluated at t = ``cycles``. The
+        pair (i, j) has the weight a_i a_j*. With ``by_mean``, the factor is real.
         """
         last = self.count - 1.0
         pairs = self.count - abs(number - last)

@@ -38,7 +38,7 @@ _ZERO = Pair(0.0, 0.0)
 
 
 class Accumulator(Protocol):
-    """Sums of derivatives by vertices and weights, times the changes of vertices and weights."""
+    """Total change dV of a value V due to changes of vertices and weights."""
 
     needs_vertices: bool
     """Whether derivatives with respect to vertices are required."""

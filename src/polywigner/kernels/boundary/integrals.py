@@ -127,7 +127,7 @@ def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -
 
 
 def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
-    """Return the field with the phase of the distance from the centre, and its error."""
+    """Return the field including the phase of the distance from the centre, and its error."""
     real, imag, error = sums
     cosine, sine = cos_sin_cycles(ops, inner[8])
     return real * cosine - imag * sine, real * sine + imag * cosine, error
@@ -421,7 +421,7 @@ _GROWN = 3.6
 
 @dataclass(frozen=True)
 class _Strips:
-    """Quadrature rules, and one empty row, because the arguments contain all data of a panel."""
+    """Quadrature rules of the kernel STRIPS, and one empty row: its arguments contain all data."""
 
     frame: None
     edges: tuple[tuple[()], ...]

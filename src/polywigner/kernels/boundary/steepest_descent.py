@@ -78,7 +78,7 @@ def steepest_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
 
 @dataclass(frozen=True)
 class _End:
-    """A position on an edge: t from its start, and at the distance R from the point."""
+    """A position on an edge, at the length t from its start and the distance R from the point."""
 
     t: Any
     s: Any
@@ -135,7 +135,7 @@ class _Line:
         return cls(view, 1.0, view.z, ahead, view.b, 0.0, 0.0, 0.0, 0.0)
 
     def end(self, ops: Any, t: Any) -> _End:
-        """Return the data of the position t on the edge."""
+        """Return the position at the length t from the start of the edge."""
         view, s = self.view, self.view.first + t
         radius = self._radius(ops, s, view.b * view.b + view.z * view.z)
         slope, phase = s + view.along * radius, radius + view.along * s
@@ -147,7 +147,7 @@ class _Line:
     def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
         """Return the ends of the inner part of an edge, which is integrated with nodes on the edge.
 
-        An edge with few cycles of phase is an inner part as a whole.
+        If an edge has only a few cycles of phase, the whole edge is the inner part.
         """
         view = self.view
         rim = ops.exp((digits + _BOUNDS[-1]) / (2.0 * _SIZES[-1])) / (2.0 * math.pi)

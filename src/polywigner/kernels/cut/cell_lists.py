@@ -96,7 +96,7 @@ class _Cells:
 def cells_across(first: Outline, second: Outline, samples: int) -> int:
     """Return the number of cells along the longer side of the plane of offsets T.
 
-    Finer cells have shorter lists, but take longer to build and more memory.
+    Smaller cells have shorter lists, but take longer to build and need more memory.
     """
     size, outlines = float(_reach(first, second).max()), (first, second)
     perimeters = [float(np.hypot(*(o.edges[:, 2:4] - o.vertices).T).sum()) for o in outlines]

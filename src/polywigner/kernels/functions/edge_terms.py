@@ -80,8 +80,8 @@ class EdgeTerms:
     ops: Any
     nu: Values
     by_part = False
-    """Whether each part of an edge has its own factors. Only :meth:`of_part` is implemented
-    then."""
+    """Whether each part of an edge has separate factors. If so, only :meth:`of_part` is
+    implemented."""
 
     def taken(self, owner: Any) -> EdgeTerms:
         """Return the terms at the frequencies with indices ``owner`` (k,), for NumPy arrays."""
