@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 
 Kind = Literal["wigner", "ambiguity"]
 
-# Name of the variable, long name, sign convention, and type of the values in single precision.
+# For each transform: name of the variable, long name, sign convention, and dtype of the values in
+# single precision.
 _TABLES: dict[Kind, tuple[str, str, str, type]] = {
     "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)", np.float32),
     "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)", np.complex64),
@@ -56,7 +57,7 @@ def wigner_table(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[TableOptions],
 ) -> xarray.Dataset:
-    """Compute W(x, y, nu_x, nu_y) of a plane source on a grid of the four coordinates.
+    """Return W(x, y, nu_x, nu_y) of a plane source on a grid of the four coordinates.
 
     With ``out`` the table is written to disk chunk by chunk, and may be larger than memory
     (docs/large_runs.md). Sources and accuracy: see :func:`wigner`.
@@ -108,7 +109,7 @@ def ambiguity_table(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[TableOptions],
 ) -> xarray.Dataset:
-    """Compute A(upsilon_x, upsilon_y, xi_x, xi_y) of a plane source on a grid.
+    """Return A(upsilon_x, upsilon_y, xi_x, xi_y) of a plane source on a grid.
 
     Parameters
     ----------
@@ -146,12 +147,13 @@ def _values(
     kind: Kind, source: PhaseSpaceSource, axes: Sequence[NDArray[np.float64]], how: Any,
     origin: Index, shape: Index,
 ) -> NDArray[Any]:  # fmt: skip
-    """Compute W or A on a block of a grid, whose first point has the index ``origin``."""
+    """Compute W or A on a block of a grid; ``origin`` is the index of the block's first point."""
     parts = [a[o : o + n] for a, o, n in zip(axes, origin, shape, strict=True)]
     first, second = (
         np.stack(np.meshgrid(*pair, indexing="ij"), axis=-1) for pair in (parts[:2], parts[2:])
     )
-    # Kernels compute a slice for each x, or xi, and are fastest if it varies along leading axes.
+    # Kernels compute a slice of the source for each x (W) or each xi (A). They are fastest if the
+    # leading axes vary x or xi.
     if kind == "wigner":
         return np.asarray(wigner(source, first[:, :, None, None, :], second, **how))
     values = ambiguity(source, first, second[:, :, None, None, :], **how)
@@ -168,12 +170,13 @@ def _table(
     check_options(options, TableOptions)
     if kernel_for(kind, flat_source(source)).dimension != 2:
         raise ArgumentError(
-            f"expected a plane source, got {type(source).__name__}; use polywigner.{kind}"
+            "a table of four coordinates requires a source in a plane, got "
+            f"{type(source).__name__}; call polywigner.{kind} for other sources"
         )
     coords = {name: _checked_axis(name, values) for name, values in axes.items()}
     precision = checked_precision(options.get("precision", "single")) or "double"
     samples = min(LARGEST_CHUNK, math.prod(axis.size for axis in coords.values()))
-    # chosen once, so that all chunks use the same engine, also on other machines
+    # The engine is chosen once, so that all chunks use the same engine, even on different machines.
     engine: Any = resolved(checked_engine(options.get("engine", "auto")), samples)
     symbol, label, convention, single = _TABLES[kind]
     number_type = np.result_type(single, np.float32 if precision == "single" else np.float64)

@@ -49,7 +49,7 @@ def psf(
     tolerance: float = TOLERANCE,
     engine: Engine = "auto",
 ) -> Floats:
-    """Compute the point spread function of a lens whose pupil is the source.
+    """Return the point spread function of a lens whose pupil is the source.
 
     The point spread function is the irradiance in the focal plane due to a star on the axis,
     divided by the power of the star in the pupil. Its integral over the plane is 1, and its Fourier
@@ -123,7 +123,8 @@ def psf(
     allowed = checked_tolerance(tolerance)
     radius = pupil.checked_pupil_radius(plain, pupil_radius)
     distance = pupil.image_distance(focal_length, numerical_aperture, radius)
-    # exp(2 pi i w |x|^2/a^2) is a lens of power -2 w lambda/a^2, the same for all wavelengths
+    # The phase exp(2 pi i w |x|^2/a^2) is that of a lens of power -2 w lambda/a^2, which is the
+    # same for all wavelengths.
     bend = 2.0 * pupil.checked_waves(defocus) * float(fractions @ lengths) / radius / radius
     system = FirstOrder.fourier(distance)
     if bend:
