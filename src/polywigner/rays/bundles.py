@@ -31,7 +31,7 @@ _VARIABLES = {
     "direction": ("1", "unit vector along the ray"),
     "weight": ("W", "power of the ray, signed"),
 }
-# Tolerance of unit vectors: ray tracers may use single precision.
+# Tolerance of the length of unit vectors, because ray tracers may use single precision.
 _UNIT = 1e-4
 
 
@@ -106,30 +106,30 @@ def traced(
 def checked_bundle(rays: Any) -> tuple[Values, Values, Values, NDArray[Any] | None]:
     """Return positions, directions, weights and batches of a dataset of rays.
 
-    Values of lost rays are NaN. Raises ArgumentError for other objects, and for directions that are
-    not unit vectors.
+    The values of lost rays are NaN. Raises ArgumentError for other objects, and for directions that
+    are not unit vectors.
     """
     import xarray
 
     if not isinstance(rays, xarray.Dataset) or not set(_VARIABLES) <= set(rays.variables):
         raise ArgumentError(
             "expected rays as a dataset with position, direction and weight, got "
-            f"{type(rays).__name__}; use sample_rays or rays.load"
+            f"{type(rays).__name__}; create it with sample_rays or rays.load"
         )
     axes, variables = ("ray", "component"), [rays[name] for name in _VARIABLES]
     try:
         arrays = [variable.transpose(*axes[: variable.ndim]).values for variable in variables]
     except ValueError as error:
         raise ArgumentError(
-            "expected position and direction over ray and component, and weight over ray, got "
-            f"other axes: {error}"
+            "the dataset of rays must have position and direction over ray and component, and "
+            f"weight over ray, got other axes: {error}"
         ) from None
     batch = rays["batch"].values if "batch" in rays.coords else None
     return *_columns(len(arrays[2]), *arrays), batch
 
 
 def count_of(rays: xarray.Dataset) -> int:
-    """Return the number of rays that were drawn; the dataset may be a selection of them."""
+    """Return the number of rays that were drawn; the dataset may contain only some of them."""
     count = rays.attrs.get("count", 0)
     return max(int(count) if isinstance(count, (int, np.integer)) else 0, rays.sizes["ray"])
 
@@ -143,24 +143,24 @@ def _columns(count: int, *values: Any) -> tuple[Values, Values, Values]:
             raise ArgumentError(f"expected {name} of shape {shape}, got {columns[-1].shape}")
     position, direction, weight = columns
     with np.errstate(over="ignore"):
-        # The comparison is False for lost rays, which contain NaN.
+        # This comparison is False for lost rays, which contain NaN.
         wrong = np.abs(np.linalg.norm(direction, axis=1) - 1) > _UNIT
     if wrong.any():
         raise ArgumentError(
-            f"expected direction as unit vectors, got {direction[wrong][0].tolist()}; divide each "
-            "vector by its length"
+            f"direction must contain unit vectors, got {direction[wrong][0].tolist()}; divide "
+            "each vector by its length"
         )
     return position, direction, weight
 
 
 # Largest number of pixels along an axis.
 _MOST_ALONG_AXIS = 1 << 14
-# Largest number of all pixels, and of all pixels times batches (1 GB).
+# Largest total number of pixels, and largest product of the numbers of pixels and batches (1 GB).
 _MOST_PIXELS, _MOST_SUMS = 1 << 22, 1 << 26
-# Number of rays per block, some 100 MB.
+# Number of rays per block, which takes some 100 MB.
 _BLOCK = 1 << 20
 # Rays that start behind the plane still count if their distance from the plane is below this
-# fraction of the largest coordinate.
+# fraction of the largest coordinate, because positions on the plane are rounded.
 _ON_PLANE = 1e-9
 
 
@@ -225,15 +225,16 @@ def rebuild(
     edges = _edges(bounds, shape)
     size = len(edges[1]) - 1, len(edges[0]) - 1
     pixels = math.prod(size)
-    # The numbers of batches may have gaps, since the rays may be a selection.
+    # The numbers of batches may have gaps, because the rays may be a selection of the rays that
+    # were drawn.
     known, number = np.unique([0] if batch is None else batch, return_inverse=True)
     batches = max(1, len(known))
     if batches * pixels > _MOST_SUMS:
         raise ArgumentError(
             f"expected at most {_MOST_SUMS} pixels times batches, got {pixels} pixels and "
-            f"{batches} batches; use fewer pixels"
+            f"{batches} batches of rays; use fewer pixels"
         )
-    # The last entry is the sum over all pixels.
+    # The last entry of each array is the sum over all pixels.
     sums, squares = np.zeros((batches, pixels + 1)), np.zeros(pixels + 1)
     lost = missed = 0
     for start in range(0, len(weight), _BLOCK):
@@ -278,14 +279,14 @@ def rebuild(
 def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
     """Return the sums (pixel,) over all rays, and their standard errors.
 
-    ``sums`` (batch, pixel) and ``squares`` (pixel,): sums of weights and of squared weights.
+    ``sums`` (batch, pixel) are sums of weights, and ``squares`` (pixel,) sums of squared weights.
     """
     total = sums.sum(axis=0)
     batches = len(sums)
     if batches > 1:
         return total, math.sqrt(batches) * np.std(sums, axis=0, ddof=1)
-    # The expression is n times the variance of the power of one ray. The power is zero for rays
-    # that miss the pixel.
+    # The expression is n times the variance of the power of a ray. The power is zero for rays that
+    # miss the pixel.
     variance = squares - total**2 / count
     return total, np.sqrt(np.maximum(variance, 0.0) * count / max(1, count - 1))
 
@@ -293,7 +294,7 @@ def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
 def _pixel_coordinates(
     position: Values, direction: Values, pose: Values, edges: tuple[Values, Values], virtual: bool
 ) -> Values:
-    """Return where rays meet a plane, (n, 2) in pixels along x and y; NaN if they do not."""
+    """Return the points where rays meet a plane, (n, 2) in pixels along x and y, otherwise NaN."""
     low, high = np.transpose([(axis[0], axis[-1]) for axis in edges])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         local = (position - pose[:3, 3]) @ pose[:3, :3]
@@ -315,7 +316,7 @@ def _pose(plane: Any) -> Values:
 
 
 def _edges(bounds: Any, shape: Any) -> tuple[Values, Values]:
-    """Return the edges of the pixels along x and y."""
+    """Return the edges of the pixels along x and along y."""
     expected = "expected bounds as (xmin, ymin, xmax, ymax) in m"
     row = checked_row(bounds, expected)
     if row.shape != (4,) or not np.isfinite(row).all() or not (row[2:] > row[:2]).all():

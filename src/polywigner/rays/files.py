@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Values = NDArray[np.float64]
 
-# Metres per unit of length (m, in, cm, ft, mm), by the header field DimensionUnits.
+# Length of each unit (m, in, cm, ft, mm) in metres, indexed by the header field DimensionUnits.
 _METRES = (1.0, 0.0254, 0.01, 0.3048, 0.001)
 _MM = 4
 
@@ -34,14 +34,15 @@ _HEADER = np.dtype(
     + [("unused", "<f4", 4), ("ray_format_type", "<i4"), ("flux_type", "<i4")]
     + [("reserved", "<i4", 2)]
 )
-# Number of columns of numbers per ray, by the header field ray_format_type.
+# Number of values per ray, by the header field ray_format_type.
 _NUMBERS = {0: 7, 2: 8}
 _MICROMETRE = 1e-6
 # For each file that is written: sign of its powers, suffix of its name, and description in its
 # header.
 _SIGNED = 1, "", "signed"
 _SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
-# Description in files written by polywigner: number of rays drawn, and sign of their powers.
+# Pattern of the description in files written by polywigner: number of rays that were drawn, and
+# sign of their powers.
 _OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
 
 
@@ -98,7 +99,7 @@ def save(
         return tuple(_write_part(rays, columns, target, *part) for part in parts)
     except OSError as error:
         raise ArgumentError(
-            f"expected to write {path}, got {error.strerror or error}; choose another path"
+            f"cannot write {path}: {error.strerror or error}; choose another path"
         ) from error
 
 
@@ -106,8 +107,8 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
     file = checked_path(path)
     if file.suffix.lower() != ".dat":
         raise ArgumentError(
-            f"expected a file with the suffix .dat, got {file.name!r}; use polywigner.write_netcdf "
-            "and xarray.load_dataset to store rays for polywigner"
+            f"the suffix of a ray file must be .dat, got {file.name!r}; to store rays for "
+            "polywigner, use polywigner.write_netcdf and xarray.load_dataset"
         )
     return file
 
@@ -115,7 +116,7 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
 def _write_part(
     rays: xarray.Dataset, columns: Values, path: Path, sign: int, suffix: str, description: str
 ) -> Path:
-    """Write rays (n, 7) and return the path; a suffix selects the rays of one sign."""
+    """Write rays (n, 7) and return the path; with a suffix, write the rays of one sign only."""
     if suffix:
         columns = columns[columns[:, 6] * sign > 0] * ([1.0] * 6 + [sign])
         path = path.with_stem(path.stem + suffix)
@@ -127,7 +128,8 @@ def _write_part(
     header["InclinationEnd"], header["AzimuthEnd"] = 180.0, 360.0
     header["DimensionUnits"] = _MM
     header["Scale"] = 1.0
-    with atomic_path(path) as scratch, np.errstate(over="ignore"):  # Lost rays may overflow.
+    # Coordinates of lost rays may overflow.
+    with atomic_path(path) as scratch, np.errstate(over="ignore"):
         scratch.write_bytes(header.tobytes() + columns.astype("<f4").tobytes())
     return path
 
@@ -137,10 +139,10 @@ def _warn_of_negative(weight: Values) -> None:
     if below.any():
         fraction = float(np.abs(weight[below]).sum() / np.nansum(np.abs(weight)))
         warn_caller(
-            f"{100 * below.mean():.0f} % of the rays in the .dat file have negative powers, "
-            f"{100 * fraction:.0f} % of the total absolute power; other programs may ignore or "
-            "reject them, so test with a small file, or write positive and negative rays to two "
-            "files with split=True",
+            f"{100 * below.mean():.0f} % of the rays in the .dat file have negative powers, which "
+            f"are {100 * fraction:.0f} % of the total absolute power; other programs may ignore "
+            "or reject negative powers, so test with a small file, or write positive and "
+            "negative rays to two files with split=True",
             stacklevel=4,
         )
 
@@ -181,7 +183,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     def wrong(got: str) -> FileFormatError:
         return FileFormatError(
-            f"expected rays of OpticStudio in {file.name}, got {got}; export the file again"
+            f"{file.name} is not a ray file of OpticStudio: got {got}; export the file again"
         )
 
     with at_key(file.name):
