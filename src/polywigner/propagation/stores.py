@@ -152,7 +152,7 @@ def results_on_grid(
     )
     if out is None and not (scheduler is None and threads is None):
         raise ArgumentError(
-            "scheduler and threads require a store to write to; pass its path as out"
+            "expected out, the path of a store, with scheduler or threads, got none; pass out"
         )
     if threads is not None:
         threads = checked_count(threads, "threads", 1, MOST_THREADS)
@@ -177,8 +177,8 @@ def _in_memory(
 ) -> NDArray[Any]:
     if math.prod(shape) > _MOST_IN_MEMORY:
         raise ArgumentError(
-            f"the result has {math.prod(shape):.3g} samples, at most {_MOST_IN_MEMORY} are "
-            "allowed in memory; pass chunks for a lazy result, or out to write it to disk"
+            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
+            "pass chunks for a lazy result, or out to write it to disk"
         )
     values, size = np.empty(shape, dtype), chunks_within(shape, block_size)
     origins = list(product(*(range(0, n, c) for n, c in zip(shape, size, strict=True))))

@@ -378,7 +378,7 @@ def rcs_pattern(
 
 @dataclass(eq=False)
 class Pattern:
-    """A pattern that can be computed in blocks; its fields are parameters of :func:`rcs_pattern`."""
+    """A pattern, computed in blocks; its fields are parameters of :func:`rcs_pattern`."""
 
     body: InitVar[Body]
     wavelength: float

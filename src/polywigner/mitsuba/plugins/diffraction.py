@@ -111,7 +111,7 @@ class Shadows:
             raise SceneError(f"cannot compute diffraction: {error}") from None
         faces = sum(len(body.triangles) for body in bodies)
         numbers = faces, len(tables.edges), len(nodes.positions), len(points)
-        _log.info("shadows: %d faces, %d edges, %d nodes for %d points", *numbers)
+        _log.info("shadows: %d faces, %d edges, %d nodes of %d points", *numbers)
         if len(silhouettes) < len(nodes.positions):
             bodies = [_spanned(body, nodes.centre) for body in bodies]
         self._obstacles = _scene_of(m, bodies)

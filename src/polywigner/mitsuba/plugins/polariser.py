@@ -89,12 +89,9 @@ def polarisation_summary(
     if not is_polarised():
         if requested is not None:
             name = polarisation_name(requested)
-            return (
-                f"{name} at both ends of direct and reflected paths; scattered power: "
-                "polarisation ignored"
-            )
+            return f"{name} at both ends of direct and reflected paths; ignored for scattered power"
         default = f"; {DEFAULT_POLARISATION} at both ends of reflected paths" if interferes else ""
-        return f"polarisation ignored, both ends match (unpolarised variant){default}"
+        return f"ignored, both ends match (unpolarised variant){default}"
     groups: dict[str, list[str]] = {}
     for end in ends:
         name = UNPOLARISED if end.polarisation is None else polarisation_name(end.polarisation)
