@@ -185,7 +185,7 @@ def test_another_python_asks_for_another_environment_and_then_stays(project):
     [
         ("no-such-python", "there is no interpreter 'no-such-python'"),
         ("false", "is not a working Python"),
-        ("python3.9", r"3\.11 or newer, but .* is 3\.9"),
+        ("python3.9", r"3\.11 or newer, but .* is Python 3\.9"),
     ],
 )
 def test_an_interpreter_that_cannot_be_used_is_one_sentence(

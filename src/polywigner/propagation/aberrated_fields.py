@@ -142,7 +142,7 @@ class _OfSpectrum:
                 (every, 0.0 * ones, ones), pupil.slopes, band, self.error, self.extra
             )
             field = pupil.weights[k] * pupil.field(k, x)[..., None] * weights
-            waves = np.exp(-2j * np.pi * (x @ self.nu.T)).swapaxes(1, 2)  # shape (edges, n, nodes)
+            waves = np.exp(-2j * np.pi * (x @ self.nu.T)).swapaxes(1, 2)
             parts.append(edges.at_vertices(every, (waves @ field).swapaxes(0, 1)))
         return np.concatenate(parts, axis=1)
 

@@ -204,7 +204,7 @@ def _rounding_of(
     lost = -2 * (x * rest[0] + y * rest[1])
     z = cosines.real
     if paraxial:
-        # The sum is 2 p_z = 2 - p_x^2 - p_y^2.
+        # In the paraxial case, 2 p_z = 2 - p_x^2 - p_y^2.
         total, low = phases.dot(_OPS, (1.0, x, y, z), (2.0, -x, -y, -2.0))
         return np.stack([*rest, (total + (low + lost)) / 2], axis=1)
     total, low = phases.dot(_OPS, (1.0, x, y, z), (1.0, -x, -y, -z))

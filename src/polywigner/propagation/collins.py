@@ -57,7 +57,7 @@ _NODE_COST = 1000
 _PRODUCTS = 50
 # A lattice of frequencies is used if it has at most this many lattice points per point.
 _SPARSE = 4
-# Number of pairs of a node and a point per block.
+# Number of pairs of a quadrature node and a point per block.
 _BLOCK = 1 << 21
 
 
@@ -358,7 +358,6 @@ def _behind(
         sums.append(lattice.summed(nodes, waves))
     size, areas = np.abs(out), np.abs(weights)
     off: Floats = np.abs(sums[1] - sums[0]) + areas @ error + _CLOSED * np.abs(sums[1])
-    # Upper bound on the modulus of the integral over the stop.
     bound = float(areas.sum() * abs(there).max())
     return out * sums[1], size * off, size * (tolerance * bound)
 

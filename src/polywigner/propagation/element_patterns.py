@@ -109,9 +109,8 @@ class ElementPattern:
             waves, orders = np.concatenate([waves, other], axis=2), np.append(orders, count / 2)
         used = np.abs(waves).max(axis=(0, 1)) > 1e-15 * largest
         self._orders, waves = orders[used], waves[:, :, used]
-        beyond = -waves * (-1.0) ** np.abs(
-            self._orders
-        )  # waves of the meridian continued to -theta
+        # Along a meridian continued to -theta, the components change their signs at the pole.
+        beyond = -waves * (-1.0) ** np.abs(self._orders)
         # The angles pi and -pi are the same sample.
         last = len(theta) - 1 if self.covers_sphere else len(theta)
         self._waves = np.concatenate([beyond[:, last - 1 : 0 : -1], waves], axis=1)
@@ -237,9 +236,8 @@ def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Comp
 def element_pattern_of(pattern: Any, name: str = "element") -> ElementPattern:
     """Return the interpolated far field of a pattern of a polarised source."""
     theta, phi, x, y, _ = linear_components(pattern, name)
-    if (
-        abs(phi[-1] - phi[0] - 2 * math.pi) < 1e-6
-    ):  # The columns phi = 0 and phi = 360 degrees are the same meridian.
+    # The columns phi = 0 and phi = 360 degrees are the same meridian.
+    if abs(phi[-1] - phi[0] - 2 * math.pi) < 1e-6:
         phi, x, y = phi[:-1], x[:, :-1], y[:, :-1]
     return ElementPattern(theta, phi, polar_components(x, y, phi))
 

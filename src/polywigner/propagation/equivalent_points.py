@@ -91,7 +91,7 @@ def equivalent_grid(
     for counts in zip(*(_numbers_of_nodes(c, error) for c in cycles), strict=True):
         if not allowed(counts):
             return None
-        if not spectra:  # computed only after the number of nodes is accepted
+        if not spectra:
             numbers = [math.ceil(2 * _DIRECTIONS * c) + _MORE_DIRECTIONS for c in cycles]
             waves = [
                 m + w * np.cos(math.pi * (np.arange(n) + 0.5) / n)

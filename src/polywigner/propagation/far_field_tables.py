@@ -248,8 +248,8 @@ def _check_header(columns: Sequence[Column | None]) -> None:
             )
     if not {("theta", "", "value"), ("phi", "", "value")} <= set(contents):
         raise FileFormatError(
-            "the header does not contain both columns Theta and Phi; export both angles, and "
-            "both field components with their phases"
+            "expected the columns Theta and Phi in the header, but it does not contain both; "
+            "export both angles, and both field components with their phases"
         )
 
 

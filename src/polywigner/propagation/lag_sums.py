@@ -155,7 +155,7 @@ _TWO_RULES = 2.5
 # Waves must not graze the plane of the source for tilts of up to this number of standard
 # deviations.
 _GRAZING = 5.0
-# Error of the rule for means over tilts.
+# Error of the quadrature rule for means over tilts.
 _MEAN_ERROR = 1e-8
 # Number of lags per block.
 _LAGS = 256

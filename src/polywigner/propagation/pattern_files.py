@@ -573,11 +573,12 @@ def _msi(pattern: _Pattern) -> Lines:
     yield f"GAIN {pattern.about['gain']:.3f} dBi"
     yield "TILT ELECTRICAL"
     yield "COMMENT far field of an aperture, y axis up"
-    # Angles increase to the right and downwards, in the same convention as in _planning_cuts.
+    # Angles in the file increase to the right and downwards, as seen from behind the antenna.
     for name, phi in (("HORIZONTAL", 0.0), ("VERTICAL", 90.0)):
         theta, levels = _full_cut(pattern, phi)
         yield f"{name} 360"
-        angles = 180.0 - (np.arange(360) + 180) % 360  # 0, -1, ..., 180, 179, ..., 1
+        # Theta in degrees: 0, -1, ..., -179, 180, 179, ..., 1.
+        angles = 180.0 - (np.arange(360) + 180) % 360
         front = np.where(np.abs(angles) > 90, FLOOR, np.interp(angles, theta, levels))
         for degrees, level in enumerate(front):
             yield f"{degrees} {min(peak - level, _MOST_ATTENUATION):.3f}"

@@ -406,7 +406,7 @@ def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
     """Write a dataset, possibly with complex variables, to a new zarr store (format 3)."""
     required("zarr")
     with in_place(checked_path(path)) as scratch, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # zarr warns of missing consolidated metadata.
+        warnings.simplefilter("ignore")  # zarr warns about missing consolidated metadata.
         _opened(dataset).to_zarr(scratch, mode="w-", zarr_format=3)
 
 

@@ -276,7 +276,8 @@ def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
         field[:, 2] -= m / (2 * math.pi) * (sums.wave @ n)
     if e:
         scale = -1j * e / (4 * math.pi**2)
-        # The gradient of u G consists of (Q - P) times `rise`, from G, and of the wave vector of u.
+        # The gradient of u G has two parts: (Q - P) times `rise`, from G, and the wave vector, from
+        # u.
         weighted, grown = sums.rise * n, sums.rise_by_length * n
         total = weighted.sum(axis=1)
         for a in range(2):

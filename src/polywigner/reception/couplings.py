@@ -388,7 +388,7 @@ def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
         real += mixed
         mixed *= near
         imag += mixed
-    # This is the factor -i exp(ikR)/R.
+    # The real and imaginary parts are multiplied by -i exp(ikR)/R.
     real *= inverse
     imag *= inverse
     first = real * sine
@@ -492,7 +492,7 @@ def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, j
 
 
 def _check_field(source: Any) -> None:
-    norm = energy_of(flat_source(source))  # A curved wave has the same modulus.
+    norm = energy_of(flat_source(source))  # A curved wave has the same |u| as the flat source.
     parts: float = sum(
         (abs(e.weight) * float(np.abs(e.amplitudes).max())) ** 2 * e.shape.area
         for e in normal_form(source).in_plane.elements

@@ -208,9 +208,8 @@ def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
 def _is_convex(solid: Facets) -> bool:
     """Return whether a solid is convex, so that no face hides another face; False if in doubt."""
     pairs = solid.neighbours
-    if 2 * len(pairs[0]) != 3 * len(
-        solid.corner
-    ):  # An edge of a closed mesh belongs to two triangles.
+    # An edge of a closed mesh belongs to two triangles.
+    if 2 * len(pairs[0]) != 3 * len(solid.corner):
         return False
     for here, there in (pairs, pairs[::-1]):
         away = solid.corners[there] - solid.corner[here, None]

@@ -97,7 +97,7 @@ class EquivalentSources:
             total = Pair(0.0, 0.0)
             for k, (offset, point_shift) in enumerate(points):
                 radius = ops.sqrt(offset * offset + foot2)
-                # A single division, which is slow, yields both 1/radius and 1/(radius + distance).
+                # A single division yields both 1/radius and 1/(radius + distance).
                 sum_ = radius + distance
                 quotient = 1.0 / (radius * sum_)
                 inverse = sum_ * quotient

@@ -168,7 +168,8 @@ class Polariser:
 
     def _stokes(self, value: Drjit, active: Drjit) -> list[Drjit]:
         value = dr.select(active, value, 0.0)
-        if self._stokes_vector is None:  # The value itself has four components.
+        # Without a common Stokes vector, the value itself has four components.
+        if self._stokes_vector is None:
             return [value[k] for k in range(4)]
         return [value * number for number in self._stokes_vector]
 

@@ -66,7 +66,7 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
         length, is_null = dr.select(is_hit, surface.t, far), False
         bsdf = surface.shape.bsdf() if dr.is_jit_v(m.Float) or is_hit else None
         if bsdf is not None:
-            kind = bsdf.flags() & int(mi.BSDFFlags.All)  # Masks have additional flags.
+            kind = bsdf.flags() & int(mi.BSDFFlags.All)  # BSDFs with masks have additional flags.
             is_null = is_hit & (kind == int(mi.BSDFFlags.Null))
         step = length + _step(m, start + direction * length)
         length = dr.select(is_null, step, length)

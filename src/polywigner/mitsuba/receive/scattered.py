@@ -66,7 +66,8 @@ _MOST_PIECES, _MOST_FACES = 64, 1 << 17
 _COMMON = 1 / 16
 # Smallest width of a box in rad; single precision hardly resolves smaller angles.
 _NARROWEST = 1e-5
-# Margin around a box relative to its width, because straight sides become curved lines in angles.
+# Margin around a box of angles relative to its width, because straight sides of a box in space
+# become curved lines in angles.
 _MARGIN = 0.02
 # Number of points along each side of a box in space, and along each axis of a box of angles.
 _POINTS = 3

@@ -106,8 +106,9 @@ def _finite(image: Floats) -> Floats:
     bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
     if bad:
         raise SceneError(
-            f"{bad} of {image[..., 0].size} pixels of the image contain NaN or inf; check the "
-            "frequency, the powers and the radiances of the scene, and their units"
+            f"expected finite radiances, but {bad} of {image[..., 0].size} pixels of the image "
+            "contain NaN or inf; check the frequency, the powers and the radiances of the scene, "
+            "and their units"
         )
     return image
 

@@ -66,7 +66,8 @@ class SceneParts:
     def __call__(self, origin: Index, shape: Index) -> npt.NDArray[np.float64]:
         if self.scene is None:
             choose_variant(self.file.variant)
-            for source in self.sources:  # The keys refer to memory of the first process.
+            # Keys of sources in memory are valid in the first process only.
+            for source in self.sources:
                 register_source(source)
             self.scene = self.file.load()
         return self.compute(self.scene, origin)
