@@ -73,13 +73,13 @@ def wigner_table(
     out : path, optional
         Folder of a zarr store (format 3) to create or to complete. Needs the extra ``datasets``.
     chunks : int, str or sequence, optional
-        As of :func:`plane`. The default with ``out`` is chunks of up to 4 million samples.
+        As in :func:`plane`. The default with ``out`` is chunks of up to 4 million samples.
     precision : {"single", "double"}
         Precision of sums and results.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`wigner`.
     scheduler, threads, progress : optional
-        As of :func:`plane`.
+        As in :func:`plane`.
 
     Returns
     -------
@@ -120,7 +120,7 @@ def ambiguity_table(
     xi_x, xi_y : array_like, shape (n,)
         Lags in m.
     out : path, optional
-        Folder of a zarr store, as of :func:`wigner_table`.
+        Folder of a zarr store, as in :func:`wigner_table`.
     **options
         Options of :func:`wigner_table`.
 

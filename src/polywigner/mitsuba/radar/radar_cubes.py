@@ -127,7 +127,7 @@ def radar_cube(
         Scene with ``wigner`` shapes and ``wigner_receiver`` sensors, all with the same frequency
         within the waveform's band. Load it with :func:`load_scene`, which keeps the ids of shapes.
     waveform : polywigner.radar.FMCW or str
-        Waveform, or a text as in :func:`polywigner.radar.parse_waveform`.
+        Waveform, or a string as in :func:`polywigner.radar.parse_waveform`.
     velocities : mapping of str to array_like, shape (3,), optional
         Velocities in m/s of shapes, bodies, emitters and receivers by id. Default: zero.
     bodies : mapping, optional
