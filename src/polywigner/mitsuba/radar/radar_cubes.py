@@ -45,7 +45,7 @@ Velocities = dict[str, Floats]
 # Relative error of the sums over scatterers.
 _OF_SUMS = 1e-7
 # Largest increase of a delay during the repetitions of a block, times the bandwidth. The phase that
-# the series of the motion expands is then at most 2 rad.
+# is expanded in a series is then at most 2 rad.
 _MOST_CYCLES = 1.25
 # Largest motion of a scatterer within a repetition, in range bins. The relative error of sums is
 # then 5e-5.
