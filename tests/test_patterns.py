@@ -214,7 +214,7 @@ def test_planning_tools_get_the_gain_of_a_beam_beside_both_cuts(tmp_path):
 
 
 REFUSED: list[tuple[Any, type[PolywignerError], str]] = [
-    (lambda: _pattern(SQUARE, 0.0, window="hann"), ArgumentError, "options among obliquity"),
+    (lambda: _pattern(SQUARE, 0.0, window="hann"), ArgumentError, "one of the options obliquity"),
     (lambda: _pattern(SQUARE, [0, 45]), ArgumentError, "radians"),
     (lambda: _pattern(SQUARE, "0"), ArgumentError, "theta"),
     (lambda: _pattern(SQUARE, 0.0, []), ArgumentError, "phi"),

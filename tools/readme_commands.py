@@ -1,8 +1,8 @@
 """Print the shell commands of the README as a script, as a reader types them.
 
-The block that clones the repository is omitted, and the clone is installed instead of the published
-package. .ci/run runs the script in a new clone, in an environment that contains only what the
-commands install.
+The block that clones the repository is omitted, the clone is installed instead of the published
+package, and renders take few samples. .ci/run runs the script in a new clone, in an environment
+that contains only the package.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ def commands(readme: str) -> str:
     """Return the lines of all shell blocks except the block that clones the repository."""
     blocks = re.findall(r"^```sh\n(.*?)^```$", readme, re.DOTALL | re.MULTILINE)
     script = "".join(block for block in blocks if not block.startswith("git clone"))
-    return script.replace('pip install "polywigner', 'pip install ".')
+    script = script.replace('pip install "polywigner', 'pip install ".')
+    return re.sub(r"^(polywigner render .*)$", r"\1 --spp 16", script, flags=re.MULTILINE)
 
 
 if __name__ == "__main__":

@@ -9,12 +9,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.figures import style
 from polywigner.figures.levels import arrays_of, check_floor
 from polywigner.geometry.arguments import checked_choice, checked_length
+from polywigner.numerics import Floats
 from polywigner.propagation.beams import BeamMetrics, beam_metrics, cut_metrics
 from polywigner.propagation.patterns import (
     Cut,
@@ -29,9 +29,6 @@ from polywigner.propagation.patterns import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
-
-
-Floats = NDArray[np.float64]
 
 
 PatternPanel = Literal["cuts", "polar", "uv", "table"]

@@ -26,13 +26,13 @@ from polywigner.figures.levels import (
 )
 from polywigner.geometry.arguments import checked_choice
 from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
+from polywigner.numerics import Floats
 from polywigner.quantities import length_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 
-Floats = NDArray[np.float64]
 Axis = tuple[str, Floats]
 """Label of an axis, and positions in the unit of the label."""
 

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_array, checked_length, real_numbers
+from polywigner.numerics import Floats
 from polywigner.source.obliquities import OBLIQUITIES
 
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
 
 PEAK_RULE = "largest 3x3 median"
 """Definition of 0 dB by :func:`image_peak`, for labels and logs."""

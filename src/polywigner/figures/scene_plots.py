@@ -13,13 +13,13 @@ from polywigner.errors import ArgumentError, value_text
 from polywigner.figures import style
 from polywigner.figures.levels import arrays_of, check_floor, dbm, image_peak, level_db
 from polywigner.geometry.arguments import checked_array, checked_count
+from polywigner.numerics import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
     from matplotlib.text import Annotation
 
-Floats = NDArray[np.float64]
 
 # Margin in dB of the level axis, below the noise and above the peak.
 _MARGIN_DB = 5.0
@@ -528,7 +528,7 @@ def draw_radar_map(
     """
     check_floor(floor_db)
     dims = tuple(getattr(image, "dims", ()))
-    if dims[-1:] != ("range",) or dims[-2] not in _MAP_LABELS:
+    if len(dims) < 2 or dims[-1] != "range" or dims[-2] not in _MAP_LABELS:
         raise ArgumentError(
             "expected a map of polywigner.radar.range_doppler or range_angle, got "
             f"{type(image).__name__}"

@@ -6,7 +6,6 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, require
 from polywigner.figures import style
@@ -19,9 +18,10 @@ from polywigner.figures.levels import (
     printed_unit,
     quantity_of,
 )
-from polywigner.figures.transforms import outline_of
+from polywigner.figures.transform_plots import outline_of
 from polywigner.geometry.arguments import checked_choice, checked_length, checked_row
 from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
+from polywigner.numerics import Floats
 from polywigner.quantities import length_unit
 from polywigner.source.source_files import SOURCE_COORDINATE, read_source
 
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from polywigner import Aperture, Array
 
 Projection = Literal["maximum", "mean"]
-Floats = NDArray[np.float64]
 
 # Largest number of samples along an axis; longer axes are decimated.
 _MOST = 128

@@ -293,7 +293,8 @@ def vee(width: float, height: float, thickness: float) -> Aperture:
     x, y = _length(width, "width") / 2, _length(height, "height") / 2
     t = _length(thickness, "thickness")
     length = math.hypot(x, 2 * y)
-    across, along = t * length / (2 * y), t * length / x  # the arm's extent along x and along y
+    # Extent of an arm along x and along y.
+    across, along = t * length / (2 * y), t * length / x
     _require(across < x, "thickness to leave a gap", thickness=thickness, width=width)
     return Aperture(
         [(-x, y), (0.0, -y), (x, y), (x - across, y), (0.0, along - y), (across - x, y)]
@@ -370,7 +371,7 @@ def double_slit(widths: ArrayLike, height: float, offsets: ArrayLike) -> Apertur
 
 
 def _two_slits(widths: ArrayLike, offsets: ArrayLike) -> list[tuple[float, float]]:
-    """Return centre and width of two slits; one number for ``widths`` means equal slits."""
+    """Return the centres and widths of two slits; a single number means two equal slits."""
     single = np.isscalar(widths) or getattr(widths, "ndim", None) == 0
     pair = _pair((widths, widths) if single else widths, "widths")
     centres = _pair(offsets, "offsets")
@@ -489,7 +490,8 @@ def hexagonal_segments(
     unit = np.array([flat / math.sqrt(12.0), flat / 2])
     extra = np.array([space / math.sqrt(12.0), space / 2])
     centres = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)
-    with np.errstate(over="ignore"):  # an Aperture raises the error
+    # An overflow leads to an error of Aperture.
+    with np.errstate(over="ignore"):
         return Aperture._of_segments([(corners + at) * unit + at * extra for at in centres])
 
 

@@ -107,7 +107,8 @@ class TakesWaves(Immutable):
             wave = wave.at_wavelength(wavelength)
         if not wave.is_flat and centre is not None and not np.array_equal(wave.centre, centre):
             raise IlluminationError(
-                "expected curved waves with one centre, got two centres; omit the second centre"
+                "expected curved waves with the same centre, got two different centres; omit "
+                "the second centre"
             )
         c = wave.centre if centre is None else centre
         return wave._with(curvature=wave.curvature + q, centre=c)
@@ -148,7 +149,7 @@ class TakesWaves(Immutable):
         if least == np.inf:
             return wave
         # This is the combined width 1/sqrt(1/least^2 + 1/most^2), computed without squares that
-        # overflow.
+        # could overflow.
         return wave._with(coherence_width=least / math.hypot(1.0, least / most))
 
 
@@ -225,7 +226,8 @@ class Wavefront(TakesWaves):
         c = np.zeros(d) if centre is None else checked_shift(centre, d, "a centre")
         if not np.array_equal(q, q.T):
             raise IlluminationError(f"{expected}, got {value_text(curvature)}")
-        c = c.copy() if q.any() else np.zeros(d)  # a flat wave does not depend on the centre
+        # A flat wave does not depend on the centre.
+        c = c.copy() if q.any() else np.zeros(d)
         width = _checked_width(coherence_width, "coherence_width")
         length = None if wavelength is None else checked_wavelength(wavelength)
         for array in (q, c):
@@ -262,7 +264,7 @@ class Wavefront(TakesWaves):
 
     @property
     def coherent(self) -> Any:
-        """The coherent source: with its curved wave, or the flat source without curvature."""
+        """The source with full coherence: with its curved wave, or the flat source itself."""
         if self.is_flat:
             return self.source
         return self._with(coherence_width=np.inf)
@@ -288,13 +290,14 @@ class Wavefront(TakesWaves):
         return self._of_source("plot")(ax, unit)
 
     def _of_source(self, name: str) -> Any:
-        """Return a method of the underlying source; raise ArgumentError if the source lacks it."""
+        """Return a method of the underlying source; raise ArgumentError if the source has none."""
         method = getattr(self.source, name, None)
         if method is None:
             kind = type(self.source).__name__
             raise ArgumentError(
-                f"expected a wave on an Aperture for {name}, got a wave on {kind}; apply {name} to "
-                "the elements of an array with their waves, and make an array of the results"
+                f"expected a wave on an Aperture for {name}, got a wave on {kind}; apply "
+                f"{name} to the elements of an array with their waves, and make an array of "
+                "the results"
             )
         return method
 

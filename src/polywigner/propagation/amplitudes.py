@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
@@ -17,10 +17,10 @@ from polywigner.geometry.aperture import PlacedAperture
 from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.geometry.silhouettes import obstacles_of
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.phases import reduced
 from polywigner.optics import FirstOrder
 from polywigner.propagation import shadows
-from polywigner.propagation.aberrated_fields import aberrated_fresnel_field, aberrated_spectrum
 from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.collins import field_behind
 from polywigner.propagation.curved_fields import curved_field
@@ -35,6 +35,7 @@ from polywigner.propagation.point_grids import (
     tolerance_from,
     warn_of_missed,
 )
+from polywigner.propagation.pupil_fields import aberrated_fresnel_field, aberrated_spectrum
 from polywigner.propagation.screens import (
     PointSource,
     Screen,
@@ -49,9 +50,6 @@ from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 from polywigner.transforms.xarray_arguments import takes_xarray
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 Obstacle = Polyhedron | PlacedAperture
 

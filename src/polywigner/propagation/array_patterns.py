@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
@@ -17,6 +17,7 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     takes_frequency,
 )
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.far_field_tables import FLOOR
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.patterns import decibels, described, radiation_pattern
@@ -28,8 +29,6 @@ from polywigner.source.obliquities import ObliquityName, obliquity_of
 if TYPE_CHECKING:
     import xarray
 
-Reals = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # Largest number of complex values per block (64 MiB).
 _BLOCK = 2**22
@@ -182,7 +181,7 @@ def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]
 
 def _draw(
     errors: dict[str, float], shape: tuple[int, int], random: np.random.Generator
-) -> tuple[Complexes, Reals | None]:
+) -> tuple[Complex, Floats | None]:
     """Draw factors (n, count) of n weights, and shifts (n, count, 3) of n elements in m.
 
     ``shape`` is (n, count). The shifts are None if the positions have no error.
@@ -198,13 +197,13 @@ def _draw(
 
 def _statistics(
     source: Array,
-    directions: Reals,
+    directions: Floats,
     wavelength: float,
     obliquity: str,
     errors: dict[str, float],
-    factors: Complexes,
-    shifts: Reals | None,
-) -> dict[str, Reals]:
+    factors: Complex,
+    shifts: Floats | None,
+) -> dict[str, Floats]:
     """Return the statistics of |E|^2 in n directions, by the names of :func:`array_tolerance`."""
     square, variance = _moments(errors, wavelength)
     weighted = source.weights[:, None] * factors
@@ -231,8 +230,8 @@ def _statistics(
 
 
 def _element_fields(
-    source: Array, directions: Reals, wavelength: float, obliquity: str
-) -> Complexes:
+    source: Array, directions: Floats, wavelength: float, obliquity: str
+) -> Complex:
     """Return the far fields (n, elements) of elements of weight 1 in directions (n, 3)."""
     if source.repeated is not None:
         element, positions = source.repeated

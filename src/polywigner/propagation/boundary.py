@@ -24,15 +24,12 @@ from polywigner.geometry import Aperture
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.steepest_descent import steepest_edge_sum
 from polywigner.kernels.kernel import Kernel
-from polywigner.numerics import phases
+from polywigner.numerics import Complex, Floats, Indices, phases
 from polywigner.numerics.nodes import gauss_rules
 from polywigner.radiometry.directions import checked_source
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import OBLIQUITIES, direction_cosines
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
 FieldEstimate = tuple[Complex, Floats, Floats]
 """Field, estimate of its error, and allowed error, shape (n,) each."""
 _OPS = NumpyOperations()

@@ -18,8 +18,9 @@ from polywigner.execution import Engine
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront, triangulate
 from polywigner.geometry.arguments import checked_wavelength
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.chirps import waves_of_cycles
-from polywigner.numerics.triangles import gauss_rule, node_count
+from polywigner.numerics.nodes import gauss_rule, node_count
 from polywigner.optics import FirstOrder
 from polywigner.propagation.boundary import FieldEstimate, Radiator, parabolic_field, radiator_of
 from polywigner.propagation.point_grids import (
@@ -33,8 +34,6 @@ from polywigner.transforms import autocorrelation, fourier
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 PublicSource = Aperture | Array
 
 _ULP = 2.0**-52

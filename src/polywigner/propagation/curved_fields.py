@@ -18,13 +18,11 @@ from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
-from polywigner.numerics.triangles import quartered
+from polywigner.numerics import Complex, Floats
+from polywigner.numerics.nodes import quartered
 from polywigner.propagation.boundary import radiator_of
 from polywigner.source.obliquities import CONDITIONS, direction_cosines
 from polywigner.transforms.wavefronts import chirp_transform, principal_axes
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # Number of Gauss nodes along each side of a cell.
 _NODES = 20

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
@@ -18,6 +18,7 @@ from polywigner.geometry.arguments import (
     warn_caller,
 )
 from polywigner.geometry.illumination import Illumination
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.point_grids import unit_vectors
 from polywigner.propagation.vector_fields import of_co_and_cross, of_currents
 from polywigner.radiometry.directions import directions_and_weights
@@ -28,8 +29,6 @@ from polywigner.transforms import fourier
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # Largest rounding error of angles in pattern files, in rad.
 _EVEN = 1e-6

@@ -13,24 +13,20 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Wavefront
 from polywigner.kernels.boundary.edge_waves import Point
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.nodes import gauss_legendre
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics.phases import Pair, cos_sin_cycles
 from polywigner.propagation.boundary import Radiator, radiator_of
 from polywigner.propagation.curved_fields import cells_of_wave, field_at_nodes
 from polywigner.propagation.screens import PointSource
 from polywigner.source.obliquities import CONDITIONS, Obliquity, times_direction_cosine
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_source
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # Largest number of points that replace a source.
 _MOST_SOURCES = 1 << 15

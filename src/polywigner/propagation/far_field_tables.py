@@ -11,14 +11,11 @@ from itertools import groupby, pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.io.limits import LARGEST_NUMBER, check_most, token
+from polywigner.numerics import Complex, Floats
 from polywigner.quantities import parse_frequency
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 FREE_SPACE = 376.730313412
 """Impedance Z0 of free space in ohm; |rE|^2/(2 Z0) is in W/sr for the peak value rE in V."""

@@ -22,7 +22,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
-from polywigner.numerics.band_limited import climbed, largest
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.element_patterns import element_pattern_of
 from polywigner.propagation.point_grids import unit_vectors
 from polywigner.propagation.vector_fields import far_vectors, polarised_parts, vector_powers
@@ -48,15 +48,13 @@ from polywigner.source.obliquities import (
 )
 from polywigner.source.polarisation import MODELS, CurrentModel, checked_polarisation
 from polywigner.transforms import array_factor, fourier
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 
 if TYPE_CHECKING:
     import xarray
 
 Values = NDArray[Any]
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def far_field(
@@ -258,10 +256,10 @@ class FarField:
             rows = max(1, _BLOCK // len(across))
             for k in range(0, len(along), rows):
                 grid = np.stack(np.meshgrid(across, along[k : k + rows]), axis=-1).reshape(-1, 2)
-                candidates.append(largest(*self._on_disc(grid), 2 / steps, width))
+                candidates.append(_near_largest(*self._on_disc(grid), 2 / steps, width))
         cosines, values = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
-        cosines, _ = largest(cosines, values, 2 / steps, width)
-        cosines, values = climbed(self._on_disc, cosines, 2 / steps, width)
+        cosines, _ = _near_largest(cosines, values, 2 / steps, width)
+        cosines, values = _climbed(self._on_disc, cosines, 2 / steps, width)
         theta = np.arcsin(np.minimum(1, np.linalg.norm(cosines, axis=-1)))
         phi = np.arctan2(cosines[:, 1], cosines[:, 0]) % (2 * math.pi)
         first = np.lexsort([phi.round(6), theta.round(6)])[0]
@@ -290,6 +288,56 @@ class FarField:
         third = np.sqrt(np.maximum(0, 1 - np.square(cosines).sum(axis=-1, keepdims=True)))
         directions = np.concatenate([cosines, third], axis=-1).reshape(-1, 3)
         return cosines, self.intensity(directions).reshape(cosines.shape[:-1])
+
+
+# The spectrum |F|^2 of a source of width D varies on scales of 1/D and more. At a distance d from a
+# peak, along an axis, it is at least cos^2(pi d D) times the peak. The sample next to the largest
+# peak is therefore at least this fraction of the peak, and the peak lies in a window around one of
+# the samples that reach this fraction.
+#
+# A peak is searched in a window of _WINDOW samples on either side of its estimated position. The
+# window shrinks by the factor _WINDOW in each of _ROUNDS rounds, so the position of the peak is
+# accurate to 4^-8 of a sample. Since a peak is quadratic, its relative height is accurate to the
+# square of this, about 1e-9.
+_WINDOW, _ROUNDS = 4, 8
+_EQUAL = 1e-9
+# Largest number of samples around which the largest peak is searched.
+_MOST_REFINED = 256
+
+
+def _near_largest(
+    points: Floats, values: Floats, step: Floats, width: Floats
+) -> tuple[Floats, Floats]:
+    """Return the samples that may lie next to the largest peak, in descending order.
+
+    ``points`` (n, 2) and ``values`` (n,): samples, of which up to 256 are returned. ``step`` (2,):
+    distance between samples along each axis. ``width`` (2,): width D of the source along each axis;
+    ``step * width`` is at most 1/2.
+    """
+    fraction = float(np.cos(math.pi * width * step / 2).prod()) ** 2
+    best = np.argsort(-values, kind="stable")[:_MOST_REFINED]
+    best = best[values[best] >= min(fraction, 1 - _EQUAL) * values[best[0]]]
+    return points[best], values[best]
+
+
+def _climbed(
+    evaluate: Callable[[Floats], tuple[Floats, Any]], points: Floats, step: Floats, width: Floats
+) -> tuple[Floats, Floats]:
+    """Return the positions (n, 2) and heights (n,) of the largest peak, or of several equal peaks.
+
+    ``evaluate``: (points (n, m, 2)) -> the points moved into the domain of the function, and values
+    (n, m). ``points`` (n, 2): samples, as :func:`_near_largest` returns them.
+    """
+    around = np.arange(-_WINDOW, _WINDOW + 1) / _WINDOW
+    window = np.stack(np.meshgrid(around, around), axis=-1).reshape(-1, 2)
+    values = np.empty(0)
+    for _ in range(_ROUNDS):
+        near, values = evaluate(points[:, None] + step * window)
+        step = step / _WINDOW
+        best = np.arange(len(near)), values.argmax(axis=-1)
+        distinct = np.unique((near[best] / step).round(), axis=0, return_index=True)[1]
+        points, values = _near_largest(near[best][distinct], values[best][distinct], step, width)
+    return points, values
 
 
 class FarFieldOptions(TypedDict, total=False):

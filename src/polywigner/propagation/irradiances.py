@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner import kernels
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_number, checked_wavelength, takes_frequency
+from polywigner.numerics import Floats
 from polywigner.optics import FirstOrder
 from polywigner.propagation.amplitudes import Obstacle, field_and_error
 from polywigner.propagation.collins import (
@@ -43,7 +44,6 @@ from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import coherent_source, is_partly_coherent, tilts_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-Floats = NDArray[np.float64]
 LightSource = Aperture | Array | Wavefront | Screen | PointSource
 Compute = Callable[[LightSource, float, ArrayLike], Floats]
 """Function of a coherent source, a wavelength in m and points. It returns the irradiance and its

@@ -20,16 +20,18 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Wavefront
 from polywigner.geometry.parts import grid_size, polygons_in, shifted
-from polywigner.numerics.nodes import chirp_node_counts, normal_product_rule, unit_rule
-from polywigner.numerics.triangles import rule_of_counts
+from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics.nodes import (
+    chirp_node_counts,
+    normal_product_rule,
+    rule_of_counts,
+    unit_rule,
+)
 from polywigner.optics import FirstOrder
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import Obliquity, direction_cosines
 from polywigner.transforms import ambiguity
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
 Channel = Floats | None
 """Quantity on the source. None stands for the field, and the frequency (2,) of a plane wave stands
 for the normal derivative of this wave.

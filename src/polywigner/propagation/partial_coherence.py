@@ -21,10 +21,10 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront
+from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.optics import FirstOrder
 from polywigner.propagation.lag_sums import (
@@ -43,9 +43,6 @@ from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import CONDITIONS, Obliquity, direction_cosines
 from polywigner.transforms.wavefronts import coherent_source
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
 Compute = Callable[[Any, Floats], Floats]
 """Function of a coherent source and n points. It returns the irradiance and its error, (2, n)."""
 

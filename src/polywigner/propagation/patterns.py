@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import takes_frequency
+from polywigner.numerics import Floats
 from polywigner.propagation.element_patterns import (
     MOST_PHI,
     MOST_THETA,
@@ -36,7 +37,6 @@ from polywigner.transforms.xarray_arguments import labelled_array, labelled_arra
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
 Values = NDArray[Any]
 
 # Tolerances in rad for angles on the horizon and for opposite meridians, because angles converted

@@ -15,14 +15,13 @@ from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_choice, finite_array
 from polywigner.kernels.boundary.edge_waves import EdgeRule, angle_about, edge_wave
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.point_grids import warn_of_missed
 from polywigner.source import Illumination
 from polywigner.source.obliquities import CONDITIONS
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Position = tuple[float, float, float]
 
 _OPS = NumpyOperations()

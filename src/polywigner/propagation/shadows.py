@@ -41,7 +41,7 @@ from polywigner.kernels.boundary.edge_waves import (
     path_over,
 )
 from polywigner.kernels.kernel import Values
-from polywigner.numerics.complex_pairs import Pair, unit_wave
+from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
     oblique_change,

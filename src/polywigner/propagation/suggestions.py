@@ -18,12 +18,12 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     takes_frequency,
 )  # fmt: skip
+from polywigner.numerics import Floats
 from polywigner.propagation.point_grids import box_grid, line_grid, unit_vectors
 from polywigner.radiometry.directions import checked_source
 from polywigner.source import Array
 from polywigner.transforms import PhaseSpaceSource
 
-Values = NDArray[np.float64]
 Band = tuple[str, str, float, float, float, bool]
 """Name, unit, first and last value, Nyquist step of an axis, and whether it is band-limited."""
 
@@ -303,8 +303,9 @@ def _field_bands(
         # A line needs many points, because directions change fast where it passes close to the
         # source.
         grid = line_grid(region, _POINTS**2)
-        points, tangents = grid.points((0,), (_POINTS**2,)), [grid.directions]
-        ends = [("distance", "m", 0.0, float(grid.coords["distance"].values[-1]))]
+        points, length = grid.points((0,), grid.shape), float(grid.coords["distance"].values[-1])
+        tangents = [(points[-1] - points[0]) / length]
+        ends = [("distance", "m", 0.0, length)]
     else:
         metres = checked_length(region, "radius")
         theta, phi = np.linspace(0.0, _GRAZING, _THETA), 2 * math.pi * np.arange(_PHI) / _PHI
@@ -324,7 +325,7 @@ def _field_bands(
     return bands
 
 
-def _rays(points: Values, bounds: tuple[float, ...]) -> Values:
+def _rays(points: Floats, bounds: tuple[float, ...]) -> Floats:
     """Return unit vectors (n, 9, 3) from nine points of the source's box to points (n, 3)."""
     x, y = (
         np.stack(np.broadcast_arrays(low, np.clip(points[:, k], low, high), high), axis=-1)

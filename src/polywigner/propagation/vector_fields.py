@@ -29,7 +29,7 @@ from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.kernels.boundary.integrals import STRIPS, distance_of, point_in_wavelengths
-from polywigner.numerics import phases
+from polywigner.numerics import Complex, Floats, phases
 from polywigner.propagation.boundary import (
     Radiator,
     boundary_field,
@@ -63,12 +63,9 @@ from polywigner.source.polarisation import (
     ludwig_axes,
 )
 from polywigner.transforms import fourier
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.xarray_arguments import takes_xarray
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _OPS = execution.NumpyOperations()
 

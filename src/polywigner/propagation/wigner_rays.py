@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
@@ -24,7 +23,8 @@ from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.kernels import Kernel, kernel_for
 from polywigner.kernels.functions.slices import SliceSum
 from polywigner.kernels.kernel import Values
-from polywigner.numerics.triangles import (
+from polywigner.numerics import Floats
+from polywigner.numerics.nodes import (
     Triangles,
     gauss_rule,
     node_count,
@@ -39,10 +39,8 @@ from polywigner.source import Array
 from polywigner.source.array import mutual_support
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import DEFAULT, Forms, ObliquityName, obliquity_of
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
-
-Floats = NDArray[np.float64]
 
 # Errors are absolute where the irradiance is below this fraction of the largest possible irradiance
 # (T2).

@@ -20,6 +20,7 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_number, checked_vectors
+from polywigner.numerics import Floats
 from polywigner.numerics.nodes import flat_rule
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
@@ -29,8 +30,6 @@ from polywigner.source.tapers import checked_unit_vectors
 from polywigner.transforms import lag_marginal
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_source
-
-Floats = NDArray[np.float64]
 
 # Largest product of the bandwidth and the propagation time across the source. The mean over a band
 # requires about this number of wavelengths.

@@ -25,7 +25,7 @@ from polywigner.radiometry.directions import (
     wavelengths_of_band,
 )
 from polywigner.transforms import fourier, wigner
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import mean_over_tilts
 from polywigner.transforms.xarray_arguments import takes_xarray
 

@@ -25,13 +25,10 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.parts import polygons_in
-from polywigner.numerics.triangles import NODES_PER_CYCLE, areas, rule_by_triangles, triangles_of
+from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, rule_by_triangles, triangles_of
 from polywigner.radiometry.directions import steepest
 from polywigner.source.normal_form import normal_form
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
 
 # Parts of a clipped polygon below this fraction of the cell's area are due to rounding errors.
 _SLIVER = 1e-14

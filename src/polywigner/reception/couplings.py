@@ -24,6 +24,7 @@ from polywigner.geometry.arguments import (
     warn_of_distance,
 )
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.point_grids import checked_method, tolerance_from, warn_of_missed
@@ -35,12 +36,10 @@ from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition, Obliquity
 from polywigner.source.polarisation import MODELS, CurrentModel, Currents, checked_pair
 from polywigner.transforms import fourier
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import flat_source
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 LinkMethod = Literal[BoundaryCondition, "fraunhofer", CurrentModel]
 
 _OPS = execution.NumpyOperations()

@@ -9,7 +9,7 @@ from dataclasses import InitVar, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, get_args, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import progress_bar
@@ -22,6 +22,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.point_grids import checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.scattering.facet_beams import sums_of_beams
@@ -41,8 +42,6 @@ from polywigner.transforms.xarray_arguments import labelled_array, labelled_arra
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # Largest number of reflections. Three perpendicular mirrors already return a wave to its source,
 # and each reflection multiplies the number of beams.

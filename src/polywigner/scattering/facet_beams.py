@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError
@@ -32,6 +32,7 @@ from polywigner.geometry.hidden_parts import (
     mended,
     unions,
 )
+from polywigner.numerics import Complex, Floats, Indices
 from polywigner.scattering.facets import (
     Facets,
     Pieces,
@@ -46,10 +47,6 @@ from polywigner.scattering.facets import (
     visible_along,
     visible_pieces,
 )
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
 
 # Largest number of pairs of a beam and a triangle. This many pairs take some minutes.
 _MOST_COMPARED = 4e8

@@ -31,13 +31,10 @@ from polywigner.geometry.hidden_parts import (
     mended,
 )
 from polywigner.geometry.parts import connected
-from polywigner.numerics.divided_differences import simplex_plane_wave
-from polywigner.numerics.phases import rotated
+from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics.phases import rotated, simplex_plane_wave
 from polywigner.source import Array
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
 Sides = NDArray[np.int8]
 """Side of a triangle: 1 is the outer side, -1 the other side of a plate, and 0 no side."""
 

@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError, GeometryError, value_text
@@ -25,6 +25,7 @@ from polywigner.geometry.arguments import (
     rigid_poses,
     warn_caller,
 )
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation import amplitude_with_error, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
 from polywigner.propagation.point_grids import tolerance_from
@@ -47,9 +48,6 @@ from polywigner.source import Array
 from polywigner.source.obliquities import DEFAULT, DERIVATIVE_OF, OBLIQUITIES, BoundaryCondition
 from polywigner.source.polarisation import checked_pair
 from polywigner.source.tapers import checked_unit_vectors as unit_vectors_as_given
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 Channel = Literal["vv", "hh", "vh", "hv"]
 Polarisation = Channel | str | Sequence[Any]

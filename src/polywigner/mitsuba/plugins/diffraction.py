@@ -40,8 +40,8 @@ from polywigner.mitsuba.plugins.shadow_tables import (
 )
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters, reach_of
 from polywigner.mitsuba.scenes import surfaces
-from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.jets import Jet, flattened, rebuilt
+from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.propagation import equivalent_points, shadows
 from polywigner.propagation.source_nodes import SourceNodes, all_points, nodes_for
 

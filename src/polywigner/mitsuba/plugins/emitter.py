@@ -51,11 +51,10 @@ from polywigner.mitsuba.plugins.source_parameters import (
 )
 from polywigner.mitsuba.plugins.wigner import TracedSource, Wave, WignerEstimator, WignerRadiance
 from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, matrix_of, shadow_end
+from polywigner.numerics import Floats
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
 from polywigner.source import Array
 from polywigner.source.obliquities import DEFAULT
-
-Floats = npt.NDArray[np.float64]
 
 ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
     "wigner": WignerEstimator,

@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
 from polywigner.execution import Drjit, NumpyOperations, ops_for
@@ -31,9 +30,8 @@ from polywigner.kernels.boundary.integrals import distance_of
 from polywigner.mitsuba.plugins.mixtures import SceneSource
 from polywigner.mitsuba.plugins.samplers import cells_with_field, opaque, times_stokes
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters
-from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics import Complex, Floats, phases
+from polywigner.numerics.phases import Pair, cos_sin_cycles
 from polywigner.propagation.boundary import Radiator, boundary_tables, panels_in, radiator_of
 from polywigner.propagation.equivalent_points import equivalent_grid
 from polywigner.source.normal_form import SourceElement, normal_form
@@ -44,8 +42,6 @@ if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.diffraction import Shadows
     from polywigner.mitsuba.plugins.emitter import WignerEmitter
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # Largest number of points on the shorter side of a grid. The kernel contains separate code for each
 # of these points, which is twice as fast as a loop, but takes 5 ms per point to compile.
@@ -365,11 +361,11 @@ def _curved(element: SourceElement, wave: Wavefront) -> SourceElement:
     return replace(element, amplitudes=amplitudes, frequencies=frequencies)
 
 
-def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
+def _chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
     """Return amplitudes and frequencies of waves whose sum is exp(i pi q y^2) on an interval."""
     centre, size = (low + high) / 2, high - low
     cycles = abs(q) * size * size
-    waves: tuple[Complexes, Floats] | None = np.ones(1, np.complex128), np.zeros(1)
+    waves: tuple[Complex, Floats] | None = np.ones(1, np.complex128), np.zeros(1)
     if cycles >= _CURVED_ERROR:
         count = 8 * math.ceil(min(cycles, _MOST_WAVES) + 20)
         y = -np.cos(np.linspace(0.0, math.pi, count)) * size / 2
@@ -394,7 +390,7 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
     return amplitudes * np.exp(2j * math.pi * phase), shifted
 
 
-def _fit(y: Floats, values: Complexes, frequencies: Floats) -> tuple[Complexes, Floats] | None:
+def _fit(y: Floats, values: Complex, frequencies: Floats) -> tuple[Complex, Floats] | None:
     """Return waves whose sum is ``values`` at y; None if the error or amplitudes are too large."""
     waves = np.exp(2j * math.pi * np.outer(y, frequencies))
     fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_SINGULAR)[0], np.complex128)

@@ -9,11 +9,11 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.mitsuba.plugins.registration import unsuitable_source
+from polywigner.numerics import Floats
 from polywigner.propagation.far_fields import check_slopes, powers_of
 from polywigner.propagation.irradiances import mixture_parts
 from polywigner.radiometry.directions import (
@@ -30,10 +30,9 @@ from polywigner.source.array import mutual_support
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import OBLIQUITIES, Forms, grazing_error
 from polywigner.transforms import fourier
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import flat_source, tilts_of
 
-Floats = npt.NDArray[np.float64]
 SceneSource = Aperture | Array | Wavefront
 """A source that can radiate in a scene."""
 

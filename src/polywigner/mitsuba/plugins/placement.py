@@ -9,23 +9,22 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
 from polywigner.mitsuba.plugins.mixtures import SceneSource
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters, pose_of
 from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR
+from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT
 from polywigner.source.polarisation import Stokes, stokes_fields
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 
 if TYPE_CHECKING:
     from polywigner.mitsuba.scenes.reflectors import Mirror
 
-Floats = NDArray[np.float64]
 
 # Relative rounding error of parameters in single precision.
 _ROUNDING = 1e-6

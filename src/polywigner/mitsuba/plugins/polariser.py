@@ -19,13 +19,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry.arguments import checked_array
 from polywigner.mitsuba.plugins.samplers import Frame, opaque, spectrum
 from polywigner.mitsuba.plugins.source_parameters import UNPOLARISED, SourceParameters
+from polywigner.numerics import Complex, Floats
 from polywigner.source.polarisation import (
     checked_polarisation,
     ludwig_axes,
@@ -36,8 +36,6 @@ from polywigner.source.polarisation import (
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.placement import PlacedSource
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 _FULL = "_polarized"
 
@@ -69,7 +67,7 @@ def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceP
 
 
 def polarisation_summary(
-    ends: Sequence[PlacedSource], interferes: bool, requested: Complexes | None = None
+    ends: Sequence[PlacedSource], interferes: bool, requested: Complex | None = None
 ) -> str:
     """Return the polarisations that a result includes, as text.
 
@@ -139,7 +137,7 @@ def stokes_of(image: npt.ArrayLike) -> Floats:
 class Polariser:
     """Converter from weights of a source or a receiver to spectra of one variant."""
 
-    def __init__(self, m: Any, polarisation: Complexes | None) -> None:
+    def __init__(self, m: Any, polarisation: Complex | None) -> None:
         self._m, self._is_plain = m, polarisation is None
         self._stokes_vector: list[Drjit] | None = None
         if polarisation is not None and polarisation.ndim == 1:

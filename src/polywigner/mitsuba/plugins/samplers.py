@@ -18,6 +18,7 @@ import numpy.typing as npt
 from polywigner.errors import SceneError
 from polywigner.execution import Drjit, ops_for
 from polywigner.geometry.convex import Trapezoids, point_in_trapezoid, trapezoids
+from polywigner.numerics import Floats
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import Forms
 from polywigner.source.polarisation import Stokes
@@ -26,7 +27,6 @@ from polywigner.transforms import fourier
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.mixtures import SceneSource
 
-Floats = npt.NDArray[np.float64]
 
 # Elements with a non-uniform field are divided into pieces with a constant weight: at most this
 # number of strips across an element, and of pieces of all elements.

@@ -16,7 +16,6 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 
 from polywigner import geometry
 from polywigner.errors import ArgumentError, GeometryError, SceneError
@@ -41,6 +40,7 @@ from polywigner.mitsuba.plugins.registration import (
     registered_source,
 )
 from polywigner.mitsuba.scenes.surfaces import matrix_of, reach_at
+from polywigner.numerics import Complex, Floats
 from polywigner.quantities import (
     NOISE_PARSERS,
     parse_frequency,
@@ -61,8 +61,6 @@ from polywigner.source.polarisation import (
 )
 from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
 
-Floats = npt.NDArray[np.float64]
-Complexes = npt.NDArray[np.complex128]
 EMITTER, RECEIVER = "wigner", "wigner_receiver"
 """Names of the shape and of the sensor."""
 ESTIMATORS = ("wigner", "exact")
@@ -103,7 +101,7 @@ class SourceParameters:
     """Whether rays meet the surface of the source."""
     noise: Mapping[str, float | None] = field(default_factory=dict)
     """Bandwidth in Hz, temperature in K and noise figure in dB of a receiver, by name."""
-    polarisation: Complexes | None = None
+    polarisation: Complex | None = None
     """Unit Jones vector along the source's x and y, shape (2,), or one for each element, shape
     (n, 2); None: unpolarised."""
     states_polarisation: bool = False
@@ -387,7 +385,7 @@ class _SceneValues:
             'specify one, such as frequency "94 GHz"'
         )
 
-    def polarisation(self, source: SceneSource) -> Complexes | None:
+    def polarisation(self, source: SceneSource) -> Complex | None:
         """Return a unit Jones vector (2,), or (n, 2) for an array; None for unpolarised light."""
         text = self.text("polarisation", UNPOLARISED)
         if text.strip().lower() == UNPOLARISED:

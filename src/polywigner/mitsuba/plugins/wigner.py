@@ -29,7 +29,7 @@ from polywigner.mitsuba.plugins.mixtures import (
 )
 from polywigner.mitsuba.plugins.samplers import Positions, opaque, times_stokes
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.phases import Pair
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form

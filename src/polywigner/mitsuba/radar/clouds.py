@@ -9,19 +9,17 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_path, checked_row, real_numbers, rigid_pose
 from polywigner.mitsuba.plugins.mixtures import norm_of, support_of
 from polywigner.mitsuba.plugins.placement import PlacedSource
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.stores import in_place, write_netcdf
 from polywigner.source import Array
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # Number of scatterers that are computed at once. The responses of all elements to this many
 # scatterers take tens of megabytes.
@@ -35,7 +33,7 @@ def element_responses(
     elements: Array | Aperture | Sequence[Aperture],
     *,
     to_world: ArrayLike | None = None,
-) -> Complexes:
+) -> Complex:
     """Return the complex response of each element of a receiving array to each scatterer.
 
     The response is e_kn = lambda U_k(y_n)/sqrt(N_k). U_k is the exact field
@@ -79,7 +77,7 @@ def covariance(
     *,
     to_world: ArrayLike | None = None,
     ranges: ArrayLike | None = None,
-) -> Complexes:
+) -> Complex:
     """Return the covariance matrix of the signals of an array's elements, for each range gate.
 
     R_kl = sum_n intensity_n e_kn conj(e_ln), with the responses e of :func:`element_responses`.
@@ -134,7 +132,7 @@ def covariance(
 
 def _responses(
     positions: Floats, sources: Sequence[Any], to_world: Any, attrs: dict[str, Any]
-) -> Complexes:
+) -> Complex:
     """Return the responses (sources, n) of sources at a pose to scatterers at positions (n, 3)."""
     pose = _pose(attrs["to_world"] if to_world is None else to_world)
     local = (positions - pose[:3, 3]) @ pose[:3, :3]
@@ -151,7 +149,7 @@ def _responses(
     return result
 
 
-def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complexes:
+def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complex:
     """Return the responses (ends, scatterers) of placed sources or receivers."""
     positions, _, attrs = _checked(cloud)
     rows = []

@@ -30,6 +30,7 @@ from polywigner.mitsuba.receive.received_power import matched
 from polywigner.mitsuba.scenes.reflectors import Chain, Echo, Route, routes_in
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
 from polywigner.mitsuba.scenes.surfaces import receivers_of
+from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radar import CUBE_DIMS, FMCW, parse_waveform, waveform_attrs
 from polywigner.source import Array
@@ -38,8 +39,6 @@ from polywigner.transforms.xarray_arguments import labelled_array
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 Velocities = dict[str, Floats]
 
 # Relative error of the sums over scatterers.
@@ -84,9 +83,9 @@ class _Radar:
 class _Cloud:
     """Scatterers of a receiver of the scene, which are the same for all of its elements."""
 
-    responses: Complexes
+    responses: Complex
     """Responses (element, scatterer); their product with ``emitted`` is in sqrt(W)."""
-    emitted: Complexes
+    emitted: Complex
     """Square roots (emitter, scatterer) of intensities, with phases."""
     delays: Floats
     """Delays (emitter, scatterer) in s at the time 0."""
@@ -191,7 +190,7 @@ def radar_cube(
             for number in numbers:
                 clouds[number] = _cloud(scene, radar, number, size, rays, speeds, options)
 
-    def block(number: int, draw: int) -> Complexes:
+    def block(number: int, draw: int) -> Complex:
         return _samples(
             radar, coherent[number], clouds[number], with_noise, (options.seed, number, draw)
         )[None]
@@ -211,7 +210,7 @@ def radar_cube(
 
 
 def _lazy(
-    block: Callable[[int, int], Complexes], elements: list[int], draws: int, shape: tuple[int, ...]
+    block: Callable[[int, int], Complex], elements: list[int], draws: int, shape: tuple[int, ...]
 ) -> Any:
     """Return the signal as a dask array with a chunk for each draw and receiver of the scene."""
     array = require("dask.array", "datasets", "cubes of more than 1 GiB are computed with")
@@ -263,7 +262,7 @@ def _samples(
     cloud: _Cloud | None,
     with_noise: bool,
     seed: tuple[int, int, int],
-) -> Complexes:
+) -> Complex:
     """Return the samples (element, emitter, chirp, sample) of a receiver in one draw."""
     wave, random = radar.waveform, np.random.default_rng(seed)
     spectra = np.zeros((len(links), len(radar.emitters), wave.chirps, wave.samples), np.complex128)
@@ -289,7 +288,7 @@ def _samples(
 class _Link(NamedTuple):
     """Coherent paths between an emitter and a receiver, or an element of a receiver."""
 
-    amplitudes: Complexes
+    amplitudes: Complex
     """Amplitudes (path, sample) in sqrt(W)."""
     rates: Floats
     """Rates (path,) at which delays increase, in s/s."""
@@ -401,7 +400,7 @@ def _cloud(
     )  # fmt: skip
 
 
-def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complexes, Floats]:
+def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
     """Return responses, and excess lengths in m, both with the axes (receiver, scatterer).
 
     The square of a response is the received power over the intensity. For a receiver that is not
@@ -423,7 +422,7 @@ def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Co
 
 def _sending(
     scene: Any, cloud: xarray.Dataset, emitters: list[PlacedSource]
-) -> tuple[Complexes, Floats]:
+) -> tuple[Complex, Floats]:
     """Return square roots of intensities, and path lengths in m, with axes (emitter, scatterer).
 
     The same scatterers of single reflections are used for all emitters, so that the signals of the
@@ -468,7 +467,7 @@ def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats
     return ~np.atleast_1d(np.array(scene.ray_test(ray)))
 
 
-def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complexes, emitter: int) -> Complexes:
+def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complex, emitter: int) -> Complex:
     """Return the sum (RC1) over scatterers with the axes (element, chirp, sample).
 
     If no scatterer moves, all chirps are equal, and the axis ``chirp`` has the length 1.
@@ -491,11 +490,11 @@ def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complexes, emitter: int) -
 def _frame(
     radar: _Radar,
     cloud: _Cloud,
-    signals: Complexes,
+    signals: Complex,
     emitter: int,
     chosen: NDArray[np.bool_],
     starts: Floats,
-) -> Complexes:
+) -> Complex:
     """Return the sum (RC1) over the ``chosen`` scatterers for successive repetitions.
 
     The numbers m and n of repetition and sample are counted from the centre of the frame. The phase
@@ -544,7 +543,7 @@ def _plan_of_sums(slopes: list[Floats], shape: list[int], count: int) -> Any:
     return plan
 
 
-def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complexes, Floats]]:
+def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complex, Floats]]:
     """Yield pairs of arrays; the sum of their products is exp(2 pi i amounts along)."""
     reach = float(np.abs(along).max()) or 1.0
     phases = 2j * np.pi * amounts * reach
@@ -558,7 +557,7 @@ def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[
         size *= largest / power
 
 
-def _normal(random: np.random.Generator, shape: tuple[int, ...]) -> Complexes:
+def _normal(random: np.random.Generator, shape: tuple[int, ...]) -> Complex:
     """Return independent circular Gaussian random numbers of variance 1."""
     pairs = random.standard_normal((*shape, 2)) * math.sqrt(0.5)
     return np.asarray(pairs.view(np.complex128)[..., 0])

@@ -12,7 +12,6 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, EngineError, SceneError, require
 from polywigner.execution import Drjit
@@ -30,6 +29,7 @@ from polywigner.mitsuba.plugins.films import (
 from polywigner.mitsuba.plugins.registration import VariantPlugin, variant_class
 from polywigner.mitsuba.scenes.scenes import checked_scene, translate_error
 from polywigner.mitsuba.scenes.surfaces import is_receiver
+from polywigner.numerics import Floats
 
 _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
@@ -152,8 +152,6 @@ def _counterpart(integrator: Any) -> mi.Integrator:
     except RuntimeError as error:
         raise translate_error(error) from None
 
-
-Floats = npt.NDArray[np.float64]
 
 # Largest number of bins of all pixels together. In float64, this many bins take 2 GiB.
 _MOST_SUMS = 2**28

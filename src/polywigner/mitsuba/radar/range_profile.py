@@ -38,14 +38,13 @@ from polywigner.mitsuba.receive.received_power import (
 from polywigner.mitsuba.receive.scattered import by_source, standard_error
 from polywigner.mitsuba.scenes.rendering import default_spp, exposed
 from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of, wigner_emitters
+from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
 
-
-Floats = npt.NDArray[np.float64]
 
 # Largest number of range bins. In 16 batches, this many bins take 0.1 GB for each light and
 # receiver, and a few times as much during the computation.

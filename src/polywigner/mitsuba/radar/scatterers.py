@@ -34,6 +34,7 @@ from polywigner.mitsuba.scenes.surfaces import (
     sorted_shapes,
     wigner_emitters,
 )
+from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
 from polywigner.transforms.xarray_arguments import labelled_array
@@ -41,8 +42,6 @@ from polywigner.transforms.xarray_arguments import labelled_array
 if TYPE_CHECKING:
     import xarray
 
-
-Floats = NDArray[np.float64]
 
 # Number of rays that are traced at once; each ray takes a few hundred bytes.
 _WAVEFRONT = 2**17

@@ -19,7 +19,8 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.execution.progress import with_progress
@@ -57,7 +58,7 @@ from polywigner.mitsuba.scenes.reflectors import (
 )
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
 from polywigner.mitsuba.scenes.surfaces import receivers_of, wigner_emitters
-from polywigner.numerics.band_limited import in_band
+from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
 from polywigner.reception import coupling
 from polywigner.scattering.near_fields import echo
@@ -66,9 +67,10 @@ from polywigner.source.polarisation import checked_polarisation, components
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 _MOST_FREQUENCIES = 1 << 16
+# Numbers of Chebyshev nodes that are tried in turn. Each rule contains the nodes of the rule before
+# it.
+_RULES = (5, 9, 17, 33, 65)
 # Fraction of the power below which a note reports that the default polarisations of both ends do
 # not match.
 _MATCHED = 0.99
@@ -214,7 +216,7 @@ class NormalisedSource:
     """A placed source with normalised power, and its parts by polarisation."""
 
     source: PlacedSource
-    parts: tuple[tuple[PlacedSource, Complexes], ...]
+    parts: tuple[tuple[PlacedSource, Complex], ...]
     """Parts of the source with one polarisation each, and their Jones vectors (2,)."""
     is_polarised: bool = True
     """False if neither the scene nor the caller specifies a polarisation."""
@@ -310,7 +312,7 @@ def _path(
 
 
 def _polarised(
-    emitted: Complexes, received: Complexes, ends: Ends, chain: Chain, legs: CentralPath
+    emitted: Complex, received: Complex, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
     """Return e_r . E from the Jones vectors of both ends, without a complex conjugate."""
     out, back = (end.source.pose[:3, :3] for end in ends)
@@ -398,9 +400,7 @@ def _echo(
 # ---- amplitudes at frequencies -------------------------------------------------------------------
 
 
-def amplitudes_of(
-    paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float
-) -> Complexes:
+def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float) -> Complex:
     """Return the amplitudes (n, paths) at frequencies (n,) in Hz."""
     if not paths:
         return np.zeros((len(frequencies), 0), np.complex128)
@@ -410,13 +410,50 @@ def amplitudes_of(
         indices = [k for k, path in enumerate(paths) if (path.echo is not None) == is_echo]
         if indices:
             find = partial(_without_delays, [paths[k] for k in indices], delays[indices], allowed)
-            envelopes[:, indices] = in_band(find, frequencies, allowed)
+            envelopes[:, indices] = _in_band(find, frequencies, allowed)
     return np.asarray(envelopes * np.exp(2j * math.pi * frequencies[:, None] * delays))
+
+
+def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
+    """Return a smooth function (n, k) at frequencies (n,), by interpolation if that saves calls.
+
+    The number of Chebyshev nodes is doubled until the polynomial predicts the values at the next
+    nodes to ``tolerance`` of the largest value. ``compute`` returns the values (k,) at a frequency.
+    """
+    low, high = float(frequencies.min()), float(frequencies.max())
+    steps = _RULES[-1] - 1
+    nodes_in_band = (low + high) / 2 - (high - low) / 2 * np.cos(
+        np.pi * np.arange(steps + 1) / steps
+    )
+    known: dict[int, Complex] = {}
+    nodes, values = np.empty(0), np.empty((0, 0), np.complex128)
+    for count in _RULES:
+        if count >= len(frequencies):
+            break
+        numbers = range(0, steps + 1, steps // (count - 1))
+        known |= {k: compute(float(nodes_in_band[k])) for k in numbers if k not in known}
+        predicted = _interpolated(nodes, values, nodes_in_band[numbers]) if len(nodes) else None
+        nodes, values = nodes_in_band[numbers], np.array([known[k] for k in numbers])
+        if predicted is not None:
+            errors = np.abs(predicted - values).max(axis=0)
+            if (errors <= tolerance * np.abs(values).max(axis=0)).all():
+                return _interpolated(nodes, values, frequencies)
+    return np.array([compute(float(frequency)) for frequency in frequencies])
+
+
+def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
+    """Return the polynomial through values at Chebyshev nodes, at frequencies (n,)."""
+    low, high = nodes[[0, -1]]
+    if low == high:
+        return np.repeat(values[:1], len(frequencies), axis=0)
+    scaled = [(2 * x - low - high) / (high - low) for x in (nodes, frequencies)]
+    coefficients = chebyshev.chebfit(scaled[0], values, len(nodes) - 1)
+    return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)
 
 
 def _without_delays(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
-) -> Complexes:
+) -> Complex:
     """Return the amplitudes (paths,) at a frequency in Hz, without the phases of the delays."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
@@ -435,7 +472,7 @@ def _without_delays(
     return values * np.exp(-2j * math.pi * frequency * delays)
 
 
-def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complexes:
+def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complex:
     """Return the couplings b (links,), with a single call for each pair of sources."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for k, parts in enumerate(links):
@@ -463,7 +500,7 @@ def _dataset(
     receivers: list[PlacedSource],
     emitters: list[PlacedSource],
     routes: Sequence[Route],
-    links: list[tuple[list[CoherentPath], Complexes]],
+    links: list[tuple[list[CoherentPath], Complex]],
     notes: list[str],
     polarisation: str,
 ) -> xarray.Dataset:

@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.execution import Drjit
@@ -50,12 +49,11 @@ from polywigner.mitsuba.scenes.reflectors import (
     paths_by,
 )
 from polywigner.mitsuba.scenes.surfaces import bounds_of, is_source, sorted_emitters
+from polywigner.numerics import Floats
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.reception import coupling
 from polywigner.source.obliquities import CONDITIONS
 from polywigner.source.polarisation import Stokes
-
-Floats = NDArray[np.float64]
 
 
 def free_space_coupling(parts: FacingParts, tolerance: float) -> float:

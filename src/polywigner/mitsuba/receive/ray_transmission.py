@@ -25,8 +25,7 @@ from polywigner.execution import Drjit
 from polywigner.mitsuba.plugins.polariser import mueller_matrix
 from polywigner.mitsuba.scenes.reflectors import MASK, THIN, Surface, bsdfs_in
 from polywigner.mitsuba.scenes.surfaces import Reaches, children_of
-
-Floats = NDArray[np.float64]
+from polywigner.numerics import Floats
 
 # Largest number of null surfaces on a path. A path through more surfaces counts as blocked.
 _MOST_PASSED = 64
@@ -138,6 +137,11 @@ class RayTracer:
                 self._panes.append(_Pane(shape, Surface(index, is_thin=True), nodes[:-1]))
             if set(kinds) & set(_FILTERS):
                 self._filters.append(shape)
+
+    @property
+    def changes_fields(self) -> bool:
+        """Whether panes of the scene can change the field vectors of rays."""
+        return self._coherent and bool(self._panes)
 
     def trace(self, medium: Any, planes: Sequence[Plane], points: list[Any]) -> Transmission:
         """Return the transmission from the last to the first of the points.

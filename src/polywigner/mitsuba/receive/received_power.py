@@ -58,12 +58,12 @@ from polywigner.mitsuba.scenes.rendering import (
     polarised_by_default,
 )
 from polywigner.mitsuba.scenes.surfaces import receivers_of, sorted_shapes, wigner_emitters
+from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 
 _NO_RADIANCE = ("AOVIntegrator", "DepthIntegrator", "MomentIntegrator", "ParticleTracerIntegrator")
 
 Progress = Callable[[int, int], None]
-Floats = NDArray[np.float64]
 Sampled = Callable[[list[Scattering]], Floats]
 """Function that returns the power in W (receivers, batches, lights, ...) of the batches."""
 

@@ -43,9 +43,7 @@ from polywigner.mitsuba.scenes.surfaces import (
     vertices_of,
     wigner_emitters,
 )
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+from polywigner.numerics import Floats
 
 # ---- rays towards small shapes -------------------------------------------------------------------
 

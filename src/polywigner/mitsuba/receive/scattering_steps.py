@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from polywigner.execution import Drjit
 from polywigner.mitsuba.receive.ray_transmission import RayTracer
 from polywigner.mitsuba.scenes.surfaces import Reaches
-
-Floats = NDArray[np.float64]
+from polywigner.numerics import Floats
 
 # Number of uniform random numbers per step: two for a light, three for a direction, and one for the
 # random end of a path.

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.geometry.arguments import checked_count
 from polywigner.geometry.shapes import square
 from polywigner.mitsuba.scenes.surfaces import faces_of, sorted_shapes, vertices_of
+from polywigner.numerics import Complex, Floats
 from polywigner.reception.couplings import NORMALISATIONS
 from polywigner.scattering.cross_sections import MOST_BOUNCES
 from polywigner.scattering.facets import Facets, facets_of, illuminates_itself
@@ -23,8 +23,6 @@ from polywigner.scattering.near_fields import Antenna
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.placement import PlacedSource
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # Largest number of planes of a shape of flat mirrors; a shape with more planes counts as curved.
 MOST_FACES = 32
@@ -188,7 +186,7 @@ class Surface:
     is_thin: bool = False
     """Whether the surface is a thin sheet, whose internal reflections add up in power."""
 
-    def coefficients(self, cosine: Any) -> tuple[Complexes, Complexes]:
+    def coefficients(self, cosine: Any) -> tuple[Complex, Complex]:
         """Return the reflection coefficients of E normal to the plane of incidence and in it.
 
         The time factor is exp(-i omega t). The unit vector in the plane is s x k, both before and
@@ -211,7 +209,7 @@ class Surface:
         mean = np.mean([np.square(np.abs(r)) for r in faces], axis=0)
         return _of_sheet(mean) if self.is_thin else mean
 
-    def _of_one_face(self, cosine: Any) -> tuple[Complexes, Complexes]:
+    def _of_one_face(self, cosine: Any) -> tuple[Complex, Complex]:
         """Return Fresnel's reflection coefficients of a single interface."""
         assert self.index is not None
         square = self.index**2
@@ -254,7 +252,7 @@ def _single(value: Any) -> float:
     return float(np.ravel(np.array(value, np.float64)).mean())
 
 
-def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complexes:
+def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complex:
     """Return the field E (3,) of the reflection of a plane wave that travels in ``direction``."""
     across = np.cross(normal, direction)
     if np.linalg.norm(across) < _ALONG:

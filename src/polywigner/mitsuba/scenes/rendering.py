@@ -31,9 +31,8 @@ from polywigner.mitsuba.receive.direct_light import delta_lights, delta_paths
 from polywigner.mitsuba.scenes import surfaces
 from polywigner.mitsuba.scenes.reflectors import chains_of, mirrors_in
 from polywigner.mitsuba.scenes.scenes import translate_error
+from polywigner.numerics import Complex, Floats
 
-Floats = npt.NDArray[np.float64]
-Complexes = npt.NDArray[np.complex128]
 Image = npt.NDArray[np.float32]
 
 
@@ -376,7 +375,7 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
 
 
 def polarised_by_default(
-    scene: mi.Scene, polarisation: Complexes | None
+    scene: mi.Scene, polarisation: Complex | None
 ) -> AbstractContextManager[None]:
     """Set a Jones vector (2,) for sources and receivers that have none, in polarised variants."""
     changes: list[tuple[Any, str, Any]] = []

@@ -21,15 +21,12 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry.parts import connected
 from polywigner.geometry.silhouettes import Obstacle, Silhouette
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from polywigner.numerics import Floats, Indices
 
 
 def sorted_emitters(scene: mi.Scene) -> list[mi.Emitter]:
