@@ -295,10 +295,7 @@ def parse_definition(text: str) -> tuple[str, str]:
 
 
 def parse_band(text: str | None) -> list[float]:
-    """Return the frequencies in Hz of a string.
-
-    The string is such as "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz".
-    """
+    """Parse frequencies in Hz, such as "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz"."""
     if text is None:
         return []
     ends, _, number = text.partition(",")
