@@ -142,7 +142,7 @@ BAD: dict[str, str] = {
         --obstacle "square.wkt at 1 mm, 2 mm, 3 furlong" => --obstacle | furlong
         --obstacle "square.wkt at 0 mm, 0 mm, 9 mm towards 3 deg" => --obstacle | a direction
         --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --method wigner => obstacles | 'wigner'
-        --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --bandwidth "1 GHz" => one wavelength
+        --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --bandwidth "1 GHz" => cannot be combined
         --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --obstacle-unit ell => ell
         --obstacle-unit mm => --obstacle-unit | requires --obstacle
     """,
@@ -150,7 +150,7 @@ BAD: dict[str, str] = {
          => --line | --hemisphere | got none
         --line "0 mm, 0 mm, 20 mm" => --line | two points
         --line "0 mm, 20 mm to 0 mm, 90 mm" => a point | 0 mm, 20 mm
-        --line "0, 0, 1 to 0, 0, 1" => two points
+        --line "0, 0, 1 to 0, 0, 1" => two different points
         --line "0 mm, 0 mm, -2 mm to 0 mm, 0 mm, 9 mm" => z > 0
         --line "{many}" => two points
         --plane "-3 mm to 3 mm, 0 mm, 9 mm" => --plane | two ranges
@@ -210,7 +210,7 @@ BAD: dict[str, str] = {
         dark.xml => wigner | without
         absent_file.xml => absent.wkt
         scaled.xml => to_world | scale
-        blind.xml => <sensor> | without
+        blind.xml => no <sensor> | add
         no_pixels.xml => 0 x 4 | one pixel
         bright.xml => pixels | finite
     """,
@@ -239,7 +239,7 @@ BAD: dict[str, str] = {
         link.xml --db-floor 3 => floor
         link.xml --variant no_such => variant
         lit.xml => wigner_receiver
-        two_colours.xml => equal wavelengths of emitter 'tx'
+        two_colours.xml => wavelengths of emitter 'tx'
         absent.xml => not a file
         square.wkt => polywigner transform
     """,

@@ -42,13 +42,13 @@ def load(folder: Path, inside: str, **parameters: object) -> object:
 
 
 REFUSED = {
-    "unknown type": ('<shape type="ball"/>', "types of Mitsuba or polywigner, got 'ball'"),
+    "unknown type": ('<shape type="ball"/>', "plugin type 'ball', which is unknown"),
     "type from a parameter": (
         '<default name="t" value="ball"/><shape type="$t"/>',
         "got 'ball'",
     ),
     "type from an include": ('<include filename="ball.xml"/>', "got 'ball'"),
-    "type that is a path": ('<shape type="../plugins/ball"/>', "types of Mitsuba"),
+    "type that is a path": ('<shape type="../plugins/ball"/>', "plugin type"),
     "memory addresses": ('<shape type="blender"/>', "got 'blender'"),
     "mesh above the folder": (named("obj", "../outside.obj"), "in the folder of the scene"),
     "mesh behind a link": (named("obj", "link.obj"), "in the folder of the scene"),
@@ -81,8 +81,8 @@ def test_a_scene_that_is_not_permitted_is_refused(tmp_path: Path, name: str) -> 
 
 
 XML = {
-    "doctype": ("<!DOCTYPE scene>" + scene(""), "without DOCTYPE"),
-    "entity": ('<!DOCTYPE a [<!ENTITY e "e">]>' + scene("&e;"), "without DOCTYPE"),
+    "doctype": ("<!DOCTYPE scene>" + scene(""), "DOCTYPE are not supported"),
+    "entity": ('<!DOCTYPE a [<!ENTITY e "e">]>' + scene("&e;"), "DOCTYPE are not supported"),
     "text": ("a scene", "not XML in line 1"),
     "cut short": (scene("")[:-3], "not XML in line 1"),
     "empty": ("", "empty"),

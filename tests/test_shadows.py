@@ -249,7 +249,7 @@ def test_obstacles_and_options_that_cannot_be_are_refused(
 
 def test_obstacle_at_the_source_warns() -> None:
     near = box((0.0, 0.0, 0.5e-3), (0.01, 0.01, 0.02))
-    with pytest.warns(PolywignerWarning, match="neglects evanescent waves"):
+    with pytest.warns(PolywignerWarning, match="evanescent waves are neglected"):
         pw.amplitude(SQUARE, (0.0, 0.0, 0.3), WAVELENGTH, obstacles=near)
 
 

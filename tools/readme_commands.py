@@ -1,7 +1,8 @@
-"""The shell blocks of README as one script: what a reader types.
+"""Print the shell commands of the README as a script, as a reader types them.
 
-The block that clones is left out, and the clone is installed in place of the published package.
-Run by .ci/run in a clone and an environment that hold nothing but what the blocks install.
+The block that clones the repository is omitted, and the clone is installed instead of the published
+package. .ci/run runs the script in a new clone, in an environment that contains only what the
+commands install.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from pathlib import Path
 
 
 def commands(readme: str) -> str:
-    """The lines of all shell blocks but the one that clones."""
+    """Return the lines of all shell blocks except the block that clones the repository."""
     blocks = re.findall(r"^```sh\n(.*?)^```$", readme, re.DOTALL | re.MULTILINE)
     script = "".join(block for block in blocks if not block.startswith("git clone"))
     return script.replace('pip install "polywigner', 'pip install ".')

@@ -1,10 +1,10 @@
-"""Rehearse a release: build and check the packages, install them, and list what is left to do.
+"""Rehearse a release: build and check the packages, install them, and list the remaining steps.
 
     make release                                  # the rehearsal
     python tools/release.py --date 2026-12-01     # write version and date into the other files
 
-The version is named in src/polywigner/__init__.py alone. `--date` copies it, with the day of the
-release, into CITATION.cff, references.bib, the conda recipe and the changelog.
+Only src/polywigner/__init__.py contains the version. `--date` copies the version and the date of
+the release into CITATION.cff, references.bib, the conda recipe and the changelog.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ ROOT = Path(__file__).resolve().parent.parent
 DIST = ROOT / "dist"
 RECIPE = ROOT / "packaging" / "conda" / "meta.yaml"
 PLACEHOLDER = "SHA256_OF_THE_SDIST"
-# In an environment of their own: cffconvert requires old versions of common libraries.
+# These tools are installed in a separate environment, because cffconvert requires old versions of
+# common libraries.
 TOOLS = [
     "build>=1.2",
     "twine>=6",
@@ -56,7 +57,7 @@ def version() -> str:
 
 
 def copies(version: str, date: str) -> dict[Path, list[tuple[str, str]]]:
-    """The places that repeat the version or the date: patterns of lines, and the new lines."""
+    """Return patterns of the lines that repeat the version or the date, and new lines, by file."""
     citation, bibliography = ROOT / "CITATION.cff", ROOT / "src" / "polywigner" / "references.bib"
     year = date[:4]
     software = r"(@misc\{polywigner,\n(?:  .*\n)*?  version = \{).*(\},\n  year    = \{)\d+"
@@ -96,7 +97,7 @@ def run(*command: str | Path, **options: object) -> None:
 
 
 def environment(folder: Path, python: str = sys.executable) -> Path:
-    """Create an empty environment; its folder of programs."""
+    """Create an empty environment, and return its folder of programs."""
     run(python, "-m", "venv", folder)
     return folder / ("Scripts" if sys.platform == "win32" else "bin")
 
@@ -109,7 +110,7 @@ def build(tools: Path) -> tuple[Path, Path]:
     for package in (wheel, sdist):
         print(f"  {package.name}: {package.stat().st_size / 1e6:.2f} MB")
     if sdist.stat().st_size > LARGEST_SDIST:
-        sys.exit(f"expected an sdist of at most {LARGEST_SDIST} bytes")
+        sys.exit(f"the sdist is larger than {LARGEST_SDIST} bytes")
     return wheel, sdist
 
 
@@ -132,19 +133,21 @@ def fill_recipe(sdist: Path) -> None:
 
 
 def interpreters() -> Iterator[tuple[str, str]]:
-    """The Pythons of this machine, each with its version."""
+    """Yield the Python interpreters of this machine, each with its version."""
     for name in PYTHONS:
         running = name == f"{sys.version_info.major}.{sys.version_info.minor}"
         path = sys.executable if running else shutil.which(f"python{name}")
-        # The shim of a version manager exists for versions that it does not run.
+        # The shim of a version manager may exist for versions that it cannot run.
         if path is None or subprocess.run([path, "-c", ""], capture_output=True).returncode:
-            print(f"- Python {name}: not on this machine, left to the jobs of tests.yml")
+            print(
+                f"- Python {name}: not available on this machine, tested by the jobs of tests.yml"
+            )
         else:
             yield name, path
 
 
 def install(package: Path, python: str, folder: Path) -> None:
-    """Install a package into an empty environment, and run the README's five lines there."""
+    """Install a package into an empty environment, and run the example of the README there."""
     programs = environment(folder / "env", python)
     options = ["--only-binary", ":all:"] if package.suffix == ".whl" else []
     run(programs / "python", "-m", "pip", "install", "--quiet", *options, package)
@@ -155,7 +158,7 @@ def install(package: Path, python: str, folder: Path) -> None:
     run(programs / "python", "five_lines.py", cwd=folder)
     run(programs / "polywigner", "doctor", cwd=folder)
     if not list(folder.glob("*.png")):
-        sys.exit("expected a figure of the README's five lines, found none")
+        sys.exit("the example of the README has produced no figure")
 
 
 def rehearse() -> None:
@@ -168,9 +171,9 @@ def rehearse() -> None:
         check(tools, wheel, sdist)
         fill_recipe(sdist)
         for name, python in interpreters():
-            print(f"- Python {name}: the wheel, and the README's five lines")
+            print(f"- Python {name}: installed the wheel, and ran the example of the README")
             install(wheel, python, Path(tempfile.mkdtemp(dir=scratch)))
-        print("- the sdist, and the README's five lines")
+        print("- installed the sdist, and ran the example of the README")
         install(sdist, sys.executable, Path(tempfile.mkdtemp(dir=scratch)))
     home = re.findall(r'^Homepage = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)[
         0
@@ -180,7 +183,12 @@ def rehearse() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--date", help="day of the release, YYYY-MM-DD: write it, and the version")
+    parser.add_argument(
+        "--date",
+        help=(
+            "date of the release, YYYY-MM-DD: write the date and the version into the other files"
+        ),
+    )
     date = parser.parse_args().date
     if date:
         write_date(date)
