@@ -203,7 +203,7 @@ def _beam_of(places, weights, near):
     return np.array([u, v, math.sqrt(1 - u * u - v * v)])
 
 
-@pytest.mark.parametrize("azimuth", [0.0, 40.0, 90.0, 250.0])
+@pytest.mark.parametrize("azimuth", [0.0, 250.0])
 def test_the_cuts_of_a_steered_array_are_great_circles_through_its_beam(azimuth):
     """12 x 10 elements, two of them dead: sidelobes that are highest far from the beam."""
     places = pw.arrays.grid_positions(12, 10, PITCH)
@@ -356,6 +356,7 @@ def test_a_dipole_in_a_file_is_cut_around_the_sphere(tmp_path):
     assert math.isnan(across.half_power_beamwidth)  # the same in all directions
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_the_command_line_prints_the_cuts_that_are_drawn_and_eirp_of_a_power(tmp_path, capsys):
     pw.write_source(_steered(0.6, math.radians(40)), tmp_path / "array.toml")
     call = ["pattern", str(tmp_path / "array.toml"), "--frequency", "94 GHz", "--step", "6 deg"]

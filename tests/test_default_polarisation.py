@@ -23,7 +23,7 @@ from mitsuba_scenes import (
 )
 from polywigner.errors import SceneError
 
-pytestmark = pytest.mark.drjit
+pytestmark = [pytest.mark.drjit, pytest.mark.usefixtures("few_rays")]
 pm = pytest.importorskip("polywigner.mitsuba")
 
 POLARISED = "llvm_ad_mono_polarized"
@@ -80,10 +80,8 @@ def test_in_polarised_variants_all_routes_count_the_y_axes_of_both_ends() -> Non
     """Ends in parallel planes see one field vector: Malus' cosine of the roll is exact."""
     use(POLARISED)
     for roll, sent, taken, share in [
-        (0.0, None, None, 1.0),
         (0.7, None, None, math.cos(0.7) ** 2),
         (0.3, None, "x", math.sin(0.3) ** 2),
-        (0.0, None, "right", 0.5),
         (0.0, "45 deg", None, 0.5),
     ]:
         one, other = poses(roll, 0.0)

@@ -214,11 +214,11 @@ def layouts(places, listed, sides):
 # coherent light.
 LAYOUTS = [
     *("chevron", "30-gon", "holes", "nearly parallel", "distant parts", "collection"),
-    *("overlapping", "fields of their own", "lattice", "steered", "scattered"),
+    *("overlapping", "lattice", "steered"),
     *("lattice of any weights", "row of any weights"),
     *("tapered lattice", "lattice of products", "three waves", "small parts with waves"),
     *("product, turned and moved", "slits", "tapered slits", "row of slits, any weights"),
-    *("curved", "curved lattice", "partly coherent", "partly coherent slits"),
+    *("curved", "partly coherent", "partly coherent slits"),
 ]
 
 
@@ -317,15 +317,8 @@ def total_of(value, seed):
 
 
 CHANGING = ["chevron", "holes", "collection"]
-IN_POINTS = [
-    "30-gon",
-    "leaning",
-    "product, turned and moved",
-    "steered",
-    "curved",
-    "slits",
-    "tapered slits",
-]
+IN_POINTS = ["leaning", "product, turned and moved", "curved", "slits", "curved, partly coherent"]
+SLOW_IN_POINTS = ["30-gon", "steered", "tapered slits", "partly coherent"]
 
 
 @pytest.mark.llvm
@@ -341,11 +334,11 @@ IN_POINTS = [
             for function in ("ambiguity", "fourier")
         ),
         pytest.param("three waves", "wigner", True, marks=pytest.mark.slow),
-        *((name, "wigner", False) for name in [*IN_POINTS, "curved, partly coherent"]),
-        pytest.param("partly coherent", "wigner", False, marks=pytest.mark.slow),
+        *((name, "wigner", False) for name in IN_POINTS),
+        *(pytest.param(name, "wigner", False, marks=pytest.mark.slow) for name in SLOW_IN_POINTS),
         *(
             pytest.param(name, function, False, marks=pytest.mark.slow)
-            for name in IN_POINTS
+            for name in [*IN_POINTS[:4], *SLOW_IN_POINTS[:3]]
             for function in ("ambiguity", "fourier")
             if (name, function) != ("curved", "fourier")
         ),

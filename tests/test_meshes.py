@@ -144,6 +144,8 @@ def test_faces_of_any_outline_are_covered_once_from_any_first_corner(written, na
         direct = pw.Polyhedron(*content)
         assert surface(direct) == pytest.approx(area, rel=ROUNDING)
         assert direct.volume == pytest.approx(volume, rel=ROUNDING)
+        if first % 5:  # files of every fifth one
+            continue
         for path in (
             written("a.obj", obj(*content)),
             written("a.ply", ply(*content)),

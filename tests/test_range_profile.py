@@ -298,8 +298,6 @@ def test_a_link_is_at_half_of_its_length():
     for edges, name in (([0.0, 4.0], "after"), ([5.0, 6.0], "before")):
         result = pm.range_profile(scene, edges, spp=16)
         assert float(result[name]) == pytest.approx(power) and result["power"].values == 0.0
-    only = pm.range_profile(scene, [0.0, 9.0], spp=16, reflections=0)
-    assert only["mirrors"].values.tolist() == [""]
 
 
 def test_bodies_and_paths_that_interfere_have_a_range():

@@ -23,7 +23,7 @@ from mitsuba_scenes import (
 from mitsuba_scenes import coupled as amplitude_between
 from polywigner.errors import ArgumentError, QuantityError, SceneError
 
-pytestmark = pytest.mark.drjit
+pytestmark = [pytest.mark.drjit, pytest.mark.usefixtures("few_rays")]
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
@@ -80,7 +80,7 @@ def test_partly_coherent_light_of_a_band_is_received_as_the_mean_of_its_waves(pl
     assert float(result) == pytest.approx(density * area, rel=1e-3)
 
 
-def test_a_plate_before_half_of_the_aperture_takes_half_of_the_light(plain):
+def test_a_plate_before_half_of_the_aperture_takes_half_of_the_light(plain, many_rays):
     black = plate(1.0, 0, 2e-3, [0, 0, 1], 0, type="diffuse", reflectance=0.0)
     result = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), half=black)
     whole = coupled(SQUARE, np.eye(4), SQUARE, facing(1.0))

@@ -14,7 +14,7 @@ from cli_scenes import PATH, receiver, rectangle, scene, source, written
 from mitsuba_scenes import METAL, MIRROR, SQUARE, WAVELENGTH, facing, scene_of, use
 from polywigner.errors import ArgumentError, SceneError
 
-pytestmark = [pytest.mark.drjit, pytest.mark.llvm]
+pytestmark = [pytest.mark.drjit, pytest.mark.llvm, pytest.mark.usefixtures("few_rays")]
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
@@ -23,8 +23,8 @@ IDS = ["zeta", "alpha", "mid"]
 
 
 @pytest.fixture(autouse=True)
-def compiled() -> None:
-    use("llvm_ad_mono")
+def plain_variant() -> None:
+    use("scalar_rgb")
 
 
 def moved(x: float, y: float, z: float) -> Any:

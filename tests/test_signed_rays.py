@@ -93,7 +93,7 @@ def check_sum(weights, expected, scatter):
     assert sums.std() / math.sqrt(32) < scatter
 
 
-@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize("name", ["square", "array", "converging", "partly coherent"])
 def test_weights_add_up_to_the_radiated_power(name):
     source = SOURCES[name]
     how: Any = {"directions": "beam" if name == "square" else "uniform"}

@@ -140,7 +140,7 @@ def test_a_run_that_was_killed_is_continued(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_killed_writer_and_a_killed_worker_of_a_cluster_lose_regions_in_progress_only(tmp_path):
+def test_a_killed_writer_and_a_killed_worker_of_a_cluster_lose_only_their_own_regions(tmp_path):
     from distributed import LocalCluster
 
     store, log = tmp_path / "beam.zarr", tmp_path / "log"
@@ -149,21 +149,27 @@ def test_a_killed_writer_and_a_killed_worker_of_a_cluster_lose_regions_in_progre
     ) as cluster:
         with other_process(store, log, cluster.scheduler_address, seconds=0.5) as run:
             wait_for(4, log, run)
-        done = len(evaluations(log))
-        killer = threading.Thread(target=_kill_worker, args=(cluster, log, done + 2), daemon=True)
+        done, begun = len(evaluations(log)), []
+        killer = threading.Thread(
+            target=_kill_worker, args=(cluster, log, done + 2, begun), daemon=True
+        )
         killer.start()
         result = written(store, beam(Beam(log, 0.2)), scheduler=cluster)
         killer.join()
     np.testing.assert_array_equal(result["power"], DIRECT)
-    in_progress = 2 + 1  # of both workers when the writer was killed, and of the killed worker
+    # Both workers computed a region when the writer was killed. Dask computes all regions of the
+    # killed worker again, also those that it had finished: at most all of the second run so far.
+    again = 2 + begun[0] - done
     assert len(set(evaluations(log))) == REGIONS
-    assert len(evaluations(log)) <= REGIONS + in_progress
+    assert len(evaluations(log)) <= REGIONS + again
 
 
-def _kill_worker(cluster, log, count):
+def _kill_worker(cluster, log, count, begun):
+    """Kill a worker when so many regions have begun, and note how many had begun by then."""
     while len(evaluations(log)) < count:
         time.sleep(0.005)
     os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+    begun.append(len(evaluations(log)))
 
 
 CHEVRON = pw.shapes.chevron(20e-3, 12e-3, 4e-3).with_illumination(
@@ -171,7 +177,7 @@ CHEVRON = pw.shapes.chevron(20e-3, 12e-3, 4e-3).with_illumination(
 )
 BOX = ((-20e-3, -15e-3, 30e-3), (10e-3, 15e-3, 60e-3))
 AXIS, NU = np.linspace(-0.01, 0.01, 5), np.linspace(-300.0, 500.0, 4)
-BOTH = {"method": ("wigner", "kirchhoff")}
+BOTH = {"method": ("wigner", "fraunhofer")}
 AMPLITUDE = {"method": "rayleigh-sommerfeld-1", "quantity": "amplitude"}
 CORNERS = ((-10e-3, 0, 30e-3), (10e-3, 0, 30e-3), (-10e-3, 5e-3, 50e-3))
 BUILDERS = {
@@ -180,7 +186,7 @@ BUILDERS = {
     "hemisphere": lambda **how: pw.hemisphere(
         CHEVRON, 50e-3, [-0.9, 0.0, 0.4], [0.0, 1.0], 3.2e-3, method="fraunhofer", **how
     ),
-    "volume": lambda **how: pw.volume(CHEVRON, BOX, (4, 3, 5), 3.2e-3, **BOTH, **how),
+    "volume": lambda **how: pw.volume(CHEVRON, BOX, (4, 3, 3), 3.2e-3, **BOTH, **how),
     "wigner": lambda **how: pw.wigner_table(CHEVRON, AXIS, AXIS[1:], NU, NU[1:], **how),
     "ambiguity": lambda **how: pw.ambiguity_table(CHEVRON, NU, NU[1:], AXIS, AXIS[1:], **how),
 }

@@ -1,8 +1,7 @@
-"""Print the shell commands of the README as a script, as a reader types them.
+"""The shell blocks of README as one script: what a reader types.
 
-The block that clones the repository is omitted, and the clone is installed instead of the published
-package. .ci/run runs the script in a new clone, in an environment that contains only what the
-commands install.
+The block that clones is left out, the clone is installed in place of the published package, and the
+render takes few samples. Run by .ci/run in a clone, in an environment with the package alone.
 """
 
 from __future__ import annotations
@@ -13,10 +12,11 @@ from pathlib import Path
 
 
 def commands(readme: str) -> str:
-    """Return the lines of all shell blocks except the block that clones the repository."""
+    """The lines of all shell blocks but the one that clones."""
     blocks = re.findall(r"^```sh\n(.*?)^```$", readme, re.DOTALL | re.MULTILINE)
     script = "".join(block for block in blocks if not block.startswith("git clone"))
-    return script.replace('pip install "polywigner', 'pip install ".')
+    script = script.replace('pip install "polywigner', 'pip install ".')
+    return re.sub(r"^(polywigner render .*)$", r"\1 --spp 16", script, flags=re.MULTILINE)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,12 @@
-"""Seed faults into the code, one at a time, and count the faults that the quick tests detect.
+"""Seed faults into the code, one at a time, and count those which the quick tests catch.
 
     tools/seed_faults.py --area geometry --count 20
 
-A fault is a changed comparison, sign, constant or logical operator, a dropped term, or two swapped
-arguments. The same seed selects the same faults as long as the code does not change. Tests run
-against a copy of the code until the first failure. A fault also counts as detected if the tests
-take more CPU time than --seconds. The option --lines names a table (JSON such as
-{"geometry/io/svg.py:17": ["tests/...", ...]}) of the tests that run each line; without it, the test
-files of the area run, as AREAS defines them.
+A fault is a changed comparison, sign, constant or logical word, a dropped term, or two arguments
+in each other's place. The same seed draws the same faults as long as the code stays. Tests run
+against a copy of the code until the first failure; tests that take more CPU time than --seconds
+are counted as "too long". A table of lines, JSON such as {"geometry/io/svg.py:17": ["tests/...",
+...]}, names tests that run a line; without it the files of the area run, those of AREAS.
 """
 
 from __future__ import annotations
@@ -30,21 +29,36 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-AREAS = {  # subpackages of an area, and words in the names of its test files
-    "geometry": ("geometry", "geometry automean readers shapes svg dxf gerber mesh set_op curves"),
-    "source": ("source optics", "illumin array source first_order cosines laws"),
-    "transforms": (
-        "kernels transforms numerics execution plans",
-        "laws identities coherence curved slits polyhedra fourier projection otf mtf psf plans",
+AREAS = {  # rooms of the package, and words in the names of files of tests
+    "geometry": (
+        "geometry",
+        "geometry automean readers shapes svg dxf gds gerber mesh set_op curves slits polyhedra "
+        "silhouettes file_errors",
     ),
-    "propagation": ("propagation radiometry", "fields patterns beams irradiance radiometry stores"),
-    "reception": ("reception scattering rays", "coupling friis rcs rays plausib covar"),
-    "mitsuba": ("mitsuba", "mitsuba received scatterers range receive render_stores"),
+    "source": (
+        "source optics",
+        "illumin array source first_order cosines laws normal_form element_files",
+    ),
+    "transforms": (
+        "kernels transforms numerics execution",
+        "laws identities coherence coincident curved slits polyhedra fourier projection imaging "
+        "aberrated pupil zernike gradients steepest autocorrelation explain",
+    ),
+    "propagation": (
+        "propagation radiometry",
+        "fields patterns beams irradiance radiometry stores shadow_ builders far_field sampling "
+        "test_shadows.",
+    ),
+    "reception": ("reception scattering rays", "coupling friis rcs rays plausib covar links"),
+    "mitsuba": (
+        "mitsuba",
+        "mitsuba received scatterers range scene channel delta_lights default_pol panes "
+        "visibility radar shadows_in power_adds small_targets",
+    ),
     "llvm": ("llvm interruption", "llvm doctor interruptions"),
-    "interface": ("cli figures quantities", "cli figures doctor quantities choices"),
+    "interface": ("cli figures quantities", "cli figures doctor quantities mistakes lenses"),
 }
-# Libraries that are imported once, for all forked processes. Dr.Jit is not among them, because it
-# starts threads.
+# Imported once, for all processes that are forked; not Dr.Jit, which has threads.
 LIBRARIES = ("hypothesis", "matplotlib.pyplot", "mpmath", "pytest", "scipy", "shapely", "xarray")
 Table = dict[str, list[str]]
 
@@ -55,7 +69,7 @@ _SILENT = (ast.Raise, ast.JoinedStr, ast.Import, ast.ImportFrom, ast.Assert)
 
 
 def changes(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield faulty replacements of an expression."""
+    """Yield what could stand in the place of an expression."""
     if isinstance(node, ast.Compare) and len(node.ops) == 1:
         if name := _COMPARED.get(type(node.ops[0]).__name__):
             yield ast.Compare(node.left, [getattr(ast, name)()], node.comparators)
@@ -79,7 +93,7 @@ def changes(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def expressions(node: ast.AST) -> Iterator[ast.expr]:
-    """Yield the expressions that are evaluated, without annotations, messages and docstrings."""
+    """Yield the expressions that are computed: no annotations, messages or docstrings."""
     if isinstance(node, _SILENT):
         return
     if isinstance(node, ast.expr):
@@ -92,7 +106,7 @@ def expressions(node: ast.AST) -> Iterator[ast.expr]:
 
 
 def faults_of(raw: bytes) -> Iterator[tuple[int, slice, ast.AST]]:
-    """Yield each possible fault: its line, the bytes that it replaces, and the new expression."""
+    """Yield for each possible fault its line, the bytes in whose place it stands, and itself."""
     starts = [0]
     for line in raw.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
@@ -104,7 +118,7 @@ def faults_of(raw: bytes) -> Iterator[tuple[int, slice, ast.AST]]:
 
 
 def drawn(area: str, count: int, seed: int, table: Table | None) -> Iterator[tuple[Any, bytes]]:
-    """Yield faults on different lines, as (path, line, before, after), and the faulty source."""
+    """Yield faults, one a line, as (path, line, before, after), and the source with the fault."""
     rng, package = random.Random(f"{area} {seed}"), ROOT / "src/polywigner"
     rooms = AREAS[area][0].split()
     files = [
@@ -123,11 +137,11 @@ def drawn(area: str, count: int, seed: int, table: Table | None) -> Iterator[tup
 
 
 def apart(call: Callable[[], int], seconds: int) -> int:
-    """Return the exit status of a call in a forked process with a limit on CPU time in s."""
+    """Return the exit status of a call in a forked process, of so many seconds of CPU time."""
     child = os.fork()
     if child == 0:
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
-        signal.alarm(20 * seconds)  # limit on the wall time of processes that wait
+        signal.alarm(20 * seconds)  # of what waits for nothing
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 1), os.dup2(null, 2)
         status = 1
@@ -139,47 +153,34 @@ def apart(call: Callable[[], int], seconds: int) -> int:
 
 
 def tried(module: Path, source: bytes, chosen: list[str], seconds: int) -> str:
-    """Return the verdict of tests on a module with a fault; the module is restored afterwards."""
+    """Say what tests make of a module with a fault; the module is as before afterwards."""
     import pytest
 
     arguments = ["-xq", "-m", "not slow", "-p", "no:cacheprovider", *chosen]
     kept, compiled = module.read_bytes(), Path(cache_from_source(str(module)))
     module.write_bytes(source)
-    # Python compares times and sizes of files, which is too coarse here.
-    compiled.unlink(missing_ok=True)
+    compiled.unlink(missing_ok=True)  # Python's check of times and sizes is too coarse here
     status = apart(lambda: int(pytest.main(arguments)), seconds) if chosen else 5
     module.write_bytes(kept)
     compiled.unlink(missing_ok=True)
+    if -status in (signal.SIGXCPU, signal.SIGKILL, signal.SIGALRM):
+        return "too long"
     return {0: "missed", 5: "not run"}.get(status, "caught")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--area", choices=AREAS, action="append", help=("area of the code (default: all areas)")
-    )
+    parser.add_argument("--area", choices=AREAS, action="append", help="all of them by default")
     for name, default, meaning in (
-        ("count", 20, "number of faults per area"), ("seed", 1, None), ("seconds", 60, (
-            "largest CPU time of the tests of a fault"
-        )),
+        ("count", 20, "faults of an area"), ("seed", 1, None), ("seconds", 300, "CPU time of one"),
     ):  # fmt: skip
         parser.add_argument(f"--{name}", type=int, default=default, help=meaning)
     parser.add_argument("--tests", type=Path, default=ROOT / "tests", help="their folder")
-    parser.add_argument("--lines", type=Path, help="JSON table of the tests that run each line")
-    parser.add_argument(
-        "--out", type=Path, help=("file of JSON lines: each fault, and whether it was detected")
-    )
+    parser.add_argument("--lines", type=Path, help="JSON table: tests that run a line")
+    parser.add_argument("--out", type=Path, help="JSON lines: each fault and whether it was caught")
     options = parser.parse_args()
-    for library in (
-        "hypothesis",
-        "matplotlib.pyplot",
-        "mpmath",
-        "pytest",
-        "scipy",
-        "shapely",
-        "xarray",
-    ):
-        importlib.import_module(library)  # The import happens once, for all forked processes.
+    for library in LIBRARIES:
+        importlib.import_module(library)  # once, for all processes that are forked
     table = json.loads(options.lines.read_text()) if options.lines else None
     tests = options.tests.resolve()
     with tempfile.TemporaryDirectory() as folder:
@@ -191,7 +192,7 @@ def main() -> None:
         for area in options.area or AREAS:
             words, count = AREAS[area][1].split(), Counter()
             files = [
-                str(f) for f in sorted(tests.glob("test_*.py")) if any(w in f.stem for w in words)
+                str(f) for f in sorted(tests.glob("test_*.py")) if any(w in f.name for w in words)
             ]
             for fault, source in drawn(area, options.count, options.seed, table):
                 chosen = [*map(str, files)] if table is None else table[f"{fault[0]}:{fault[1]}"]

@@ -528,7 +528,7 @@ def draw_radar_map(
     """
     check_floor(floor_db)
     dims = tuple(getattr(image, "dims", ()))
-    if dims[-1:] != ("range",) or dims[-2] not in _MAP_LABELS:
+    if len(dims) < 2 or dims[-1] != "range" or dims[-2] not in _MAP_LABELS:
         raise ArgumentError(
             "expected a map of polywigner.radar.range_doppler or range_angle, got "
             f"{type(image).__name__}"

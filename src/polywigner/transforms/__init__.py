@@ -4,12 +4,12 @@ Sources are apertures (plane polygons, two components) and slits (one component)
 transform also accepts apertures in a pose and polyhedra (three components).
 
 Conventions (docs/conventions): the Fourier kernel is exp(-2 pi i nu.x); nu and upsilon are in
-cycles per unit length. The last axis of every argument has the components, and all axes before it
-broadcast. The result has the broadcast shape without the last axis; one point gives a NumPy scalar.
-Lengths are in metres, results in metres to the power of the dimension.
+cycles per unit length. The last axis of every argument contains the components, and all axes before
+it broadcast. The result has the broadcast shape without the last axis; a single point gives a NumPy
+scalar. Lengths are in metres, results in metres to the power of the dimension.
 
 Formulas: docs/theory.md. The error is at most 1e-12 of the area in float64 and 5e-6 in float32, for
-|nu| times diameter up to 1e3 and all positions, coincident edges of the two copies included. For
+|nu| times diameter up to 1e3 and all positions, including coincident edges of the two copies. For
 thin outlines, combs and spirals the error of W and A in float32 may reach 6e-7 times diameter times
 perimeter (docs/accuracy.md, "Limits").
 """

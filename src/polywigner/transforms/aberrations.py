@@ -143,9 +143,10 @@ def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
 
 # Step of the finite differences for the slopes of a function, relative to the pupil's radius.
 _STEP = 1e-6
-# Largest order of Zernike polynomials.
+# Largest radial order of Zernike polynomials.
 _HIGHEST = 200
-# Smallest diagonal element of the Gram-Schmidt matrix, relative to the largest.
+# Smallest diagonal element of the Gram-Schmidt matrix, relative to the largest one. Below it, the
+# polynomials are linearly dependent on the pupil.
 _DEPENDENT = 1e-10
 
 
@@ -157,7 +158,7 @@ class Modes(Protocol):
         ...
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
-        """Return their derivatives (k, 2, ...) in 1/m."""
+        """Return the derivatives (k, 2, ...) of the functions in x and y, in 1/m."""
         ...
 
 
@@ -168,7 +169,7 @@ class ZernikeModes:
     orders: tuple[Order, ...]
     radius: float
     matrix: Floats
-    """(k, orders): the polynomials in each of k sums."""
+    """Coefficients of the Zernike polynomials in each of k sums, shape (k, orders)."""
 
     def values(self, x: Floats, y: Floats) -> Floats:
         table = zernike_values(self.orders, x / self.radius, y / self.radius)
@@ -184,7 +185,7 @@ class PowerModes:
     """Products of powers (x/radius)^i (y/radius)^j."""
 
     powers: NDArray[np.intp]
-    """(k, 2) exponents i and j."""
+    """Exponents i and j, shape (k, 2)."""
     radius: float
 
     def values(self, x: Floats, y: Floats) -> Floats:
@@ -200,7 +201,7 @@ class PowerModes:
 
 @dataclass(frozen=True, eq=False)
 class FunctionMode:
-    """A function of the user, multiplied by a coefficient without unit."""
+    """A path function of the user, multiplied by a coefficient without unit."""
 
     path: Path
     radius: float
@@ -209,8 +210,9 @@ class FunctionMode:
         path = np.asarray(self.path(x, y), np.float64)
         if path.shape not in ((), np.shape(x)) or not np.isfinite(path).all():
             raise ArgumentError(
-                f"expected path(x, y) as finite numbers of shape {np.shape(x)}, got shape "
-                f"{path.shape}; the function must be defined on the pupil and take arrays"
+                f"expected path(x, y) to return finite numbers of shape {np.shape(x)}, got "
+                f"shape {path.shape}; the function must be defined on the pupil and take "
+                "arrays"
             )
         return np.broadcast_to(path, np.shape(x))[None]
 
@@ -226,11 +228,11 @@ class Aberration:
     """A path length W(x, y) in metres on a pupil.
 
     The field in the pupil is multiplied by exp(+2 pi i W/lambda), with waves exp(+i k R) and the
-    time exp(-i omega t). W > 0 is a longer path, which delays the wavefront, like a positive
-    ``piston`` of :func:`segmented_pupil`. x and y are distances from the optical axis in m. The
-    axes of the image are parallel to the axes of the pupil: W = t x shifts the spot by t times the
-    focal length along +x. W is the same at all wavelengths. Aberrations can be added with ``+`` and
-    multiplied by numbers. :func:`zernike` returns the usual aberrations.
+    time factor exp(-i omega t). A positive W is a longer path, which delays the wavefront, like a
+    positive ``piston`` of :func:`segmented_pupil`. The coordinates x and y are distances from the
+    optical axis in m. The axes of the image are parallel to the axes of the pupil: W = t x shifts
+    the spot by t times the focal length along +x. W is the same at all wavelengths. Aberrations can
+    be added with ``+`` and multiplied by numbers. :func:`zernike` returns the usual aberrations.
 
     Parameters
     ----------
@@ -272,19 +274,19 @@ class Aberration:
 
     @classmethod
     def _of(cls, coefficients: Floats, *modes: Modes, traced: Any = None) -> Aberration:
-        """Return an aberration with coefficients (k,) of all terms of the modes together."""
+        """Return an aberration from the coefficients (k,) of all terms of the modes together."""
         aberration: Aberration = cls.__new__(cls)
         aberration._set(coefficients, *modes, traced=traced)
         return aberration
 
     @property
     def coefficients(self) -> Floats:
-        """Coefficients (k,) of the terms in m; without unit for a function."""
+        """Coefficients (k,) of the terms in m; the coefficient of a function has no unit."""
         return self._coefficients
 
     @property
     def traced(self) -> Any:
-        """Dr.Jit array of the coefficients, or None for NumPy coefficients."""
+        """Dr.Jit array of the coefficients, or None if the coefficients are NumPy numbers."""
         return self._traced
 
     def with_coefficients(self, coefficients: ArrayLike | DrJitArray) -> Aberration:
@@ -323,12 +325,12 @@ class Aberration:
         return self._of(values, *self._modes, traced=traced)
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """Return W in m at x, y (...) in m."""
+        """Return the path length W in m at positions x, y (...) in m."""
         points = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         return np.asarray(np.einsum("k,k...->...", self.coefficients, self.modes(*points)))[()]
 
     def slopes(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """Return the slopes (..., 2) of W along x and y at x, y (...) in m, without unit.
+        """Return the slopes (..., 2) of W along x and y at positions x, y (...) in m, without unit.
 
         A ray from (x, y) meets the focal plane at a distance from the axis of slope times focal
         length. If W is given as a function, its slopes are computed by central differences.
@@ -338,7 +340,7 @@ class Aberration:
         return np.asarray(np.einsum("k,kd...->...d", self.coefficients, gradients))
 
     def modes(self, x: Floats, y: Floats) -> Floats:
-        """Return the derivatives (k, ...) of W in its coefficients at x, y (...) in m."""
+        """Return the derivatives (k, ...) of W by its coefficients at positions x, y (...) in m."""
         return np.concatenate([modes.values(x, y) for modes in self._modes])
 
     def __add__(self, other: Aberration) -> Aberration:
@@ -346,8 +348,8 @@ class Aberration:
             return NotImplemented
         if self.traced is not None or other.traced is not None:
             raise ArgumentError(
-                "aberrations with Dr.Jit coefficients cannot be added; add the aberrations, then "
-                "use with_coefficients"
+                "aberrations with Dr.Jit coefficients cannot be added; add the aberrations "
+                "first, then use with_coefficients"
             )
         coefficients = np.concatenate([self.coefficients, other.coefficients])
         return self._of(coefficients, *self._modes, *other._modes)
@@ -386,14 +388,14 @@ def zernike(
         Numbering of the polynomials: from 1 for "noll" and "fringe", from 0 for "osa".
     orthogonal_on : Aperture or Array, optional
         Pupil on which the polynomials are made orthogonal, with unit rms: annular, hexagonal or
-        segmented polynomials. Gram-Schmidt in the order of the indices, with exact integrals over
-        the polygon. Each polynomial is a multiple of the Zernike polynomial of its index plus a sum
-        of polynomials with lower indices.
+        segmented polynomials. They are orthogonalised in the order of the indices (Gram-Schmidt),
+        with exact integrals over the polygon. Each polynomial is a multiple of the Zernike
+        polynomial of its index plus a sum of polynomials with lower indices.
 
     Returns
     -------
     Aberration
-        The values of the mapping are its ``coefficients``, in the same order.
+        The aberration, whose ``coefficients`` are the values of the mapping in the same order.
 
     Raises
     ------
@@ -409,7 +411,8 @@ def zernike(
     """
     if not isinstance(coefficients, Mapping) or not coefficients:
         raise ArgumentError(
-            f"expected coefficients as a mapping such as {{4: 25e-9}}, got {coefficients!r:.80}"
+            "expected coefficients as a mapping from indices to metres, such as {4: "
+            f"25e-9}}, got {coefficients!r:.80}"
         )
     indices = _checked_indices(coefficients, indexing)
     values = [
@@ -425,7 +428,7 @@ class FittedAberration(NamedTuple):
 
     aberration: Aberration
     coefficients: dict[int, float]
-    """Coefficients in m by index."""
+    """Coefficients in m, by index."""
     residual: float
     """Rms of the samples minus the fit, in m."""
 
@@ -472,10 +475,10 @@ def fit_zernike(
     >>> round(fit.coefficients[6] * 1e9, 3)  # 25 nm at the rim over sqrt(6)
     10.206
     """
-    expected = "expected x, y and opd as finite numbers of one shape"
+    expected = "expected x, y and opd as finite numbers of equal shape"
     samples = [finite_array(np.ravel(a), expected, (None,)) for a in (x, y, opd)]
     if len({len(a) for a in samples}) != 1:
-        raise ArgumentError(f"{expected}, got {', '.join(str(len(a)) for a in samples)} of them")
+        raise ArgumentError(f"{expected}, got {', '.join(str(len(a)) for a in samples)} numbers")
     if not isinstance(terms, Collection):
         first = _indexing_of(indexing).first
         terms = range(first, first + checked_count(terms, "terms", 1))
@@ -486,8 +489,8 @@ def fit_zernike(
     values: Floats = np.asarray(solution, np.float64)
     if rank < len(indices):
         raise ArgumentError(
-            f"{len(samples[0])} samples determine {rank} of {len(indices)} polynomials; use fewer "
-            "terms, or samples that cover the pupil"
+            f"{len(samples[0])} samples determine only {rank} of {len(indices)} polynomials; "
+            "use fewer terms, or samples that cover the pupil"
         )
     residual = float(np.sqrt(np.square(samples[2] - matrix @ values).mean()))
     by_index = dict(zip(indices, values.tolist(), strict=True))
@@ -505,11 +508,13 @@ def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
         is_index = isinstance(index, int | np.integer) and not isinstance(index, bool)
         if not is_index or index < first or order(int(index))[0] > _HIGHEST:
             raise ArgumentError(
-                f"expected indices of {indexing} from {first} up to the order {_HIGHEST}, got "
-                f"{value_text(index)}"
+                f"expected indices of the numbering {indexing} from {first} up to the radial "
+                f"order {_HIGHEST}, got {value_text(index)}"
             )
     if len(set(indices)) != len(indices) or not len(indices):
-        raise ArgumentError(f"expected different indices, got {value_text(list(indices))}")
+        raise ArgumentError(
+            f"expected different indices, got repeated ones in {value_text(list(indices))}"
+        )
     return [int(index) for index in indices]
 
 
@@ -539,7 +544,7 @@ def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
     diagonal = np.diagonal(upper)
     if not (abs(diagonal) > _DEPENDENT * abs(diagonal).max()).all():
         raise ArgumentError(
-            f"the pupil determines fewer than {len(diagonal)} polynomials; use lower indices, or "
-            "the radius of the pupil"
+            f"the pupil determines fewer than {len(diagonal)} polynomials; use lower indices, "
+            "or pass the radius of the pupil"
         )
     return np.linalg.inv(upper * np.sign(diagonal)[:, None]).T

@@ -40,9 +40,9 @@ def fourier(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Values:
-    """Fourier transform (SFT) of a source, F(nu) = integral of u(x) exp(-2 pi i nu.x) over it.
+    """Compute the Fourier transform (SFT) F(nu), the integral of u(x) exp(-2 pi i nu.x).
 
-    The transform is a closed form at any nu, including zero (docs/theory.md, (F2), (F3), (S1),
+    The transform has a closed form at any nu, including zero (docs/theory.md, (F2), (F3), (S1),
     (C1), (I1)). Its error is 1e-13 of the length, area or volume (2e-6 in single precision) for any
     size and direction of nu. Bodies and outlines with thin walls, and lattices of more than 100
     cycles, lose digits (docs/accuracy.md).
@@ -55,16 +55,16 @@ def fourier(
     faces, and to the number of waves of an illumination. If the illumination of a rectangle is a
     product of two functions along its sides, the waves along each side are summed separately (I4).
     A grid of frequencies (n, m, 2) from ``numpy.meshgrid`` takes a fraction of the time of other
-    points if edges are parallel and equally long, or along the axes (F4).
+    points if edges are parallel and equally long, or parallel to the axes (F4).
 
     Parameters
     ----------
     source : Aperture, Slits, PlacedAperture, Polyhedron, Array or Wavefront
         Uniform (u = 1) or with an illumination; or the result of :func:`differentiable`.
     nu : array_like, shape (..., d)
-        Spatial frequencies in 1/m. d = 1 for Slits,
-        3 for polyhedra and placed apertures, 2 for an Aperture. An Aperture also accepts d = 3 and
-        ignores the last component, because without a pose it lies in the plane z = 0.
+        Spatial frequencies in 1/m. The number of components d is 1 for Slits, 2 for an Aperture,
+        and 3 for polyhedra and placed apertures. An Aperture also accepts d = 3 and ignores the
+        last component, because without a pose it lies in the plane z = 0.
     precision : {"double", "single"}, optional
         Default: double for NumPy input, and the precision of Dr.Jit input.
     engine : {"auto", "numpy", "llvm", "cuda"}, default "auto"
@@ -73,10 +73,11 @@ def fourier(
     Returns
     -------
     ndarray of complex, shape (...)
-        In m^d; complex64 for single precision. Dr.Jit input gives ``Complex2f``, or for tensors a
-        tensor (..., 2) of real and imaginary parts. An ``xarray.DataArray`` with components along
-        its last dimension gives a DataArray over its other dimensions, broadcast by name, with
-        their coordinates, a unit and a name; chunked input stays lazy (docs/howto/notebook.md).
+        Values of F in m^d; complex64 for single precision. Dr.Jit input gives ``Complex2f``, or for
+        tensors a tensor (..., 2) of real and imaginary parts. An ``xarray.DataArray`` with
+        components along its last dimension gives a DataArray over its other dimensions, broadcast
+        by name, with their coordinates, a unit and a name. The result for chunked input is lazy
+        (docs/howto/notebook.md).
 
     Raises
     ------
@@ -112,7 +113,7 @@ def _on_components(
 
 
 def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
-    """Return F; it is NaN or inf if terms of a sum overflow."""
+    """Return F of any source; it is NaN or inf if terms of a sum overflow."""
     if isinstance(source, Array):
         by_elements = partial(in_blocks, partial(_coherent_sum, source, how=how))
         value = None
@@ -150,7 +151,7 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
     if isinstance(source, PlacedAperture):
         uniform = uniform.placed(source.pose)
     frequencies = field.frequencies @ rotation.T
-    # The phases of the waves refer to the origin of the placed aperture, not of the world.
+    # The phases of the waves are relative to the origin of the placed aperture, not of the world.
     amplitudes = field.amplitudes * shift_phases(frequencies, shift)
     for amplitude, kappa in zip(amplitudes, frequencies, strict=True):
         shifted, lost = _difference(nu, kappa)
@@ -193,7 +194,7 @@ def array_factor(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Values:
-    """Array factor sum_k w_k exp(-2 pi i nu.p_k) of isotropic sources at the positions.
+    """Compute the array factor sum_k w_k exp(-2 pi i nu.p_k) of isotropic sources at positions.
 
     The Fourier transform of a `phased_array` is F of its element times this factor (docs/theory.md,
     (L3)). On a lattice whose weights are a product of two profiles, the factor is the product of
@@ -213,7 +214,8 @@ def array_factor(
     Returns
     -------
     ndarray of complex, shape (...)
-        In the unit of the weights; types as in :func:`fourier`, DataArrays included.
+        Values in the unit of the weights. The type of the array depends on ``nu`` as in
+        :func:`fourier`.
 
     Raises
     ------
@@ -233,7 +235,7 @@ def array_factor(
     -1.0
     """
     sites = Sites(*checked_sites(positions, weights))
-    # The phases of distant sites need float64, also for results in single precision.
+    # The phases of distant sites need float64, even if the result has single precision.
     execution.checked_precision(precision)
     rounded = precision == "single" and not execution.is_drjit(nu)
     inner = None if rounded else precision

@@ -59,14 +59,14 @@ def otf(
     tolerance: float = TOLERANCE,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> NDArray[Any]:
+) -> NDArray[np.complexfloating[Any]]:
     """Compute the optical transfer function of a pupil, in or out of focus, 1 at xi = 0.
 
-    ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function of the pupil in focus:
-    the aberration exp(2 pi i w |x|^2/a^2) is linear in x on both copies. Source: K.-H. Brenner,
-    A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983). With an ``aberration``, Gauss
-    rules integrate over the position slice, in which the integrand is smooth (docs/imaging.md,
-    (IM4)).
+    ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function A of the pupil in focus,
+    because the difference of the aberration exp(2 pi i w |x|^2/a^2) on both copies is linear in x.
+    Source: K.-H. Brenner, A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983). With an
+    ``aberration``, Gauss rules integrate over the position slice, in which the integrand is smooth
+    (docs/imaging.md, (IM4)).
 
     Parameters
     ----------
@@ -78,10 +78,11 @@ def otf(
     defocus : float, default 0
         Wavefront aberration w = W20 at ``pupil_radius``, in waves.
     pupil_radius : float, optional
-        a in m; default: the largest distance of a vertex from the origin. For a disc of radius R
-        pass R: ``otf(shapes.disc(R), xi, defocus, R)``. The vertices of its n-gon, which has the
-        disc's area, are farther out. With them the error for one wave of defocus is up to 1.3e-3
-        (n = 64; 1e-5 with R) or 2e-2 (n = 16; 1.4e-3 with R).
+        Radius a in m; default: the largest distance of a vertex from the origin. For a disc of
+        radius R pass R: ``otf(shapes.disc(R), xi, defocus, R)``. The disc is a polygon with n
+        vertices and the area of the disc, so its vertices are farther out. With the default, the
+        error for one wave of defocus is up to 1.3e-3 for n = 64 (1e-5 with R), or 2e-2 for n = 16
+        (1.4e-3 with R).
     aberration : Aberration, optional
         Path length in m, in addition to the defocus; not for slits.
     wavelength : float, optional
@@ -95,9 +96,9 @@ def otf(
     Returns
     -------
     ndarray of complex, shape (...)
-        Without unit. Points may be NumPy arrays or DataArrays, as in :func:`fourier`. A Dr.Jit
-        ``Complex2f`` (n,) with derivatives for a :func:`differentiable` pupil, and for an
-        aberration with Dr.Jit coefficients.
+        Values of the OTF, without unit. Points may be NumPy arrays or DataArrays, as in
+        :func:`fourier`. For a :func:`differentiable` pupil, and for an aberration with Dr.Jit
+        coefficients, the result is a Dr.Jit ``Complex2f`` (n,) with derivatives.
 
     Raises
     ------
@@ -142,12 +143,13 @@ def _otf_jets(
 ) -> Jets:  # fmt: skip
     """Return the OTF of one wavelength at lags (..., d) with its derivatives, (n, 1 + m).
 
-    ``bend``: defocus in waves over the square of the pupil's radius.
+    ``bend``: defocus in waves divided by the square of the pupil's radius.
     """
     if wavelength is not None:
         source = source.at_wavelength(wavelength)
     if aberration is None and not numbers.arrays:
-        if bend == 0.0:  # in focus it is an area, without sines
+        # In focus the OTF is an area, without sines.
+        if bend == 0.0:
             values = lag_marginal(source, lags, **how) + 0j
         else:
             values = ambiguity(source, -2.0 * bend * lags, lags, **how)
@@ -163,7 +165,7 @@ def _otf_jets(
 def energy_jets(
     source: Any, pupil: AberratedPupil | None, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
-    """Return int |u|^2 with its derivatives, (1, 1 + m)."""
+    """Return int |u|^2 with its derivatives, shape (1, 1 + m)."""
     energy = checked_energy(source)
     if pupil is None or not numbers.arrays:
         return np.full((1, 1), energy, np.complex128)
@@ -186,7 +188,7 @@ def mtf(
     tolerance: float = TOLERANCE,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> NDArray[Any]:
+) -> NDArray[np.float64]:
     """Compute the modulation transfer function |OTF| of a lens in its focal plane.
 
     The lag in the pupil is wavelength times focal length times frequency. For several wavelengths
@@ -199,23 +201,25 @@ def mtf(
     frequency : array_like, shape (..., d)
         Spatial frequencies in the image in cycles per metre: 50e3 for 50 cycles per mm.
     wavelength : float or array_like, shape (k,)
-        In m; k wavelengths of a polychromatic source.
+        Wavelength in m, or k wavelengths of a polychromatic source.
     focal_length : float, optional
-        In m, or the distance of the image from the pupil. This or ``numerical_aperture``.
+        Focal length, or distance of the image from the pupil, in m. Pass either this or
+        ``numerical_aperture``.
     defocus : float, default 0
         Wavefront aberration W20 at ``pupil_radius`` in waves of the mean wavelength; all
         wavelengths have the same aberration in m.
     pupil_radius : float, optional
         See :func:`otf`.
     numerical_aperture : float, optional
-        Sine of the marginal ray's angle in the image, from the ``pupil_radius`` a: by Abbe's sine
-        condition the focal length is a/numerical_aperture. For a disc give its radius.
+        Sine of the marginal ray's angle in the image. By Abbe's sine condition the focal length is
+        a/numerical_aperture, where a is the ``pupil_radius``. For a disc pass its radius.
     aberration : Aberration, optional
         Path length in m, the same at all wavelengths, in addition to the defocus; see :func:`otf`.
     weights : array_like, shape (k,), optional
         Weights of the wavelengths, zero or more; default: equal.
     pixel : float or array_like, shape (d,), default 0
-        Side p in m of a detector's pixels: a factor sin(pi f p)/(pi f p) for each axis.
+        Side p in m of a detector's pixels, which multiply the MTF by sin(pi f p)/(pi f p) for each
+        axis.
     tolerance : float, default 1e-10
         See :func:`otf`.
     precision, engine : str, optional
@@ -224,7 +228,7 @@ def mtf(
     Returns
     -------
     ndarray of float, shape (...)
-        From 0 to 1, 1 at frequency 0. DataArrays as in :func:`fourier`.
+        Values of the MTF from 0 to 1, with 1 at frequency 0. DataArrays as in :func:`fourier`.
 
     Raises
     ------
@@ -269,16 +273,16 @@ def _checked_pupil(source: Any) -> PhaseSpaceSource:
     if is_partly_coherent(source):
         raise IlluminationError(
             "expected a fully coherent pupil, got one with coherence width "
-            f"{source.coherence_width:g} m: imaging in partially coherent light has no transfer "
-            "function; use the attribute .coherent of the pupil, or polywigner.lag_marginal for "
-            "the degree of coherence"
+            f"{source.coherence_width:g} m: imaging in partially coherent light has no "
+            "transfer function; use the attribute .coherent of the pupil, or "
+            "polywigner.lag_marginal for the degree of coherence"
         )
     return pupil
 
 
 def checked_band(wavelength: Any, weights: Any) -> tuple[Floats, Floats]:
     """Return wavelengths (k,) in m and their weights as fractions of the sum."""
-    lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
+    lengths = checked_row(wavelength, "expected a wavelength in m, or wavelengths of shape (k,)")
     for length in lengths.tolist():
         checked_wavelength(length)
     count = lengths.size
@@ -288,7 +292,7 @@ def checked_band(wavelength: Any, weights: Any) -> tuple[Floats, Floats]:
     finite = given.shape == (count,) and np.isfinite(given).all() and (given >= 0).all()
     if not finite or not given.any():
         raise ArgumentError(
-            f"expected weights ({count},), one for each wavelength, of zero or more and not all "
+            f"expected {count} weights, one for each wavelength, of zero or more and not all "
             f"zero, got {value_text(weights)}"
         )
     return lengths, np.asarray(given / given.sum())
@@ -307,10 +311,10 @@ def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
 
 
 def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) -> float:
-    """Return the distance of the image from the pupil, from one of the two arguments."""
+    """Return the distance of the image from the pupil, from one of the first two arguments."""
     if (focal_length is None) == (numerical_aperture is None):
         raise ArgumentError(
-            "expected one of focal_length and numerical_aperture, got "
+            "expected either focal_length or numerical_aperture, got "
             + ("neither" if focal_length is None else "both")
         )
     if focal_length is not None:
@@ -318,8 +322,8 @@ def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) ->
     sine = checked_number(numerical_aperture, "numerical_aperture", "a number from 0 to 1")
     if not 0.0 < sine <= 1.0:
         raise ArgumentError(
-            f"numerical_aperture must be above 0 and at most 1, got {sine:g}; in a medium divide "
-            "it and the wavelength by the refractive index"
+            f"numerical_aperture must be above 0 and at most 1, got {sine:g}; in a medium "
+            "divide it and the wavelength by the refractive index"
         )
     return radius / sine
 

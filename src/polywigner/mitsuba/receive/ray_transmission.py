@@ -138,6 +138,11 @@ class RayTracer:
             if set(kinds) & set(_FILTERS):
                 self._filters.append(shape)
 
+    @property
+    def changes_fields(self) -> bool:
+        """Whether panes of the scene can change the field vectors of rays."""
+        return self._coherent and bool(self._panes)
+
     def trace(self, medium: Any, planes: Sequence[Plane], points: list[Any]) -> Transmission:
         """Return the transmission from the last to the first of the points.
 

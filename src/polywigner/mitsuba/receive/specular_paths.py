@@ -374,7 +374,7 @@ def traced(
     planes = [_plane(mirror, unit, reach, coherent) for mirror in reversed(chain)]
     polarised = mi.is_polarized and not coherent
     tracer = RayTracer(scene, polarised, coherent)
-    size, count = 4 if polarised else 1, len(path[0]) if dr.is_jit_v(mi.Float) else 1
+    size, count = 4 if polarised else 1, len(path[0])
     powers, panes = [], []
     for rays in point_batches(*path):
         result = tracer.trace(receiver.medium, planes, list(rays))
@@ -382,22 +382,29 @@ def traced(
         if polarised:
             power = _between_axes(result, receiver, emitter, not chain)
         colours = dr.size_v(mi.UnpolarizedSpectrum) if polarised else 1
-        values = np.array(power, np.float64).reshape(size, size, colours, -1)[:, :, 0]
-        powers.append(np.broadcast_to(np.moveaxis(values, -1, 0), (count, size, size)))
-        legs = [
-            [np.array(column, np.float64).reshape(3, -1) for column in leg] for leg in result.panes
-        ]
-        # Legs are missing if all rays miss a mirror.
-        legs += [legs[0]] * (len(chain) + 1 - len(legs))
-        columns = [[np.broadcast_to(column, (3, count)) for column in leg] for leg in legs]
-        panes.append(np.moveaxis(np.array(columns), -1, 0))
-    transmission, matrices = np.concatenate(powers), np.concatenate(panes)
+        powers.append(np.array(power, np.float64).reshape(size, size, colours, -1)[:, :, 0])
+        if tracer.changes_fields:
+            panes.append(_pane_matrices(result, len(chain) + 1))
+    transmission = np.concatenate(powers, axis=-1)
+    transmission = np.broadcast_to(np.moveaxis(transmission, -1, 0), (count, size, size))
+    if not panes:
+        return transmission, [np.eye(3)] * (len(chain) + 1)
+    matrices = np.concatenate(panes)
     weights = np.sqrt(np.maximum(transmission[:, 0, 0], 0.0))
     total = weights.sum()
     # Rays run from the receiver to the emitter. Therefore the order of the legs is reversed, and
     # fields for x, y and z are rows of the matrices instead of columns.
     mean = np.einsum("n,nlij->lij", weights, matrices)[::-1] / total if total > 0 else matrices[0]
     return transmission, list(mean)
+
+
+def _pane_matrices(result: Transmission, legs: int) -> Floats:
+    """Return the fields (n, legs, 3, 3) behind the panes of each leg, as rows."""
+    # Legs are missing if all rays miss a mirror.
+    columns = result.panes + [result.panes[0]] * (legs - len(result.panes))
+    parts = [np.array(part, np.float64).reshape(3, -1) for leg in columns for part in leg]
+    matrices = np.array(np.broadcast_arrays(*parts)).reshape(legs, 3, 3, -1)
+    return np.moveaxis(matrices, -1, 0)
 
 
 def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
