@@ -25,14 +25,17 @@ one line, once the current part of the work has finished: about a second for tra
 seconds for fields near a source and for renders.
 """
 
+OF_SOURCES = ("mtf", "pattern", "propagate", "psf", "transform", "volume")
 GROUPS = {
-    "Options of sources": ("mtf", "pattern", "propagate", "psf", "transform", "volume"),
+    "Options of outlines": ("explore", "rcs", *OF_SOURCES),
+    "Options of sources": OF_SOURCES,
+    "Options of lenses": ("mtf", "psf"),
     "Options of fields": ("propagate", "volume"),
     "Options of scenes": ("receive", "render"),
 }
 """Sections for the options that several commands share, except the folder of the results."""
 
-TABLE = "| argument or option | meaning | default |", "|---|---|---|"
+TABLE = "| argument or option | meaning |", "|---|---|"
 
 
 def page() -> str:
@@ -92,7 +95,10 @@ def _rows(command: Any) -> list[str]:
 
 def _row(name: str, parameter: Any) -> str:
     text = " ".join((parameter.help or "").split()).replace("|", "\\|")
-    return f"| {name} | {text} | {_default(parameter)} |"
+    default = _default(parameter)
+    if default and text.endswith("."):
+        text = f"{text[:-1]} (default: {default})."
+    return f"| {name} | {text} |"
 
 
 def _shown(argument: Any) -> str:
