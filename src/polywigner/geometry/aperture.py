@@ -288,7 +288,7 @@ class Aperture(TakesWaves):
         return Aperture(region).with_illumination(self.illumination)
 
     def placed(self, to_world: ArrayLike) -> PlacedAperture:
-        """Return this aperture in a pose in space, for transforms with three-component nu.
+        """Return this aperture in a pose in space, for transforms at three-dimensional nu.
 
         Parameters
         ----------

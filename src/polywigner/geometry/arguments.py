@@ -142,7 +142,7 @@ def checked_vectors(
 
 
 def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
-    """Return an array with ``dimension`` axes, none empty; raise ArgumentError for others."""
+    """Return a non-empty array with ``dimension`` axes; raise ArgumentError for others."""
     expected = f"expected {name} as a non-empty array of real numbers with {dimension} dimensions"
     return real_array(values, expected, (None,) * dimension)
 
@@ -422,7 +422,7 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
 
 
 def _at_wavelength(value: T, length: float) -> T:
-    """Return a source, or a container of arguments with its sources, at a wavelength in m."""
+    """Return a source, or a container with its sources, converted to a wavelength in m."""
     result: Any = value
     if isinstance(value, dict):
         result = {name: _at_wavelength(item, length) for name, item in value.items()}

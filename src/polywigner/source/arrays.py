@@ -99,7 +99,7 @@ def triangular_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None
     Raises
     ------
     ArgumentError
-        As :func:`grid_positions`.
+        For the same arguments as in :func:`grid_positions`.
     """
     return _rows(nx, ny, pitch_x, pitch_y, math.sqrt(0.75), True)
 

@@ -269,7 +269,7 @@ class Source:
         return self.with_elements(flat)
 
     def moved(self, shift: ArrayLike) -> Source:
-        """Return the source and its field shifted by (d,)."""
+        """Return the source and its field, shifted by (d,) in m."""
         offset = np.asarray(shift, np.float64)
         if not offset.any():
             return self

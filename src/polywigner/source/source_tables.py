@@ -270,7 +270,7 @@ def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None)
     Parameters
     ----------
     source : Aperture or Array
-        With `steering`, `focus`, `curved` and `coherence` also a phased array.
+        The source. For `steering`, `focus`, `curved` and `coherence` it may be a phased array.
     texts : mapping of str to str
         Texts by their names, :data:`SOURCE_TEXTS`; docs/source_files.md has their grammar.
     wavelength : float or None

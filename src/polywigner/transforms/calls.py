@@ -3,7 +3,8 @@
 A call is reduced in four steps. Points behind an optical system are mapped to points in front of
 it, (O2) and (O3). A partly coherent source is replaced by the coherent source times the degree of
 coherence, or by a closed form (PC3). A curved wave is replaced by a flat wave at sheared points,
-(Q1) to (Q5). The flat source has a kernel. With u = u0 exp(i pi (x - c).Q (x - c)):
+(Q1) to (Q5). The transform of the flat source is computed by a kernel. With u = u0 exp(i pi
+(x - c).Q (x - c)):
 
     R(x, xi)  = R0(x, xi) exp(2 pi i (x - c).Q xi)
     W(x, nu)  = W0(x, nu - Q (x - c))

@@ -119,7 +119,7 @@ def _bent(
 
 
 def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
-    """Return the coherent source times exp(2 pi i tilt.x), a Wavefront if its wave is curved."""
+    """Return the coherent source with its curved wave, multiplied by exp(2 pi i tilt.x)."""
     flat = source.source if tilt is None else normal_form(source.source).tilted(tilt).public
     return Wavefront(flat, source.curvature, source.centre).coherent
 

@@ -39,8 +39,8 @@ from polywigner.geometry.rings import rings_of_polygon
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-# Grammar of valid attributes, because svgelements silently skips invalid text. Possessive
-# quantifiers limit the time of a match.
+# Grammar of the attributes that are accepted. Other text would be silently skipped by svgelements.
+# Possessive quantifiers limit the time of a match.
 _NUMBER = r"[+-]?(?>[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+"
 _COMMA = r"(?>\s*+,\s*+|\s*+)"
 _LENGTH = re.compile(rf"\s*+({_NUMBER})(%|\w*+)\s*+")

@@ -233,7 +233,7 @@ class _Line:
         if not self.curved:
             nearest = nearest + _NO_SINGULARITY * half
         if self.rest:
-            # Lower bound on the sine of the angle between the point and the mirrored ray.
+            # ``tilt``: lower bound on the sine of the angle between the point and the mirrored ray.
             tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
             nearest = nearest * ops.minimum(tilt, 1.0)
         # A phase of q radians that is quadratic in the position grows by q sinh(u) cosh(u) within
